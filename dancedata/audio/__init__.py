@@ -1,0 +1,1 @@
+"""Audio: decoding and resampling (`signal`), and the features, one file each."""

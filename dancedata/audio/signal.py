@@ -1,0 +1,251 @@
+"""Audio files in, mono float32 samples out: decode, average the channels, quantise, resample.
+
+Whatever libsndfile decodes is taken: wav (8 to 32 bit, float), flac, ogg, mp3. Samples keep the file's own
+rate; each feature resamples as it needs. Decoding and resampling do what `librosa.load` does, to the bit.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.errors import DataError
+
+if TYPE_CHECKING:
+    from types import TracebackType
+
+    import soundfile
+
+# Undecoded rest of an mp3, as a part of the file, that tags (lyrics, pictures) at the end can explain.
+_MAX_UNREAD_MP3 = 0.2
+_COUNT_BLOCK = 1 << 18
+
+
+def load_audio(path: Path | str) -> AudioSignal:
+    """Decode a file, whole, and average its channels.
+
+    Parameters
+    ----------
+    path
+        Any file that libsndfile reads: wav, flac, ogg, mp3, ...
+
+    Returns
+    -------
+    AudioSignal
+        Samples (n,) float32 at the file's own rate. Float files may go beyond +-1.
+
+    Raises
+    ------
+    DataError
+        With reason ``missing_file``, ``broken_audio`` (not decodable), ``empty_audio`` (no sample) or ``nan``
+        (NaN or infinite samples).
+
+    Notes
+    -----
+    A wav, ogg or mp3 file that was cut off gives the samples it still has, a cut flac is broken. Of an mp3
+    without the usual length header (Xing, Info) libsndfile estimates the length, and decoding stops there:
+    if that leaves a good part of the file unread it is ``broken_audio``, never a silently shorter song.
+    """
+    path = Path(path)
+    samples, sample_rate = _decode(path)
+    mono = samples[:, 0] if samples.shape[1] == 1 else np.mean(samples.T, axis=0)
+    bad = np.flatnonzero(~np.isfinite(mono))
+    if bad.size:
+        raise DataError(
+            "the audio has samples that are no numbers",
+            reason="nan",
+            where=str(path),
+            found=f"{bad.size} NaN or infinite samples, the first at {bad[0] / sample_rate:.3f} s",
+            allowed="finite samples",
+            fix="export the file again, as 16-bit wav for example",
+        )
+    return AudioSignal(np.ascontiguousarray(mono, dtype=np.float32), sample_rate)
+
+
+def audio_length(path: Path | str) -> tuple[int, int]:
+    """Length of a file without decoding it: exactly what `load_audio` would give.
+
+    Only the header is read, save for mp3: there the header is an estimate (it was seen wrong by a factor
+    of 2.5), so the file is decoded block by block and counted.
+
+    Parameters
+    ----------
+    path
+        As for `load_audio`.
+
+    Returns
+    -------
+    n_samples, sample_rate : tuple[int, int]
+        Samples a channel, samples a second.
+
+    Raises
+    ------
+    DataError
+        As `load_audio`, as far as the header shows it (a flac file cut short and NaN are found on decoding).
+    """
+    path = Path(path)
+    with _Opened(path) as sound:
+        n_samples = _count_by_decoding(sound) if _is_mp3(sound) else int(sound.frames)
+        sample_rate = int(sound.samplerate)
+    if n_samples == 0:
+        raise _empty(path)
+    return n_samples, sample_rate
+
+
+def pcm16(samples: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Quantise as writing a 16-bit wav with soundfile and reading it again does.
+
+    libsndfile (with clipping on, as soundfile has it) scales to 32 bit, rounds there, and keeps the upper
+    16 bits: that is floor(x * 32768), except that a value less than half a 32-bit step below a 16-bit step
+    belongs to the step. EDGE's window wavs are made so; rounding to nearest instead moves MFCC by up to 0.26.
+
+    Parameters
+    ----------
+    samples
+        (n,) float32, full scale 1.
+
+    Returns
+    -------
+    NDArray[np.float32]
+        (n,) float32, multiples of 1 / 32768 in [-1, 1).
+    """
+    # Scaling by powers of two is exact in float32; rint rounds halves to even as libsndfile's lrintf does.
+    full_scale = np.clip(np.asarray(samples, dtype=np.float32), -1, 1)
+    steps = np.floor(np.rint(full_scale * np.float32(2**31)) / np.float32(2**16))
+    quantised: NDArray[np.float32] = np.minimum(steps, 32767) / np.float32(32768)
+    return quantised
+
+
+def resample(samples: NDArray[np.float32], from_rate: int, to_rate: int) -> NDArray[np.float32]:
+    """Resample as `librosa.load` does: soxr, quality HQ, zeros appended to the length of `resampled_length`.
+
+    Parameters
+    ----------
+    samples
+        (n,) float32 at `from_rate`.
+    from_rate, to_rate
+        Samples a second.
+
+    Returns
+    -------
+    NDArray[np.float32]
+        (m,) float32, m = `resampled_length(n, from_rate, to_rate)`; the same array if the rates are equal.
+    """
+    if from_rate == to_rate:
+        return samples
+    import librosa
+
+    resampled: NDArray[np.float32] = librosa.resample(samples, orig_sr=from_rate, target_sr=to_rate)
+    return resampled
+
+
+def resampled_length(n_samples: int, from_rate: int, to_rate: int) -> int:
+    """Count the samples that `resample` gives: ceil(n * to / from), in librosa's own floating point."""
+    if from_rate == to_rate:
+        return n_samples
+    return math.ceil(n_samples * (float(to_rate) / from_rate))
+
+
+class _Opened:
+    """Context manager: an open `soundfile.SoundFile`; libsndfile's errors inside it become DataErrors."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def __enter__(self) -> soundfile.SoundFile:
+        import soundfile
+
+        if not self._path.is_file():
+            raise DataError(
+                "there is no such audio file",
+                reason="missing_file",
+                where=str(self._path),
+                found="a folder" if self._path.is_dir() else "nothing",
+                allowed="an audio file (wav, flac, ogg, mp3)",
+            )
+        try:
+            # By a Python file object: file names in any script work on any system, and its position is known.
+            self._file = self._path.open("rb")
+        except OSError as error:
+            raise _broken(self._path, str(error)) from error
+        try:
+            self._sound = soundfile.SoundFile(self._file)
+        except (soundfile.LibsndfileError, TypeError) as error:
+            self._file.close()
+            # soundfile wants to be told the rate of files without a header (.raw), by a TypeError.
+            raise _broken(self._path, getattr(error, "error_string", str(error))) from error
+        return self._sound
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        import soundfile
+
+        try:
+            if isinstance(error, soundfile.LibsndfileError):
+                raise _broken(self._path, error.error_string) from error
+            if error is None and _is_mp3(self._sound):
+                self._require_read_to_the_end()
+        finally:
+            self._sound.close()
+            self._file.close()
+
+    def _require_read_to_the_end(self) -> None:
+        size = self._path.stat().st_size
+        unread = size - self._file.tell()
+        if unread > _MAX_UNREAD_MP3 * size:
+            raise _broken(
+                self._path,
+                f"the mp3 states a wrong length: decoding stopped with {unread} of {size} bytes unread",
+            )
+
+
+def _decode(path: Path) -> tuple[NDArray[np.float32], int]:
+    """All samples, (n, channels) float32, and the rate."""
+    with _Opened(path) as sound:
+        samples: NDArray[np.float32] = sound.read(dtype="float32", always_2d=True)
+        sample_rate = int(sound.samplerate)
+    if samples.shape[0] == 0:
+        raise _empty(path)
+    return samples, sample_rate
+
+
+def _is_mp3(sound: soundfile.SoundFile) -> bool:
+    return "MPEG" in str(sound.format) or "MPEG" in str(sound.subtype)
+
+
+def _count_by_decoding(sound: soundfile.SoundFile) -> int:
+    buffer = np.empty((_COUNT_BLOCK, sound.channels), dtype=np.float32)
+    n_samples = 0
+    while n_read := len(sound.read(out=buffer)):
+        n_samples += n_read
+    return n_samples
+
+
+def _broken(path: Path, message: str) -> DataError:
+    size = path.stat().st_size
+    return DataError(
+        "the audio file cannot be decoded",
+        reason="broken_audio",
+        where=str(path),
+        # Of an empty file libsndfile only says that it does not know the format, or that there is no file.
+        found=message.strip() if size else "a file of 0 bytes",
+        allowed="wav, flac, ogg or mp3, whole",
+        fix="copy or export the file again, as wav if in doubt",
+    )
+
+
+def _empty(path: Path) -> DataError:
+    return DataError(
+        "the audio file has no samples",
+        reason="empty_audio",
+        where=str(path),
+        found="0 samples",
+        allowed="at least one sample",
+        fix="copy or export the file again",
+    )

@@ -1,0 +1,1 @@
+"""Contact rules: which feet touch the ground. One file, one rule."""

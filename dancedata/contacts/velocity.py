@@ -1,0 +1,58 @@
+"""Contacts by speed, as EDGE and FineDance label them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.errors import UsageError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.registry import CONTACTS
+from dancedata.core.rotations import Float64Array
+from dancedata.core.skeleton import Skeleton
+
+
+@CONTACTS.register("velocity")
+@dataclass(frozen=True)
+class Velocity:
+    """A foot joint is in contact while it moves slower than a limit (EDGE, Tseng et al. 2023, section 3.2).
+
+    The speed of a frame is the 3-D displacement to the next one. The last frame has no next: its
+    displacement counts as 0 and its labels are always 1, as in EDGE. In window scope that is the last frame
+    of every window, in track scope the clip's.
+
+    Attributes
+    ----------
+    max_speed_m_s
+        Limit in metres a second, exclusive. EDGE's 0.01 m a frame at 30 FPS is 0.3 m/s.
+    """
+
+    version: ClassVar[int] = 1
+
+    max_speed_m_s: float = 0.3
+
+    def __post_init__(self) -> None:
+        """Check the limit."""
+        if not self.max_speed_m_s > 0:
+            raise UsageError("max_speed_m_s must be above 0", found=self.max_speed_m_s, allowed="metres a second, > 0")
+
+    def __call__(self, joints: Float64Array, grid: FrameGrid, skeleton: Skeleton) -> npt.NDArray[np.float32]:
+        """Label contacts.
+
+        Parameters
+        ----------
+        joints
+            (T, J, 3) positions, metres.
+
+        Returns
+        -------
+        (T, 4) float32
+            1 where left ankle, right ankle, left toe, right toe (`skeleton.feet`) are in contact, else 0.
+        """
+        feet = joints[:, list(skeleton.feet)]
+        displacement = np.zeros(feet.shape[:2])
+        displacement[:-1] = np.linalg.norm(np.diff(feet, axis=0), axis=-1)
+        return (displacement < self.max_speed_m_s / float(grid.rate)).astype(np.float32)

@@ -1,0 +1,66 @@
+"""One decoded, mono audio signal."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.errors import DataError, UsageError
+from dancedata.core.hashing import sha256_bytes
+
+
+@dataclass(frozen=True, eq=False)
+class AudioSignal:
+    """Mono samples at a constant rate.
+
+    Attributes
+    ----------
+    samples
+        (n,) float32, read-only, full scale is 1.
+    sample_rate
+        Samples a second.
+
+    Raises
+    ------
+    UsageError
+        For other shapes or a sample rate below 1.
+    DataError
+        "nan" if a sample is not finite.
+    """
+
+    samples: npt.NDArray[np.float32]
+    sample_rate: int
+
+    def __post_init__(self) -> None:
+        """Check and freeze the samples."""
+        samples = np.array(self.samples, dtype=np.float32)
+        if samples.ndim != 1:
+            raise UsageError("an AudioSignal is mono", found=f"shape {samples.shape}", allowed="(n,)")
+        if self.sample_rate < 1:
+            raise UsageError("a sample rate must be above 0", found=self.sample_rate)
+        bad = ~np.isfinite(samples)
+        if bad.any():
+            raise DataError(
+                "the audio holds NaN or infinity",
+                reason="nan",
+                found=f"{int(bad.sum())} of {len(bad)} samples, the first at {int(np.argmax(bad))}",
+            )
+        samples.setflags(write=False)
+        object.__setattr__(self, "samples", samples)
+
+    @property
+    def n_samples(self) -> int:
+        """Number of samples n."""
+        return len(self.samples)
+
+    @cached_property
+    def sha256(self) -> str:
+        """Hash of the rate and the samples: what the signal is, whatever file or format it came from."""
+        return sha256_bytes(f"{self.sample_rate} ".encode(), self.samples.astype("<f4", copy=False).data)
+
+    def part(self, start: int, stop: int) -> AudioSignal:
+        """Return samples start .. stop - 1."""
+        return AudioSignal(self.samples[start:stop], self.sample_rate)

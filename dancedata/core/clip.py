@@ -1,0 +1,120 @@
+"""Clips, windows, and what a dataset reader says of a source folder."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from dancedata.core.motion import Motion
+
+
+@dataclass(frozen=True)
+class ClipRef:
+    """A clip as it was found on disk, not loaded.
+
+    Attributes
+    ----------
+    split
+        "train", "val", "test", or "all" where the dataset is not split.
+    tempo_bpm
+        Tempo as the dataset states it, beats a minute; None where it does not.
+    lists
+        Lists of the dataset (split files, say) that name the clip.
+    """
+
+    id: str
+    motion_path: Path
+    audio_path: Path | None
+    split: str
+    music: str = ""
+    tempo_bpm: float | None = None
+    genre: str = ""
+    dancer: str = ""
+    lists: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Clip:
+    """A clip in canonical form; see `ClipRef` for the attributes and `Motion` for units and axes."""
+
+    id: str
+    motion: Motion
+    music: str = ""
+    tempo_bpm: float | None = None
+    genre: str = ""
+    dancer: str = ""
+    split: str = ""
+    notes: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, ref: ClipRef, motion: Motion) -> Clip:
+        """Join what was found on disk and what was loaded."""
+        return cls(ref.id, motion, ref.music, ref.tempo_bpm, ref.genre, ref.dancer, ref.split, ref.notes)
+
+
+@dataclass(frozen=True)
+class Window:
+    """A piece of a clip: `length` frames from frame `start`, at the store's frame rate."""
+
+    clip: str
+    start: int
+    length: int
+
+
+@dataclass(frozen=True)
+class Reject:
+    """Something that was left out of a build, and why.
+
+    Attributes
+    ----------
+    reason
+        Code to count by: "ignored", "missing_music", "nan", ...
+    window
+        First frame of the window, where only a window was left out.
+    numbers
+        What was measured.
+    """
+
+    reason: str
+    clip: str = ""
+    file: str = ""
+    window: int | None = None
+    detail: str = ""
+    numbers: Mapping[str, float | int] = field(default_factory=lambda: MappingProxyType({}))
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain JSON data, without what is empty."""
+        row: dict[str, Any] = {"reason": self.reason}
+        for name in ("clip", "file", "window", "detail"):
+            value = getattr(self, name)
+            if value not in ("", None):
+                row[name] = value
+        if self.numbers:
+            row["numbers"] = dict(self.numbers)
+        return row
+
+
+@dataclass(frozen=True)
+class Scan:
+    """What a dataset reader found under a source folder.
+
+    Attributes
+    ----------
+    layout
+        Which of the dataset's layouts it is.
+    clips
+        Sorted by id.
+    rejects
+        What was found but left out, and what was missing, by name.
+    notes
+        Sentences for the user: what was recognised, what was assumed.
+    """
+
+    layout: str
+    clips: tuple[ClipRef, ...]
+    rejects: tuple[Reject, ...] = ()
+    notes: tuple[str, ...] = ()

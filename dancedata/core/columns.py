@@ -1,0 +1,122 @@
+"""What the columns of an array mean, and how mirroring permutes them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.errors import UsageError, did_you_mean
+
+
+@dataclass(frozen=True)
+class Mirror:
+    """Mirroring as a signed permutation: column j of the image is signs[j] * column permutation[j].
+
+    It is its own inverse.
+    """
+
+    permutation: tuple[int, ...]
+    signs: tuple[int, ...]
+
+    def apply(self, x: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """Return the mirror image of x, (..., D), in x's dtype."""
+        return x[..., list(self.permutation)] * np.asarray(self.signs, dtype=x.dtype)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain JSON data."""
+        return {"permutation": list(self.permutation), "signs": list(self.signs)}
+
+    @classmethod
+    def from_json(cls, obj: Mapping[str, Any]) -> Mirror:
+        """Read back what `to_json` gave."""
+        return cls(tuple(obj["permutation"]), tuple(obj["signs"]))
+
+
+@dataclass(frozen=True)
+class Group:
+    """Neighbouring columns of one meaning.
+
+    Attributes
+    ----------
+    unit
+        "m", "rad", "1" for numbers without a unit, ...
+    parts
+        Names of the columns, or () to number them.
+    """
+
+    name: str
+    width: int
+    unit: str
+    parts: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check that names and width agree."""
+        if self.width < 1 or (self.parts and len(self.parts) != self.width):
+            raise UsageError(
+                f"column group {self.name!r}: width and names do not agree",
+                found=f"width {self.width}, {len(self.parts)} names",
+            )
+
+
+@dataclass(frozen=True)
+class Columns:
+    """The columns of an array, in order."""
+
+    groups: tuple[Group, ...]
+    mirror: Mirror | None = None
+
+    def __post_init__(self) -> None:
+        """Check that the mirror is a signed permutation of these columns, and its own inverse."""
+        if self.mirror is None:
+            return
+        order, signs = self.mirror.permutation, self.mirror.signs
+        if sorted(order) != list(range(self.width)) or len(signs) != self.width or set(signs) - {1, -1}:
+            raise UsageError("a mirror must be a signed permutation of the columns", found=f"{len(order)} entries")
+        if any(order[order[j]] != j or signs[j] != signs[order[j]] for j in range(self.width)):
+            raise UsageError("mirroring twice must give back the columns")
+
+    @property
+    def width(self) -> int:
+        """Number of columns D."""
+        return sum(g.width for g in self.groups)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the groups."""
+        return tuple(g.name for g in self.groups)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """One name a column, such as "contact.left_ankle" or "mfcc.3"."""
+        return tuple(
+            g.name if g.width == 1 and not g.parts else f"{g.name}.{g.parts[k] if g.parts else k}"
+            for g in self.groups
+            for k in range(g.width)
+        )
+
+    def slice(self, name: str) -> slice:
+        """Return the columns of a group."""
+        start = 0
+        for group in self.groups:
+            if group.name == name:
+                return slice(start, start + group.width)
+            start += group.width
+        raise UsageError(f"no column group {name!r}", fix=did_you_mean(name, self.names))
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain JSON data."""
+        groups = [
+            {"name": g.name, "width": g.width, "unit": g.unit, **({"parts": list(g.parts)} if g.parts else {})}
+            for g in self.groups
+        ]
+        return {"groups": groups, "mirror": self.mirror.to_json() if self.mirror else None}
+
+    @classmethod
+    def from_json(cls, obj: Mapping[str, Any]) -> Columns:
+        """Read back what `to_json` gave."""
+        groups = tuple(Group(g["name"], g["width"], g["unit"], tuple(g.get("parts", ()))) for g in obj["groups"])
+        return cls(groups, Mirror.from_json(obj["mirror"]) if obj.get("mirror") else None)

@@ -1,0 +1,101 @@
+"""Motion: root translation and joint rotations over time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dancedata.core.errors import DataError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.kinematics import forward_kinematics
+from dancedata.core.rotations import Float64Array, slerp
+from dancedata.core.skeleton import Skeleton
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A motion in canonical form: metres, +Y up, radians, exact frame rate, read-only float64 arrays.
+
+    Attributes
+    ----------
+    translation
+        (T, 3) SMPL's translation, metres; the posed root lies at skeleton.offsets[0] + translation.
+    rotations
+        (T, J, 3) axis-angle relative to the parent, radians; lengths beyond pi are allowed.
+    grid
+        Frame rate.
+    skeleton
+        J joints.
+
+    Raises
+    ------
+    DataError
+        "empty", "bad_shape" or "nan".
+    """
+
+    translation: Float64Array
+    rotations: Float64Array
+    grid: FrameGrid
+    skeleton: Skeleton
+
+    def __post_init__(self) -> None:
+        """Check and freeze the arrays."""
+        translation = np.array(self.translation, dtype=np.float64)
+        rotations = np.array(self.rotations, dtype=np.float64)
+        joints = self.skeleton.n_joints
+        if rotations.ndim != 3 or rotations.shape[1:] != (joints, 3) or translation.shape != (len(rotations), 3):
+            raise DataError(
+                "translation and rotations do not fit together",
+                reason="bad_shape",
+                found=f"translation {translation.shape}, rotations {rotations.shape}",
+                allowed=f"(T, 3) and (T, {joints}, 3) for skeleton {self.skeleton.name}",
+            )
+        if len(rotations) == 0:
+            raise DataError("the motion has no frames", reason="empty", found="0 frames")
+        for what, array in (("translation", translation), ("rotations", rotations)):
+            bad = ~np.isfinite(array.reshape(len(array), -1)).all(axis=1)
+            if bad.any():
+                raise DataError(
+                    f"{what} holds NaN or infinity",
+                    reason="nan",
+                    found=f"{int(bad.sum())} of {len(bad)} frames, the first at frame {int(np.argmax(bad))}",
+                )
+            array.setflags(write=False)
+        object.__setattr__(self, "translation", translation)
+        object.__setattr__(self, "rotations", rotations)
+
+    @property
+    def n_frames(self) -> int:
+        """Number of frames T."""
+        return len(self.rotations)
+
+    def part(self, start: int, stop: int) -> Motion:
+        """Return frames start .. stop - 1."""
+        return Motion(self.translation[start:stop], self.rotations[start:stop], self.grid, self.skeleton)
+
+    def resampled(self, grid: FrameGrid) -> Motion:
+        """Return the motion at another rate, from the same first frame.
+
+        A whole ratio keeps every n-th frame as it is (60 -> 30 takes frames 0, 2, 4, ...). Elsewhere rotations
+        are interpolated by slerp and the translation linearly, at the instants of the new frames; no frame is
+        made beyond the last one of the source.
+        """
+        if grid == self.grid:
+            return self
+        step = self.grid.step_to(grid)
+        if step is not None:
+            return Motion(self.translation[::step], self.rotations[::step], grid, self.skeleton)
+        n = self.grid.resampled_length(self.n_frames, grid)
+        ratio = self.grid.rate / grid.rate
+        # Whole numbers first: k * 2 / 3 in floating point can fall short of a frame that it should hit.
+        frames = np.arange(n, dtype=np.float64) * ratio.numerator / ratio.denominator
+        lower = np.minimum(frames.astype(np.int64), max(self.n_frames - 2, 0))
+        upper = np.minimum(lower + 1, self.n_frames - 1)
+        share = (frames - lower)[:, None]
+        translation = self.translation[lower] * (1 - share) + self.translation[upper] * share
+        return Motion(translation, slerp(self.rotations, frames), grid, self.skeleton)
+
+    def joints(self) -> Float64Array:
+        """Return joint positions (T, J, 3), metres, with the skeleton's own root offset."""
+        return forward_kinematics(self.skeleton, self.rotations, self.translation)

@@ -1,0 +1,81 @@
+"""Registries of plug-ins: one file, one plug-in, found by itself."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from collections.abc import Callable
+from importlib.metadata import entry_points
+from typing import Any, TypeVar
+
+from dancedata.core.errors import UsageError, did_you_mean
+
+T = TypeVar("T")
+
+
+class Registry:
+    """Plug-in classes of one kind by name.
+
+    Plug-ins are the modules of `package` (those whose names do not begin with "_"), and the entry points of
+    the group of the same name, for plug-ins in other distributions. Each registers a frozen dataclass, whose
+    fields are the keys a recipe may set.
+
+    Parameters
+    ----------
+    kind
+        What the plug-ins are, for messages: "dataset".
+    package
+        Where they live: "dancedata.datasets".
+    """
+
+    def __init__(self, kind: str, package: str) -> None:
+        self.kind = kind
+        self.package = package
+        self._classes: dict[str, type[Any]] = {}
+        self._loaded = False
+
+    def register(self, name: str) -> Callable[[type[T]], type[T]]:
+        """Return a decorator that registers a class under `name`, which becomes its attribute `name`."""
+
+        def decorate(cls: type[T]) -> type[T]:
+            known = self._classes.get(name)
+            if known is not None and (known.__module__, known.__qualname__) != (cls.__module__, cls.__qualname__):
+                raise UsageError(
+                    f"two plug-ins want to be the {self.kind} {name!r}",
+                    found=f"{known.__module__}.{known.__qualname__} and {cls.__module__}.{cls.__qualname__}",
+                )
+            cls.name = name  # type: ignore[attr-defined]
+            self._classes[name] = cls
+            return cls
+
+        return decorate
+
+    def names(self) -> tuple[str, ...]:
+        """Return all names, sorted."""
+        self._load()
+        return tuple(sorted(self._classes))
+
+    def get(self, name: str) -> type[Any]:
+        """Return a plug-in class; UsageError with the closest known name."""
+        self._load()
+        try:
+            return self._classes[name]
+        except KeyError:
+            raise UsageError(f"unknown {self.kind} {name!r}", fix=did_you_mean(name, self.names())) from None
+
+    def _load(self) -> None:
+        if self._loaded:
+            return
+        self._loaded = True
+        package = importlib.import_module(self.package)
+        for module in pkgutil.iter_modules(package.__path__):
+            if not module.name.startswith("_"):
+                importlib.import_module(f"{self.package}.{module.name}")
+        for entry in entry_points(group=self.package):
+            entry.load()
+
+
+DATASETS = Registry("dataset", "dancedata.datasets")
+REPRESENTATIONS = Registry("representation", "dancedata.representations")
+CONTACTS = Registry("contact rule", "dancedata.contacts")
+FEATURES = Registry("audio feature", "dancedata.audio")

@@ -1,0 +1,32 @@
+"""Recipes and manifests that come with the package."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from dancedata.core.errors import UsageError, did_you_mean
+
+_PACKAGE = Path(__file__).resolve().parent.parent
+
+
+def resources(kind: str) -> tuple[str, ...]:
+    """Return the names of all files of a kind ("pipelines" or "manifests"), sorted."""
+    return tuple(sorted(p.name for p in _folder(kind).iterdir() if p.suffix == ".yaml"))
+
+
+def resource(kind: str, name: str) -> Path:
+    """Return the path of a file that comes with the package; UsageError with the closest name."""
+    path = _folder(kind) / name
+    if name not in resources(kind):
+        raise UsageError(f"no {name!r} among the {kind}", fix=did_you_mean(name, resources(kind)))
+    return path
+
+
+def _folder(kind: str) -> Path:
+    # A wheel carries these folders inside the package; in a checkout they lie beside it.
+    for folder in (_PACKAGE / "_resources" / kind, _PACKAGE.parent / kind):
+        if folder.is_dir():
+            return folder
+    raise UsageError(
+        f"this installation has no {kind}", where=_PACKAGE, fix="install dancedata again: its data files are missing"
+    )

@@ -1,0 +1,174 @@
+"""One AIST++ motion pickle -> canonical motion, with every way it can be wrong told apart."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dancedata.core.errors import DataError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.motion import Motion
+from dancedata.core.safe_pickle import load_pickle
+from dancedata.core.skeleton import SMPL24
+
+__all__ = ["load_motion"]
+
+KEYS = ("smpl_poses", "smpl_trans", "smpl_scaling")
+JOINTS = 24
+
+Floats = NDArray[np.float64]
+
+
+def load_motion(path: Path, frame_rate: int) -> Motion:
+    """Read a pickle with ``smpl_poses``, ``smpl_trans`` and ``smpl_scaling``; other keys are left alone.
+
+    Parameters
+    ----------
+    path : the pickle; read through the allow-list unpickler, so nothing in it is executed.
+    frame_rate : frames a second, 60 for AIST++.
+
+    Returns
+    -------
+    Motion
+        rotations (T, 24, 3) axis-angle radians as in the file; translation (T, 3) metres =
+        ``smpl_trans / smpl_scaling``, divided in float64; +Y up; skeleton SMPL24.
+
+    Raises
+    ------
+    DataError
+        reason ``broken_file``, ``unsafe_pickle``, ``missing_key``, ``bad_shape``, ``empty``,
+        ``length_mismatch``, ``nan`` or ``bad_scaling``.
+    """
+    content = _read(path)
+    poses = _numbers(path, content, "smpl_poses")
+    trans = _numbers(path, content, "smpl_trans")
+    if not (poses.shape[1:] == (JOINTS * 3,) or poses.shape[1:] == (JOINTS, 3)):
+        raise _bad_shape(path, "smpl_poses", poses, "(N, 72) or (N, 24, 3)")
+    if trans.shape[1:] != (3,):
+        raise _bad_shape(path, "smpl_trans", trans, "(N, 3)")
+    if len(poses) != len(trans):
+        raise DataError(
+            "smpl_poses and smpl_trans differ in length",
+            reason="length_mismatch",
+            where=str(path),
+            found=f"{len(poses)} and {len(trans)} frames",
+            fix="get the file anew",
+        )
+    if len(poses) == 0:
+        raise DataError("the motion has no frames", reason="empty", where=str(path), fix="get the file anew")
+    rotations = poses.reshape(len(poses), JOINTS, 3)
+    _check_finite(path, "smpl_poses", poses)
+    _check_finite(path, "smpl_trans", trans)
+    translation = _in_metres(path, trans, _scaling(path, content))
+    return Motion(
+        translation=translation, rotations=rotations, grid=FrameGrid.of(frame_rate), skeleton=SMPL24
+    )
+
+
+def _read(path: Path) -> Mapping[str, Any]:
+    """Content of the pickle: a dict with the three keys."""
+    try:
+        content = load_pickle(path)
+    except OSError as error:
+        raise DataError(
+            "the motion file cannot be read", reason="broken_file", where=str(path), found=str(error)
+        ) from error
+    if not isinstance(content, Mapping):
+        raise DataError(
+            "the pickle does not hold a dict",
+            reason="broken_file",
+            where=str(path),
+            found=f"{type(content).__name__}",
+            allowed=f"a dict with {', '.join(KEYS)}",
+            fix="get the file anew, or convert it",
+        )
+    missing = [key for key in KEYS if key not in content]
+    if missing:
+        raise DataError(
+            f"the motion file has no {' and no '.join(missing)}",
+            reason="missing_key",
+            where=str(path),
+            found=f"keys {', '.join(map(repr, content)) or 'none'}",
+            allowed=f"keys {', '.join(KEYS)}",
+            fix="get the file anew; data without smpl_scaling in metres needs smpl_scaling = [1.0]",
+        )
+    return content
+
+
+def _numbers(path: Path, content: Mapping[str, Any], key: str) -> Floats:
+    """One entry as float64."""
+    value = content[key]
+    try:
+        array = np.asarray(value)
+    except ValueError:  # ragged lists
+        array = np.empty((), dtype=object)
+    if array.dtype.kind not in "fiu":
+        raise DataError(
+            f"{key} does not hold real numbers",
+            reason="bad_shape",
+            where=str(path),
+            found=f"{type(value).__name__} of {array.dtype}, shape {array.shape}",
+            allowed="an array of floats",
+            fix="get the file anew",
+        )
+    return array.astype(np.float64)
+
+
+def _scaling(path: Path, content: Mapping[str, Any]) -> float:
+    """The factor between the file's units and metres; no more than > 0 is asked of it.
+
+    It is about 89..99 in AIST++, but data in metres with a scaling of 1 are as good.
+    """
+    array = _numbers(path, content, "smpl_scaling")
+    if array.size != 1:
+        raise _bad_shape(path, "smpl_scaling", array, "one number, (1,)")
+    scaling = float(array.reshape(()))
+    if not (np.isfinite(scaling) and scaling > 0):
+        raise _bad_scaling(path, scaling)
+    return scaling
+
+
+def _in_metres(path: Path, trans: Floats, scaling: float) -> Floats:
+    with np.errstate(over="ignore"):  # reported below
+        translation: Floats = trans / scaling
+    if not np.isfinite(translation).all():
+        raise _bad_scaling(path, scaling)
+    return translation
+
+
+def _check_finite(path: Path, key: str, array: Floats) -> None:
+    bad = np.asarray(~np.isfinite(array.reshape(len(array), -1)).all(axis=1))
+    if bad.any():
+        raise DataError(
+            f"{key} holds values that are not finite",
+            reason="nan",
+            where=f"{path}, frame {int(bad.argmax())}",
+            found=f"{int(bad.sum())} of {len(bad)} frames with NaN or infinity",
+            fix="get the file anew, or put the sequence on the ignore list",
+        )
+
+
+def _bad_shape(path: Path, key: str, array: Floats, allowed: str) -> DataError:
+    return DataError(
+        f"{key} has the wrong shape",
+        reason="bad_shape",
+        where=str(path),
+        found=str(array.shape),
+        allowed=allowed,
+        fix="get the file anew, or convert it",
+    )
+
+
+def _bad_scaling(path: Path, scaling: float) -> DataError:
+    return DataError(
+        "smpl_scaling cannot turn smpl_trans into metres",
+        reason="bad_scaling",
+        where=str(path),
+        found=repr(scaling),
+        allowed="a finite number above 0 (about 89 to 99 in AIST++; 1 for data in metres)",
+        fix="get the file anew",
+    )

@@ -1,0 +1,241 @@
+"""EpochSampler: the order of an epoch as a pure function, and resuming in the middle of one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sized
+
+import numpy as np
+import numpy.typing as npt
+from torch import distributed
+from torch.utils.data import Sampler
+
+from dancedata.core.errors import UsageError
+from dancedata.readers._checks import whole
+
+#: Indices turned into Python ints at a time: a list of a million ints would take 36 MB.
+_CHUNK = 4096
+#: Keeps the order's random stream apart from that of mirroring, which may have the same seed.
+_ORDER_STREAM = 1
+
+
+class EpochSampler(Sampler[int]):
+    """Indices of one epoch after another, for one rank, resumable at any sample.
+
+    The order is a pure function of (number of samples, seed, epoch, rank, world size): the same on every
+    machine, with every number of workers. It comes from numpy's Philox bit stream and a stable sort, both of
+    which numpy keeps unchanged across versions.
+
+    Iterating begins at `position` of `epoch`, and at the end moves on to position 0 of the next epoch, so a
+    plain ``for epoch in range(n): for batch in loader:`` sees a new order every time without `set_epoch`.
+
+    If the data source has a `set_epoch` (a `WindowDataset` with mirroring), it is told the epoch before the
+    epoch's first index is handed out, so that the two cannot disagree.
+
+    Notes
+    -----
+    *Resuming.* `state_dict` is where the sampler stands. A `DataLoader` with workers asks it for
+    ``num_workers * prefetch_factor`` batches ahead of what the trainer has seen (Accelerate one more), so
+    in the middle of an epoch a trainer says what it has consumed instead: ``sampler.at(epoch, consumed)``,
+    where `consumed` counts this rank's samples since the start of that epoch, those before an earlier
+    resume included. Between epochs, `state_dict()` is exact. With drop_last, DataLoader leaves an epoch's
+    last few samples out: save after its loop with `state_dict()`, not `at`::
+
+        state = sampler.at(epoch, consumed)                 # into the checkpoint
+        sampler.load_state_dict(state)                      # another day, before iter(loader)
+        epoch, consumed = sampler.epoch, sampler.position
+
+    *PyTorch.* ``DataLoader(ds, batch_size=64, sampler=EpochSampler(ds, seed=0))``; rank and world size come
+    from torch.distributed if it is initialised when the sampler is made.
+
+    *Accelerate* deals batches to processes by itself, so every process needs the whole order:
+    ``EpochSampler(ds, rank=0, world_size=1)``; `consumed` then counts the samples of all processes. It
+    calls `set_epoch` with a count of its own: after `load_state_dict`, call
+    ``loader.set_epoch(sampler.epoch)`` on the prepared loader.
+
+    *Lightning* wraps custom samplers in one of its own: ``Trainer(use_distributed_sampler=False)``, and
+    make the sampler in `train_dataloader`, where torch.distributed is initialised. It calls `set_epoch`
+    itself.
+    """
+
+    def __init__(
+        self,
+        data_source: Sized | int,
+        *,
+        seed: int = 0,
+        rank: int | None = None,
+        world_size: int | None = None,
+        shuffle: bool = True,
+        drop_last: bool = False,
+    ) -> None:
+        """Make the sampler at position 0 of epoch 0.
+
+        Parameters
+        ----------
+        data_source
+            A map-style dataset, or its number of samples.
+        seed
+            Whole number >= 0; the same on every rank.
+        rank, world_size
+            Both or neither. Default: torch.distributed's if it is initialised, else 0 and 1.
+        shuffle
+            False gives the samples in the dataset's order, epoch after epoch.
+        drop_last
+            All ranks get equally many samples. False: by starting over at the head of the epoch's order (as
+            torch's DistributedSampler does), so up to world_size - 1 samples come twice. True: by leaving the
+            order's last few out. Without several ranks nothing is repeated or left out.
+
+        Raises
+        ------
+        UsageError
+            For a negative seed or number of samples, or a rank outside [0, world_size).
+        """
+        self._source = data_source
+        self.n_samples = data_source if isinstance(data_source, int) else len(data_source)
+        if self.n_samples < 0:
+            raise UsageError("the number of samples is negative", found=self.n_samples, allowed="0 or more")
+        self.seed = whole("seed", seed)
+        self.rank, self.world_size = _rank_and_world_size(rank, world_size)
+        self.shuffle = shuffle
+        self.drop_last = drop_last
+        share, rest = divmod(self.n_samples, self.world_size)
+        self._length = share + (1 if rest and not drop_last else 0)
+        self._epoch = 0
+        self._position = 0
+        self._turn = 0  # which iteration may move epoch and position; an abandoned one may not
+
+    @property
+    def epoch(self) -> int:
+        """The epoch that iterating goes on with."""
+        return self._epoch
+
+    @property
+    def position(self) -> int:
+        """How many of this rank's samples of `epoch` were handed out already."""
+        return self._position
+
+    def __len__(self) -> int:
+        """Return this rank's samples in a whole epoch, wherever the sampler stands."""
+        return self._length
+
+    def __repr__(self) -> str:
+        """Say what it orders, and where it stands."""
+        return (
+            f"EpochSampler({self.n_samples} samples, seed={self.seed}, rank={self.rank}, "
+            f"world_size={self.world_size}, shuffle={self.shuffle}, drop_last={self.drop_last}, "
+            f"epoch={self._epoch}, position={self._position})"
+        )
+
+    def order(self, epoch: int) -> npt.NDArray[np.int64]:
+        """Return this rank's indices of one epoch, (len(self),) int64; changes nothing."""
+        epoch = whole("epoch", epoch)
+        if self.shuffle:
+            stream = np.random.Philox(np.random.SeedSequence(self.seed, spawn_key=(_ORDER_STREAM, epoch)))
+            # Sorting random keys, not Generator.permutation: numpy keeps bit streams, not algorithms.
+            everyone = np.argsort(stream.random_raw(self.n_samples), kind="stable").astype(
+                np.int64, copy=False
+            )
+        else:
+            everyone = np.arange(self.n_samples, dtype=np.int64)
+        total = self._length * self.world_size
+        if total > self.n_samples:
+            everyone = np.resize(everyone, total)  # starts over at the head, as often as needed
+        return np.ascontiguousarray(everyone[self.rank : total : self.world_size])
+
+    def __iter__(self) -> Iterator[int]:
+        """Yield the rest of the current epoch's indices, then move on to the next epoch."""
+        self._turn += 1
+        turn, epoch, position = self._turn, self._epoch, self._position
+        set_epoch = getattr(self._source, "set_epoch", None)
+        if callable(set_epoch):
+            set_epoch(epoch)
+        order = self.order(epoch)
+        for first in range(position, len(order), _CHUNK):
+            for sample in order[first : first + _CHUNK].tolist():
+                position += 1
+                if turn == self._turn:
+                    self._position = position
+                yield sample
+        if turn == self._turn:
+            self._move(epoch + 1, 0)
+
+    def set_epoch(self, epoch: int) -> None:
+        """Go to the start of an epoch; the current epoch keeps its position.
+
+        Accelerate and Lightning call this before every epoch, also before one that `load_state_dict` has just
+        resumed in the middle. To begin the current epoch again: ``load_state_dict(at(epoch, 0))``.
+        """
+        number = whole("epoch", epoch)
+        if number != self._epoch:
+            self._move(number, 0)
+
+    def state_dict(self) -> dict[str, int]:
+        """Return where the sampler stands, {"epoch", "position"}; with prefetching see `at`."""
+        return self.at(self._epoch, self._position)
+
+    def at(self, epoch: int, consumed: int) -> dict[str, int]:
+        """Return the state of a trainer that has consumed so many samples of an epoch; changes nothing.
+
+        Parameters
+        ----------
+        epoch
+            The trainer's epoch.
+        consumed
+            This rank's samples since the start of that epoch, 0 to len(self). All of them is the start of the
+            next epoch.
+
+        Raises
+        ------
+        UsageError
+            For more samples than an epoch has, or negative numbers.
+        """
+        epoch, consumed = whole("epoch", epoch), whole("consumed", consumed)
+        if consumed > self._length:
+            raise UsageError(
+                "more samples consumed than an epoch has",
+                found=consumed,
+                allowed=f"0 to {self._length}",
+                fix="count this rank's samples, from the start of the epoch",
+            )
+        if consumed and consumed == self._length:
+            return {"epoch": epoch + 1, "position": 0}
+        return {"epoch": epoch, "position": consumed}
+
+    def load_state_dict(self, state: Mapping[str, int]) -> None:
+        """Go where `state_dict` or `at` said; takes effect at the next ``iter(loader)``.
+
+        Raises
+        ------
+        UsageError
+            If the state has other keys, or a position beyond an epoch of this sampler.
+        """
+        if set(state) != {"epoch", "position"}:
+            raise UsageError(
+                "this is not the state of an EpochSampler",
+                found=", ".join(sorted(map(str, state))) or "nothing",
+                allowed="epoch, position",
+            )
+        known = self.at(state["epoch"], state["position"])
+        self._move(known["epoch"], known["position"])
+
+    def _move(self, epoch: int, position: int) -> None:
+        self._turn += 1
+        self._epoch, self._position = epoch, position
+
+
+def _rank_and_world_size(rank: int | None, world_size: int | None) -> tuple[int, int]:
+    """Fill in torch.distributed's numbers and check them."""
+    if (rank is None) != (world_size is None):
+        raise UsageError(
+            "rank and world_size belong together",
+            found=f"rank={rank}, world_size={world_size}",
+            fix="give both, or neither to take them from torch.distributed",
+        )
+    if rank is None or world_size is None:
+        if not (distributed.is_available() and distributed.is_initialized()):
+            return 0, 1
+        rank, world_size = distributed.get_rank(), distributed.get_world_size()
+    if world_size < 1 or not 0 <= rank < world_size:
+        raise UsageError(
+            "no such rank", found=f"rank={rank}, world_size={world_size}", allowed="0 <= rank < world_size"
+        )
+    return rank, world_size

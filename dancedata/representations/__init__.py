@@ -1,0 +1,1 @@
+"""Representations: motion becomes a trainer's columns. One file, one representation."""

@@ -1,0 +1,24 @@
+"""The HDF5 store, format 1: the only place that knows the file layout (docs/store-format.md)."""
+
+from dancedata.store.dataset import ClipView, Store, open_store
+from dancedata.store.problem import Problem
+from dancedata.store.schema import AudioBlock, ClipRecord, Field, LazyArray, StoredClip, StoreHeader
+from dancedata.store.verify import verify_store
+from dancedata.store.window_list import WindowList
+from dancedata.store.writer import write_store
+
+__all__ = [
+    "AudioBlock",
+    "ClipRecord",
+    "ClipView",
+    "Field",
+    "LazyArray",
+    "Problem",
+    "Store",
+    "StoreHeader",
+    "StoredClip",
+    "WindowList",
+    "open_store",
+    "verify_store",
+    "write_store",
+]

@@ -1,0 +1,242 @@
+"""Reads one shard: its tables once, through h5py; its rows straight from the file, by their position in it.
+
+Fields are contiguous and uncompressed, so rows [a, b) are one piece of the file. Reading that piece by
+position needs no HDF5 handle in the process, shares no file offset between processes, and lets threads
+read at once.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.errors import StoreError
+from dancedata.store import hdf5
+from dancedata.store.schema import LIST_SEPARATOR, ClipRecord, Field
+
+IntArray = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class FieldLayout:
+    """Where a field's rows lie in a shard: first byte, number of rows, columns, dtype."""
+
+    offset: int
+    n_rows: int
+    width: int
+    dtype: np.dtype[Any]
+
+    @property
+    def row_bytes(self) -> int:
+        """Bytes of one row."""
+        return self.width * self.dtype.itemsize
+
+
+@dataclass(frozen=True)
+class ClipTable:
+    """The table /clips of a shard.
+
+    Attributes
+    ----------
+    records
+        One a clip, in stored order.
+    first, available
+        Per field: row in the shard of each clip's frame 0, and rows from there to the end of the clip or
+        timeline. Audio fields of window scope have none.
+    """
+
+    records: tuple[ClipRecord, ...]
+    first: dict[str, IntArray]
+    available: dict[str, IntArray]
+
+
+@dataclass(frozen=True)
+class StoredWindows:
+    """The table /windows of a shard, and a lookup by clip and start. Arrays (W,)."""
+
+    clip: IntArray
+    start: IntArray
+    length: IntArray
+    index: IntArray
+    rows: dict[str, IntArray]
+    by_start: IntArray
+    clip_begin: IntArray
+
+    def starts_of(self, clip: int) -> list[int]:
+        """List the first frames of a clip's windows, ascending."""
+        begin, end = self.clip_begin[clip : clip + 2]
+        return [int(s) for s in self.start[self.by_start[begin:end]]]
+
+    def find(self, clip: int, start: int) -> int | None:
+        """Find the position in the table of the window of a clip that begins at a frame, or None."""
+        begin, end = self.clip_begin[clip : clip + 2]
+        positions = self.by_start[begin:end]
+        place = int(np.searchsorted(self.start[positions], start))
+        if place == len(positions) or self.start[positions[place]] != start:
+            return None
+        return int(positions[place])
+
+
+class ShardReader:
+    """One shard of a store, safe under threads and fork; holds at most one file descriptor, opened late."""
+
+    def __init__(self, path: Path, split: str, fields: tuple[Field, ...], scope: str) -> None:
+        """Remember where the shard is; nothing is opened."""
+        self.path = path
+        self.split = split
+        self._fields = fields
+        self._scope = scope
+        self._clips: ClipTable | None = None
+        self._layout: dict[str, FieldLayout] = {}
+        self._windows: StoredWindows | None = None
+        self._file: _File | None = None
+
+    @property
+    def clips(self) -> ClipTable:
+        """The table of clips, read when first asked for."""
+        if self._clips is None:
+            with hdf5.open_file(self.path) as file:
+                self._layout = {f.name: _field_layout(file, f, self.path) for f in self._fields}
+                self._clips = _read_clips(file, self.split, self._fields, self._scope)
+        return self._clips
+
+    @property
+    def windows(self) -> StoredWindows:
+        """The table of windows, read when first asked for."""
+        if self._windows is None:
+            n_clips = len(self.clips.records)
+            with hdf5.open_file(self.path) as file:
+                self._windows = _read_windows(file, self._fields, n_clips)
+        return self._windows
+
+    def layout(self, field: str) -> FieldLayout:
+        """Tell where a field's rows lie in the file."""
+        if not self._layout:
+            _ = self.clips
+        return self._layout[field]
+
+    def read_rows(self, field: str, first: int, out: npt.NDArray[Any]) -> None:
+        """Read rows [first, first + len(out)) of a field into `out`, (rows, D), converting to its dtype."""
+        layout = self.layout(field)
+        if first < 0 or first + len(out) > layout.n_rows:
+            raise StoreError(
+                "rows lie outside the shard",
+                where=f"{self.path}, field {field}",
+                found=f"rows {first} to {first + len(out)} of {layout.n_rows}",
+                fix="run dancedata check on the dataset",
+            )
+        direct = out.dtype == layout.dtype and out.flags.c_contiguous and out.flags.writeable
+        target = out if direct else np.empty((len(out), layout.width), dtype=layout.dtype)
+        if target.size:
+            self._open().read_into(
+                memoryview(target.data).cast("B"), layout.offset + first * layout.row_bytes
+            )
+        if not direct:
+            out[...] = target
+
+    def close(self) -> None:
+        """Give the file descriptor back; a later read opens the file again."""
+        self._file = None
+
+    def _open(self) -> _File:
+        file = self._file
+        # A forked child opens the file anew: what it inherited belongs to the parent.
+        if file is None or file.pid != os.getpid():
+            file = _File(self.path)
+            self._file = file
+        return file
+
+
+class _File:
+    """A file descriptor read by position."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.pid = os.getpid()
+        try:
+            self._descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_CLOEXEC", 0))
+        except OSError as error:
+            self._descriptor = -1
+            raise StoreError("a shard cannot be opened", where=str(path), found=str(error)) from error
+
+    def read_into(self, view: memoryview, position: int) -> None:
+        """Fill `view` with the bytes from `position` on."""
+        while view.nbytes:
+            n = os.preadv(self._descriptor, [view], position)
+            if n == 0:
+                raise StoreError(
+                    "a shard ends too early",
+                    where=str(self.path),
+                    found=f"{view.nbytes} bytes missing at byte {position}",
+                    fix="run dancedata check on the dataset",
+                )
+            view, position = view[n:], position + n
+
+    def __del__(self) -> None:
+        if self._descriptor >= 0:
+            os.close(self._descriptor)
+
+
+def _field_layout(file: Any, f: Field, path: Path) -> FieldLayout:
+    dataset = file[f"{f.kind}/{f.name}"]
+    where = f"{path}, /{f.kind}/{f.name}"
+    if dataset.ndim != 2 or dataset.shape[1] != f.columns.width or dataset.dtype != f.disk_dtype:
+        raise StoreError(
+            "a field has another shape or dtype than dataset.json says",
+            where=where,
+            found=f"{dataset.shape} {dataset.dtype}",
+            allowed=f"(rows, {f.columns.width}) {f.disk_dtype}",
+        )
+    offset = dataset.id.get_offset()
+    if offset is None and math.prod(dataset.shape):
+        raise StoreError(
+            "a field is not contiguous", where=where, fix="use the shard as it was built, not a repacked one"
+        )
+    return FieldLayout(offset or 0, int(dataset.shape[0]), int(dataset.shape[1]), f.disk_dtype)
+
+
+def _read_clips(file: Any, split: str, fields: tuple[Field, ...], scope: str) -> ClipTable:
+    group = file["clips"]
+    names = ("id", "genre", "music", "dancer", "source", "lists")
+    texts = {name: hdf5.read_strings(group[name]) for name in names}
+    numbers = {name: group[name][...].tolist() for name in ("tempo_bpm", "n_flags", "trim_start", "n_frames")}
+    records = tuple(
+        ClipRecord(
+            id=clip_id,
+            split=split,
+            genre=texts["genre"][i],
+            music=texts["music"][i],
+            dancer=texts["dancer"][i],
+            tempo_bpm=None if math.isnan(numbers["tempo_bpm"][i]) else numbers["tempo_bpm"][i],
+            source=texts["source"][i],
+            n_flags=numbers["n_flags"][i],
+            trim_start=numbers["trim_start"][i],
+            lists=tuple(filter(None, texts["lists"][i].split(LIST_SEPARATOR))),
+            n_frames=numbers["n_frames"][i],
+        )
+        for i, clip_id in enumerate(texts["id"])
+    )
+    first: dict[str, IntArray] = {}
+    available: dict[str, IntArray] = {}
+    for f in fields:
+        if f.kind == "motion" or scope == "track":
+            spans = group[f"{f.kind}/{f.name}"]
+            offset = spans["offset"][...] if f.kind == "audio" else 0
+            first[f.name] = spans["start"][...] + offset
+            available[f.name] = spans["length"][...] - offset
+    return ClipTable(records, first, available)
+
+
+def _read_windows(file: Any, fields: tuple[Field, ...], n_clips: int) -> StoredWindows:
+    group = file["windows"]
+    clip, start, length, index = (group[name][...] for name in ("clip", "start", "length", "index"))
+    by_start = np.lexsort((start, clip))
+    clip_begin = np.searchsorted(clip[by_start], np.arange(n_clips + 1))
+    rows = {f.name: group[f"rows/{f.name}"][...] for f in fields}
+    return StoredWindows(clip, start, length, index, rows, by_start, clip_begin)

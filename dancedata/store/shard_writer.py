@@ -1,0 +1,155 @@
+"""Writes one shard: clip by clip, so that memory holds one clip or one timeline at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.atomic import atomic_file
+from dancedata.core.errors import StoreError
+from dancedata.store import hdf5
+from dancedata.store.plan import ShardPlan
+from dancedata.store.schema import FORMAT, LIST_SEPARATOR, Field, LazyArray
+from dancedata.store.sparse_file import SparseFile
+
+#: Values converted and checked at a time.
+_CHUNK_VALUES = 1 << 21
+
+
+def write_shard(out: Path, plan: ShardPlan, progress: Callable[[], None]) -> None:
+    """Write the shard that `plan` describes to ``out / plan.file``, whole or not at all.
+
+    Parameters
+    ----------
+    out
+        Folder, which exists.
+    plan
+        What goes where.
+    progress
+        Called after each clip.
+
+    Raises
+    ------
+    StoreError
+        For values that are not finite or do not fit the field's dtype, naming clip and field.
+    OSError
+        Where the disk is full or cannot be written.
+    """
+    layout = SparseFile()
+    with hdf5.create_file(layout) as file:
+        _write_attributes(file, plan)
+        _write_clips(file.create_group("clips"), plan)
+        _write_windows(file.create_group("windows"), plan)
+        offsets = {f.name: _make_field(file, plan, f) for f in plan.header.fields}
+    with atomic_file(out / plan.file) as temporary, open(temporary, "wb") as target:
+        layout.copy_to(target)
+        _write_fields(target, plan, offsets, progress)
+
+
+def _write_attributes(file: Any, plan: ShardPlan) -> None:
+    file.attrs.create("format", np.int64(FORMAT), dtype="<i8")
+    hdf5.write_text_attribute(file, "split", plan.split)
+    hdf5.write_text_attribute(file, "scope", plan.header.scope)
+    hdf5.write_text_attribute(file, "fps", str(plan.header.fps))
+
+
+def _write_clips(group: Any, plan: ShardPlan) -> None:
+    clips = plan.clips
+    for name in ("id", "genre", "music", "dancer", "source"):
+        hdf5.write_strings(group, name, [getattr(c, name) for c in clips])
+    hdf5.write_strings(group, "lists", [LIST_SEPARATOR.join(c.lists) for c in clips])
+    tempo = [np.nan if c.tempo_bpm is None else c.tempo_bpm for c in clips]
+    hdf5.write_array(group, "tempo_bpm", np.asarray(tempo, dtype=np.float64))
+    for name in ("n_frames", "n_flags", "trim_start"):
+        hdf5.write_array(group, name, np.asarray([getattr(c, name) for c in clips], dtype=np.int64))
+    for kind, columns in (("motion", ("start", "length")), ("audio", ("start", "length", "offset"))):
+        for name, spans in (plan.motion if kind == "motion" else plan.audio).items():
+            if not spans:
+                continue
+            for column in columns:
+                values = np.asarray([getattr(s, column) for s in spans], dtype=np.int64)
+                hdf5.write_array(group, f"{kind}/{name}/{column}", values)
+
+
+def _write_windows(group: Any, plan: ShardPlan) -> None:
+    table = plan.window_table()
+    hdf5.write_array(group, "clip", table.clip)
+    hdf5.write_array(group, "start", table.start)
+    hdf5.write_array(group, "length", np.full(len(table.clip), plan.header.length, dtype=np.int64))
+    hdf5.write_array(group, "index", table.index)
+    for name, rows in table.rows.items():
+        hdf5.write_array(group, f"rows/{name}", rows)
+
+
+def _make_field(file: Any, plan: ShardPlan, f: Field) -> int:
+    """Make a field's dataset and return its first byte in the file."""
+    dataset = hdf5.create_dataset(
+        file, f"{f.kind}/{f.name}", (plan.rows[f.name], f.columns.width), f.disk_dtype
+    )
+    hdf5.write_text_attribute(dataset, "rate", str(f.rate))
+    return int(dataset.id.get_offset() or 0)
+
+
+def _write_fields(
+    target: IO[bytes], plan: ShardPlan, offsets: Mapping[str, int], progress: Callable[[], None]
+) -> None:
+    """Write all rows to their places, clip by clip."""
+
+    def write(f: Field, first: int, array: LazyArray, where: str) -> None:
+        target.seek(offsets[f.name] + first * f.row_bytes)
+        for rows in _checked_rows(array, f, where):
+            target.write(rows.data)
+
+    written: dict[str, set[str]] = {name: set() for name in plan.blocks}
+    for number, clip in enumerate(plan.clips):
+        for f in plan.header.fields:
+            where = f"clip {clip.id}, field {f.name}"
+            if f.kind == "motion":
+                write(f, plan.motion[f.name][number].start, clip.motion[f.name], where)
+                continue
+            for block in clip.audio[f.name]:
+                if block.key not in written[f.name]:
+                    written[f.name].add(block.key)
+                    write(f, plan.blocks[f.name][block.key][0], block.array, where)
+        progress()
+
+
+def _checked_rows(lazy: LazyArray, f: Field, where: str) -> Iterator[npt.NDArray[Any]]:
+    """Load an array and give its rows as they are to be stored, some at a time."""
+    array = np.asarray(lazy)
+    if array.shape != tuple(lazy.shape):
+        raise StoreError(
+            "an array has another shape than announced", where=where, found=array.shape, allowed=lazy.shape
+        )
+    if array.dtype.kind not in "fiub":
+        raise StoreError("an array holds no real numbers", where=where, found=str(array.dtype))
+    rows = array.reshape(-1, f.columns.width)
+    step = max(1, _CHUNK_VALUES // f.columns.width)
+    for begin in range(0, len(rows), step):
+        chunk = rows[begin : begin + step]
+        with np.errstate(over="ignore"):
+            stored = np.ascontiguousarray(chunk, dtype=f.disk_dtype)
+        if not np.isfinite(stored).all():
+            _raise_not_finite(chunk, stored, begin, f, where)
+        yield stored
+
+
+def _raise_not_finite(
+    chunk: npt.NDArray[Any], stored: npt.NDArray[Any], begin: int, f: Field, where: str
+) -> None:
+    row, column = (int(i) for i in np.argwhere(~np.isfinite(stored))[0])
+    value = chunk[row, column]
+    where = f"{where}, row {begin + row}, column {f.columns.labels[column]}"
+    if np.isfinite(value):
+        raise StoreError(
+            f"a value does not fit {f.dtype}",
+            where=where,
+            found=float(value),
+            allowed=f"at most {float(np.finfo(f.dtype).max):g} in size",
+            fix="store the field as float32" if f.dtype == "float16" else None,
+        )
+    raise StoreError("a value is not finite", where=where, found=float(value), fix="set the clip aside")

@@ -1,0 +1,211 @@
+"""verify_store: whether a built dataset is whole and sound."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+from dancedata.core.errors import StoreError
+from dancedata.core.hashing import sha256_file
+from dancedata.store.dataset_json import Description, ShardEntry, load_description, self_hash
+from dancedata.store.problem import Problem
+from dancedata.store.schema import (
+    CARD_FILE,
+    DATASET_FILE,
+    QUALITY_FILE,
+    REJECTS_FILE,
+    STATS_FILE,
+    ClipRecord,
+    is_shard_name,
+    shard_name,
+)
+from dancedata.store.verify_shard import verify_shard
+
+_SIDE_FILES = (STATS_FILE, REJECTS_FILE, QUALITY_FILE, CARD_FILE)
+_LEFTOVER = re.compile(r"\.tmp$|\.part$|~$")
+#: Named in one message at most.
+_SHOWN = 10
+
+
+def verify_store(path: str | Path) -> list[Problem]:
+    """Check a built dataset, bounded in memory whatever its size.
+
+    Every file's size and sha256 come first: a shard that differs is not parsed. Then the layout (names,
+    dtypes, shapes, alignment), bounds of all rows and windows, finiteness of all values, counts, and what
+    splits share.
+
+    Parameters
+    ----------
+    path
+        Folder of the dataset.
+
+    Returns
+    -------
+    list of Problem
+        "error": the dataset is damaged, or train shares a clip or a song with val or test. "note": worth
+        knowing. Empty if all is well. Never raises for what is wrong with the dataset.
+    """
+    folder = Path(path).expanduser()
+    try:
+        description = load_description(folder)
+    except StoreError as error:
+        return [Problem("error", str(folder / DATASET_FILE), str(error))]
+    problems = [*_check_document(folder, description), *_check_side_files(folder, description)]
+    records: list[ClipRecord] = []
+    for entry in description.shards:
+        found, clips = _check_shard(folder, description, entry)
+        problems += found
+        records += clips
+    # Counts of a damaged dataset would only repeat what is wrong already.
+    if not any(p.severity == "error" for p in problems):
+        problems += _check_counts(folder, description, records)
+    problems += _check_splits(folder, records)
+    problems += _find_strangers(folder, description)
+    return problems
+
+
+def _check_document(folder: Path, description: Description) -> Iterator[Problem]:
+    where = str(folder / DATASET_FILE)
+    if description.meta.get("self_sha256") != self_hash(description.meta):
+        yield Problem(
+            "error", where, "its content does not match self_sha256: it was changed after the build"
+        )
+    if not description.shards:
+        yield Problem("error", where, "it lists no shard")
+    for name in (f for f in _SIDE_FILES if f not in description.files):
+        yield Problem("error", where, f"it does not list {name}")
+    by_split: dict[str, list[str]] = defaultdict(list)
+    for entry in description.shards:
+        by_split[entry.split].append(entry.file)
+    for split, files in by_split.items():
+        wanted = [shard_name(split, i, len(files)) for i in range(len(files))]
+        if files != wanted:
+            yield Problem(
+                "error",
+                where,
+                f"shards of {split} are not {_list(wanted)}, in this order, but {_list(files)}",
+            )
+    counts = description.meta.get("counts")
+    if not isinstance(counts, dict) or set(counts) != set(by_split):
+        yield Problem("error", where, f"counts are not those of the splits {', '.join(by_split)}")
+
+
+def _check_side_files(folder: Path, description: Description) -> Iterator[Problem]:
+    for name, entry in description.files.items():
+        # People may well write into the card.
+        severity: Literal["error", "note"] = "note" if name == CARD_FILE else "error"
+        if Path(name).name != name:
+            yield Problem("error", str(folder / DATASET_FILE), f"{name!r} is no file of the dataset")
+            continue
+        message = _compare_file(folder / name, entry)
+        if message:
+            yield Problem(severity, str(folder / name), message)
+        elif name == STATS_FILE:
+            yield from _check_stats(folder / name, description)
+
+
+def _check_stats(path: Path, description: Description) -> Iterator[Problem]:
+    try:
+        stats = json.loads(path.read_text(encoding="utf-8"))
+        fields, n_windows = stats["fields"], stats["windows"]
+    except (ValueError, KeyError, TypeError, OSError) as error:
+        yield Problem("error", str(path), f"it cannot be read: {type(error).__name__}: {error}")
+        return
+    wanted = [f.name for f in description.fields] if n_windows else []
+    if sorted(fields) != sorted(wanted):
+        yield Problem("error", str(path), f"it has fields {_list(list(fields))}, not {_list(wanted)}")
+
+
+def _compare_file(path: Path, entry: Mapping[str, Any]) -> str:
+    """Say what is wrong with a file, by size first and then by hash; nothing if it is as listed."""
+    if not path.is_file():
+        return "it is missing"
+    try:
+        size = path.stat().st_size
+        if size != entry["size"]:
+            return f"it has {size} bytes, dataset.json says {entry['size']}"
+        sha256 = sha256_file(path)
+    except OSError as error:
+        return f"it cannot be read: {error}"
+    if sha256 != entry["sha256"]:
+        said = str(entry["sha256"])
+        return f"its sha256 is {sha256[:12]}..., dataset.json says {said[:12]}...: bytes have changed"
+    return ""
+
+
+def _check_shard(
+    folder: Path, description: Description, entry: ShardEntry
+) -> tuple[list[Problem], Sequence[ClipRecord]]:
+    path = folder / entry.file
+    message = _compare_file(path, {"size": entry.size, "sha256": entry.sha256})
+    if message:
+        return [Problem("error", str(path), message)], ()
+    return verify_shard(path, description, entry)
+
+
+def _check_counts(folder: Path, description: Description, records: Sequence[ClipRecord]) -> Iterator[Problem]:
+    where = str(folder / DATASET_FILE)
+    for split, counts in description.meta["counts"].items():
+        clips = [r for r in records if r.split == split]
+        frames = sum(r.n_frames for r in clips)
+        found = {
+            "clips": len(clips),
+            "windows": sum(s.windows for s in description.shards if s.split == split),
+            "frames": frames,
+            "hours": float(frames / description.fps / 3600),
+            "songs": len({r.music for r in clips if r.music}),
+        }
+        for name, value in found.items():
+            said = counts.get(name) if isinstance(counts, dict) else None
+            if said != value:
+                yield Problem("error", where, f"counts: {split} has {value} {name}, not {said}")
+
+
+def _check_splits(folder: Path, records: Sequence[ClipRecord]) -> Iterator[Problem]:
+    """Find clips that are there twice, and songs and sources that splits share."""
+    times = Counter(r.id for r in records)
+    for clip in (c for c, n in times.items() if n > 1):
+        splits = sorted({r.split for r in records if r.id == clip})
+        yield Problem(
+            "error", str(folder), f"clip {clip} is there {times[clip]} times, in {', '.join(splits)}"
+        )
+    split_of = {r.id: r.split for r in records}
+    for record in records:
+        origin = split_of.get(record.source, record.split)
+        if origin != record.split:
+            yield Problem(
+                "error",
+                str(folder),
+                f"clip {record.id} of {record.split} is a copy of {record.source} of {origin}",
+            )
+    songs: dict[str, set[str]] = defaultdict(set)
+    for record in records:
+        if record.music:
+            songs[record.split].add(record.music)
+    for other in ("val", "test"):
+        shared = sorted(songs["train"] & songs[other])
+        if shared:
+            yield Problem(
+                "error", str(folder), f"train and {other} share {len(shared)} songs: {_list(shared)}"
+            )
+    shared = sorted(songs["val"] & songs["test"])
+    if shared:
+        yield Problem("note", str(folder), f"val and test share {len(shared)} songs: {_list(shared)}")
+
+
+def _find_strangers(folder: Path, description: Description) -> Iterator[Problem]:
+    known = {s.file for s in description.shards}
+    for path in sorted(folder.iterdir()):
+        if path.name in known:
+            continue
+        if is_shard_name(path.name) or _LEFTOVER.search(path.name):
+            yield Problem("note", str(path), "a file that dataset.json does not list; no reader looks at it")
+
+
+def _list(names: Sequence[str]) -> str:
+    shown = ", ".join(names[:_SHOWN]) or "none"
+    return shown + (f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else "")

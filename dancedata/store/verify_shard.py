@@ -1,0 +1,189 @@
+"""Checks of one shard whose bytes are those that dataset.json names: layout, bounds, finiteness."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dancedata.core.errors import StoreError
+from dancedata.store import hdf5
+from dancedata.store.dataset_json import Description, ShardEntry
+from dancedata.store.problem import Problem
+from dancedata.store.schema import ALIGNMENT, FORMAT, ClipRecord, Field
+from dancedata.store.shard_reader import ClipTable, ShardReader, StoredWindows
+
+#: Values looked at at a time.
+_CHUNK_VALUES = 1 << 20
+#: Rows of a table named in one message at most.
+_SHOWN = 5
+
+_TEXTS = ("id", "genre", "music", "dancer", "source", "lists")
+_WHOLE = ("n_frames", "n_flags", "trim_start")
+
+
+def verify_shard(
+    path: Path, description: Description, entry: ShardEntry
+) -> tuple[list[Problem], Sequence[ClipRecord]]:
+    """Check a shard.
+
+    Returns
+    -------
+    problems, records
+        What is wrong, and the clips as far as they could be read.
+    """
+    try:
+        with hdf5.open_file(path) as file:
+            messages = list(_check_layout(file, description, entry))
+        if messages:
+            return [Problem("error", str(path), m) for m in messages], ()
+        reader = ShardReader(path, entry.split, description.fields, description.scope)
+        clips, windows = reader.clips, reader.windows
+        messages = [*_check_clips(clips), *_check_spans(path, description)]
+        messages += _check_windows(reader, clips, windows, description)
+        for f in description.fields:
+            messages += _check_values(reader, clips, f)
+    except (StoreError, UnicodeDecodeError, ValueError, IndexError) as error:
+        return [Problem("error", str(path), f"it cannot be read: {error}")], ()
+    return [Problem("error", str(path), m) for m in messages], clips.records
+
+
+def _check_layout(file: Any, description: Description, entry: ShardEntry) -> Iterator[str]:
+    """Check names, dtypes, shapes, contiguity and alignment of every dataset."""
+    if int(file.attrs.get("format", -1)) != FORMAT:
+        yield f"attribute format is {file.attrs.get('format')}, not {FORMAT}"
+    for path, (dtype, rows) in _expected(description, entry).items():
+        dataset = file.get(path)
+        if dataset is None or not hasattr(dataset, "dtype"):
+            yield f"/{path} is missing"
+            continue
+        wrong = dataset.dtype.kind != "S" if dtype is None else dataset.dtype != dtype
+        if wrong:
+            yield f"/{path} is of type {dataset.dtype}, not {dtype or 'fixed-length text'}"
+        if dataset.shape[:1] != (rows,) and rows is not None:
+            yield f"/{path} has shape {dataset.shape}, not {rows} rows"
+        offset = dataset.id.get_offset()
+        if dataset.size and offset is None:
+            yield f"/{path} is not contiguous"
+        elif dataset.size and offset % ALIGNMENT:
+            yield f"/{path} begins at byte {offset}, no multiple of {ALIGNMENT}"
+
+
+def _expected(description: Description, entry: ShardEntry) -> dict[str, tuple[Any, int | None]]:
+    """List per dataset its dtype (None: text) and number of rows (None: any)."""
+    whole = np.dtype("<i8")
+    found: dict[str, tuple[Any, int | None]] = {f"clips/{n}": (None, entry.clips) for n in _TEXTS}
+    found |= {f"clips/{n}": (whole, entry.clips) for n in _WHOLE}
+    found["clips/tempo_bpm"] = (np.dtype("<f8"), entry.clips)
+    found |= {f"windows/{n}": (whole, entry.windows) for n in ("clip", "start", "length", "index")}
+    for f in description.fields:
+        found[f"{f.kind}/{f.name}"] = (f.disk_dtype, None)
+        found[f"windows/rows/{f.name}"] = (whole, entry.windows)
+        if f.kind == "motion" or description.scope == "track":
+            columns = ("start", "length", "offset") if f.kind == "audio" else ("start", "length")
+            found |= {f"clips/{f.kind}/{f.name}/{c}": (whole, entry.clips) for c in columns}
+    return found
+
+
+def _check_clips(clips: ClipTable) -> Iterator[str]:
+    for record in clips.records:
+        if not record.id or record.n_frames < 1 or record.n_flags < 0 or record.trim_start < 0:
+            yield f"/clips: clip {record.id!r} has no id, no frames, or a negative number"
+
+
+def _check_spans(path: Path, description: Description) -> Iterator[str]:
+    """Check that motion spans follow one another and fill the field, and audio spans lie within it."""
+    with hdf5.open_file(path) as file:
+        for f in description.fields:
+            if f.kind == "audio" and description.scope == "window":
+                continue
+            name = f"/clips/{f.kind}/{f.name}"
+            start, length = (file[f"{name}/{c}"][...] for c in ("start", "length"))
+            n_rows = file[f"{f.kind}/{f.name}"].shape[0]
+            if f.kind == "motion":
+                ends = np.cumsum(length)
+                if (length < 0).any() or (start != ends - length).any() or ends[-1] != n_rows:
+                    yield f"{name}: clips do not follow one another, or do not fill the {n_rows} rows"
+                continue
+            offset = file[f"{name}/offset"][...]
+            bad = (start < 0) | (length < 0) | (start + length > n_rows) | (offset < 0) | (offset > length)
+            if bad.any():
+                yield f"{name}: spans outside the {n_rows} rows, for clips {_some(bad)}"
+
+
+def _check_windows(
+    reader: ShardReader, clips: ClipTable, windows: StoredWindows, description: Description
+) -> Iterator[str]:
+    bad = (windows.clip < 0) | (windows.clip >= len(clips.records))
+    if bad.any():
+        yield f"/windows/clip: no such clip, in windows {_some(bad)}"
+        return
+    n_frames = np.asarray([r.n_frames for r in clips.records], dtype=np.int64)[windows.clip]
+    bad = (windows.start < 0) | (windows.start + windows.length > n_frames)
+    bad |= windows.length != description.length
+    if bad.any():
+        yield f"/windows: of another length, or outside their clip: windows {_some(bad)}"
+    clip, start = windows.clip[windows.by_start], windows.start[windows.by_start]
+    if ((clip[1:] == clip[:-1]) & (start[1:] == start[:-1])).any():
+        yield "/windows: a clip has two windows that begin at one frame"
+    rank = np.arange(len(clip)) - windows.clip_begin[clip]
+    bad = windows.index[windows.by_start] != rank
+    if bad.any():
+        yield f"/windows/index: not the window's number in its clip, in {int(bad.sum())} windows"
+    for f in description.fields:
+        message = _check_rows(reader, clips, windows, f, description)
+        if message:
+            yield message
+
+
+def _check_rows(
+    reader: ShardReader, clips: ClipTable, windows: StoredWindows, f: Field, description: Description
+) -> str:
+    """Check the first rows of all windows: where the clip's span says, and within the field."""
+    rate = f.row_rate(description.fps)
+    length = rate.rows(description.length)
+    rows = windows.rows[f.name]
+    if f.name not in clips.first:
+        bad = (rows < 0) | (rows + length > reader.layout(f.name).n_rows)
+    elif description.scope == "track":
+        inside = windows.start * rate.num // rate.den
+        bad = (windows.start * rate.num) % rate.den != 0
+        bad |= rows != clips.first[f.name][windows.clip] + inside
+        bad |= inside + length > clips.available[f.name][windows.clip]
+    else:
+        bad = rows != clips.first[f.name][windows.clip] + windows.index * length
+        bad |= (windows.index + 1) * length > clips.available[f.name][windows.clip]
+    return f"/windows/rows/{f.name}: wrong or outside the field, in windows {_some(bad)}" if bad.any() else ""
+
+
+def _check_values(reader: ShardReader, clips: ClipTable, f: Field) -> Iterator[str]:
+    """Check that all values are finite; read by position, a piece at a time."""
+    layout = reader.layout(f.name)
+    step = max(1, _CHUNK_VALUES // layout.width)
+    for begin in range(0, layout.n_rows, step):
+        rows = np.empty((min(step, layout.n_rows - begin), layout.width), dtype=layout.dtype)
+        reader.read_rows(f.name, begin, rows)
+        finite = np.isfinite(rows)
+        if not finite.all():
+            row, column = (int(i) for i in np.argwhere(~finite)[0])
+            yield (
+                f"/{f.kind}/{f.name}: {int((~finite).sum())} values are not finite, first row {begin + row}"
+                f"{_clip_of(clips, f, begin + row)}, column {f.columns.labels[column]}"
+            )
+            return
+
+
+def _clip_of(clips: ClipTable, f: Field, row: int) -> str:
+    if f.kind == "audio":
+        return ""
+    number = int(np.searchsorted(clips.first[f.name], row, side="right")) - 1
+    return f" (clip {clips.records[number].id})"
+
+
+def _some(bad: Any) -> str:
+    numbers = np.flatnonzero(bad)
+    return ", ".join(map(str, numbers[:_SHOWN])) + (
+        f" and {len(numbers) - _SHOWN} more" if len(numbers) > _SHOWN else ""
+    )

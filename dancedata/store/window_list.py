@@ -1,0 +1,82 @@
+"""WindowList: many windows in a few arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import overload
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.clip import Window
+
+IntArray = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class WindowList(Sequence[Window]):
+    """Windows as a sequence; each is made when asked for, so a million of them are four arrays.
+
+    Attributes
+    ----------
+    split
+        The windows' split.
+    clip_ids
+        Ids of the split's clips.
+    clip
+        (W,) number of each window's clip in `clip_ids`.
+    start, length
+        (W,) frames at the store's fps.
+    number
+        (W,) number of each window among the windows of its clip.
+    """
+
+    split: str
+    clip_ids: tuple[str, ...]
+    clip: IntArray
+    start: IntArray
+    length: IntArray
+    number: IntArray
+
+    def __len__(self) -> int:
+        """Return the number of windows."""
+        return len(self.clip)
+
+    @overload
+    def __getitem__(self, item: int) -> Window: ...
+
+    @overload
+    def __getitem__(self, item: slice) -> WindowList: ...
+
+    def __getitem__(self, item: int | slice) -> Window | WindowList:
+        """Return one window, or a list of some."""
+        if isinstance(item, slice):
+            return self.take(np.arange(len(self))[item])
+        return Window(self.clip_ids[self.clip[item]], int(self.start[item]), int(self.length[item]))
+
+    def take(self, positions: npt.ArrayLike) -> WindowList:
+        """Return the windows at `positions`, or where a mask of booleans is true, in that order."""
+        chosen = np.asarray(positions)
+        if chosen.dtype != np.bool_:
+            chosen = chosen.astype(np.int64)
+        return WindowList(
+            self.split,
+            self.clip_ids,
+            self.clip[chosen],
+            self.start[chosen],
+            self.length[chosen],
+            self.number[chosen],
+        )
+
+    def __eq__(self, other: object) -> bool:
+        """Tell whether both hold the same windows in the same order."""
+        if not isinstance(other, WindowList):
+            return NotImplemented
+        return self.split == other.split and list(self) == list(other)
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __repr__(self) -> str:
+        """Say how many there are."""
+        return f"WindowList({len(self)} windows of {len(self.clip_ids)} clips, split {self.split!r})"

@@ -1,0 +1,176 @@
+"""write_store: shards, statistics, side files, and dataset.json last."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from dancedata.core.atomic import write_text
+from dancedata.core.clip import Reject
+from dancedata.core.errors import StoreError
+from dancedata.core.hashing import json_sha256, sha256_file
+from dancedata.store.plan import ShardPlan, plan_shards
+from dancedata.store.schema import (
+    CARD_FILE,
+    DATASET_FILE,
+    FORMAT,
+    QUALITY_FILE,
+    REJECTS_FILE,
+    STATS_FILE,
+    StoredClip,
+    StoreHeader,
+)
+from dancedata.store.shard_writer import write_shard
+from dancedata.store.stats import compute_stats
+
+
+def write_store(
+    out: Path,
+    header: StoreHeader,
+    clips: Sequence[StoredClip],
+    *,
+    rejects: Sequence[Reject] = (),
+    quality: Sequence[Mapping[str, Any]] = (),
+    shard_bytes: int = 256 * 2**20,
+    card: str = "",
+    progress: Callable[[int, int], None] | None = None,
+) -> None:
+    """Write a dataset of format 1 into a folder; equal input gives equal bytes.
+
+    Parameters
+    ----------
+    out
+        Folder, which exists and holds no finished dataset. What a killed run left there is overwritten.
+    header
+        What holds for the whole store.
+    clips
+        In any order. Their arrays are loaded one at a time.
+    rejects, quality
+        For rejects.jsonl and quality.jsonl, in this order.
+    shard_bytes
+        A shard takes clips while its rows stay within this many bytes; it has at least one clip.
+    card
+        Text of README.md.
+    progress
+        Called with (clips written, clips in all) after each clip.
+
+    Raises
+    ------
+    StoreError
+        For input that format 1 cannot hold, values that are not finite, and where nothing can be written.
+    """
+    _check_folder(out)
+    plans = plan_shards(header, clips, shard_bytes)
+    document = _check_meta(header, _describe(header, plans, rejects))
+    done = itertools.count(1)
+
+    def advance() -> None:
+        if progress is not None:
+            progress(next(done), len(clips))
+
+    try:
+        for plan in plans:
+            write_shard(out, plan, advance)
+        write_text(out / STATS_FILE, dump_json(compute_stats(out, header, plans)))
+        write_text(out / REJECTS_FILE, dump_lines([r.to_json() for r in rejects]))
+        write_text(out / QUALITY_FILE, dump_lines(quality))
+        write_text(out / CARD_FILE, card)
+        _write_document(out, document, plans)
+    except OSError as error:
+        raise StoreError(
+            "the dataset cannot be written",
+            where=str(out),
+            found=str(error),
+            fix="see that the folder is writable and the disk has room, then build again",
+        ) from error
+
+
+def _check_folder(out: Path) -> None:
+    if not out.is_dir():
+        raise StoreError("there is no folder to write to", where=str(out))
+    if (out / DATASET_FILE).exists():
+        raise StoreError(
+            "there is a finished dataset already",
+            where=str(out),
+            fix="write to another folder, or remove it first",
+        )
+
+
+def _write_document(out: Path, document: dict[str, Any], plans: Sequence[ShardPlan]) -> None:
+    """Write dataset.json, with sizes and hashes of all that was written before."""
+    document["shards"] = [_describe_shard(out, p) for p in plans]
+    side_files = (STATS_FILE, REJECTS_FILE, QUALITY_FILE, CARD_FILE)
+    document["files"] = {name: _describe_file(out / name) for name in side_files}
+    document["self_sha256"] = json_sha256(document)
+    write_text(out / DATASET_FILE, dump_json(document))
+
+
+def dump_json(obj: Any) -> str:
+    """JSON for people to read: indented, UTF-8, keys in the order given, no NaN."""
+    return json.dumps(obj, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def dump_lines(rows: Sequence[Mapping[str, Any]]) -> str:
+    """One JSON object a line, keys sorted."""
+    return "".join(
+        json.dumps(dict(row), ensure_ascii=False, allow_nan=False, sort_keys=True) + "\n" for row in rows
+    )
+
+
+def _describe(header: StoreHeader, plans: Sequence[ShardPlan], rejects: Sequence[Reject]) -> dict[str, Any]:
+    return {
+        "format": FORMAT,
+        "scope": header.scope,
+        "fps": str(header.fps),
+        "windows": {"length": header.length, "stride": header.stride, "order": header.order},
+        "fields": [f.to_json() for f in header.fields],
+        "skeleton": header.skeleton.to_json(),
+        "counts": _count(header, plans),
+        "rejects": dict(sorted(Counter(r.reason for r in rejects).items())),
+    }
+
+
+def _count(header: StoreHeader, plans: Sequence[ShardPlan]) -> dict[str, dict[str, int | float]]:
+    counts: dict[str, dict[str, int | float]] = {}
+    for split in dict.fromkeys(p.split for p in plans):
+        clips = [c for p in plans if p.split == split for c in p.clips]
+        frames = sum(c.n_frames for c in clips)
+        counts[split] = {
+            "clips": len(clips),
+            "windows": sum(len(c.starts) for c in clips),
+            "frames": frames,
+            "hours": float(frames / header.fps / 3600),
+            "songs": len({c.music for c in clips if c.music}),
+        }
+    return counts
+
+
+def _check_meta(header: StoreHeader, document: dict[str, Any]) -> dict[str, Any]:
+    """Merge the caller's keys into dataset.json; none may hide one of the format's."""
+    own = {*document, "shards", "files", "self_sha256"}
+    taken = sorted(own & set(header.meta))
+    if taken:
+        raise StoreError("meta has keys of the format itself", found=", ".join(taken))
+    try:
+        meta = json.loads(json.dumps(dict(header.meta), allow_nan=False))
+    except (TypeError, ValueError) as error:
+        raise StoreError("meta is no JSON", found=str(error)) from error
+    return {**document, **meta}
+
+
+def _describe_shard(out: Path, plan: ShardPlan) -> dict[str, Any]:
+    return {
+        "file": plan.file,
+        "split": plan.split,
+        **_describe_file(out / plan.file),
+        "clips": len(plan.clips),
+        "windows": sum(len(c.starts) for c in plan.clips),
+    }
+
+
+def _describe_file(path: Path) -> dict[str, Any]:
+    return {"size": path.stat().st_size, "sha256": sha256_file(path)}

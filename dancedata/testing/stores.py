@@ -1,0 +1,234 @@
+"""Small random stores for tests: of this project and of what is built on it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.columns import Columns, Group, Mirror
+from dancedata.core.skeleton import SMPL24
+from dancedata.core.windows import window_starts
+from dancedata.store.schema import AudioBlock, Field, Order, Scope, StoredClip, StoreHeader
+from dancedata.store.writer import write_store
+
+Array = npt.NDArray[Any]
+
+
+@dataclass(frozen=True)
+class RandomStore:
+    """A store on disk and the arrays that it was made from.
+
+    Attributes
+    ----------
+    path
+        Folder of the store.
+    header
+        As given to the writer.
+    clips
+        As given to the writer: split by split, clip by clip. Their arrays are the truth to compare with.
+    """
+
+    path: Path
+    header: StoreHeader
+    clips: tuple[StoredClip, ...]
+
+    def clip(self, clip_id: str) -> StoredClip:
+        """Return a clip by id."""
+        return next(c for c in self.clips if c.id == clip_id)
+
+    def rows(self, clip_id: str, field: str, start: int, length: int) -> Array:
+        """Take the rows that a reader must give for a window from the source arrays.
+
+        Parameters
+        ----------
+        start, length
+            Frames at the store's fps.
+
+        Returns
+        -------
+        ndarray
+            (rows, D) in the field's dtype.
+        """
+        clip = self.clip(clip_id)
+        f = next(f for f in self.header.fields if f.name == field)
+        ratio = f.rate / self.header.fps
+        rows = slice(int(start * ratio), int((start + length) * ratio))
+        if self.header.scope == "window":
+            k = clip.starts.index(start)
+            array = clip.motion[field] if f.kind == "motion" else clip.audio[field][k].array
+            found = np.asarray(array)[k] if f.kind == "motion" else np.asarray(array)
+        elif f.kind == "motion":
+            found = np.asarray(clip.motion[field])[rows]
+        else:
+            block = clip.audio[field][0]
+            found = np.asarray(block.array)[block.offset :][rows]
+        return found.astype(f.dtype)
+
+
+def random_columns(width: int, *, mirror: bool = True) -> Columns:
+    """Make columns in groups "a" and "b"; the mirror swaps neighbours and turns signs of every third pair."""
+    first = max(1, width // 3)
+    groups = [Group("a", first, "m")] + ([Group("b", width - first, "1")] if width > first else [])
+    if not mirror:
+        return Columns(tuple(groups), None)
+    order = list(range(width))
+    for i in range(0, width - 1, 2):
+        order[i], order[i + 1] = order[i + 1], order[i]
+    # Both of a swapped pair have the same sign, so that mirroring twice changes nothing.
+    signs = [-1 if (i // 2) % 3 == 0 else 1 for i in range(width)]
+    return Columns(tuple(groups), Mirror(tuple(order), tuple(signs)))
+
+
+def random_fields(
+    motion: Mapping[str, int], audio: Mapping[str, int], **rates: float | str
+) -> tuple[Field, ...]:
+    """Make fields from name -> width; rates by name, 30 a second where not given."""
+    found: list[Field] = []
+    for kind, widths in (("motion", motion), ("audio", audio)):
+        for name, width in widths.items():
+            columns = random_columns(width, mirror=kind == "motion")
+            rate = Fraction(str(rates.get(name, 30)))
+            found.append(Field(name, "motion" if kind == "motion" else "audio", columns, rate))
+    return tuple(found)
+
+
+def write_random_store(
+    out: Path,
+    *,
+    clips: Mapping[str, int] | None = None,
+    scope: Scope = "track",
+    fields: Sequence[Field] | None = None,
+    fps: Fraction = Fraction(30),
+    length: int = 30,
+    stride: int = 15,
+    order: Order = "time",
+    n_frames: tuple[int, int] = (40, 140),
+    clips_per_song: int = 2,
+    shard_bytes: int = 1 << 20,
+    seed: int = 0,
+    meta: Mapping[str, Any] | None = None,
+    **writer: Any,
+) -> RandomStore:
+    """Write a store of random arrays.
+
+    Parameters
+    ----------
+    out
+        Folder; made if it is not there.
+    clips
+        Number of clips per split. Default: train 6, val 2, test 2. Ids are ``<split>_c00`` and so on.
+    fields
+        Default: edge151 (151 columns) and librosa35 (35), both 30 a second.
+    length, stride
+        Of the windows, in frames.
+    n_frames
+        Least and largest length of a clip, drawn at random. Take equal ones for a known number of windows.
+    clips_per_song
+        Neighbouring clips of a split share a song: in track scope one timeline, with offsets of their own.
+    seed
+        Equal arguments give an equal store.
+    meta
+        Further keys of dataset.json.
+    **writer
+        Passed on to `write_store`: rejects, quality, card, ...
+
+    Returns
+    -------
+    RandomStore
+        The store with the arrays that are in it.
+    """
+    rng = np.random.default_rng(seed)
+    chosen = tuple(fields) if fields is not None else random_fields({"edge151": 151}, {"librosa35": 35})
+    header = StoreHeader(
+        scope=scope, fps=fps, length=length, stride=stride, order=order, fields=chosen, skeleton=SMPL24,
+        meta=dict(meta or {"recipe": {"name": "random"}, "licence": "CC0-1.0"}),
+    )  # fmt: skip
+    stored: list[StoredClip] = []
+    for split, count in (clips or {"train": 6, "val": 2, "test": 2}).items():
+        lengths = rng.integers(n_frames[0], n_frames[1] + 1, size=count).tolist()
+        for first in range(0, count, clips_per_song):
+            ids = [f"{split}_c{i:02d}" for i in range(first, min(first + clips_per_song, count))]
+            song = f"song_{split}_{first // clips_per_song:02d}"
+            stored += _song(rng, header, split, song, dict(zip(ids, lengths[first:], strict=False)))
+    out.mkdir(parents=True, exist_ok=True)
+    write_store(out, header, stored, shard_bytes=shard_bytes, **writer)
+    return RandomStore(out, header, tuple(stored))
+
+
+def _song(
+    rng: np.random.Generator, header: StoreHeader, split: str, song: str, lengths: Mapping[str, int]
+) -> list[StoredClip]:
+    """Make clips that share a song."""
+    offsets = {f.name: int(rng.integers(0, 5)) for f in header.fields}
+    longest = max(lengths.values())
+    timelines = {
+        f.name: _random(rng, f, (_rows(f, header, longest) + offsets[f.name] + 3,))
+        for f in header.fields
+        if f.kind == "audio"
+    }
+    found: list[StoredClip] = []
+    for number, (clip_id, n) in enumerate(lengths.items()):
+        starts = tuple(int(s) for s in window_starts(n, header.length, header.stride))
+        found.append(
+            StoredClip(
+                id=clip_id,
+                split=split,
+                n_frames=n,
+                starts=starts,
+                motion=_motion(rng, header, n, len(starts)),
+                audio=_audio(header, song, timelines, offsets, starts),
+                genre=("break", "house")[number % 2],
+                music=song,
+                dancer=f"d{number:02d}",
+                tempo_bpm=None if number % 2 else 80.0 + number,
+                n_flags=number,
+                lists=(split, "all") if number % 2 else (),
+            )
+        )
+    return found
+
+
+def _motion(rng: np.random.Generator, header: StoreHeader, n: int, n_windows: int) -> dict[str, Array]:
+    arrays: dict[str, Array] = {}
+    for f in header.fields:
+        if f.kind == "motion":
+            windowed = (n_windows, _rows(f, header, header.length))
+            arrays[f.name] = _random(rng, f, windowed if header.scope == "window" else (_rows(f, header, n),))
+    return arrays
+
+
+def _audio(
+    header: StoreHeader,
+    song: str,
+    timelines: Mapping[str, Array],
+    offsets: Mapping[str, int],
+    starts: Sequence[int],
+) -> dict[str, tuple[AudioBlock, ...]]:
+    found: dict[str, tuple[AudioBlock, ...]] = {}
+    for f in header.fields:
+        if f.kind != "audio":
+            continue
+        timeline, offset = timelines[f.name], offsets[f.name]
+        if header.scope == "track":
+            found[f.name] = (AudioBlock(f"{song}/{f.name}", timeline, offset),)
+            continue
+        # Windows that begin at the same frame of the same song share their rows.
+        spans = [(s, _rows(f, header, s) + offset, _rows(f, header, header.length)) for s in starts]
+        found[f.name] = tuple(AudioBlock(f"{song}/{f.name}/{s}", timeline[a : a + n]) for s, a, n in spans)
+    return found
+
+
+def _rows(f: Field, header: StoreHeader, frames: int) -> int:
+    ratio = f.rate / header.fps
+    return -(-frames * ratio.numerator // ratio.denominator)
+
+
+def _random(rng: np.random.Generator, f: Field, shape: tuple[int, ...]) -> Array:
+    kind: Literal["float32", "float16"] = f.dtype
+    return rng.normal(size=(*shape, f.columns.width)).astype(kind)

@@ -1,0 +1,202 @@
+"""librosa35 on sounds whose beats and chords are known, and on silence and other trouble."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import librosa
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from dancedata.audio.librosa35 import Librosa35
+from dancedata.audio.signal import pcm16
+from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.errors import DataError, UsageError
+from dancedata.core.grid import FrameGrid
+
+GRID = FrameGrid.of(30)
+FEATURE = Librosa35()
+
+
+def _signal(samples: NDArray[np.floating], rate: int = 15360) -> AudioSignal:
+    return AudioSignal(np.asarray(samples, dtype=np.float32), rate)
+
+
+def _plain_librosa(
+    samples: NDArray[np.float32], rate: int, fps: int, start_bpm: float | None
+) -> NDArray[np.float32]:
+    """FACT's, EDGE's and Lodge's function, one plain librosa call a column group."""
+    sr = 512 * fps
+    y = librosa.resample(samples, orig_sr=rate, target_sr=sr)
+    envelope = librosa.onset.onset_strength(y=y, sr=sr)
+    mfcc = librosa.feature.mfcc(y=y, sr=sr, n_mfcc=20).T
+    chroma = librosa.feature.chroma_cens(y=y, sr=sr, hop_length=512, n_chroma=12).T
+    peaks, beats = np.zeros_like(envelope), np.zeros_like(envelope)
+    peaks[librosa.onset.onset_detect(onset_envelope=envelope.flatten(), sr=sr, hop_length=512)] = 1
+    if start_bpm is None:
+        start_bpm = librosa.feature.tempo(y=librosa.resample(samples, orig_sr=rate, target_sr=22050))[0]
+    beats[
+        librosa.beat.beat_track(
+            onset_envelope=envelope, sr=sr, hop_length=512, start_bpm=start_bpm, tightness=100
+        )[1]
+    ] = 1
+    return np.concatenate([envelope[:, None], mfcc, chroma, peaks[:, None], beats[:, None]], axis=-1)
+
+
+def test_columns() -> None:
+    columns = FEATURE.columns
+    assert columns.width == 35
+    assert [columns.slice(group.name) for group in columns.groups] == [
+        slice(0, 1),
+        slice(1, 21),
+        slice(21, 33),
+        slice(33, 34),
+        slice(34, 35),
+    ]
+    assert columns.groups[0].name == "onset_envelope"
+    assert columns.mirror is None
+
+
+@pytest.mark.parametrize(("fps", "start_bpm"), [(30, 120.0), (30, None), (60, 90.0), (25, None)])
+def test_track_is_plain_librosa_to_the_bit(clicks: AudioSignal, fps: int, start_bpm: float | None) -> None:
+    features = FEATURE.extract(clicks, FrameGrid.of(fps), start_bpm=start_bpm)
+    assert features.dtype == np.float32
+    assert np.array_equal(features, _plain_librosa(clicks.samples, 48000, fps, start_bpm))
+
+
+@pytest.mark.parametrize("start_bpm", [120.0, None])
+def test_windows_are_pieces_by_themselves(clicks: AudioSignal, start_bpm: float | None) -> None:
+    starts = np.array([0, 24000, 144000])
+    windows = FEATURE.extract_windows(clicks, starts, 240000, GRID, 150, start_bpm=start_bpm)
+    assert windows.shape == (3, 150, 35)
+    assert windows.dtype == np.float32
+    assert not windows[:, :3, 0].any()  # lag of 1 and 2 frames of centring
+    for window, start in zip(windows, starts, strict=True):
+        piece = pcm16(clicks.samples[start : start + 240000])
+        assert np.array_equal(window, _plain_librosa(piece, 48000, 30, start_bpm)[:150])
+
+
+def test_beats_and_chord_are_found(clicks: AudioSignal) -> None:
+    features = FEATURE.extract(clicks, GRID, start_bpm=120.0)
+    assert features.shape == (241, 35)
+    expected_s = np.arange(0.25, 7.9, 0.5)
+    beats_s = np.flatnonzero(features[:, 34]) / 30
+    peaks_s = np.flatnonzero(features[:, 33]) / 30
+    assert len(beats_s) >= 13  # librosa trims weak beats at the ends
+    for found_s in (beats_s, peaks_s[peaks_s > 0.15]):
+        # The envelope's centring and lag move events by up to two frames.
+        assert np.abs(found_s[:, None] - expected_s).min(axis=1).max() <= 2.01 / 30
+    chroma = features[30:-30, 21:33].mean(axis=0)
+    assert set(np.argsort(chroma)[-3:]) == {0, 4, 7}  # C, E, G
+
+
+def test_tightness_is_used(clicks: AudioSignal) -> None:
+    loose = Librosa35(tightness=0.01).extract(clicks, GRID, start_bpm=190.0)
+    tight = Librosa35(tightness=10000).extract(clicks, GRID, start_bpm=190.0)
+    assert np.array_equal(loose[:, :34], tight[:, :34])
+    assert not np.array_equal(loose[:, 34], tight[:, 34])
+
+
+@pytest.mark.parametrize(
+    ("rate", "n_samples"),
+    [(15360, n) for n in (1, 511, 512, 2048, 16383)]
+    + [(48000, n) for n in (1, 1599, 1600, 1601, 4800)]
+    + [(44100, n) for n in (1470, 22049, 22050)]
+    + [(22050, 735), (8000, 1234)],
+)
+@pytest.mark.parametrize("fps", [30, 60])
+def test_n_rows(rate: int, n_samples: int, fps: int) -> None:
+    samples = np.random.default_rng(n_samples).uniform(-0.3, 0.3, n_samples)
+    features = FEATURE.extract(_signal(samples, rate), FrameGrid.of(fps), start_bpm=120.0)
+    assert features.shape == (FEATURE.n_rows(n_samples, rate, FrameGrid.of(fps)), 35)
+    assert np.isfinite(features).all()
+
+
+def test_n_rows_of_edge_window() -> None:
+    assert FEATURE.n_rows(240000, 48000, GRID) == 151
+    assert FEATURE.n_rows(220500, 44100, GRID) == 151
+
+
+@pytest.mark.parametrize("n_samples", [1, 2000, 20000])
+@pytest.mark.parametrize("kind", ["silence", "constant", "click", "sine", "whisper"])
+@pytest.mark.parametrize("start_bpm", [100.0, None])
+def test_odd_sounds(kind: str, n_samples: int, start_bpm: float | None) -> None:
+    samples = {
+        "silence": np.zeros(n_samples),
+        "constant": np.full(n_samples, 0.5),
+        "click": np.eye(1, n_samples, n_samples // 2)[0],
+        "sine": np.sin(np.arange(n_samples) * 2 * np.pi * 440 / 15360),
+        "whisper": np.random.default_rng(0).standard_normal(n_samples) * 1e-12,
+    }[kind]
+    features = FEATURE.extract(_signal(samples), GRID, start_bpm=start_bpm)
+    assert features.shape == (1 + n_samples // 512, 35)
+    assert np.isfinite(features).all()
+    if kind == "silence":
+        assert not features[:, 0].any()  # no onset
+        assert not features[:, 21:].any()  # no pitch, peak or beat
+
+
+def test_empty_signal() -> None:
+    with pytest.raises(DataError) as error:
+        FEATURE.extract(_signal(np.zeros(0)), GRID)
+    assert error.value.reason == "empty_audio"
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e30])
+def test_samples_that_are_no_numbers(value: float) -> None:
+    samples = np.zeros(16000)
+    samples[77] = value
+    with pytest.raises(DataError, match="sample 77") as error:
+        FEATURE.extract(_signal(samples), GRID, start_bpm=120.0)
+    assert error.value.reason == "nan"
+
+
+def test_largest_allowed_samples_do_not_overflow() -> None:
+    samples = 1e12 * np.sign(np.sin(np.arange(48000) * 2 * np.pi * 440 / 48000))
+    assert np.isfinite(FEATURE.extract(_signal(samples, 48000), GRID)).all()
+
+
+@pytest.mark.parametrize("starts", [[-1], [0, 144001], [400000]])
+def test_window_beyond_the_audio(clicks: AudioSignal, starts: list[int]) -> None:
+    with pytest.raises(DataError, match="beyond the audio") as error:
+        FEATURE.extract_windows(clicks, np.array(starts), 240000, GRID, 150, start_bpm=120.0)
+    assert error.value.reason == "short_audio"
+
+
+def test_window_too_short_for_its_rows(clicks: AudioSignal) -> None:
+    with pytest.raises(DataError, match="151 rows") as error:
+        FEATURE.extract_windows(clicks, np.array([0]), 240000, GRID, 152, start_bpm=120.0)
+    assert error.value.reason == "short_audio"
+
+
+def test_no_windows(clicks: AudioSignal) -> None:
+    none = np.zeros(0, dtype=np.int64)
+    assert FEATURE.extract_windows(clicks, none, 240000, GRID, 150, start_bpm=120.0).shape == (0, 150, 35)
+
+
+@pytest.mark.parametrize("rate", [Fraction(2997, 100), Fraction(30000, 1001), Fraction(15), Fraction(15, 2)])
+def test_frame_rates_that_cannot_be(clicks: AudioSignal, rate: Fraction) -> None:
+    grid = FrameGrid.of(rate)
+    with pytest.raises(UsageError, match="frame rate"):
+        FEATURE.n_rows(48000, 48000, grid)
+    with pytest.raises(UsageError, match="frame rate"):
+        FEATURE.extract(clicks, grid)
+
+
+@pytest.mark.parametrize("fps", [17, 24, 50, 120])
+def test_other_frame_rates(clicks: AudioSignal, fps: int) -> None:
+    features = FEATURE.extract(clicks, FrameGrid.of(fps), start_bpm=120.0)
+    assert features.shape == (8 * fps + 1, 35)
+
+
+@pytest.mark.parametrize("start_bpm", [0.0, -120.0, float("nan"), float("inf")])
+def test_bad_tempo(clicks: AudioSignal, start_bpm: float) -> None:
+    with pytest.raises(UsageError, match="start_bpm"):
+        FEATURE.extract(clicks, GRID, start_bpm=start_bpm)
+
+
+@pytest.mark.parametrize("tightness", [0.0, -1.0, float("nan")])
+def test_bad_tightness(tightness: float) -> None:
+    with pytest.raises(UsageError, match="tightness"):
+        Librosa35(tightness=tightness)

@@ -1,0 +1,96 @@
+"""librosa35 against what EDGE, FACT and Lodge themselves computed.
+
+Gates are those of the golden outputs' own README: just above what independent float32 reruns reached
+(envelope 4.8e-5; MFCC 7.0e-4 at values to 509, where float32 resolves 3e-5; chroma 6e-8) and far below what
+a wrong setting does (rounding the 16-bit wav instead of truncating it moves MFCC by up to 0.26). This version
+was measured at 3.8e-6, 9.2e-5 and 0. Peaks and beats are decisions: equal or wrong.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from dancedata.audio.librosa35 import Librosa35
+from dancedata.audio.signal import load_audio, pcm16
+from dancedata.core.grid import FrameGrid
+
+FEATURE = Librosa35()
+GATES = {"onset_envelope": 1e-4, "mfcc": 1e-3, "chroma_cens": 1e-6, "onset_peak": 0.0, "beat": 0.0}
+
+
+@pytest.fixture
+def peers(shared: Path) -> Path:
+    return shared / "golden" / "peers"
+
+
+def _json(path: Path) -> Any:
+    return json.loads(path.read_text(encoding="utf-8"))
+
+
+def _wav(peers: Path, clip: str) -> Path:
+    return peers / "inputs" / "edge_aistpp" / "wavs" / f"{clip}.wav"
+
+
+def _bpm(clip: str) -> float:
+    """AIST++: 80 + 10 n by the music id, house 110 + 5 n."""
+    music = clip.split("_")[4]
+    return 110 + 5 * int(music[-1]) if music.startswith("mHO") else 80 + 10 * int(music[-1])
+
+
+def _assert_within_gates(features: NDArray[np.float32], expected: NDArray[np.float32]) -> None:
+    assert features.shape == expected.shape
+    for name, gate in GATES.items():
+        part = FEATURE.columns.slice(name)
+        np.testing.assert_allclose(features[..., part], expected[..., part], rtol=0, atol=gate, err_msg=name)
+
+
+@pytest.mark.parametrize(("split", "n_windows"), [("train", 47), ("test", 15)])
+def test_edge_windows(peers: Path, split: str, n_windows: int) -> None:
+    names = _json(peers / f"edge_windows_{split}.json")
+    with np.load(peers / f"edge_{split}.npz") as arrays:
+        expected = arrays["baseline35"]
+    assert len(names) == len(expected) == n_windows
+    rows: dict[str, list[tuple[int, int]]] = {}
+    for row, name in enumerate(names):
+        clip, _, k = name.rpartition("_slice")
+        rows.setdefault(clip, []).append((row, int(k)))
+    for clip, windows in rows.items():
+        signal = load_audio(_wav(peers, clip))
+        starts = np.array([k * signal.sample_rate // 2 for _, k in windows])
+        features = FEATURE.extract_windows(
+            signal, starts, 5 * signal.sample_rate, FrameGrid.of(30), 150, start_bpm=_bpm(clip)
+        )
+        _assert_within_gates(features, expected[[row for row, _ in windows]])
+
+
+def test_edge_slice_samples(peers: Path) -> None:
+    with np.load(peers / "edge_slice_pcm.npz") as arrays:
+        name, expected = str(arrays["name"]), arrays["pcm"]
+    clip, _, k = name.removesuffix(".wav").rpartition("_slice")
+    signal = load_audio(_wav(peers, clip))
+    start = int(k) * signal.sample_rate // 2
+    steps = pcm16(signal.samples[start : start + len(expected)]) * 32768
+    assert np.array_equal(steps, expected)
+
+
+def test_fact_tracks_at_60_fps(peers: Path) -> None:
+    sources = _json(peers / "fact_audio_source.json")
+    with np.load(peers / "fact_audio35_60fps.npz") as expected:
+        assert set(expected) == set(sources)
+        for music, clip in sources.items():
+            signal = load_audio(_wav(peers, clip))
+            features = FEATURE.extract(signal, FrameGrid.of(60), start_bpm=_bpm(clip))
+            _assert_within_gates(features, expected[music])
+
+
+def test_lodge_tracks_without_a_known_tempo(peers: Path) -> None:
+    with np.load(peers / "lodge_music35.npz") as expected:
+        for track in expected:
+            signal = load_audio(peers / "inputs" / "finedance" / "music_wav" / f"{track}.wav")
+            _assert_within_gates(FEATURE.extract(signal, FrameGrid.of(30)), expected[track])

@@ -1,0 +1,233 @@
+"""Decoding, lengths, quantising and resampling, on files that the tests write."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import soundfile
+from numpy.typing import NDArray
+
+from dancedata.audio.signal import audio_length, load_audio, pcm16, resample, resampled_length
+from dancedata.core.errors import DataError
+
+FORMATS = [
+    # file, subtype, rate, largest decoding error: half a step (float sources are rounded), None where lossy
+    ("a.wav", "PCM_U8", 44100, 1 / 127),
+    ("a.wav", "PCM_16", 48000, 1 / 32768),
+    ("a.wav", "PCM_24", 44100, 1 / 2**23),
+    ("a.wav", "PCM_32", 96000, 1e-7),
+    ("a.wav", "FLOAT", 22050, 0.0),
+    ("a.wav", "DOUBLE", 44100, 0.0),
+    ("a.flac", "PCM_16", 44100, 1 / 32768),
+    ("a.flac", "PCM_24", 48000, 1 / 2**23),
+    ("a.ogg", "VORBIS", 44100, None),
+    ("a.ogg", "OPUS", 48000, None),
+    ("a.mp3", "MPEG_LAYER_III", 44100, None),
+    ("a.mp3", "MPEG_LAYER_III", 22050, None),
+    ("Ünï 舞 (mix) #1.flac", "PCM_16", 44100, 1 / 32768),
+]
+
+
+def _reason(error: pytest.ExceptionInfo[DataError]) -> str:
+    return error.value.reason
+
+
+@pytest.mark.parametrize(("name", "subtype", "rate", "tolerance"), FORMATS)
+@pytest.mark.parametrize("channels", [1, 2])
+def test_formats(
+    tmp_path: Path,
+    stereo_noise: NDArray[np.float32],
+    name: str,
+    subtype: str,
+    rate: int,
+    tolerance: float | None,
+    channels: int,
+    librosa_load: Callable[..., NDArray[np.float32]],
+) -> None:
+    path = tmp_path / name
+    source = stereo_noise[:, :channels]
+    soundfile.write(path, source, rate, subtype=subtype)
+    signal = load_audio(path)
+    assert signal.samples.dtype == np.float32
+    assert signal.samples.shape == (len(source),)
+    assert signal.sample_rate == rate
+    assert audio_length(path) == (len(source), rate)
+    assert np.array_equal(signal.samples, librosa_load(path))
+    if tolerance is not None:
+        np.testing.assert_allclose(signal.samples, np.mean(source.T, axis=0), rtol=0, atol=tolerance)
+
+
+def test_51_channels_are_averaged_as_librosa_does(
+    tmp_path: Path, librosa_load: Callable[..., NDArray[np.float32]]
+) -> None:
+    source = np.random.default_rng(1).uniform(-1, 1, (5000, 6)).astype(np.float32)
+    soundfile.write(tmp_path / "surround.wav", source, 48000, subtype="FLOAT")
+    signal = load_audio(tmp_path / "surround.wav")
+    np.testing.assert_allclose(signal.samples, source.mean(axis=1), rtol=0, atol=1e-6)
+    assert np.array_equal(signal.samples, librosa_load(tmp_path / "surround.wav"))
+
+
+def test_float_beyond_full_scale_is_kept(tmp_path: Path) -> None:
+    source = np.array([0.0, 1.5, -2.0], dtype=np.float32)
+    soundfile.write(tmp_path / "loud.wav", source, 44100, subtype="FLOAT")
+    assert np.array_equal(load_audio(tmp_path / "loud.wav").samples, source)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_no_number(tmp_path: Path, value: float) -> None:
+    source = np.zeros((44100, 2), dtype=np.float32)
+    source[11025, 1] = value
+    soundfile.write(tmp_path / "bad.wav", source, 44100, subtype="FLOAT")
+    with pytest.raises(DataError, match=r"bad\.wav.*0\.250 s") as error:
+        load_audio(tmp_path / "bad.wav")
+    assert _reason(error) == "nan"
+
+
+@pytest.mark.parametrize("read", [load_audio, audio_length])
+class TestBadFiles:
+    @pytest.mark.parametrize("name", ["empty.wav", "empty.ogg"])
+    def test_no_samples(self, tmp_path: Path, read: Callable[[Path], object], name: str) -> None:
+        soundfile.write(tmp_path / name, np.zeros(0, dtype=np.float32), 44100)
+        with pytest.raises(DataError, match=name) as error:
+            read(tmp_path / name)
+        assert _reason(error) == "empty_audio"
+
+    @pytest.mark.parametrize("name", ["zero.wav", "zero.mp3", "zero.ogg", "zero.flac"])
+    def test_no_bytes(self, tmp_path: Path, read: Callable[[Path], object], name: str) -> None:
+        (tmp_path / name).touch()
+        with pytest.raises(DataError, match="0 bytes") as error:
+            read(tmp_path / name)
+        assert _reason(error) == "broken_audio"
+
+    def test_no_audio(self, tmp_path: Path, read: Callable[[Path], object]) -> None:
+        (tmp_path / "page.wav").write_text("<html>404</html>")
+        with pytest.raises(DataError, match=r"page\.wav.*Format not recognised") as error:
+            read(tmp_path / "page.wav")
+        assert _reason(error) == "broken_audio"
+
+    def test_headerless(self, tmp_path: Path, read: Callable[[Path], object]) -> None:
+        (tmp_path / "a.raw").write_bytes(bytes(1000))
+        with pytest.raises(DataError, match=r"a\.raw.*samplerate") as error:
+            read(tmp_path / "a.raw")
+        assert _reason(error) == "broken_audio"
+
+    def test_header_cut_short(self, tmp_path: Path, read: Callable[[Path], object]) -> None:
+        soundfile.write(tmp_path / "a.wav", np.zeros(100), 44100)
+        (tmp_path / "cut.wav").write_bytes((tmp_path / "a.wav").read_bytes()[:30])
+        with pytest.raises(DataError, match=r"cut\.wav") as error:
+            read(tmp_path / "cut.wav")
+        assert _reason(error) == "broken_audio"
+
+    @pytest.mark.parametrize("name", ["nowhere.wav", "."])
+    def test_missing(self, tmp_path: Path, read: Callable[[Path], object], name: str) -> None:
+        with pytest.raises(DataError, match="no such audio file") as error:
+            read(tmp_path / name)
+        assert _reason(error) == "missing_file"
+
+
+def test_cut_flac_is_broken(tmp_path: Path, stereo_noise: NDArray[np.float32]) -> None:
+    soundfile.write(tmp_path / "a.flac", stereo_noise, 44100)
+    whole = (tmp_path / "a.flac").read_bytes()
+    (tmp_path / "cut.flac").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(DataError, match=r"cut\.flac.*flac decoder") as error:
+        load_audio(tmp_path / "cut.flac")
+    assert _reason(error) == "broken_audio"
+
+
+@pytest.mark.parametrize("name", ["cut.wav", "cut.ogg", "cut.mp3"])
+def test_cut_files_have_the_length_that_decodes(tmp_path: Path, name: str) -> None:
+    source = np.random.default_rng(2).uniform(-0.5, 0.5, (88200, 2))
+    soundfile.write(tmp_path / f"whole-{name}", source, 44100)
+    whole = (tmp_path / f"whole-{name}").read_bytes()
+    (tmp_path / name).write_bytes(whole[: len(whole) // 2])
+    n_samples = load_audio(tmp_path / name).n_samples
+    assert 30000 < n_samples < 50000
+    assert audio_length(tmp_path / name) == (n_samples, 44100)
+
+
+def _without_length_header(mp3: bytes) -> bytes:
+    """Drop the first frame, which holds the Xing or Info header."""
+    assert b"Xing" in mp3[:200] or b"Info" in mp3[:200]
+    return mp3[mp3.find(b"\xff\xfb", 4) :]
+
+
+def test_mp3_whose_header_overestimates(tmp_path: Path) -> None:
+    # Quiet first, so that the first frames are small... and the estimate from them too long.
+    noise = np.random.default_rng(2).uniform(-0.5, 0.5, 88200).astype(np.float32)
+    source = np.concatenate([0 * noise, noise, 0 * noise])
+    buffer = io.BytesIO()
+    soundfile.write(buffer, source, 44100, format="MP3", bitrate_mode="VARIABLE", compression_level=0.3)
+    path = tmp_path / "estimated.mp3"
+    path.write_bytes(_without_length_header(buffer.getvalue()))
+    assert soundfile.info(path).frames > 1.5 * len(source)
+    n_samples, rate = audio_length(path)
+    assert (load_audio(path).n_samples, 44100) == (n_samples, rate)
+    assert abs(n_samples - len(source)) < 3 * 1152  # encoder delay and padding, untrimmed without the header
+
+
+def test_mp3_whose_header_underestimates_is_refused(tmp_path: Path) -> None:
+    # Loud first: the estimate is too short, and libsndfile would stop there without a word.
+    noise = np.random.default_rng(2).uniform(-0.5, 0.5, 88200).astype(np.float32)
+    buffer = io.BytesIO()
+    soundfile.write(buffer, noise, 44100, format="MP3", bitrate_mode="VARIABLE", compression_level=0.3)
+    path = tmp_path / "twice.mp3"
+    path.write_bytes(buffer.getvalue() * 2)
+    for read in (load_audio, audio_length):
+        with pytest.raises(DataError, match=r"twice\.mp3.*bytes unread") as error:
+            read(path)
+        assert _reason(error) == "broken_audio"
+
+
+def _written_and_read(samples: NDArray[np.float32]) -> NDArray[np.float32]:
+    buffer = io.BytesIO()
+    soundfile.write(buffer, samples, 48000, format="WAV", subtype="PCM_16")
+    buffer.seek(0)
+    read: NDArray[np.float32] = soundfile.read(buffer, dtype="float32")[0]
+    return read
+
+
+def test_pcm16_is_what_libsndfile_writes() -> None:
+    rng = np.random.default_rng(5)
+    steps = np.arange(-32770, 32771, dtype=np.float32) / 32768
+    near = [steps, np.nextafter(steps, np.float32(9)), np.nextafter(steps, np.float32(-9))]
+    halves = (np.arange(-65540, 65541) / 65536).astype(np.float32)
+    tiny = np.array(
+        [0.0, -0.0, *(s * 2.0**-k for k in range(14, 150) for s in (1, -1, 1.5, -1.5))], dtype=np.float32
+    )
+    spread = rng.uniform(-1.5, 1.5, 100_000).astype(np.float32)
+    small = (rng.standard_normal(100_000) * 1e-4).astype(np.float32)
+    huge = np.array([1e3, -1e3, 3e38, -3e38], dtype=np.float32)
+    samples = np.concatenate([*near, halves, tiny, spread, small, huge])
+    quantised = pcm16(samples)
+    assert quantised.dtype == np.float32
+    assert np.array_equal(quantised, _written_and_read(samples))
+
+
+def test_pcm16_rounds_down() -> None:
+    samples = np.array([0.9, -0.9, 2.0, -2.0], dtype=np.float32) / np.float32(32768)
+    assert np.array_equal(pcm16(samples) * 32768, [0, -1, 2, -2])
+    assert np.array_equal(pcm16(pcm16(samples)), pcm16(samples))
+
+
+@pytest.mark.parametrize("to_rate", [15360, 22050, 30720, 48000])
+@pytest.mark.parametrize("from_rate", [8000, 22050, 24000, 44100, 48000, 96000])
+def test_resampled_length(from_rate: int, to_rate: int) -> None:
+    for n_samples in [1, 2, 3, 10, 511, 512, 1001, 4409, 4410, 7999, 9600, 12345]:
+        length = len(resample(np.zeros(n_samples, dtype=np.float32), from_rate, to_rate))
+        assert length == resampled_length(n_samples, from_rate, to_rate)
+
+
+def test_resample_is_librosa_load(
+    tmp_path: Path,
+    stereo_noise: NDArray[np.float32],
+    librosa_load: Callable[..., NDArray[np.float32]],
+) -> None:
+    soundfile.write(tmp_path / "a.wav", stereo_noise, 44100)
+    signal = load_audio(tmp_path / "a.wav")
+    for rate in (15360, 22050, 44100):
+        expected = librosa_load(tmp_path / "a.wav", sr=rate)
+        assert np.array_equal(resample(signal.samples, 44100, rate), expected)

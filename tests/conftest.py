@@ -1,0 +1,19 @@
+"""Fixtures that every test may use."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+@pytest.fixture(scope="session")
+def shared() -> Path:
+    """Reference outputs and real clips, which are not part of the project; tests that need them skip without."""
+    folder = Path(os.environ.get("DANCEDATA_SHARED", ROOT.parent / "shared"))
+    if not (folder / "golden").is_dir():
+        pytest.skip(f"reference outputs and real clips are not here ({folder}); set DANCEDATA_SHARED")
+    return folder

@@ -1,0 +1,96 @@
+"""Fixtures for the dataset readers: a tiny AIST++ copy that tests then bend."""
+
+from __future__ import annotations
+
+import pickle
+import wave
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+SEED = 7
+
+
+class AistCopy:
+    """A folder in AIST++'s official layout, built file by file."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+
+    def content(self, n_frames: int = 90, **changes: Any) -> dict[str, Any]:
+        """What a motion pickle holds; a change to None takes the key away."""
+        rng = np.random.default_rng(SEED)
+        content: dict[str, Any] = {
+            "smpl_poses": rng.normal(0, 0.3, (n_frames, 72)).astype(np.float32),
+            "smpl_trans": rng.normal(90, 20, (n_frames, 3)).astype(np.float32),
+            "smpl_scaling": np.array([93.75], np.float32),
+            "smpl_loss": 1.5,
+        }
+        content.update(changes)
+        return {key: value for key, value in content.items() if value is not None}
+
+    def motion(self, name: str, *, folder: str = "motions", **changes: Any) -> Path:
+        """Write one motion pickle."""
+        return self.write(f"{folder}/{name}.pkl", pickle.dumps(self.content(**changes)))
+
+    def song(self, file: str) -> Path:
+        """Write an audio file: a real wav of 0.1 s, or a stand-in, since a scan does not open it."""
+        path = self.write(file, b"stand-in")
+        if path.suffix == ".wav":
+            with wave.open(str(path), "wb") as out:
+                out.setnchannels(1)
+                out.setsampwidth(2)
+                out.setframerate(48_000)
+                out.writeframes(bytes(2 * 4800))
+        return path
+
+    def names(self, file: str, *names: str) -> Path:
+        """Write a list of names."""
+        return self.write(file, "".join(f"{name}\n" for name in names).encode())
+
+    def write(self, file: str, data: bytes) -> Path:
+        """Write any file below the root."""
+        path = self.root / file
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(data)
+        return path
+
+
+@pytest.fixture
+def empty_copy(tmp_path: Path) -> AistCopy:
+    """Nothing there yet; the path has a space and letters beyond ASCII."""
+    return AistCopy(tmp_path / "мой dänce 舞")
+
+
+TRAIN = "gBR_sBM_cAll_d04_mBR2_ch08"
+VAL = "gJS_sBM_cAll_d03_mJS3_ch01"
+TEST = "gJS_sBM_cAll_d03_mJS3_ch02"
+UNASSIGNED = "gBR_sBM_cAll_d04_mBR2_ch01"
+IGNORED = "gJB_sBM_cAll_d07_mJB2_ch06"
+
+
+@pytest.fixture
+def official(empty_copy: AistCopy) -> AistCopy:
+    """Official layout: one clip of each split, one in none, one on the shipped ignore list."""
+    for name in (TRAIN, VAL, TEST, UNASSIGNED, IGNORED):
+        empty_copy.motion(name)
+    for song in ("mBR2", "mJS3", "mJB2"):
+        empty_copy.song(f"wavs/{song}.wav")
+    return empty_copy
+
+
+@pytest.fixture
+def unpickled_marker(tmp_path: Path) -> tuple[Path, Callable[[], bytes]]:
+    """A file that must never appear, and a pickle that makes it when it is loaded without care."""
+    marker = tmp_path / "executed"
+
+    class Attack:
+        def __reduce__(self) -> tuple[Any, tuple[str]]:
+            import os
+
+            return os.system, (f"touch '{marker}'",)
+
+    return marker, lambda: pickle.dumps({"smpl_poses": Attack()})

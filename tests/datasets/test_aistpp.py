@@ -1,0 +1,333 @@
+"""The dataset reader aist++: layouts, splits, what is left out and why, bad files."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from dancedata.core.clip import ClipRef, Scan
+from dancedata.core.errors import SourceError
+from dancedata.core.registry import DATASETS
+from dancedata.datasets._aistpp_names import crossmodal_split, facts, parse_name, tempo_bpm
+from dancedata.datasets.aistpp import AistPP
+
+TRAIN = "gBR_sBM_cAll_d04_mBR2_ch08"
+VAL = "gJS_sBM_cAll_d03_mJS3_ch01"
+TEST = "gJS_sBM_cAll_d03_mJS3_ch02"
+UNASSIGNED = "gBR_sBM_cAll_d04_mBR2_ch01"
+IGNORED = "gJB_sBM_cAll_d07_mJB2_ch06"
+
+
+def splits(scan: Scan) -> dict[str, str]:
+    return {clip.id: clip.split for clip in scan.clips}
+
+
+def rejects(scan: Scan, reason: str) -> list[str]:
+    return sorted(r.clip or r.file for r in scan.rejects if r.reason == reason)
+
+
+def notes(scan: Scan) -> str:
+    return "\n".join(scan.notes)
+
+
+# ---- layouts
+
+
+def test_registered_and_described() -> None:
+    assert DATASETS.get("aist++") is AistPP
+    assert AistPP.licence == facts().licence
+    assert AistPP.citation == facts().citation
+
+
+def test_official_layout(official: Any) -> None:
+    scan = AistPP().scan(official.root)
+    assert scan.layout == "official"
+    assert splits(scan) == {TRAIN: "train", VAL: "val", TEST: "test"}
+    clip = scan.clips[0]
+    assert clip == ClipRef(
+        id=TRAIN,
+        motion_path=official.root / "motions" / f"{TRAIN}.pkl",
+        audio_path=official.root / "wavs" / "mBR2.wav",
+        split="train",
+        music="mBR2",
+        tempo_bpm=100.0,
+        genre="gBR",
+        dancer="d04",
+    )
+    assert rejects(scan, "unassigned") == [UNASSIGNED]
+    assert rejects(scan, "ignored") == [IGNORED]
+    assert len(scan.rejects) == 2, "the song of an ignored clip is not unused"
+    assert "one music file a song in wavs/ (3 songs)" in notes(scan)
+    assert "5 files found; AIST++ has 1,408 sequences, and copies with 1,363, 1,365, 411" in notes(scan)
+    assert "Clips: 1 train, 1 val, 1 test; left out: 1 ignored, 1 unassigned." in scan.notes
+
+
+@pytest.mark.parametrize("below", ["", "edge_aistpp/"])
+def test_edge_layout(empty_copy: Any, below: str) -> None:
+    for name in (TRAIN, TEST):
+        empty_copy.motion(name, folder=f"{below}motions")
+        empty_copy.song(f"{below}wavs/{name}.wav")
+    scan = AistPP().scan(empty_copy.root)
+    assert scan.layout == "edge"
+    assert [clip.audio_path.name for clip in scan.clips if clip.audio_path] == [f"{TRAIN}.wav", f"{TEST}.wav"]
+    assert scan.rejects == ()
+    assert f"one music file a sequence in {below}wavs/" in notes(scan)
+
+
+def test_folder_above_with_music_and_lists_beside_it(empty_copy: Any) -> None:
+    empty_copy.motion(TRAIN, folder="aist_plusplus_final/motions")
+    empty_copy.song("music/mBR2.wav")
+    empty_copy.names("splits/crossmodal_val.txt", TRAIN)
+    scan = AistPP().scan(empty_copy.root)
+    assert splits(scan) == {TRAIN: "val"}
+    assert "aist_plusplus_final/motions/*.pkl" in scan.notes[0]
+
+
+def test_after_edge_has_sliced_its_data(empty_copy: Any) -> None:
+    for folder in ("edge_aistpp", "train", "test"):
+        empty_copy.motion(TRAIN, folder=f"{folder}/motions")
+    empty_copy.song(f"edge_aistpp/wavs/{TRAIN}.wav")
+    scan = AistPP().scan(empty_copy.root)
+    assert scan.clips[0].motion_path.parent.parent.name == "edge_aistpp"
+    assert "Not read: test/, train/" in notes(scan)
+
+
+def test_several_folders_could_be_meant(empty_copy: Any) -> None:
+    for folder in ("copy one", "copy two"):
+        empty_copy.motion(TRAIN, folder=f"{folder}/motions")
+    with pytest.raises(SourceError, match="copy one/motions/, copy two/motions/"):
+        AistPP().scan(empty_copy.root)
+
+
+def test_mixed_music_own_file_wins(official: Any) -> None:
+    own = official.song(f"wavs/{TRAIN}.wav")
+    official.song(f"wavs/{UNASSIGNED}.wav")
+    scan = AistPP().scan(official.root)
+    assert scan.layout == "mixed"
+    assert scan.clips[0].audio_path == own
+    assert "2 files of a sequence, which is preferred" in notes(scan)
+    assert rejects(scan, "unused_music") == ["wavs/mBR2.wav"]
+
+
+@pytest.mark.parametrize("file", ["music/mBR2.FLAC", "audio/mBR2.mp3", "musics/mBR2.Ogg", "mBR2.WAV"])
+def test_music_folders_and_extensions(empty_copy: Any, file: str) -> None:
+    empty_copy.motion(TRAIN)
+    empty_copy.write("LICENSE", b"not looked at")
+    path = empty_copy.song(file)
+    scan = AistPP().scan(empty_copy.root)
+    assert scan.clips[0].audio_path == path
+    assert scan.rejects == ()
+
+
+def test_several_files_of_one_song(official: Any) -> None:
+    official.song("music/mBR2.flac")
+    official.song("wavs/mJS3.mp3")
+    official.song("audio/mJB2.wav")
+    scan = AistPP().scan(official.root)
+    assert {clip.audio_path.suffix for clip in scan.clips if clip.audio_path} == {".wav"}
+    assert rejects(scan, "unused_music") == ["audio/mJB2.wav", "music/mBR2.flac", "wavs/mJS3.mp3"]
+    assert "3 ids have several files" in notes(scan)
+
+
+# ---- what is missing, what does not belong
+
+
+def test_missing_music(official: Any) -> None:
+    (official.root / "wavs" / "mBR2.wav").unlink()
+    scan = AistPP().scan(official.root)
+    assert rejects(scan, "missing_music") == [TRAIN]
+    assert rejects(scan, "unassigned") == [UNASSIGNED], "one reason a clip"
+    kept = AistPP(music="optional").scan(official.root)
+    assert kept.clips[0].audio_path is None
+    assert "1 clip kept without music" in notes(kept)
+
+
+def test_no_music_at_all_says_where_it_looked(empty_copy: Any) -> None:
+    empty_copy.motion(TRAIN)
+    scan = AistPP().scan(empty_copy.root)
+    assert scan.clips == ()
+    assert rejects(scan, "missing_music") == [TRAIN]
+    assert "wavs/, music/, audio/, musics/" in scan.notes[0]
+    assert "AIST Dance Video Database" in scan.notes[0]
+
+
+def test_missing_motion_from_split_files(official: Any) -> None:
+    absent = "gBR_sBM_cAll_d04_mBR2_ch09"
+    official.names("splits/crossmodal_train.txt", TRAIN, absent, IGNORED, "gJB_sBM_cAll_d07_mJB3_ch01")
+    scan = AistPP().scan(official.root)
+    assert rejects(scan, "missing_motion") == [absent], "not the ignored one"
+    assert "1 of the listed sequences have no file" in notes(scan)
+
+
+def test_missing_motion_from_the_mapping(official: Any) -> None:
+    absent = "gBR_sBM_cAll_d04_mBR2_ch09"
+    in_no_split = "gBR_sBM_cAll_d05_mBR2_ch01"
+    names = [f"{name} setting1" for name in (TRAIN, absent, in_no_split, "gJB_sBM_cAll_d07_mJB3_ch01")]
+    official.names("cameras/mapping.txt", *names)
+    assert rejects(AistPP().scan(official.root), "missing_motion") == [absent]
+    assert rejects(AistPP(split="all").scan(official.root), "missing_motion") == [absent, in_no_split]
+
+
+def test_extra_files_by_name(official: Any) -> None:
+    odd = ["motions/my dance ü.pkl", "motions/readme.txt", "wavs/舞 曲.wav", "wavs/notes.md"]
+    for file in odd:
+        official.write(file, b"x")
+    for file in ("motions/.DS_Store", "wavs/._mBR2.wav", "__MACOSX/motions/x"):
+        official.write(file, b"x")
+    official.motion(TRAIN, folder="motions/more")
+    (official.root / "motions" / f"{TEST[:-1]}9.pkl").symlink_to("nowhere")
+    official.song("wavs/mKR0.wav")
+    official.song("wavs/gKR_sBM_cAll_d28_mKR0_ch01.wav")
+    scan = AistPP().scan(official.root)
+    link = f"motions/{TEST[:-1]}9.pkl"
+    assert rejects(scan, "extra_file") == sorted([*odd, "motions/more/", link])
+    assert rejects(scan, "unused_music") == ["wavs/gKR_sBM_cAll_d28_mKR0_ch01.wav", "wavs/mKR0.wav"]
+    assert all(reject.detail for reject in scan.rejects)
+    assert len(scan.clips) == 3
+
+
+def test_same_sequence_twice(official: Any) -> None:
+    official.write(f"motions/{TRAIN}.PKL", b"x")
+    scan = AistPP().scan(official.root)
+    assert len(rejects(scan, "extra_file")) == 1
+    assert len(scan.clips) == 3
+
+
+def test_links_in_a_circle(official: Any) -> None:
+    (official.root / "motions" / "loop").symlink_to(official.root, target_is_directory=True)
+    (official.root / "wavs" / "self.wav").symlink_to("self.wav")
+    (official.root / "music").symlink_to("music")
+    scan = AistPP().scan(official.root)
+    assert rejects(scan, "extra_file") == ["motions/loop/", "wavs/self.wav"]
+
+
+# ---- names
+
+
+def test_tempos() -> None:
+    assert [tempo_bpm(f"mBR{n}") for n in range(6)] == [80, 90, 100, 110, 120, 130]
+    assert [tempo_bpm(f"mHO{n}") for n in range(6)] == [110, 115, 120, 125, 130, 135]
+    assert [tempo_bpm(music) for music in ("mXX1", "mBR6", "mBR12", "mBR00", "BR0", "")] == [None] * 6
+    assert sorted(facts().tempo) == sorted(facts().genres)
+
+
+def test_unknown_music_letters(empty_copy: Any) -> None:
+    empty_copy.motion("gXX_sFM_cAll_d40_mXX1_ch01")
+    empty_copy.song("wavs/mXX1.wav")
+    scan = AistPP().scan(empty_copy.root)
+    assert scan.clips[0].tempo_bpm is None
+    assert scan.clips[0].genre == "gXX"
+    assert scan.clips[0].notes == ("no tempo is known for the music mXX1",)
+    assert "no rule for mXX1" in notes(scan)
+
+
+@pytest.mark.parametrize(
+    "stem",
+    [
+        "",
+        "mBR0",
+        f"{TRAIN} ",
+        f" {TRAIN}",
+        f"{TRAIN}\n",
+        TRAIN.lower(),
+        f"{TRAIN}_2",
+        "gBR_sBM_cAll_d0٤_mBR2_ch08",
+    ],
+)
+def test_no_sequence_names(stem: str) -> None:
+    assert parse_name(stem) is None
+
+
+def test_rule_and_lists_against_all_real_names(shared: Path) -> None:
+    real = shared / "realdata" / "aistpp"
+    names = [line.split()[0] for line in (real / "cameras" / "mapping.txt").read_text().splitlines()]
+    found = {name: crossmodal_split(parts) for name in names if (parts := parse_name(name))}
+    ignored = set((real / "ignore_list.txt").read_text().split())
+    assert len(found) == facts().sequences == 1408
+    assert Counter(found.values()) == {"train": 980, "val": 20, "test": 20, "": 388}
+    assert facts().ignored == ignored
+    assert len(ignored) == 45
+    assert Counter(split for name, split in found.items() if name not in ignored)["train"] == 952
+    assert Counter(split for name, split in found.items() if name not in ignored)[""] == 371
+    for split in ("train", "val", "test"):
+        listed = (real / "splits" / f"crossmodal_{split}.txt").read_text().split()
+        assert {name for name in found if found[name] == split} == set(listed)
+    songs = {name.split("_")[4] for name in names}
+    assert len(songs) == 60
+    assert all(tempo_bpm(song) for song in songs)
+
+
+# ---- wrong folders
+
+
+def test_folders_that_are_no_source(tmp_path: Path) -> None:
+    with pytest.raises(SourceError, match="does not exist"):
+        AistPP().scan(tmp_path / "no where")
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(SourceError, match="not a folder"):
+        AistPP().scan(tmp_path / "file")
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "empty" / ".DS_Store").write_text("x")
+    with pytest.raises(SourceError, match="empty"):
+        AistPP().scan(tmp_path / "empty")
+
+
+@pytest.mark.parametrize(
+    ("file", "advice"),
+    [
+        (f"{TRAIN}.pkl", "the motions folder itself"),
+        ("motion/001.npy", "FineDance"),
+        ("aist_plusplus_final.zip", "unpack"),
+        ("holiday.jpg", "motions/"),
+    ],
+)
+def test_wrong_folder_says_what_is_there(empty_copy: Any, file: str, advice: str) -> None:
+    empty_copy.write(file, b"x")
+    with pytest.raises(SourceError) as error:
+        AistPP().scan(empty_copy.root)
+    for word in (advice, file.split("/")[0], "motions/*.pkl", str(empty_copy.root)):
+        assert word in str(error.value)
+
+
+def test_motion_folder_without_sequences(empty_copy: Any) -> None:
+    empty_copy.write("motions/dance.pkl", b"x")
+    with pytest.raises(SourceError, match=r"dance\.pkl"):
+        AistPP().scan(empty_copy.root)
+
+
+# ---- real data, reference corpus, example
+
+
+def test_real_folder(shared: Path) -> None:
+    reader = AistPP(music="optional")
+    scan = reader.scan(shared / "realdata" / "aistpp")
+    assert [(clip.split, clip.tempo_bpm) for clip in scan.clips] == [
+        ("train", 100),
+        ("train", 100),
+        ("train", 100),
+        ("train", 120),
+    ]
+    assert [reader.load(clip).n_frames for clip in scan.clips] == [576, 576, 576, 1919]
+    assert len(rejects(scan, "missing_motion")) == 952 + 20 + 20 - 4
+    assert len(AistPP().scan(shared / "realdata" / "aistpp").clips) == 0
+
+
+def test_reference_corpus(shared: Path) -> None:
+    scan = AistPP().scan(shared / "golden" / "peers" / "inputs" / "edge_aistpp")
+    assert scan.layout == "edge"
+    assert Counter(clip.split for clip in scan.clips) == {"train": 4, "test": 2}
+    assert {clip.music: clip.tempo_bpm for clip in scan.clips} == {"mHO1": 115, "mHO3": 125, "mJS3": 110}
+    assert scan.rejects == ()
+    assert "splits/ignore_list.txt; 0 names" in notes(scan)
+
+
+def test_example(tmp_path: Path) -> None:
+    reader = AistPP()
+    reader.make_example(tmp_path / "example")
+    scan = reader.scan(tmp_path / "example")
+    assert 2 <= len(scan.clips) <= 4
+    assert all(300 <= reader.load(clip).n_frames <= 400 for clip in scan.clips)
+    assert "synthetic" in notes(scan)

@@ -1,0 +1,114 @@
+"""The dataset reader aist++: one motion pickle, good or bad in every known way."""
+
+from __future__ import annotations
+
+import pickle
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dancedata.core.clip import ClipRef
+from dancedata.core.errors import DataError
+from dancedata.datasets.aistpp import AistPP
+
+TRAIN = "gBR_sBM_cAll_d04_mBR2_ch08"
+
+
+def load(path: Path) -> Any:
+    return AistPP().load(ClipRef(id=TRAIN, motion_path=path, audio_path=None, split="train"))
+
+
+def test_motion_is_canonical(official: Any) -> None:
+    path = official.root / "motions" / f"{TRAIN}.pkl"
+    motion = load(path)
+    raw = official.content()
+    assert motion.grid.rate == Fraction(60)
+    assert motion.skeleton.name == "SMPL24" or len(motion.skeleton.joints) == 24
+    assert motion.rotations.dtype == motion.translation.dtype == np.float64
+    assert np.array_equal(motion.rotations, raw["smpl_poses"].astype(np.float64).reshape(-1, 24, 3))
+    assert np.array_equal(motion.translation, raw["smpl_trans"].astype(np.float64) / 93.75)
+    assert not motion.rotations.flags.writeable
+
+
+@pytest.mark.parametrize("scaling", [93.75, np.float32(93.75), np.array(93.75), np.array([[93.75]]), [93.75]])
+def test_other_forms_of_the_same_motion(official: Any, scaling: Any) -> None:
+    poses = official.content()["smpl_poses"].reshape(-1, 24, 3)
+    path = official.motion("x", smpl_poses=poses, smpl_scaling=scaling, smpl_loss=None, extra=["kept", 1])
+    reference = load(official.root / "motions" / f"{TRAIN}.pkl")
+    assert np.array_equal(load(path).rotations, reference.rotations)
+    assert np.array_equal(load(path).translation, reference.translation)
+
+
+NAN = np.full((90, 72), np.nan, np.float32)
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason", "words"),
+    [
+        ({"smpl_scaling": None}, "missing_key", ["smpl_scaling", "'smpl_poses', 'smpl_trans'"]),
+        ({"smpl_poses": np.zeros((90, 69))}, "bad_shape", ["(90, 69)", "(N, 72)"]),
+        ({"smpl_poses": np.zeros((90, 23, 3))}, "bad_shape", ["(90, 23, 3)"]),
+        ({"smpl_poses": np.zeros(72)}, "bad_shape", ["(72,)"]),
+        ({"smpl_poses": np.float32(1)}, "bad_shape", ["()"]),
+        ({"smpl_poses": "text"}, "bad_shape", ["str"]),
+        ({"smpl_poses": [[1.0], [1.0, 2.0]]}, "bad_shape", ["list"]),
+        ({"smpl_poses": np.zeros((90, 72), complex)}, "bad_shape", ["complex"]),
+        ({"smpl_trans": np.zeros((90, 2))}, "bad_shape", ["(90, 2)", "(N, 3)"]),
+        ({"smpl_trans": np.zeros((89, 3))}, "length_mismatch", ["90 and 89 frames"]),
+        ({"smpl_poses": np.zeros((0, 72)), "smpl_trans": np.zeros((0, 3))}, "empty", ["no frames"]),
+        ({"smpl_poses": NAN}, "nan", ["frame 0", "90 of 90"]),
+        (
+            {"smpl_trans": np.where(np.arange(270).reshape(90, 3) == 30, np.inf, 0)},
+            "nan",
+            ["frame 10", "1 of 90"],
+        ),
+        ({"smpl_scaling": np.zeros(1)}, "bad_scaling", ["0.0"]),
+        ({"smpl_scaling": np.array([-90.0])}, "bad_scaling", ["-90.0"]),
+        ({"smpl_scaling": np.array([np.nan])}, "bad_scaling", ["nan"]),
+        ({"smpl_scaling": np.array([1e-320])}, "bad_scaling", ["e-320"]),
+        ({"smpl_scaling": np.ones(2)}, "bad_shape", ["(2,)"]),
+    ],
+)
+def test_bad_content(official: Any, changes: dict[str, Any], reason: str, words: list[str]) -> None:
+    path = official.motion("bad one ü", **changes)
+    with pytest.raises(DataError) as error:
+        load(path)
+    assert error.value.reason == reason
+    for word in ("bad one ü.pkl", *words):
+        assert word in str(error.value)
+
+
+@pytest.mark.parametrize("keep", [0, 1, 20, 0.5, 0.999])
+def test_truncated_file(official: Any, keep: float) -> None:
+    data = pickle.dumps(official.content())
+    path = official.write("motions/cut.pkl", data[: int(keep * len(data)) if keep < 1 else int(keep)])
+    with pytest.raises(DataError) as error:
+        load(path)
+    assert error.value.reason == "broken_file"
+    assert "cut.pkl" in str(error.value)
+
+
+@pytest.mark.parametrize("content", [[1, 2], None, np.zeros((3, 72))])
+def test_pickle_of_something_else(official: Any, content: Any) -> None:
+    path = official.write("motions/other.pkl", pickle.dumps(content))
+    with pytest.raises(DataError, match=type(content).__name__) as error:
+        load(path)
+    assert error.value.reason == "broken_file"
+
+
+def test_file_that_went_away(official: Any) -> None:
+    with pytest.raises(DataError) as error:
+        load(official.root / "motions" / "gone.pkl")
+    assert error.value.reason == "broken_file"
+
+
+def test_hostile_pickle_is_not_executed(official: Any, unpickled_marker: Any) -> None:
+    marker, attack = unpickled_marker
+    path = official.write("motions/attack.pkl", attack())
+    with pytest.raises(DataError) as error:
+        load(path)
+    assert error.value.reason == "unsafe_pickle"
+    assert not marker.exists()

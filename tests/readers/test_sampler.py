@@ -1,0 +1,219 @@
+"""EpochSampler: order, ranks, position, state."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Iterator
+from itertools import islice
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch")
+
+import torch
+from torch import distributed
+
+from dancedata.core.errors import UsageError
+from dancedata.readers import EpochSampler
+
+
+def test_every_sample_once_and_a_new_order_every_epoch() -> None:
+    sampler = EpochSampler(1000, seed=3)
+    first, second = list(sampler), list(sampler)
+    assert sorted(first) == sorted(second) == list(range(1000))
+    assert first != second
+    assert all(type(sample) is int for sample in first)
+    assert (sampler.epoch, sampler.position) == (2, 0)
+
+
+def test_order_is_a_pure_function_of_seed_and_epoch() -> None:
+    assert list(EpochSampler(100, seed=3)) == EpochSampler(100, seed=3).order(0).tolist()
+    later = EpochSampler(100, seed=3)
+    list(later)
+    assert list(later) == EpochSampler(100, seed=3).order(1).tolist()
+    assert EpochSampler(100, seed=4).order(0).tolist() != EpochSampler(100, seed=3).order(0).tolist()
+
+
+def test_order_stays_what_it_was() -> None:
+    """Written down: a checkpoint must resume in the same order with any later version of numpy or of this."""
+    assert EpochSampler(10, seed=0).order(0).tolist() == [4, 6, 3, 5, 2, 9, 1, 0, 7, 8]
+    assert EpochSampler(10, seed=1).order(7).tolist() == [2, 3, 5, 1, 9, 7, 6, 4, 0, 8]
+
+
+def test_no_shuffle_is_the_order_of_the_data() -> None:
+    sampler = EpochSampler(5, shuffle=False)
+    assert list(sampler) == list(sampler) == [0, 1, 2, 3, 4]
+
+
+@pytest.mark.parametrize("n_samples", [0, 1, 3, 64, 1001])
+@pytest.mark.parametrize("world_size", [1, 2, 3, 8])
+@pytest.mark.parametrize("drop_last", [False, True])
+def test_ranks_get_equally_many_and_share_nothing(n_samples: int, world_size: int, drop_last: bool) -> None:
+    ranks = [
+        EpochSampler(n_samples, seed=1, rank=rank, world_size=world_size, drop_last=drop_last)
+        for rank in range(world_size)
+    ]
+    orders = [list(rank) for rank in ranks]
+    share = n_samples // world_size if drop_last else -(-n_samples // world_size)
+    assert [len(order) for order in orders] == [len(rank) for rank in ranks] == [share] * world_size
+    everything = [sample for order in orders for sample in order]
+    repeated = len(everything) - len(set(everything))
+    assert repeated == max(0, share * world_size - n_samples)
+    assert set(everything) <= set(range(n_samples))
+    if not drop_last:
+        assert set(everything) == set(range(n_samples))
+
+
+def test_ranks_together_are_the_order_of_one() -> None:
+    whole = EpochSampler(12, seed=1).order(0)
+    parts = [EpochSampler(12, seed=1, rank=rank, world_size=3).order(0) for rank in range(3)]
+    assert np.stack(parts, axis=1).ravel().tolist() == whole.tolist()
+
+
+def test_goes_on_from_its_position() -> None:
+    whole = EpochSampler(50, seed=2)
+    expected = [sample for _ in range(3) for sample in whole]
+    sampler = EpochSampler(50, seed=2)
+    begun = list(islice(sampler, 20))
+    assert sampler.state_dict() == {"epoch": 0, "position": 20}
+    assert begun + list(sampler) + list(sampler) + list(sampler) == expected
+
+
+def test_state_is_two_numbers_and_resumes() -> None:
+    sampler = EpochSampler(50, seed=2)
+    list(sampler)
+    passed = iter(sampler)
+    list(islice(passed, 17))
+    state = sampler.state_dict()
+    assert state == {"epoch": 1, "position": 17}
+    resumed = EpochSampler(50, seed=2)
+    resumed.load_state_dict(state)
+    assert list(resumed) == list(passed)
+    assert resumed.state_dict() == sampler.state_dict() == {"epoch": 2, "position": 0}
+
+
+def test_last_sample_handed_out_is_the_start_of_the_next_epoch() -> None:
+    sampler = EpochSampler(3)
+    assert len(list(islice(sampler, 3))) == 3
+    assert sampler.state_dict() == {"epoch": 1, "position": 0}
+
+
+def test_at_says_what_was_consumed() -> None:
+    sampler = EpochSampler(10, rank=0, world_size=2)
+    assert sampler.at(4, 0) == {"epoch": 4, "position": 0}
+    assert sampler.at(4, 3) == {"epoch": 4, "position": 3}
+    assert sampler.at(4, 5) == {"epoch": 5, "position": 0}
+    with pytest.raises(UsageError, match="6"):
+        sampler.at(4, 6)
+    with pytest.raises(UsageError, match="negative"):
+        sampler.at(4, -1)
+
+
+def test_set_epoch_keeps_the_position_of_the_same_epoch() -> None:
+    sampler = EpochSampler(50, seed=2)
+    sampler.load_state_dict({"epoch": 3, "position": 10})
+    sampler.set_epoch(3)
+    assert (sampler.epoch, sampler.position) == (3, 10)
+    sampler.set_epoch(5)
+    assert (sampler.epoch, sampler.position) == (5, 0)
+    assert list(sampler) == EpochSampler(50, seed=2).order(5).tolist()
+
+
+def test_an_abandoned_iteration_moves_nothing() -> None:
+    sampler = EpochSampler(50, seed=2)
+    abandoned = iter(sampler)
+    next(abandoned)
+    sampler.load_state_dict({"epoch": 7, "position": 9})
+    assert len(list(abandoned)) == 49
+    assert (sampler.epoch, sampler.position) == (7, 9)
+
+
+@pytest.mark.parametrize(
+    "state", [{}, {"epoch": 0}, {"epoch": 0, "position": 11}, {"epoch": -1, "position": 0}]
+)
+def test_wrong_state(state: dict[str, int]) -> None:
+    sampler = EpochSampler(10)
+    with pytest.raises(UsageError):
+        sampler.load_state_dict(state)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"seed": -1},
+        {"seed": 0.5},
+        {"rank": 0},
+        {"world_size": 2},
+        {"rank": 2, "world_size": 2},
+        {"rank": -1, "world_size": 2},
+        {"rank": 0, "world_size": 0},
+    ],
+)
+def test_wrong_arguments(wrong: dict[str, int]) -> None:
+    with pytest.raises(UsageError):
+        EpochSampler(10, **wrong)  # type: ignore[arg-type]
+
+
+def test_rank_comes_from_torch_distributed() -> None:
+    if not distributed.is_available():
+        pytest.skip("this torch has no torch.distributed")
+    distributed.init_process_group("gloo", store=distributed.HashStore(), rank=0, world_size=1)  # type: ignore[attr-defined]
+    try:
+        sampler = EpochSampler(10)
+        assert (sampler.rank, sampler.world_size) == (0, 1)
+    finally:
+        distributed.destroy_process_group()
+
+
+def test_takes_what_distributed_says(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(distributed, "is_initialized", lambda: True)
+    monkeypatch.setattr(distributed, "get_rank", lambda: 2)
+    monkeypatch.setattr(distributed, "get_world_size", lambda: 4)
+    assert EpochSampler(10).order(0).tolist() == EpochSampler(10, rank=2, world_size=4).order(0).tolist()
+
+
+def test_agrees_with_torch_about_lengths() -> None:
+    from torch.utils.data import DistributedSampler
+
+    for n_samples in (5, 8, 9, 64):
+        for drop_last in (False, True):
+            theirs = DistributedSampler(torch.arange(n_samples), 4, 1, drop_last=drop_last)  # type: ignore[var-annotated,arg-type]
+            assert len(EpochSampler(n_samples, rank=1, world_size=4, drop_last=drop_last)) == len(theirs)
+
+
+def test_tells_its_data_source_the_epoch_before_the_first_index() -> None:
+    class Source:
+        def __init__(self) -> None:
+            self.epochs: list[int] = []
+
+        def __len__(self) -> int:
+            return 4
+
+        def set_epoch(self, epoch: int) -> None:
+            self.epochs.append(epoch)
+
+    source = Source()
+    sampler = EpochSampler(source)
+    walk: Iterator[int] = iter(sampler)
+    next(walk)
+    assert source.epochs == [0]
+    list(walk)
+    next(iter(sampler))
+    assert source.epochs == [0, 1]
+
+
+def test_a_million_samples() -> None:
+    sampler = EpochSampler(1_000_000, rank=1, world_size=2)
+    order = sampler.order(0)
+    assert order.shape == (500_000,) and len(np.unique(order)) == 500_000
+    sampler.load_state_dict({"epoch": 0, "position": 499_990})
+    assert list(sampler) == order[-10:].tolist()
+
+
+def test_pickle_and_repr() -> None:
+    sampler = EpochSampler(50, seed=2)
+    sampler.load_state_dict({"epoch": 1, "position": 17})
+    copy = pickle.loads(pickle.dumps(sampler))
+    assert list(copy) == list(sampler)
+    assert "seed=2" in repr(sampler) and "50 samples" in repr(sampler)

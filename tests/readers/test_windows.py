@@ -1,0 +1,352 @@
+"""WindowDataset without workers: items, normalising, mirroring, errors."""
+
+from __future__ import annotations
+
+import copy
+import math
+import pickle
+import re
+import subprocess
+import sys
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch")
+
+import torch
+from torch.utils.data import DataLoader, default_collate
+
+from dancedata.core.errors import DanceDataError, StoreError, UsageError
+from dancedata.readers import WindowDataset
+from dancedata.store.dataset import Store, open_store
+from dancedata.testing.stores import random_fields, write_random_store
+
+MOTION, AUDIO = "edge151", "librosa35"
+
+
+@pytest.fixture(scope="module")
+def store(store_path: Path) -> Store:
+    return open_store(store_path)
+
+
+def test_item_is_the_window_and_its_metadata(store: Store) -> None:
+    dataset = WindowDataset(store, normalize=False)
+    window = store.windows("train")[3]
+    record = next(record for record in store.clips if record.id == window.clip)
+    item = dataset[3]
+    for field, width in ((MOTION, 151), (AUDIO, 35)):
+        assert item[field].dtype == torch.float32
+        assert item[field].shape == (window.length, width)
+        np.testing.assert_array_equal(item[field].numpy(), store.read(window, field))
+    assert (item["clip"], item["start"], item["length"]) == (window.clip, window.start, window.length)
+    assert (item["genre"], item["music"], item["dancer"]) == (record.genre, record.music, record.dancer)
+    assert (item["split"], item["mirrored"], item["index"]) == ("train", False, 3)
+
+
+def test_opens_a_path_or_a_store(store_path: Path, store: Store) -> None:
+    for given in (store_path, str(store_path), store):
+        assert len(WindowDataset(given)) == len(store.windows("train"))
+
+
+def test_unknown_tempo_is_nan_so_that_collate_works(store: Store) -> None:
+    dataset = WindowDataset(store)
+    wanted = {record.id: record.tempo_bpm for record in store.clips}
+    for item in dataset.__getitems__(range(0, len(dataset), 100)):
+        known = wanted[item["clip"]]
+        assert math.isnan(item["tempo_bpm"]) if known is None else item["tempo_bpm"] == known
+    batch = default_collate(dataset.__getitems__([0, 5]))
+    assert batch["tempo_bpm"].shape == (2,)
+    assert batch["mirrored"].dtype == torch.bool
+    assert batch[MOTION].shape == (2, 150, 151)
+
+
+def test_items_are_the_callers_own(store: Store) -> None:
+    dataset = WindowDataset(store, normalize=False)
+    before = dataset[0][MOTION].clone()
+    dataset[0][MOTION].zero_()
+    assert torch.equal(dataset[0][MOTION], before)
+
+
+def test_negative_and_foreign_indices(store: Store) -> None:
+    dataset = WindowDataset(store)
+    last = dataset[len(dataset) - 1]
+    assert torch.equal(dataset[-1][MOTION], last[MOTION])
+    assert dataset[-1]["index"] == len(dataset) - 1
+    assert dataset[np.int64(2)]["index"] == dataset[torch.tensor(2)]["index"] == 2  # type: ignore[index]
+    for outside in (len(dataset), -len(dataset) - 1):
+        with pytest.raises(IndexError, match=str(len(dataset))):
+            dataset[outside]
+        with pytest.raises(IndexError):
+            dataset.__getitems__([0, outside])
+
+
+def test_batched_reading_keeps_order_and_repeats(store: Store) -> None:
+    dataset = WindowDataset(store, mirror=0.5)
+    wanted = [700, 3, -1, 3, 12]
+    for one, item in zip(wanted, dataset.__getitems__(wanted), strict=True):
+        assert item["index"] == one % len(dataset)
+        assert torch.equal(item[MOTION], dataset[one][MOTION])
+    assert dataset.__getitems__([]) == []
+
+
+def test_fields(store: Store) -> None:
+    assert WindowDataset(store).fields == (MOTION, AUDIO)
+    only = WindowDataset(store, fields=(AUDIO,))[0]
+    assert AUDIO in only and MOTION not in only
+    assert WindowDataset(store, fields=AUDIO).fields == (AUDIO,)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "text"),
+    [
+        ({"split": "trian"}, "train"),
+        ({"fields": ("edge15",)}, "edge151"),
+        ({"fields": ()}, "at least one"),
+        ({"fields": (AUDIO, AUDIO)}, "once"),
+        ({"fields": (AUDIO,), "normalize": (MOTION,)}, MOTION),
+        ({"mirror": 1.5}, "0 to 1"),
+        ({"mirror": -0.1}, "0 to 1"),
+        ({"mirror": math.nan}, "0 to 1"),
+        ({"seed": -1}, "seed"),
+        ({"preset": "egde"}, "edge"),
+    ],
+)
+def test_wrong_arguments_say_what_is_allowed(store: Store, wrong: dict[str, object], text: str) -> None:
+    with pytest.raises(DanceDataError, match=text):
+        WindowDataset(store, **wrong)  # type: ignore[arg-type]
+
+
+def test_other_windows_at_read_time(store: Store) -> None:
+    dataset = WindowDataset(store, length_s=2, stride_s=1)
+    assert list(dataset.windows) == list(store.windows("train", length_s=2, stride_s=1))
+    assert dataset[0][MOTION].shape == (60, 151)
+
+
+def test_preset_edge(store: Store) -> None:
+    dataset = WindowDataset(store, preset="edge")
+    assert dataset.fields == (MOTION, AUDIO)
+    assert list(dataset.windows) == list(store.windows("train", length_s=5, stride_s=0.5))
+    assert float(dataset[0][MOTION].abs().max()) <= 1.0
+    assert WindowDataset(store, preset="edge", fields=(MOTION,), length_frames=60)[0][MOTION].shape == (
+        60,
+        151,
+    )
+
+
+def test_window_scope_and_half_precision(tmp_path: Path) -> None:
+    motion, audio = random_fields({MOTION: 151}, {AUDIO: 35})
+    written = write_random_store(tmp_path, scope="window", fields=(motion, replace(audio, dtype="float16")))
+    dataset = WindowDataset(tmp_path, normalize=False)
+    for place in (0, len(dataset) - 1):
+        item = dataset[place]
+        assert item[AUDIO].dtype == torch.float16
+        for field in (MOTION, AUDIO):
+            rows = written.rows(item["clip"], field, item["start"], item["length"])
+            np.testing.assert_array_equal(item[field].numpy(), rows)
+    assert WindowDataset(tmp_path, normalize=(AUDIO,))[0][AUDIO].dtype == torch.float32
+    with pytest.raises(DanceDataError, match="scope"):
+        WindowDataset(tmp_path, length_frames=20)
+
+
+def test_not_a_built_dataset(tmp_path: Path) -> None:
+    with pytest.raises(StoreError, match=re.escape(tmp_path.name)):
+        WindowDataset(tmp_path)
+
+
+def test_preset_at_another_frame_rate(tmp_path: Path) -> None:
+    fields = random_fields({MOTION: 151}, {}, **{MOTION: 60})
+    write_random_store(tmp_path, fields=fields, fps=Fraction(60))
+    with pytest.raises(UsageError, match="30 frames a second"):
+        WindowDataset(tmp_path, preset="edge")
+
+
+# --- normalising
+
+
+def test_only_motion_is_normalised(store: Store) -> None:
+    raw, normal = WindowDataset(store, normalize=False)[7], WindowDataset(store)[7]
+    assert torch.equal(raw[AUDIO], normal[AUDIO])
+    assert normal[MOTION].dtype == torch.float32
+    expected = store.normalizer(MOTION).normalize(raw[MOTION].numpy())
+    np.testing.assert_allclose(normal[MOTION].numpy(), expected, atol=1e-6)
+
+
+def test_normalize_names_its_fields(store: Store) -> None:
+    raw = WindowDataset(store, normalize=False)[7]
+    named = WindowDataset(store, normalize=(AUDIO,))[7]
+    assert torch.equal(raw[MOTION], named[MOTION])
+    expected = store.normalizer(AUDIO).normalize(raw[AUDIO].numpy())
+    np.testing.assert_allclose(named[AUDIO].numpy(), expected, atol=1e-6)
+
+
+def test_normalising_spans_train_and_comes_back(store: Store) -> None:
+    raw = WindowDataset(store, normalize=False, length_frames=150, stride_frames=50)
+    dataset = WindowDataset(store, length_frames=150, stride_frames=50)
+    normal = torch.cat([item[MOTION] for item in dataset.__getitems__(range(len(dataset)))])
+    plain = torch.cat([item[MOTION] for item in raw.__getitems__(range(len(raw)))])
+    assert float(normal.min()) == pytest.approx(-1.0, abs=1e-6)
+    assert float(normal.max()) == pytest.approx(1.0, abs=1e-6)
+    back = dataset.normalizer(MOTION).unnormalize(normal)
+    torch.testing.assert_close(back.to(torch.float32), plain, atol=1e-5, rtol=1e-5)
+
+
+def test_val_uses_the_scaler_of_train(store: Store) -> None:
+    raw = WindowDataset(store, split="val", normalize=False)[0]
+    expected = store.normalizer(MOTION).normalize(raw[MOTION].numpy())
+    np.testing.assert_allclose(WindowDataset(store, split="val")[0][MOTION].numpy(), expected, atol=1e-6)
+
+
+def test_normalizer_of_a_field_that_is_not_read(store: Store) -> None:
+    with pytest.raises(UsageError, match=AUDIO):
+        WindowDataset(store, fields=(AUDIO,)).normalizer(MOTION)
+
+
+# --- mirroring
+
+
+def test_mirror_changes_motion_only_and_twice_is_nothing(store: Store) -> None:
+    raw = WindowDataset(store, normalize=False)[7]
+    mirrored = WindowDataset(store, normalize=False, mirror=1.0)[7]
+    mirror = store.field(MOTION).columns.mirror
+    assert mirror is not None
+    assert mirrored["mirrored"] is True
+    assert torch.equal(raw[AUDIO], mirrored[AUDIO])
+    assert not torch.equal(raw[MOTION], mirrored[MOTION])
+    np.testing.assert_array_equal(mirror.apply(mirrored[MOTION].numpy()), raw[MOTION].numpy())
+
+
+def test_mirrored_before_normalised_in_a_range_that_covers_both(store: Store) -> None:
+    mirror = store.field(MOTION).columns.mirror
+    assert mirror is not None
+    raw = WindowDataset(store, normalize=False)
+    dataset = WindowDataset(store, mirror=1.0)
+    scaler = dataset.normalizer(MOTION)
+    for place in range(0, len(raw), 97):
+        plain = raw[place][MOTION].numpy()
+        for rows in (plain, mirror.apply(plain)):
+            assert np.abs(scaler.normalize(rows, clip=False)).max() <= 1 + 1e-5
+        np.testing.assert_allclose(
+            dataset[place][MOTION].numpy(), scaler.normalize(mirror.apply(plain)), atol=1e-6
+        )
+
+
+def test_edges_range_can_be_kept(store: Store) -> None:
+    raw, edges = WindowDataset(store, normalize=False), store.normalizer(MOTION)
+    kept = WindowDataset(store, mirror=1.0, normalizer_covers_mirror=False)
+    mirror = store.field(MOTION).columns.mirror
+    assert mirror is not None
+    expected = edges.normalize(mirror.apply(raw[7][MOTION].numpy()))
+    np.testing.assert_allclose(kept[7][MOTION].numpy(), expected, atol=1e-6)
+    assert float(kept[7][MOTION].abs().max()) <= 1.0
+
+
+def test_val_can_have_the_scaler_of_a_mirrored_train(store: Store) -> None:
+    train, val = (
+        WindowDataset(store, mirror=0.5),
+        WindowDataset(store, split="val", normalizer_covers_mirror=True),
+    )
+    probe = np.linspace(-3, 3, 151)
+    wanted = train.normalizer(MOTION).normalize(probe, clip=False)
+    np.testing.assert_array_equal(val.normalizer(MOTION).normalize(probe, clip=False), wanted)
+    assert not np.array_equal(store.normalizer(MOTION).normalize(probe, clip=False), wanted)
+    assert not val[0]["mirrored"]
+
+
+def mirrored(dataset: WindowDataset) -> list[bool]:
+    return [item["mirrored"] for item in dataset.__getitems__(range(len(dataset)))]
+
+
+def test_what_is_mirrored_is_a_pure_function_of_seed_epoch_and_index(store: Store) -> None:
+    def build(mirror: float, seed: int) -> WindowDataset:
+        return WindowDataset(store, fields=(AUDIO,), mirror=mirror, seed=seed)
+
+    dataset = build(0.5, seed=1)
+    first = mirrored(dataset)
+    assert 0.45 < np.mean(first) < 0.55
+    assert [dataset[place]["mirrored"] for place in (5, 0, 9)] == [first[5], first[0], first[9]]
+    dataset.set_epoch(1)
+    assert mirrored(dataset) != first
+    dataset.set_epoch(0)
+    assert dataset.epoch == 0 and mirrored(dataset) == first
+    assert mirrored(build(0.5, seed=1)) == first
+    assert mirrored(build(0.5, seed=2)) != first
+    assert 0.25 < np.mean(mirrored(build(0.3, seed=1))) < 0.35
+    assert not any(mirrored(build(0.0, seed=1)))
+    assert all(mirrored(build(1.0, seed=1)))
+
+
+def test_motion_without_a_mirror_is_named(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    from types import SimpleNamespace
+
+    real = store.field
+
+    def field(name: str) -> object:
+        known = real(name)
+        return SimpleNamespace(name=known.name, kind=known.kind, columns=SimpleNamespace(mirror=None))
+
+    monkeypatch.setattr(store, "field", field)
+    with pytest.raises(UsageError, match=MOTION):
+        WindowDataset(store, mirror=0.5)
+    with pytest.raises(UsageError, match=MOTION):
+        WindowDataset(store, normalizer_covers_mirror=True)
+    assert WindowDataset(store, fields=(AUDIO,), mirror=0.5)[0][AUDIO].shape == (150, 35)
+    assert len(WindowDataset(store)) > 0
+
+
+# --- copies and names
+
+
+@pytest.mark.parametrize("how", ["pickle", "deepcopy"])
+def test_copies_read_the_same_and_have_their_own_epoch(store: Store, how: str) -> None:
+    dataset = WindowDataset(store, mirror=0.5, seed=4)
+    dataset.set_epoch(3)
+    dataset[0]
+    twin = pickle.loads(pickle.dumps(dataset)) if how == "pickle" else copy.deepcopy(dataset)
+    assert twin.epoch == 3 and mirrored(twin) == mirrored(dataset)
+    assert torch.equal(twin[5][MOTION], dataset[5][MOTION])
+    twin.set_epoch(4)
+    assert dataset.epoch == 3
+    assert twin._epoch.is_shared()
+
+
+def test_wrong_epoch(store: Store) -> None:
+    with pytest.raises(UsageError, match="epoch"):
+        WindowDataset(store).set_epoch(-1)
+
+
+def test_repr_says_what_it_is(store: Store) -> None:
+    text = repr(WindowDataset(store, mirror=0.5))
+    for part in ("train", "edge151", "librosa35", "mirror=0.5", f"{len(store.windows('train')):,}"):
+        assert part in text
+
+
+def test_importing_readers_does_not_import_torch() -> None:
+    code = "import sys, dancedata.readers; print('torch' in sys.modules, dir(dancedata.readers)[0:0])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split()[0] == "False"
+
+
+def test_unknown_name_in_readers() -> None:
+    import dancedata.readers
+
+    with pytest.raises(AttributeError, match="WindowDataset"):
+        dancedata.readers.WindowDatset  # noqa: B018
+
+
+def test_without_torch_says_what_to_install() -> None:
+    code = (
+        "import sys; sys.modules['torch'] = None\n"
+        "try:\n    from dancedata.readers import EpochSampler\n"
+        "except ImportError as error:\n    print(error)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert "dancedata[torch]" in done.stdout
+
+
+def test_default_loader_without_workers(store: Store) -> None:
+    batch = next(iter(DataLoader(WindowDataset(store), batch_size=4)))
+    assert batch[MOTION].shape == (4, 150, 151) and len(batch["clip"]) == 4

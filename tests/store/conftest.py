@@ -1,0 +1,45 @@
+"""Small random stores."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from dancedata.store.schema import Field
+from dancedata.testing.stores import RandomStore, random_columns, write_random_store
+
+MakeStore = Callable[..., RandomStore]
+
+
+@pytest.fixture
+def make_store(tmp_path: Path) -> MakeStore:
+    """Return a function that writes small random stores, each into a folder of its own."""
+    count = 0
+
+    def make(**options: Any) -> RandomStore:
+        nonlocal count
+        count += 1
+        options.setdefault("fields", mixed_fields())
+        return write_random_store(tmp_path / f"store{count}", **options)
+
+    return make
+
+
+def mixed_fields() -> tuple[Field, ...]:
+    """Return two motion fields, one of them at 60 a second, and two audio fields, one of them float16."""
+    return (
+        Field("pose", "motion", random_columns(7), Fraction(30)),
+        Field("fast", "motion", random_columns(4), Fraction(60)),
+        Field("music", "audio", random_columns(5, mirror=False), Fraction(30)),
+        Field("layer", "audio", random_columns(3, mirror=False), Fraction(30), "float16"),
+    )
+
+
+@pytest.fixture(params=["track", "window"])
+def scope(request: pytest.FixtureRequest) -> str:
+    """Both scopes."""
+    return str(request.param)

@@ -1,0 +1,150 @@
+"""The layout on disk, as docs/store-format.md has it, and equal bytes for equal input."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import subprocess
+import sys
+import time
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from dancedata.store import open_store
+
+DOCS = Path(__file__).parents[2] / "docs" / "store-format.md"
+
+
+def datasets(file: Any) -> dict[str, Any]:
+    """All datasets of an HDF5 file by path."""
+    found: dict[str, Any] = {}
+    file.visititems(lambda name, item: found.update({name: item}) if isinstance(item, h5py.Dataset) else None)
+    return found
+
+
+def hashes(folder: Path) -> dict[str, str]:
+    """sha256 of every file of a folder."""
+    return {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in sorted(folder.iterdir())}
+
+
+def test_data_is_aligned_contiguous_and_little_endian(make_store: Any, scope: str) -> None:
+    made = make_store(scope=scope, shard_bytes=5000)
+    shards = list(made.path.glob("*.h5"))
+    assert len(shards) > 5
+    for shard in shards:
+        with h5py.File(shard, "r", locking=False) as file:
+            for name, dataset in datasets(file).items():
+                assert dataset.chunks is None and dataset.compression is None, name
+                assert dataset.dtype.str[0] in "<|", name
+                assert dataset.size == 0 or dataset.id.get_offset() % 64 == 0, name
+
+
+def test_names_are_the_documented_ones(make_store: Any, scope: str) -> None:
+    made = make_store(scope=scope)
+    wanted = {
+        f"clips/{n}" for n in ("id", "genre", "music", "dancer", "tempo_bpm", "source", "n_frames", "n_flags")
+    }
+    wanted |= {"clips/trim_start", "clips/lists"}
+    wanted |= {f"windows/{n}" for n in ("clip", "start", "length", "index")}
+    wanted |= {f"windows/rows/{n}" for n in ("pose", "fast", "music", "layer")}
+    wanted |= {"motion/pose", "motion/fast", "audio/music", "audio/layer"}
+    wanted |= {f"clips/motion/{n}/{c}" for n in ("pose", "fast") for c in ("start", "length")}
+    if scope == "track":
+        wanted |= {f"clips/audio/{n}/{c}" for n in ("music", "layer") for c in ("start", "length", "offset")}
+    with h5py.File(made.path / "train-00000-of-00001.h5", "r", locking=False) as file:
+        assert set(datasets(file)) == wanted
+        assert file["clips/id"].dtype.metadata is None or file["clips/id"].asstr()[0] == "train_c00"
+        assert h5py.check_string_dtype(file["clips/id"].dtype) == h5py.h5t.string_info("utf-8", 9)
+        assert file["motion/pose"].dtype == "<f4" and file["audio/layer"].dtype == "<f2"
+        assert file.attrs["format"] == 1 and file.attrs["scope"].decode() == scope
+        assert np.isnan(file["clips/tempo_bpm"][1])
+
+
+def test_example_of_the_documentation_runs(make_store: Any, scope: str, capsys: Any) -> None:
+    made = make_store(scope=scope)
+    [code] = re.findall(r"```python\n(.*?)```", DOCS.read_text(encoding="utf-8"), flags=re.DOTALL)
+    namespace: dict[str, Any] = {"OUT": str(made.path)}
+    exec(code, namespace)
+    assert capsys.readouterr().out.splitlines() == [
+        "train_c00 pose (30, 7)",
+        "train_c00 fast (60, 4)",
+        "train_c00 music (30, 5)",
+        "train_c00 layer (30, 3)",
+    ]
+    np.testing.assert_array_equal(namespace["rows"], made.rows("train_c00", "layer", 0, 30))
+
+
+WRITE = """
+import sys
+from pathlib import Path
+from dancedata.testing.stores import write_random_store
+write_random_store(Path(sys.argv[1]), scope=sys.argv[2], shard_bytes=200000, card="# é")
+"""
+
+
+def test_equal_input_gives_equal_bytes_in_another_process_and_second(tmp_path: Path, scope: str) -> None:
+    for name in ("first", "second"):
+        subprocess.run([sys.executable, "-c", WRITE, str(tmp_path / name), scope], check=True)
+        # HDF5 counts times in seconds: were one written, it would differ now.
+        time.sleep(1.1 if name == "first" else 0)
+    first = hashes(tmp_path / "first")
+    assert first == hashes(tmp_path / "second")
+    assert len([n for n in first if n.endswith(".h5")]) > 3
+
+
+def test_order_of_the_clips_given_does_not_matter(tmp_path: Path, make_store: Any) -> None:
+    from dancedata.store import write_store
+
+    made = make_store(shard_bytes=5000)
+    out = tmp_path / "other"
+    out.mkdir()
+    write_store(out, made.header, made.clips[::-1], shard_bytes=5000)
+    assert hashes(out) == hashes(made.path)
+
+
+def test_shards_keep_to_their_size(make_store: Any) -> None:
+    made = make_store(clips={"train": 12}, shard_bytes=20_000, clips_per_song=1)
+    shards = json.loads((made.path / "dataset.json").read_text())["shards"]
+    assert [s["file"] for s in shards] == [
+        f"train-{i:05d}-of-{len(shards):05d}.h5" for i in range(len(shards))
+    ]
+    store = open_store(made.path)
+    sizes = []
+    for shard in store._shards["train"]:
+        sizes.append(sum(shard.layout(f).n_rows * shard.layout(f).row_bytes for f in store.fields))
+        assert sizes[-1] <= 20_000 or len(shard.clips.records) == 1
+    assert len(sizes) > 2
+    # Two neighbours never fit into one.
+    assert all(a + b > 20_000 for a, b in pairwise(sizes))
+
+
+def test_dataset_json(make_store: Any) -> None:
+    made = make_store(meta={"recipe": {"name": "x"}, "licence": "CC0"})
+    info = json.loads((made.path / "dataset.json").read_text())
+    assert (info["format"], info["scope"], info["fps"]) == (1, "track", "30")
+    assert info["windows"] == {"length": 30, "stride": 15, "order": "time"}
+    assert [(f["name"], f["kind"], f["rate"], f["dtype"]) for f in info["fields"]] == [
+        ("pose", "motion", "30", "float32"),
+        ("fast", "motion", "60", "float32"),
+        ("music", "audio", "30", "float32"),
+        ("layer", "audio", "30", "float16"),
+    ]
+    assert info["recipe"] == {"name": "x"} and info["licence"] == "CC0"
+    train = [c for c in made.clips if c.split == "train"]
+    frames = sum(c.n_frames for c in train)
+    assert info["counts"]["train"] == {
+        "clips": 6,
+        "windows": sum(len(c.starts) for c in train),
+        "frames": frames,
+        "hours": frames / 108_000,
+        "songs": 3,
+    }
+    for entry in info["shards"]:
+        data = (made.path / entry["file"]).read_bytes()
+        assert (len(data), hashlib.sha256(data).hexdigest()) == (entry["size"], entry["sha256"])
+    assert set(info["files"]) == {"stats.json", "rejects.jsonl", "quality.jsonl", "README.md"}

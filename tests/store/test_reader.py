@@ -1,0 +1,353 @@
+"""Opening, looking things up, re-windowing, and use from other processes and threads."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import pickle
+import shutil
+from concurrent.futures import ThreadPoolExecutor
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dancedata.core.clip import Window
+from dancedata.core.errors import StoreError, UsageError
+from dancedata.store import Store, open_store
+from dancedata.store.schema import Field
+from dancedata.testing.stores import random_columns
+
+
+def checksum(store: Store, position: int) -> float:
+    """Read one window of train, in whatever process this runs."""
+    window = store.windows("train")[position]
+    return float(sum(np.abs(store.read(window, f).astype(np.float64)).sum() for f in store.fields))
+
+
+def test_what_a_store_says_of_itself(make_store: Any, scope: str) -> None:
+    made = make_store(scope=scope, clips={"zz": 1, "test": 1, "train": 2, "all": 1})
+    store = open_store(str(made.path))
+    assert store.splits == ("train", "test", "all", "zz")
+    assert store.fps == 30 and isinstance(store.fps, int)
+    assert store.scope == scope and store.path == made.path
+    assert list(store.fields) == ["pose", "fast", "music", "layer"]
+    assert store.fields["pose"] == made.header.fields[0].columns
+    assert store.field("fast") == made.header.fields[1]
+    assert store.skeleton.to_json() == made.header.skeleton.to_json()
+    assert store.meta["recipe"] == {"name": "random"}
+    assert store.rejects == [] and store.quality == []
+
+
+def test_fps_that_is_no_whole_number(make_store: Any) -> None:
+    rate = Fraction(30000, 1001)
+    made = make_store(fps=rate, fields=[Field("pose", "motion", random_columns(3), rate)])
+    store = open_store(made.path)
+    assert store.fps == rate
+    window = store.windows("train")[1]
+    np.testing.assert_array_equal(store.read(window, "pose"), made.rows(window.clip, "pose", 15, 30))
+
+
+def test_opening_reads_no_table(make_store: Any) -> None:
+    store = open_store(make_store().path)
+    assert all(shard._clips is None for shards in store._shards.values() for shard in shards)
+    store.read(store.windows("train")[0], "pose")
+    assert all(shard._clips is None for shard in store._shards["test"])
+
+
+@pytest.mark.parametrize("target", ["windows", "read"])
+def test_read_gives_an_array_of_ones_own(make_store: Any, scope: str, target: str) -> None:
+    made = make_store(scope=scope)
+    store = open_store(made.path)
+    window = store.windows("train")[0]
+    first = (
+        store.read(window, "pose") if target == "read" else store.read(Window(*vars(window).values()), "pose")
+    )
+    assert first.flags.writeable and first.flags.c_contiguous
+    first[...] = 0
+    np.testing.assert_array_equal(
+        store.read(window, "pose"), made.rows(window.clip, "pose", window.start, 30)
+    )
+
+
+def test_read_into_converts_and_takes_strided_arrays(make_store: Any) -> None:
+    made = make_store()
+    store = open_store(made.path)
+    window = store.windows("train")[1]
+    wanted = made.rows(window.clip, "layer", window.start, 30)
+    batch = np.zeros((4, 30, 3), np.float32)
+    store.read_into(window, "layer", batch[2])
+    np.testing.assert_array_equal(batch[2], wanted.astype(np.float32))
+    strided = np.zeros((30, 6), np.float16)
+    store.read_into(window, "layer", strided[:, ::2])
+    np.testing.assert_array_equal(strided[:, ::2], wanted)
+    assert not strided[:, 1::2].any() and not batch[[0, 1, 3]].any()
+    with pytest.raises(UsageError, match="wrong shape"):
+        store.read_into(window, "layer", np.zeros((29, 3)))
+
+
+def test_order_by_time_is_clips_by_id_and_windows_by_start(make_store: Any) -> None:
+    made = make_store(clips={"train": 12}, shard_bytes=20_000)
+    windows = open_store(made.path).windows("train")
+    assert list(windows) == [Window(c.id, s, 30) for c in made.clips for s in c.starts]
+
+
+def test_order_by_name_is_a_plain_string_sort(make_store: Any) -> None:
+    made = make_store(clips={"train": 3}, order="name", n_frames=(200, 220), stride=15)
+    windows = open_store(made.path).windows("train")
+    names = [f"{windows.clip_ids[c]}_slice{k}" for c, k in zip(windows.clip, windows.number, strict=True)]
+    assert names == sorted(names) and names.index("train_c00_slice10") < names.index("train_c00_slice2")
+    for window, k in zip(windows, windows.number, strict=True):
+        assert window.start == 15 * k
+        np.testing.assert_array_equal(
+            open_store(made.path).read(window, "pose"), made.rows(window.clip, "pose", window.start, 30)
+        )
+
+
+def test_window_list_is_a_sequence(make_store: Any) -> None:
+    windows = open_store(make_store().path).windows("train")
+    everything = list(windows)
+    assert windows[-1] == everything[-1] and list(windows[1:5:2]) == everything[1:5:2]
+    assert windows[0] in windows and windows.index(everything[4]) == 4 and windows.count(everything[4]) == 1
+    mask = np.arange(len(windows)) % 2 == 0
+    assert list(windows.take(mask)) == everything[::2] and list(windows.take([3, 0])) == [
+        everything[3],
+        everything[0],
+    ]
+    assert pickle.loads(pickle.dumps(windows)) == windows
+    with pytest.raises(IndexError):
+        windows[len(windows)]
+
+
+def test_other_windows_at_read_time(make_store: Any) -> None:
+    made = make_store(n_frames=(70, 130), shard_bytes=20_000)
+    store = open_store(made.path)
+    windows = store.windows("train", length_s=2, stride_frames=7)
+    wanted = [
+        Window(c.id, s, 60)
+        for c in made.clips
+        if c.split == "train"
+        for s in range(0, c.n_frames - 60 + 1, 7)
+    ]
+    assert list(windows) == wanted
+    for window in windows:
+        for name in store.fields:
+            np.testing.assert_array_equal(
+                store.read(window, name), made.rows(window.clip, name, window.start, window.length)
+            )
+    assert store.windows("train", length_s="1", stride_s=0.5) == store.windows("train")
+    assert len(store.windows("train", stride_frames=1)) > len(store.windows("train"))
+
+
+def test_other_windows_end_with_the_music(tmp_path: Path, make_store: Any) -> None:
+    made = make_store()
+    from dancedata.store import AudioBlock, StoredClip, write_store
+
+    clip = StoredClip(
+        id="c", split="train", n_frames=100, starts=(0,),
+        motion={"pose": np.zeros((100, 7)), "fast": np.zeros((199, 4))},
+        audio={
+            "music": (AudioBlock("m", np.zeros((64, 5)), 4),),
+            "layer": (AudioBlock("l", np.zeros((200, 3))),),
+        },
+    )  # fmt: skip
+    out = tmp_path / "out"
+    out.mkdir()
+    write_store(out, made.header, [clip])
+    store = open_store(out)
+    assert [w.start for w in store.windows("train", stride_frames=10)] == [0, 10, 20, 30]
+    # Left to the motion alone, the windows go on; frame 99 has only one of its two rows at 60 a second.
+    assert [w.start for w in store.windows("train", stride_frames=10, fields=("pose",))][-1] == 70
+    assert [w.start for w in store.windows("train", stride_frames=10, fields=("pose", "fast"))][-1] == 60
+    assert store.clip("c").read("music").shape == (60, 5)
+    assert store.clip("c").read("layer").shape == (100, 3)
+    with pytest.raises(UsageError, match="after the last row of field music"):
+        store.read(Window("c", 40, 30), "music")
+
+
+def test_rows_that_are_no_whole_number_are_refused(make_store: Any) -> None:
+    slow = Field("slow", "audio", random_columns(2, mirror=False), Fraction(15, 2))
+    made = make_store(fields=[*make_store().header.fields, slow], length=32, stride=16)
+    store = open_store(made.path)
+    with pytest.raises(UsageError, match="stride is no whole number of rows of field slow"):
+        store.windows("train", stride_frames=7)
+    window = store.windows("train", stride_frames=7, fields=("pose", "music"))[1]
+    assert store.read(window, "pose").shape == (32, 7)
+    with pytest.raises(UsageError, match="multiples of 4 frames"):
+        store.read(window, "slow")
+
+
+def test_window_scope_has_its_windows_only(make_store: Any) -> None:
+    store = open_store(make_store(scope="window").path)
+    window = store.windows("train", length_s=1, stride_frames=15)[0]
+    for attempt in (
+        lambda: store.windows("train", length_s=2),
+        lambda: store.windows("train", stride_s=1),
+        lambda: store.clip(window.clip).read("pose"),
+        lambda: store.read(Window(window.clip, 1, 30), "pose"),
+        lambda: store.read(Window(window.clip, 0, 15), "pose"),
+        lambda: store.read(Window(window.clip, 10**6, 30), "music"),
+    ):
+        with pytest.raises(StoreError, match=r"window scope[\s\S]*scope: track"):
+            attempt()
+
+
+def test_wrong_names_get_the_closest_one(make_store: Any) -> None:
+    store = open_store(make_store().path)
+    window = store.windows("train")[0]
+    for attempt, closest in (
+        (lambda: store.windows("trian"), "train"),
+        (lambda: store.read(window, "poze"), "pose"),
+        (lambda: store.field("musik"), "music"),
+        (lambda: store.normalizer("fas"), "fast"),
+        (lambda: store.clip("train_c0"), "train_c0"),
+        (lambda: store.read(Window("train_x00", 0, 30), "pose"), "train_c00"),
+        (lambda: store.windows("train", stride_frames=1, fields=("posse",)), "pose"),
+    ):
+        with pytest.raises(UsageError, match="did you mean") as caught:
+            attempt()
+        assert closest in str(caught.value)
+
+
+@pytest.mark.parametrize(("start", "length"), [(-1, 30), (0, 0), (0, 10**6), (10**6, 30)])
+def test_windows_outside_their_clip_are_refused(make_store: Any, start: int, length: int) -> None:
+    store = open_store(make_store().path)
+    with pytest.raises(UsageError, match="leaves its clip"):
+        store.read(Window("train_c00", start, length), "pose")
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"length_s": 1, "length_frames": 30}, {"stride_s": 1, "stride_frames": 30}, {"length_frames": 0},
+     {"stride_frames": -3}, {"length_s": 0.51}, {"length_frames": 2.5}],
+)  # fmt: skip
+def test_wrong_windows_are_refused(make_store: Any, options: dict[str, Any]) -> None:
+    store = open_store(make_store().path)
+    with pytest.raises(UsageError):
+        store.windows("train", **options)
+
+
+def test_pickle_opens_anew(make_store: Any) -> None:
+    made = make_store()
+    store = open_store(made.path)
+    wanted = checksum(store, 3)
+    data = pickle.dumps(store)
+    assert len(data) < 1000
+    assert checksum(pickle.loads(data), 3) == wanted
+
+
+def test_pickle_of_a_dataset_built_again_meanwhile_is_refused(make_store: Any) -> None:
+    made, other = make_store(), make_store(seed=1)
+    data = pickle.dumps(open_store(made.path))
+    shutil.rmtree(made.path)
+    shutil.copytree(other.path, made.path)
+    with pytest.raises(StoreError, match="built again"):
+        pickle.loads(data)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
+def test_fork_after_reading(make_store: Any) -> None:
+    store = open_store(make_store().path)
+    wanted = [checksum(store, i) for i in range(8)]
+    children = []
+    for i in range(8):
+        child = os.fork()
+        if child == 0:
+            # Out by _exit whatever happens: this is a copy of the test runner.
+            try:
+                same = all(checksum(store, k) == wanted[k] for k in (i, 0, 7 - i))
+            finally:
+                os._exit(0 if same else 1)
+        children.append(child)
+    assert [checksum(store, i) for i in range(8)] == wanted
+    assert [os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) for child in children] == [0] * 8
+
+
+def test_spawn_after_reading(make_store: Any) -> None:
+    store = open_store(make_store().path)
+    wanted = [checksum(store, i) for i in (0, 5)]
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        assert pool.starmap(checksum, [(store, 0), (store, 5)]) == wanted
+
+
+def test_threads_read_at_once(make_store: Any) -> None:
+    store = open_store(make_store(shard_bytes=20_000).path)
+    n = len(store.windows("train"))
+    wanted = [checksum(store, i) for i in range(n)]
+    store.close()
+    with ThreadPoolExecutor(8) as pool:
+        assert list(pool.map(lambda i: checksum(store, i), list(range(n)) * 4)) == wanted * 4
+
+
+def test_normalizer_is_that_of_the_stats(make_store: Any) -> None:
+    made = make_store()
+    with open_store(made.path) as store:
+        plain, mirrored = store.normalizer("pose"), store.normalizer("pose", mirror=True)
+        np.testing.assert_array_equal(
+            plain.scale, np.float32(store.stats["fields"]["pose"]["scaler"]["scale"])
+        )
+        assert (np.asarray(mirrored.data_min) <= np.asarray(plain.data_min)).all()
+        with pytest.raises(UsageError, match="cannot be mirrored"):
+            store.normalizer("music", mirror=True)
+
+
+def test_without_train_windows_there_is_no_normalizer(make_store: Any) -> None:
+    store = open_store(make_store(clips={"test": 2}).path)
+    assert store.stats["fields"] == {} and "no train windows" in store.stats["note"]
+    with pytest.raises(StoreError, match="without train windows"):
+        store.normalizer("pose")
+
+
+def test_folders_that_are_no_dataset(tmp_path: Path, make_store: Any) -> None:
+    for folder, found in ((tmp_path / "nowhere", "no such folder"), (tmp_path / "empty", "an empty folder")):
+        if found == "an empty folder":
+            folder.mkdir()
+        with pytest.raises(StoreError, match=found):
+            open_store(folder)
+    made = make_store()
+    (made.path / "dataset.json").unlink()
+    with pytest.raises(StoreError, match=r"train-00000-of-00001\.h5[\s\S]*unfinished build"):
+        open_store(made.path)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [("", "no JSON"), ("[1]", "not of a dancedata dataset"), ('{"a": 1}', "not of a dancedata dataset"),
+     ('{"format": 2}', "another format version"), ('{"format": 1}', "lacks something")],
+)  # fmt: skip
+def test_wrong_dataset_json(make_store: Any, text: str, message: str) -> None:
+    made = make_store()
+    (made.path / "dataset.json").write_text(text)
+    with pytest.raises(StoreError, match=message):
+        open_store(made.path)
+
+
+def test_shard_missing_or_of_another_size(make_store: Any) -> None:
+    made = make_store()
+    shard = made.path / "val-00000-of-00001.h5"
+    data = shard.read_bytes()
+    shard.write_bytes(data[:-1])
+    with pytest.raises(StoreError, match="another size") as caught:
+        open_store(made.path)
+    assert f"{len(data) - 1} bytes" in str(caught.value) and f"{len(data)} bytes" in str(caught.value)
+    shard.unlink()
+    with pytest.raises(StoreError, match="a shard is missing"):
+        open_store(made.path)
+
+
+def test_shard_cut_or_overwritten_while_open(make_store: Any) -> None:
+    made = make_store()
+    store = open_store(made.path)
+    window = store.windows("train")[-1]
+    store.read(window, "fast")
+    shard = made.path / "train-00000-of-00001.h5"
+    size = shard.stat().st_size
+    os.truncate(shard, 2000)
+    with pytest.raises(StoreError, match="ends too early"):
+        store.read(window, "fast")
+    other = open_store(make_store().path)
+    (other.path / shard.name).write_bytes(b"x" * size)
+    with pytest.raises(StoreError, match="cannot be read"):
+        other.windows("train")

@@ -1,0 +1,235 @@
+"""What is read is what was written, whatever the corpus."""
+
+from __future__ import annotations
+
+import tempfile
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dancedata.core.errors import StoreError
+from dancedata.store import AudioBlock, StoredClip, StoreHeader, open_store, verify_store, write_store
+from dancedata.store.schema import Field
+from dancedata.testing.stores import RandomStore, random_columns, write_random_store
+
+
+def read_everything(made: RandomStore) -> int:
+    """Compare all windows of all splits with the source; return how many there were."""
+    store = open_store(made.path)
+    count = 0
+    for split in store.splits:
+        for window in store.windows(split):
+            for name in store.fields:
+                found = store.read(window, name)
+                np.testing.assert_array_equal(
+                    found, made.rows(window.clip, name, window.start, window.length)
+                )
+                assert found.dtype == np.dtype(store.field(name).dtype)
+            count += 1
+    return count
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    scope=st.sampled_from(["track", "window"]),
+    order=st.sampled_from(["time", "name"]),
+    fps=st.sampled_from([Fraction(30), Fraction(30000, 1001)]),
+    length=st.sampled_from([4, 8, 20]),
+    stride=st.sampled_from([4, 8]),
+    clips=st.dictionaries(st.sampled_from(["train", "val", "test", "all"]), st.integers(1, 4), min_size=1),
+    shard_bytes=st.sampled_from([1, 3000, 10**9]),
+    clips_per_song=st.integers(1, 3),
+    seed=st.integers(0, 99),
+)
+def test_every_window_is_the_source_slice(**options: Any) -> None:
+    fps = options["fps"]
+    fields = (
+        Field("pose", "motion", random_columns(3), fps),
+        Field("fast", "motion", random_columns(2), fps * 2),
+        Field("music", "audio", random_columns(2, mirror=False), fps, "float16"),
+        Field("slow", "audio", random_columns(3, mirror=False), fps / 4),
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        made = write_random_store(Path(folder), fields=fields, n_frames=(20, 60), **options)
+        assert read_everything(made) == sum(len(c.starts) for c in made.clips)
+        assert verify_store(made.path) == []
+
+
+def test_clip_reads_whole_motion_and_its_part_of_the_song(make_store: Any) -> None:
+    made = make_store(n_frames=(41, 55))
+    store = open_store(made.path)
+    for clip in made.clips:
+        view = store.clip(clip.id)
+        assert view.n_frames == clip.n_frames == view.record.n_frames
+        for name in ("pose", "fast"):
+            np.testing.assert_array_equal(view.read(name), np.asarray(clip.motion[name]))
+        for name in ("music", "layer"):
+            np.testing.assert_array_equal(view.read(name), made.rows(clip.id, name, 0, clip.n_frames))
+
+
+def test_clip_records_come_back(make_store: Any) -> None:
+    made = make_store()
+    store = open_store(made.path)
+    assert [r.id for r in store.clips] == [c.id for c in made.clips]
+    for record, clip in zip(store.clips, made.clips, strict=True):
+        for name in (
+            "split",
+            "genre",
+            "music",
+            "dancer",
+            "tempo_bpm",
+            "source",
+            "n_flags",
+            "lists",
+            "n_frames",
+        ):
+            assert getattr(record, name) == getattr(clip, name), name
+
+
+def test_unicode_ids_and_texts(tmp_path: Path) -> None:
+    field = Field("pose", "motion", random_columns(2), Fraction(30))
+    template = write_random_store(tmp_path / "template", fields=[field]).header
+    ids = ["ダンス 01", "breaking ñ", "🕺", "a b"]
+    clips = [
+        StoredClip(
+            id=name, split="train", n_frames=30, starts=(0,),
+            motion={"pose": np.full((30, 2), i, np.float32)},
+            genre="Street Jazz é", music="π", lists=("liste é", "b, c"), source="ü", trim_start=3,
+        )
+        for i, name in enumerate(ids)
+    ]  # fmt: skip
+    out = tmp_path / "ünï cödé"
+    out.mkdir()
+    write_store(out, template, clips)
+    store = open_store(out)
+    assert sorted(r.id for r in store.clips) == sorted(ids)
+    for i, name in enumerate(ids):
+        view = store.clip(name)
+        assert (view.read("pose") == i).all()
+        assert (view.record.genre, view.record.music, view.record.source) == ("Street Jazz é", "π", "ü")
+        assert view.record.lists == ("liste é", "b, c") and view.record.trim_start == 3
+    assert verify_store(out) == []
+
+
+def test_shared_timeline_is_stored_once_a_shard(make_store: Any) -> None:
+    one = make_store(clips={"train": 6}, clips_per_song=6)
+    many = make_store(clips={"train": 6}, clips_per_song=6, shard_bytes=1)
+    [shard] = open_store(one.path)._shards["train"]
+    timeline = one.clips[0].audio["music"][0].array
+    assert shard.layout("music").n_rows == timeline.shape[0]
+    shards = open_store(many.path)._shards["train"]
+    assert len(shards) == 6
+    assert all(s.layout("music").n_rows == timeline.shape[0] for s in shards)
+
+
+def test_window_scope_shares_equal_blocks(make_store: Any) -> None:
+    made = make_store(scope="window", clips={"train": 3}, clips_per_song=3, n_frames=(90, 90))
+    [shard] = open_store(made.path)._shards["train"]
+    n_windows = len(made.clips[0].starts)
+    assert shard.layout("music").n_rows == n_windows * 30
+    assert shard.layout("pose").n_rows == 3 * n_windows * 30
+    assert shard.layout("fast").n_rows == 3 * n_windows * 60
+
+
+def test_song_of_two_splits_is_in_each(tmp_path: Path, make_store: Any) -> None:
+    template = make_store().header
+    timeline = np.arange(200, dtype=np.float32).reshape(40, 5)
+    layer = np.ones((40, 3), np.float32)
+    clips = [
+        StoredClip(
+            id=split, split=split, n_frames=30, starts=(0,), music="song",
+            motion={"pose": np.zeros((30, 7)), "fast": np.zeros((60, 4))},
+            audio={"music": (AudioBlock("k", timeline, 4),), "layer": (AudioBlock("k", layer, 0),)},
+        )
+        for split in ("val", "train")
+    ]  # fmt: skip
+    out = tmp_path / "out"
+    out.mkdir()
+    write_store(out, template, clips)
+    store = open_store(out)
+    for split in ("train", "val"):
+        np.testing.assert_array_equal(store.read(store.windows(split)[0], "music"), timeline[4:34])
+
+
+def test_clips_without_windows_are_kept(tmp_path: Path, make_store: Any) -> None:
+    made = make_store(clips={"train": 4}, n_frames=(10, 60), length=30)
+    short = [c.id for c in made.clips if not c.starts]
+    assert short, "the seed should give a short clip"
+    store = open_store(made.path)
+    assert {w.clip for w in store.windows("train")}.isdisjoint(short)
+    assert len(store.clip(short[0]).read("pose")) == made.clip(short[0]).n_frames
+    assert verify_store(made.path) == []
+
+
+def test_values_in_lazy_arrays_are_loaded_one_at_a_time(tmp_path: Path, make_store: Any) -> None:
+    template: StoreHeader = make_store().header
+    alive: list[int] = []
+    loads: list[int] = []
+
+    class Lazy:
+        """Loads anew each time and counts arrays that are still alive."""
+
+        def __init__(self, *shape: int) -> None:
+            self.shape = shape
+
+        def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+            loads.append(1)
+            alive.append(1)
+
+            class Counted(np.ndarray):
+                def __del__(self) -> None:
+                    if self.base is None:
+                        alive.pop()
+
+            assert len(alive) <= 2
+            array = Counted(self.shape, dtype=np.float32)
+            array[...] = len(loads)
+            return array
+
+    clips = [
+        StoredClip(
+            id=f"c{i}", split="train", n_frames=30, starts=(0,),
+            motion={"pose": Lazy(30, 7), "fast": Lazy(60, 4)},
+            audio={"music": (AudioBlock("k", Lazy(30, 5)),), "layer": (AudioBlock("k", Lazy(30, 3)),)},
+        )
+        for i in range(20)
+    ]  # fmt: skip
+    out = tmp_path / "out"
+    out.mkdir()
+    write_store(out, template, clips)
+    assert len(loads) == 20 * 2 + 2
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("name", ["pose", "music"])
+def test_values_that_are_not_finite_are_refused(
+    tmp_path: Path, make_store: Any, value: float, name: str
+) -> None:
+    made = make_store(clips={"train": 2}, clips_per_song=1)
+    clip = made.clips[1]
+    array = np.asarray(clip.motion["pose"] if name == "pose" else clip.audio["music"][0].array)
+    array[17, 1] = value
+    out = tmp_path / "out"
+    out.mkdir()
+    with pytest.raises(StoreError, match=f"{clip.id}, field {name}, row 17, column"):
+        write_store(out, made.header, made.clips)
+    assert not any(out.iterdir())
+
+
+def test_values_beyond_float16_are_refused(tmp_path: Path, make_store: Any) -> None:
+    made = make_store(clips={"train": 2}, clips_per_song=1)
+    audio = dict(made.clips[0].audio)
+    too_large = np.zeros(audio["layer"][0].array.shape, np.float32)
+    too_large[3, 2] = -70000
+    audio["layer"] = (AudioBlock("large", too_large),)
+    clip = StoredClip(**{**vars(made.clips[0]), "audio": audio})
+    out = tmp_path / "out"
+    out.mkdir()
+    with pytest.raises(StoreError, match="does not fit float16") as caught:
+        write_store(out, made.header, [clip])
+    assert "float32" in str(caught.value) and clip.id in str(caught.value)

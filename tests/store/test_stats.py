@@ -1,0 +1,92 @@
+"""stats.json against plain numpy."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dancedata.store import open_store
+from dancedata.store.plan import plan_shards
+from dancedata.store.stats import QUANTILES, compute_stats
+from dancedata.testing.stores import RandomStore
+
+
+def covered(made: RandomStore, field: str) -> np.ndarray:
+    """All rows that count, (n, D) float64."""
+    f = next(f for f in made.header.fields if f.name == field)
+    ratio = f.rate / made.header.fps
+    train = [c for c in made.clips if c.split == "train"]
+    if made.header.scope == "window":
+        return np.concatenate([made.rows(c.id, field, s, 30) for c in train for s in c.starts]).astype(
+            np.float64
+        )
+    timelines: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+    for c in train:
+        key, array, offset = c.id, c.motion.get(field), 0
+        if f.kind == "audio":
+            [block] = c.audio[field]
+            key, array, offset = block.key, block.array, block.offset
+        _, used = timelines.setdefault(key, (np.asarray(array), np.zeros(len(array), bool)))
+        for s in c.starts:
+            used[offset + int(s * ratio) : offset + int((s + 30) * ratio)] = True
+    return np.concatenate([rows[used] for rows, used in timelines.values()]).astype(np.float64)
+
+
+@pytest.mark.parametrize("stride", [15, 45])
+def test_stats_are_those_of_the_covered_rows(make_store: Any, scope: str, stride: int) -> None:
+    made = make_store(scope=scope, stride=stride, shard_bytes=9000, clips_per_song=3)
+    stats = open_store(made.path).stats
+    assert stats["windows"] == sum(len(c.starts) for c in made.clips if c.split == "train")
+    for f in made.header.fields:
+        found, rows = stats["fields"][f.name], covered(made, f.name)
+        assert found["n"] == len(rows)
+        np.testing.assert_allclose(found["mean"], rows.mean(axis=0), rtol=1e-12, atol=1e-15)
+        np.testing.assert_allclose(found["std"], rows.std(axis=0), rtol=1e-12)
+        np.testing.assert_array_equal(found["min"], rows.min(axis=0))
+        np.testing.assert_array_equal(found["max"], rows.max(axis=0))
+        assert list(found["quantiles"]) == [str(q) for q in QUANTILES]
+        for q in QUANTILES:
+            np.testing.assert_allclose(
+                found["quantiles"][str(q)], np.quantile(rows, q, axis=0), rtol=1e-12, atol=1e-15
+            )
+        np.testing.assert_array_equal(found["scaler"]["data_min"], rows.min(axis=0))
+        np.testing.assert_array_equal(found["scaler"]["data_max"], rows.max(axis=0))
+
+
+def test_stats_do_not_depend_on_shards(make_store: Any, scope: str) -> None:
+    texts = {
+        (make_store(scope=scope, shard_bytes=size).path / "stats.json").read_text()
+        for size in (1, 9000, 10**9)
+    }
+    assert len(texts) == 1
+
+
+def test_stats_do_not_depend_on_blocks_of_columns(make_store: Any, scope: str) -> None:
+    made = make_store(scope=scope)
+    plans = plan_shards(made.header, made.clips, 1 << 20)
+    stored = json.loads((made.path / "stats.json").read_text())
+    for values in (1, 500, 1 << 26):
+        assert compute_stats(made.path, made.header, plans, block_values=values) == stored
+
+
+def test_column_without_range_is_scaled_as_edge_does(tmp_path: Path, make_store: Any) -> None:
+    made = make_store()
+    for clip in made.clips:
+        np.asarray(clip.motion["pose"])[:, 2] = np.float32(0.1)
+        np.asarray(clip.motion["pose"])[::2, 3] = -0.0
+        np.asarray(clip.motion["pose"])[1::2, 3] = 0.0
+    from dancedata.store import write_store
+
+    out = tmp_path / "out"
+    out.mkdir()
+    write_store(out, made.header, made.clips)
+    stats = json.loads((out / "stats.json").read_text())["fields"]["pose"]
+    assert (
+        stats["scaler"]["scale"][2] == 2.0 and stats["std"][2] == 0.0 and stats["mean"][2] == np.float32(0.1)
+    )
+    assert stats["scaler"]["offset"][2] == float(np.float32(-1) - np.float32(0.1) * np.float32(2))
+    assert "-0.0" not in json.dumps([stats["min"][3], stats["max"][3], stats["mean"][3]])

@@ -1,0 +1,226 @@
+"""What the writer refuses, and that it says where and why."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import subprocess
+import sys
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dancedata.core.clip import Reject
+from dancedata.core.errors import StoreError
+from dancedata.store import AudioBlock, StoredClip, StoreHeader, open_store, verify_store, write_store
+from dancedata.store.schema import Field
+from dancedata.testing.stores import RandomStore
+
+
+@pytest.fixture
+def out(tmp_path: Path) -> Path:
+    """An empty folder."""
+    folder = tmp_path / "out"
+    folder.mkdir()
+    return folder
+
+
+def audio_of(clip: StoredClip, **change: Any) -> dict[str, Any]:
+    [block] = clip.audio["music"]
+    return {"audio": {**clip.audio, "music": (dataclasses.replace(block, **change),)}}
+
+
+CLIP_CASES: list[tuple[str, Any, str]] = [
+    ("no id", lambda c: {"id": ""}, "no id"),
+    ("nul in id", lambda c: {"id": "a\0"}, "NUL"),
+    ("break in list", lambda c: {"lists": ("a\nb",)}, "line break"),
+    ("empty list name", lambda c: {"lists": ("",)}, "no name"),
+    ("bad split", lambda c: {"split": "../x"}, "not usable as the name of a split"),
+    ("no frames", lambda c: {"n_frames": 0}, "no frames"),
+    ("starts", lambda c: {"starts": (15, 0)}, "not ascending"),
+    ("same start", lambda c: {"starts": (0, 0)}, "not ascending"),
+    ("negative", lambda c: {"starts": (-1,)}, "not ascending"),
+    ("beyond", lambda c: {"starts": (c.n_frames - 29,)}, "ends after its clip"),
+    ("missing field", lambda c: {"motion": {"pose": c.motion["pose"]}}, "motion fields are not those"),
+    ("extra field", lambda c: {"audio": {**c.audio, "x": ()}}, "audio fields are not those"),
+    ("width", lambda c: {"motion": {**c.motion, "pose": np.zeros((c.n_frames, 6))}}, "wrong shape"),
+    ("dims", lambda c: {"motion": {**c.motion, "pose": np.zeros(c.n_frames)}}, "wrong shape"),
+    ("rows", lambda c: {"motion": {**c.motion, "pose": np.zeros((c.n_frames - 1, 7))}}, "do not match"),
+    ("rows 60", lambda c: {"motion": {**c.motion, "fast": np.zeros((c.n_frames, 4))}}, "do not match"),
+    ("two blocks", lambda c: {"audio": {**c.audio, "music": c.audio["music"] * 2}}, "number of audio blocks"),
+    ("offset", lambda c: audio_of(c, offset=-1), "offset is negative"),
+    ("short audio", lambda c: audio_of(c, array=np.zeros((29, 5)), key="short"), "after the last row"),
+    ("text", lambda c: {"motion": {**c.motion, "pose": np.full((c.n_frames, 7), "x")}}, "no real numbers"),
+]
+
+
+@pytest.mark.parametrize(("change", "message"), [c[1:] for c in CLIP_CASES], ids=[c[0] for c in CLIP_CASES])
+def test_clips_that_cannot_be_stored(make_store: Any, out: Path, change: Any, message: str) -> None:
+    made = make_store(clips={"train": 2}, clips_per_song=1)
+    bad = dataclasses.replace(made.clips[1], **change(made.clips[1]))
+    with pytest.raises(StoreError, match=message) as caught:
+        write_store(out, made.header, [made.clips[0], bad])
+    assert bad.id[:1] in str(caught.value)
+    assert not any(out.iterdir())
+
+
+def test_error_names_clip_field_and_numbers(make_store: Any, out: Path) -> None:
+    made = make_store(clips={"train": 1})
+    clip = dataclasses.replace(made.clips[0], motion={**made.clips[0].motion, "pose": np.zeros((40, 6))})
+    with pytest.raises(StoreError) as caught:
+        write_store(out, made.header, [clip])
+    for part in ("train_c00", "pose", "(40, 6)", "7"):
+        assert part in str(caught.value)
+
+
+def test_two_clips_of_one_id(make_store: Any, out: Path) -> None:
+    made = make_store(clips={"train": 1})
+    twin = dataclasses.replace(made.clips[0], split="test")
+    with pytest.raises(StoreError, match="train and test") as caught:
+        write_store(out, made.header, [made.clips[0], twin])
+    assert "train_c00" in str(caught.value)
+
+
+def test_equal_keys_with_other_shapes(make_store: Any, out: Path) -> None:
+    made = make_store(clips={"train": 2}, clips_per_song=1)
+    key = made.clips[0].audio["music"][0].key
+    longer = AudioBlock(key, np.zeros((999, 5)))
+    other = dataclasses.replace(made.clips[1], audio={**made.clips[1].audio, "music": (longer,)})
+    with pytest.raises(StoreError, match="differ in shape"):
+        write_store(out, made.header, [made.clips[0], other])
+
+
+def test_nothing_to_store(make_store: Any, out: Path) -> None:
+    made = make_store(clips={"train": 2})
+    empty = [dataclasses.replace(c, starts=()) for c in made.clips]
+    for clips in ([], empty):
+        with pytest.raises(StoreError, match="no window to store"):
+            write_store(out, made.header, clips)
+
+
+HEADER_CASES: list[tuple[str, dict[str, Any], str]] = [
+    ("scope", {"scope": "song"}, "unknown scope"),
+    ("order", {"order": "random"}, "unknown order"),
+    ("length", {"length": 0}, "window length"),
+    ("stride", {"stride": 0}, "window stride"),
+    ("meta", {"meta": {"format": 3}}, "keys of the format itself"),
+    ("own key", {"meta": {"shards": []}}, "keys of the format itself"),
+    ("nan in meta", {"meta": {"x": float("nan")}}, "meta is no JSON"),
+    ("object in meta", {"meta": {"x": object()}}, "meta is no JSON"),
+    ("no field", {"fields": ()}, "at least one motion field"),
+]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"), [c[1:] for c in HEADER_CASES], ids=[c[0] for c in HEADER_CASES]
+)
+def test_headers_that_cannot_be_stored(
+    make_store: Any, out: Path, change: dict[str, Any], message: str
+) -> None:
+    made = make_store(clips={"train": 1})
+    with pytest.raises(StoreError, match=message):
+        write_store(out, dataclasses.replace(made.header, **change), made.clips)
+    assert not any(out.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [({"name": "a/b"}, "name of a field"), ({"kind": "text"}, "unknown kind"),
+     ({"dtype": "float64"}, "unknown kind"),
+     ({"name": "fast"}, "share a name"), ({"rate": Fraction(1, 7)}, "no whole number of rows")],
+)  # fmt: skip
+def test_fields_that_cannot_be_stored(
+    make_store: Any, out: Path, change: dict[str, Any], message: str
+) -> None:
+    made = make_store(clips={"train": 1})
+    fields: tuple[Field, ...] = made.header.fields
+    header: StoreHeader = dataclasses.replace(
+        made.header, fields=(dataclasses.replace(fields[0], **change), *fields[1:])
+    )
+    with pytest.raises(StoreError, match=message):
+        write_store(out, header, made.clips)
+
+
+def test_window_between_two_rows(make_store: Any, out: Path) -> None:
+    made: RandomStore = make_store(clips={"train": 1}, length=32, stride=16, n_frames=(60, 60))
+    slow = dataclasses.replace(made.header.fields[0], name="slow", rate=Fraction(15, 2))
+    header = dataclasses.replace(made.header, fields=(*made.header.fields, slow))
+    motion = {**made.clips[0].motion, "slow": np.zeros((15, 7))}
+    clip = dataclasses.replace(made.clips[0], motion=motion, starts=(0, 14))
+    with pytest.raises(StoreError, match="between two rows"):
+        write_store(out, header, [clip])
+
+
+def test_folder_missing_or_taken(make_store: Any, tmp_path: Path) -> None:
+    made = make_store(clips={"train": 1})
+    with pytest.raises(StoreError, match="no folder to write to"):
+        write_store(tmp_path / "none", made.header, made.clips)
+    with pytest.raises(StoreError, match="finished dataset already"):
+        write_store(made.path, made.header, made.clips)
+
+
+def test_failure_half_way_leaves_nothing_that_opens(make_store: Any, out: Path, monkeypatch: Any) -> None:
+    made = make_store(clips={"train": 2}, clips_per_song=1, shard_bytes=1)
+    seen: list[tuple[int, int]] = []
+
+    def fail(done: int, total: int) -> None:
+        seen.append((done, total))
+        if done == 2:
+            raise OSError(28, "No space left on device")
+
+    with pytest.raises(StoreError, match="No space left") as caught:
+        write_store(out, made.header, made.clips, shard_bytes=1, progress=fail)
+    assert "disk" in str(caught.value) and seen == [(1, 2), (2, 2)]
+    assert [p.name for p in out.iterdir()] == ["train-00000-of-00002.h5"]
+    with pytest.raises(StoreError, match="unfinished build"):
+        open_store(out)
+    write_store(out, made.header, made.clips, shard_bytes=1)
+    assert (out / "dataset.json").read_bytes() == (made.path / "dataset.json").read_bytes()
+
+
+FILL_DISK = """
+import resource, signal, sys
+from pathlib import Path
+from dancedata.core.errors import StoreError
+from dancedata.testing.stores import write_random_store
+
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+for limit in (100, 4_000, 20_000, 100_000, 300_000):
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, resource.RLIM_INFINITY))
+    try:
+        write_random_store(Path(sys.argv[1], str(limit)))
+    except StoreError as error:
+        print(error.problem, [p.name for p in Path(sys.argv[1], str(limit)).iterdir() if "train" in p.name])
+resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+write_random_store(Path(sys.argv[1], "100"))
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs a limit on the size of files")
+def test_full_disk_is_an_error_and_no_crash(tmp_path: Path) -> None:
+    # HDF5 itself dies of a segmentation fault when it meets a full disk while closing a file.
+    done = subprocess.run(
+        [sys.executable, "-c", FILL_DISK, str(tmp_path)], check=False, capture_output=True, text=True
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.splitlines() == ["the dataset cannot be written []"] * 5
+    assert verify_store(tmp_path / "100") == []
+
+
+def test_side_files(make_store: Any, out: Path) -> None:
+    made = make_store(clips={"train": 1})
+    rejects = [
+        Reject("nan", clip="x", detail="line\u2028separator"),
+        Reject("no_music", clip="y"),
+        Reject("nan"),
+    ]
+    quality = [{"clip": "é", "joint": "left_knee", "frame": 3, "value": 1.5}]
+    write_store(out, made.header, made.clips, rejects=rejects, quality=quality, card="# Card é\n")
+    store = open_store(out)
+    assert store.rejects == [json.loads(json.dumps(r.to_json())) for r in rejects]
+    assert store.quality == quality
+    assert store.meta["rejects"] == {"nan": 2, "no_music": 1}
+    assert (out / "README.md").read_text(encoding="utf-8") == "# Card é\n"
