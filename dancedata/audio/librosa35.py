@@ -65,9 +65,7 @@ class Librosa35:
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.tightness) and self.tightness > 0):
-            raise UsageError(
-                "librosa35: bad tightness", found=str(self.tightness), allowed="a number above 0"
-            )
+            raise UsageError("librosa35: bad tightness", found=str(self.tightness), allowed="a number above 0")
 
     @property
     def columns(self) -> Columns:
@@ -78,9 +76,7 @@ class Librosa35:
         """Rows that `extract` gives for so many samples: 1 + floor(resampled length / 512)."""
         return 1 + resampled_length(n_samples, sample_rate, _feature_rate(grid)) // HOP
 
-    def extract(
-        self, signal: AudioSignal, grid: FrameGrid, *, start_bpm: float | None = None
-    ) -> NDArray[np.float32]:
+    def extract(self, signal: AudioSignal, grid: FrameGrid, *, start_bpm: float | None = None) -> NDArray[np.float32]:
         """Features of a whole track, as Lodge, FineDance and FACT compute them.
 
         Parameters
@@ -264,11 +260,7 @@ def _known_librosa_warnings() -> Iterator[None]:
     """Hide the two warnings that short or silent audio gives, whose outcome is the wanted one."""
     with warnings.catch_warnings():
         # Short signals (the lowest chroma octave's frame is about 2 s) are padded with zeros, as any end is.
-        warnings.filterwarnings(
-            "ignore", message=r"n_fft=\d+ is too large for input signal", category=UserWarning
-        )
+        warnings.filterwarnings("ignore", message=r"n_fft=\d+ is too large for input signal", category=UserWarning)
         # Silence has no pitch: the tuning is 0, the chroma are 0.
-        warnings.filterwarnings(
-            "ignore", message="Trying to estimate tuning from empty", category=UserWarning
-        )
+        warnings.filterwarnings("ignore", message="Trying to estimate tuning from empty", category=UserWarning)
         yield

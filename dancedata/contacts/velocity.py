@@ -37,7 +37,9 @@ class Velocity:
     def __post_init__(self) -> None:
         """Check the limit."""
         if not self.max_speed_m_s > 0:
-            raise UsageError("max_speed_m_s must be above 0", found=self.max_speed_m_s, allowed="metres a second, > 0")
+            raise UsageError(
+                "max_speed_m_s must be above 0", found=self.max_speed_m_s, allowed="metres a second, > 0"
+            )
 
     def __call__(self, joints: Float64Array, grid: FrameGrid, skeleton: Skeleton) -> npt.NDArray[np.float32]:
         """Label contacts.

@@ -46,7 +46,7 @@ class AudioSignal:
             raise DataError(
                 "the audio holds NaN or infinity",
                 reason="nan",
-                found=f"{int(bad.sum())} of {len(bad)} samples, the first at {int(np.argmax(bad))}",
+                found=f"{int(bad.sum())} of {len(bad)} samples, the first at sample {int(np.argmax(bad))}",
             )
         samples.setflags(write=False)
         object.__setattr__(self, "samples", samples)

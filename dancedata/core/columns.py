@@ -24,7 +24,8 @@ class Mirror:
 
     def apply(self, x: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """Return the mirror image of x, (..., D), in x's dtype."""
-        return x[..., list(self.permutation)] * np.asarray(self.signs, dtype=x.dtype)
+        image: npt.NDArray[Any] = x[..., list(self.permutation)] * np.asarray(self.signs, dtype=x.dtype)
+        return image
 
     def to_json(self) -> dict[str, Any]:
         """Return plain JSON data."""

@@ -59,7 +59,7 @@ class Motion:
                 raise DataError(
                     f"{what} holds NaN or infinity",
                     reason="nan",
-                    found=f"{int(bad.sum())} of {len(bad)} frames, the first at frame {int(np.argmax(bad))}",
+                    found=f"{int(bad.sum())} of {len(array)} frames, the first at frame {int(np.argmax(bad))}",
                 )
             array.setflags(write=False)
         object.__setattr__(self, "translation", translation)

@@ -26,6 +26,8 @@ class Dataset(Protocol):
     ----------
     version
         Raised by hand whenever `load` gives other numbers for the same file.
+    generates
+        Whether `scan` writes the source where there is none; False where it is left out.
     """
 
     name: ClassVar[str]
@@ -117,9 +119,7 @@ class AudioFeature(Protocol):
         """Return how many rows `extract` gives, without computing them."""
         ...
 
-    def extract(
-        self, signal: AudioSignal, grid: FrameGrid, *, start_bpm: float | None = None
-    ) -> npt.NDArray[Any]:
+    def extract(self, signal: AudioSignal, grid: FrameGrid, *, start_bpm: float | None = None) -> npt.NDArray[Any]:
         """Return (T, D) rows of a whole signal at the rate of `grid` (scope: track)."""
         ...
 

@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
+import io
+import math
 import pickle
+import struct
 from collections import OrderedDict
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from dancedata.core.errors import DataError
 
 
+class UnsafePickleError(pickle.UnpicklingError):
+    """A pickle names something that is not on the allow-list."""
+
+
 class _NdarrayName:
     """Stands for numpy.ndarray in a pickle: can be named, not called (a call could ask for any memory)."""
+
+    def __new__(cls, *_: object) -> _NdarrayName:
+        raise UnsafePickleError("numpy.ndarray, called")
 
 
 def _reconstruct(kind: object, shape: object, code: object) -> np.ndarray[Any, Any]:
@@ -23,14 +33,26 @@ def _reconstruct(kind: object, shape: object, code: object) -> np.ndarray[Any, A
     return np.empty((0,), dtype=np.int8)
 
 
-def _frombuffer(buffer: Any, dtype: np.dtype[Any], shape: Any, order: Any) -> np.ndarray[Any, Any]:
+def _dtype(code: object, align: object = False, copy: object = False) -> np.dtype[Any]:
+    # A copy, for its byte order is set later. Records, subarrays and dates are not needed and too powerful.
+    dtype: np.dtype[Any] = np.dtype(code if isinstance(code, str) else None, copy=True)
+    if not isinstance(code, str) or dtype.kind not in "biufcSUO":
+        raise pickle.UnpicklingError(f"arrays of type {code!r} are not read")
+    return dtype
+
+
+def _frombuffer(buffer: Any, dtype: Any, shape: Any, order: Any) -> np.ndarray[Any, Any]:
+    # Not of an array: that one could be filled anew and leave this one without its memory.
+    if type(buffer) not in (bytes, bytearray) or not isinstance(dtype, np.dtype):
+        raise pickle.UnpicklingError("an array is built in a way that numpy never writes")
     return np.frombuffer(buffer, dtype=dtype).reshape(shape, order=order)
 
 
-def _scalar(dtype: np.dtype[Any], data: bytes) -> Any:
-    if dtype.hasobject:
+def _scalar(dtype: Any, data: Any) -> Any:
+    if not isinstance(dtype, np.dtype) or dtype.hasobject:
         raise pickle.UnpicklingError("a numpy scalar holds an object")
-    return np.frombuffer(data, dtype=dtype, count=1)[0]
+    raw = data.encode("latin1") if isinstance(data, str) else data
+    return np.frombuffer(raw, dtype=dtype, count=1)[0]
 
 
 def _encode(text: str, encoding: str = "latin1") -> bytes:
@@ -40,9 +62,14 @@ def _encode(text: str, encoding: str = "latin1") -> bytes:
     return text.encode("latin1")
 
 
+def _no_bytes() -> bytes:
+    # Protocol 2 writes b"" as bytes(); bytes(n) could ask for any memory.
+    return b""
+
+
 _ALLOWED: dict[tuple[str, str], Any] = {
     ("numpy", "ndarray"): _NdarrayName,
-    ("numpy", "dtype"): np.dtype,
+    ("numpy", "dtype"): _dtype,
     ("_codecs", "encode"): _encode,
     ("collections", "OrderedDict"): OrderedDict,
 }
@@ -50,13 +77,58 @@ for _package in ("numpy.core", "numpy._core"):
     _ALLOWED[_package + ".multiarray", "_reconstruct"] = _reconstruct
     _ALLOWED[_package + ".multiarray", "scalar"] = _scalar
     _ALLOWED[_package + ".numeric", "_frombuffer"] = _frombuffer
+for _package in ("builtins", "__builtin__"):
+    _ALLOWED[_package, "set"] = set
+    _ALLOWED[_package, "frozenset"] = frozenset
+    _ALLOWED[_package, "bytes"] = _no_bytes
 
 
-class UnsafePickleError(pickle.UnpicklingError):
-    """A pickle names something that is not on the allow-list."""
+def _build(unpickler: Any) -> None:
+    """Set the state of an array or a dtype, if it is a state that numpy writes.
+
+    numpy believes what it is given: a dtype said to hold no objects makes pointers of the bytes of a file.
+    """
+    state = unpickler.stack.pop()
+    target = unpickler.stack[-1]
+    if isinstance(target, np.dtype) and isinstance(state, tuple):
+        plain = np.dtype(target.str).__reduce__()[2]
+        good = (
+            len(state) == len(plain)
+            and state[1] in ("<", ">", "|", "=")
+            and (state[0], *state[2:]) == (3, *plain[2:])
+        )
+    elif isinstance(target, np.ndarray) and isinstance(state, tuple) and len(state) == 5:
+        _, shape, dtype, _, data = state
+        good = target.shape == (0,) and isinstance(dtype, np.dtype)
+        # numpy makes room for the shape before it looks how many objects there are.
+        good = good and (not isinstance(data, list) or math.prod(shape) == len(data))
+    else:
+        raise UnsafePickleError(f"the state of a {type(target).__name__}")
+    if not good:
+        raise pickle.UnpicklingError("an array is built in a way that numpy never writes")
+    target.__setstate__(state)
 
 
-class _Unpickler(pickle.Unpickler):
+def _bytearray8(unpickler: Any) -> None:
+    # Python's own makes room for the announced size before it reads.
+    (size,) = struct.unpack("<Q", unpickler.read(8))
+    unpickler.append(bytearray(unpickler.read(size)))
+
+
+def _extension(unpickler: Any) -> None:
+    raise UnsafePickleError("an extension code")
+
+
+class _Unpickler(pickle._Unpickler):
+    """Python's unpickler in Python: only there can the state that a pickle sets be checked."""
+
+    dispatch: ClassVar[dict[int, Any]] = {
+        **pickle._Unpickler.dispatch,
+        pickle.BUILD[0]: _build,
+        pickle.BYTEARRAY8[0]: _bytearray8,
+        **{code[0]: _extension for code in (pickle.EXT1, pickle.EXT2, pickle.EXT4)},
+    }
+
     def find_class(self, module: str, name: str) -> Callable[..., Any]:
         try:
             found: Callable[..., Any] = _ALLOWED[module, name]
@@ -75,9 +147,9 @@ def load_pickle(path: Path) -> Any:
         is no pickle or cannot be read.
     """
     try:
-        with open(path, "rb") as file:
-            # latin1: pickles of Python 2 hold array bytes as text.
-            return _Unpickler(file, encoding="latin1").load()
+        # From memory, where a size that the pickle announces is no reason to make room for it.
+        # latin1: pickles of Python 2 hold array bytes as text.
+        return _Unpickler(io.BytesIO(path.read_bytes()), encoding="latin1").load()
     except UnsafePickleError as error:
         raise DataError(
             "the pickle wants to run foreign code; nothing was run",

@@ -31,9 +31,7 @@ SUBFOLDERS = (
     "edge_aistpp",
     "aist_plusplus_final",
 )  # names under which EDGE and the project page ship the data
-LOOKED_FOR = (
-    "motions/*.pkl, in the source folder or in one folder below it (edge_aistpp/, aist_plusplus_final/, ...)"
-)
+LOOKED_FOR = "motions/*.pkl, in the source folder or in one folder below it (edge_aistpp/, aist_plusplus_final/, ...)"
 
 
 @dataclass(frozen=True)
@@ -104,7 +102,7 @@ def find_folders(source: Path) -> Folders:
 
 
 def _advice(source: Path) -> str:
-    """What probably happened, for a folder without ``motions/``."""
+    """Say what probably happened, for a folder without ``motions/``."""
     entries = list_folder(source)
     if any(entry.suffix.lower() == ".pkl" for entry in entries):
         return "this looks like the motions folder itself: give --source the folder above it"
@@ -165,9 +163,7 @@ def list_music(folders: Folders) -> MusicFiles:
         chosen = relative(best, folders.source)
         for other in others:
             rejects.append(
-                Reject(
-                    "unused_music", file=relative(other, folders.source), detail=f"{chosen} is used instead"
-                )
+                Reject("unused_music", file=relative(other, folders.source), detail=f"{chosen} is used instead")
             )
         doubled += [chosen] if others else []
     notes = []

@@ -64,9 +64,7 @@ def load_motion(path: Path, frame_rate: int) -> Motion:
     _check_finite(path, "smpl_poses", poses)
     _check_finite(path, "smpl_trans", trans)
     translation = _in_metres(path, trans, _scaling(path, content))
-    return Motion(
-        translation=translation, rotations=rotations, grid=FrameGrid.of(frame_rate), skeleton=SMPL24
-    )
+    return Motion(translation=translation, rotations=rotations, grid=FrameGrid.of(frame_rate), skeleton=SMPL24)
 
 
 def _read(path: Path) -> Mapping[str, Any]:
@@ -119,7 +117,7 @@ def _numbers(path: Path, content: Mapping[str, Any], key: str) -> Floats:
 
 
 def _scaling(path: Path, content: Mapping[str, Any]) -> float:
-    """The factor between the file's units and metres; no more than > 0 is asked of it.
+    """Return the factor between the file's units and metres; no more than > 0 is asked of it.
 
     It is about 89..99 in AIST++, but data in metres with a scaling of 1 are as good.
     """

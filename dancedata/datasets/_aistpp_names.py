@@ -14,9 +14,7 @@ __all__ = ["SequenceName", "crossmodal_split", "facts", "is_music_id", "parse_na
 
 # Explicit ranges: \d would accept digits of other scripts. Cameras other than "All", and situations other
 # than sBM and sFM, occur in AIST, from which AIST++ was made.
-_SEQUENCE = re.compile(
-    r"(g[A-Z]{2})_(s[A-Z]{2})_(c(?:All|[0-9]{2}))_(d[0-9]{2})_(m[A-Z]{2}[0-9]+)_(ch[0-9]{2})"
-)
+_SEQUENCE = re.compile(r"(g[A-Z]{2})_(s[A-Z]{2})_(c(?:All|[0-9]{2}))_(d[0-9]{2})_(m[A-Z]{2}[0-9]+)_(ch[0-9]{2})")
 _MUSIC = re.compile(r"m([A-Z]{2})([0-9]+)")
 
 

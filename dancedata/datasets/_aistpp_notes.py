@@ -43,7 +43,7 @@ def _folder(name: str) -> str:
 
 
 def count_notes(folders: Folders, motions: MotionFiles, missing: int) -> list[str]:
-    """What was found against what AIST++ has."""
+    """Say what was found against what AIST++ has."""
     n = len(motions.files)
     if (folders.root / "synthetic.json").is_file():
         return [f"Motion: {n:,} files of a synthetic corpus."]

@@ -66,9 +66,7 @@ def find_splits(folders: Folders, name: str, split_dir: str | None) -> Splits:
     """
     if name == ALL:
         mapping, notes = _mapping(folders)
-        return Splits(
-            ALL, None, mapping, ("Splits: none asked for; every clip is in the split 'all'.", *notes)
-        )
+        return Splits(ALL, None, mapping, ("Splits: none asked for; every clip is in the split 'all'.", *notes))
     places = _split_places(folders, split_dir)
     for place in places:
         paths = {split: place / f"{name}_{split}.txt" for split in SPLITS}
@@ -79,9 +77,7 @@ def find_splits(folders: Folders, name: str, split_dir: str | None) -> Splits:
         _no_such_split(name, places, split_dir)
     mapping, notes = _mapping(folders)
     expected = Splits(RULE, None, frozenset(), ())
-    first = (
-        f"Splits: no {name}_train.txt, _val or _test in splits/, so the crossmodal rule (by name) decides."
-    )
+    first = f"Splits: no {name}_train.txt, _val or _test in splits/, so the crossmodal rule (by name) decides."
     return Splits(RULE, None, frozenset(n for n in mapping if expected.split(n)), (first, *notes))
 
 
@@ -166,9 +162,7 @@ def find_ignored(folders: Folders, use: bool, split_dir: str | None) -> Ignored:
     lists = [(path, frozenset(read_names(path))) for path in paths if path.is_file()]
     if not lists:
         shipped = facts().ignored
-        return Ignored(
-            shipped, "the official list (shipped)", ("none in the source, so the official one is used",)
-        )
+        return Ignored(shipped, "the official list (shipped)", ("none in the source, so the official one is used",))
     path, names = lists[0]
     where = relative(path, folders.source)
     same = ", the official one" if names == facts().ignored else ""

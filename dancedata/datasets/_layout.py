@@ -57,7 +57,7 @@ def require_folder(dataset: str, source: Path, looked_for: str) -> None:
 
 
 def describe(folder: Path) -> str:
-    """What a folder holds, in a few words: folders with a slash, then files, then how many more."""
+    """Say what a folder holds, in a few words: folders with a slash, then files, then how many more."""
     entries = list_folder(folder)
     folders = [f"{entry.name}/" for entry in entries if entry.is_dir()]
     files = [entry.name for entry in entries if not entry.is_dir()]

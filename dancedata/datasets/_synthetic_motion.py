@@ -138,9 +138,7 @@ def _root_rotation(time: Timeline, feet: Footwork, rng: np.random.Generator) -> 
     return Rotation.from_euler("YXZ", lean)
 
 
-def _pelvis(
-    time: Timeline, feet: Footwork, root: Rotation, ankles: Floats, rng: np.random.Generator
-) -> Floats:
+def _pelvis(time: Timeline, feet: Footwork, root: Rotation, ankles: Floats, rng: np.random.Generator) -> Floats:
     """Pelvis joint (N, 3): over the foot that stands, as high as both legs reach, bobbing on the beats."""
     # On a key the weight is already on the foot that stays down in the interval to come.
     weight = np.select([feet.actions == LEFT, feet.actions == RIGHT], [0.3, 0.7], 0.5)

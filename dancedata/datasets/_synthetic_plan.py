@@ -137,8 +137,7 @@ def make_plan(songs: int, clips_per_song: int, clip_s: float) -> Plan:
     odd = max(k for k, split in enumerate(splits) if split == "train")
     lengths = [length - (length - 29) % 30 if k == odd else length for k in range(len(named))]
     clips = tuple(
-        ClipPlan(name, music, n, split)
-        for (name, music), n, split in zip(named, lengths, splits, strict=True)
+        ClipPlan(name, music, n, split) for (name, music), n, split in zip(named, lengths, splits, strict=True)
     )
     song_plans = tuple(
         SongPlan(music, 44_100 if k == 1 else 48_000, 1 if k == 1 else 2, clip_s + SONG_TAIL_S)

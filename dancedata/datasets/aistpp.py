@@ -25,7 +25,7 @@ own file is taken. Facts (tempos, split rule, ignore list, copies) are in ``mani
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import ClassVar, Literal
 
@@ -76,7 +76,7 @@ class AistPP:
     """
 
     split: str = "crossmodal"
-    split_dir: str | None = None
+    split_dir: str | None = field(default=None, metadata={"path": True})
     ignore: Literal["list", "none"] = "list"
     music: Literal["required", "optional"] = "required"
 
@@ -181,9 +181,7 @@ class AistPP:
             if name in ignored.names:
                 rejects.append(Reject("ignored", clip=name, file=file, detail=f"on {ignored.where}"))
             elif not split:
-                rejects.append(
-                    Reject("unassigned", clip=name, file=file, detail=f"in no {splits.name} split")
-                )
+                rejects.append(Reject("unassigned", clip=name, file=file, detail=f"in no {splits.name} split"))
             elif audio is None and self.music == "required":
                 detail = f"neither {name} nor {parts.music} as wav, flac, mp3 or ogg"
                 rejects.append(Reject("missing_music", clip=name, file=file, detail=detail))

@@ -74,6 +74,7 @@ class Synthetic:
     split: str = "crossmodal"
 
     version: ClassVar[int] = 1
+    generates: ClassVar[bool] = True
     licence: ClassVar[str] = "CC0-1.0: made by a program, free of rights"
     citation: ClassVar[str] = "Synthetic corpus of dancedata; layout of AIST++ (Li et al., ICCV 2021)."
 

@@ -131,9 +131,7 @@ class EpochSampler(Sampler[int]):
         if self.shuffle:
             stream = np.random.Philox(np.random.SeedSequence(self.seed, spawn_key=(_ORDER_STREAM, epoch)))
             # Sorting random keys, not Generator.permutation: numpy keeps bit streams, not algorithms.
-            everyone = np.argsort(stream.random_raw(self.n_samples), kind="stable").astype(
-                np.int64, copy=False
-            )
+            everyone = np.argsort(stream.random_raw(self.n_samples), kind="stable").astype(np.int64, copy=False)
         else:
             everyone = np.arange(self.n_samples, dtype=np.int64)
         total = self._length * self.world_size

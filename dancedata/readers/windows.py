@@ -246,9 +246,7 @@ class WindowDataset(Dataset[dict[str, Any]]):
 
     def _item(self, place: int, mirrored: bool) -> dict[str, Any]:
         window = self.windows[place]
-        item: dict[str, Any] = {
-            name: torch.from_numpy(self._array(window, name, mirrored)) for name in self.fields
-        }
+        item: dict[str, Any] = {name: torch.from_numpy(self._array(window, name, mirrored)) for name in self.fields}
         record = self.store.clip(window.clip).record
         item.update(
             clip=window.clip,

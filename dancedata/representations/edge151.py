@@ -106,6 +106,9 @@ class Edge151:
         array = np.asarray(array)
         if array.ndim != 2 or array.shape[1] != _WIDTH:
             raise UsageError("edge151 decodes (T, 151)", found=f"shape {array.shape}")
+        # Before any arithmetic: infinity in it would warn first.
+        if not np.isfinite(array[:, 4:]).all():
+            raise DataError("the columns hold NaN or infinity", reason="nan", where="edge151")
         rows = array[:, 7:].astype(np.float64).reshape(len(array), _N_JOINTS, 6)
         _check_spans(rows)
         matrices = matrix_from_6d(rows)
@@ -115,8 +118,6 @@ class Edge151:
 
 def _check_spans(rows: Float64Array) -> None:
     spread = np.linalg.norm(np.cross(rows[..., :3], rows[..., 3:]), axis=-1)
-    if not np.isfinite(rows).all():
-        raise DataError("the columns hold NaN or infinity", reason="nan", where="edge151")
     if (spread < 1e-6).any():
         frame, joint = np.argwhere(spread < 1e-6)[0]
         raise DataError(

@@ -29,9 +29,7 @@ def _check_texts(clip: StoredClip) -> None:
     for text in (clip.id, clip.genre, clip.music, clip.dancer, clip.source, *clip.lists):
         # Fixed-length strings are padded with NUL, and lists are joined by line breaks.
         if "\0" in text or LIST_SEPARATOR in text:
-            raise StoreError(
-                "a text has a NUL or a line break in it", where=f"clip {clip.id!r}", found=repr(text)
-            )
+            raise StoreError("a text has a NUL or a line break in it", where=f"clip {clip.id!r}", found=repr(text))
     if "" in clip.lists:
         raise StoreError("a list has no name", where=f"clip {clip.id}", found=repr(clip.lists))
 
@@ -41,9 +39,7 @@ def _check_windows(header: StoreHeader, clip: StoredClip) -> None:
     if clip.n_frames < 1:
         raise StoreError("a clip has no frames", where=f"clip {clip.id}", found=clip.n_frames)
     if any(b <= a for a, b in pairwise(starts)) or (starts and starts[0] < 0):
-        raise StoreError(
-            "window starts are not ascending from 0 on", where=f"clip {clip.id}", found=str(starts[:20])
-        )
+        raise StoreError("window starts are not ascending from 0 on", where=f"clip {clip.id}", found=str(starts[:20]))
     if starts and starts[-1] + header.length > clip.n_frames:
         raise StoreError(
             "a window ends after its clip",
@@ -70,9 +66,7 @@ def _check_motion(header: StoreHeader, clip: StoredClip, f: Field, array: LazyAr
     if header.scope == "window":
         wanted = (len(clip.starts), rate.rows(header.length), f.columns.width)
         if shape != wanted:
-            raise StoreError(
-                "wrong shape", where=where, found=shape, allowed=f"{wanted} (windows, rows, columns)"
-            )
+            raise StoreError("wrong shape", where=where, found=shape, allowed=f"{wanted} (windows, rows, columns)")
         return
     _check_rows(where, shape, f)
     # A clip at another rate ends within the last frame: less than one frame, or one row, of difference.
@@ -90,9 +84,7 @@ def _check_audio(header: StoreHeader, clip: StoredClip, f: Field, blocks: tuple[
     wanted = 1 if header.scope == "track" else len(clip.starts)
     if len(blocks) != wanted:
         each = "one a clip in track scope" if header.scope == "track" else "one a window in window scope"
-        raise StoreError(
-            "wrong number of audio blocks", where=where, found=len(blocks), allowed=f"{wanted}: {each}"
-        )
+        raise StoreError("wrong number of audio blocks", where=where, found=len(blocks), allowed=f"{wanted}: {each}")
     rows = f.row_rate(header.fps).rows(header.length)
     for block in blocks:
         shape = tuple(block.array.shape)

@@ -134,9 +134,7 @@ class Store:
         self._fields = {f.name: f for f in description.fields}
         self.fields: Mapping[str, Columns] = MappingProxyType({f.name: f.columns for f in description.fields})
         self.splits = sort_splits({s.split for s in description.shards})
-        self.fps: int | Fraction = (
-            int(description.fps) if description.fps.denominator == 1 else description.fps
-        )
+        self.fps: int | Fraction = int(description.fps) if description.fps.denominator == 1 else description.fps
         self.scope = description.scope
         self.skeleton = description.skeleton
         self.meta = description.meta
@@ -178,9 +176,7 @@ class Store:
     def field(self, name: str) -> Field:
         """Return a field by name; UsageError with the closest name if there is none."""
         if name not in self._fields:
-            raise UsageError(
-                f"no field named {name!r}", where=str(self.path), fix=did_you_mean(name, self._fields)
-            )
+            raise UsageError(f"no field named {name!r}", where=str(self.path), fix=did_you_mean(name, self._fields))
         return self._fields[name]
 
     @cached_property
@@ -228,9 +224,7 @@ class Store:
             For another length or stride in window scope.
         """
         if split not in self._shards:
-            raise UsageError(
-                f"no split named {split!r}", where=str(self.path), fix=did_you_mean(split, self.splits)
-            )
+            raise UsageError(f"no split named {split!r}", where=str(self.path), fix=did_you_mean(split, self.splits))
         cut = wanted_cut(self._description, length_s, length_frames, stride_s, stride_frames)
         shards = self._shards[split]
         if cut is None:
@@ -363,8 +357,7 @@ class Store:
         if field not in self.stats["fields"]:
             raise StoreError("there is no scaler without train windows", where=str(self.path))
         scaler = self.stats["fields"][field]["scaler"]
-        minimum, maximum = (np.asarray(scaler[k], dtype=np.float32) for k in ("data_min", "data_max"))
-        plain = MinMax(minimum, maximum)
+        plain = MinMax.from_state(scaler)
         if not mirror:
             return plain
         if f.columns.mirror is None:
@@ -376,9 +369,7 @@ class Store:
         try:
             return parse(path.read_text(encoding="utf-8"))
         except (OSError, ValueError) as error:
-            raise StoreError(
-                f"{name} cannot be read", where=str(path), found=str(error), fix=REBUILD
-            ) from error
+            raise StoreError(f"{name} cannot be read", where=str(path), found=str(error), fix=REBUILD) from error
 
 
 def _lines(text: str) -> list[Any]:

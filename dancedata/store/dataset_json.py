@@ -66,17 +66,13 @@ def load_description(folder: Path) -> Description:
             fix="give the folder that dancedata build wrote to; if a build was interrupted, run it again",
         ) from error
     except (OSError, UnicodeDecodeError) as error:
-        raise StoreError(
-            "dataset.json cannot be read", where=str(path), found=str(error), fix=REBUILD
-        ) from error
+        raise StoreError("dataset.json cannot be read", where=str(path), found=str(error), fix=REBUILD) from error
     try:
         document = json.loads(text)
     except ValueError as error:
         raise StoreError("dataset.json is no JSON", where=str(path), found=str(error), fix=REBUILD) from error
     if not isinstance(document, dict) or "format" not in document:
-        raise StoreError(
-            "dataset.json is not of a dancedata dataset", where=str(path), found="no key 'format'"
-        )
+        raise StoreError("dataset.json is not of a dancedata dataset", where=str(path), found="no key 'format'")
     if document["format"] != FORMAT:
         raise StoreError(
             "the dataset has another format version",
@@ -103,9 +99,7 @@ def describe_folder(folder: Path) -> str:
     if not names:
         return "an empty folder"
     shown = ", ".join(names[:8]) + (f" and {len(names) - 8} more" if len(names) > 8 else "")
-    return shown + (
-        " (shards without dataset.json: an unfinished build)" if any(map(is_shard_name, names)) else ""
-    )
+    return shown + (" (shards without dataset.json: an unfinished build)" if any(map(is_shard_name, names)) else "")
 
 
 def _parse(document: dict[str, Any], path: Path) -> Description:

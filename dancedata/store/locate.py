@@ -78,8 +78,7 @@ def locate_stored(shard: ShardReader, number: int, window: Window, f: Field, rat
             "a store of window scope has no such window",
             where=f"clip {window.clip}",
             found=f"start {window.start}, length {window.length}",
-            allowed=f"the {len(starts)} stored ones"
-            + (f", starts {starts[0]} to {starts[-1]}" if starts else ""),
+            allowed=f"the {len(starts)} stored ones" + (f", starts {starts[0]} to {starts[-1]}" if starts else ""),
             fix="take windows from windows(split), or build with scope: track",
         )
     return RowSpan(shard, int(windows.rows[f.name][position]), rate.rows(window.length))

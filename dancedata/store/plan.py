@@ -207,9 +207,7 @@ def _check_ids(clips: Sequence[StoredClip]) -> None:
     seen: dict[str, str] = {}
     for clip in clips:
         if clip.id in seen:
-            raise StoreError(
-                "two clips share an id", where=clip.id, found=f"splits {seen[clip.id]} and {clip.split}"
-            )
+            raise StoreError("two clips share an id", where=clip.id, found=f"splits {seen[clip.id]} and {clip.split}")
         seen[clip.id] = clip.split
 
 

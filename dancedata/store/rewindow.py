@@ -43,9 +43,7 @@ def wanted_cut(
     return Cut(length, stride)
 
 
-def _frames(
-    description: Description, what: str, seconds: Seconds | None, frames: int | None, stored: int
-) -> int:
+def _frames(description: Description, what: str, seconds: Seconds | None, frames: int | None, stored: int) -> int:
     if seconds is not None and frames is not None:
         raise UsageError(f"both {what}_s and {what}_frames are given", fix="give one of them")
     if seconds is not None:

@@ -134,9 +134,7 @@ class ShardReader:
         direct = out.dtype == layout.dtype and out.flags.c_contiguous and out.flags.writeable
         target = out if direct else np.empty((len(out), layout.width), dtype=layout.dtype)
         if target.size:
-            self._open().read_into(
-                memoryview(target.data).cast("B"), layout.offset + first * layout.row_bytes
-            )
+            self._open().read_into(memoryview(target.data).cast("B"), layout.offset + first * layout.row_bytes)
         if not direct:
             out[...] = target
 

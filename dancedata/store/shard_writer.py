@@ -87,9 +87,7 @@ def _write_windows(group: Any, plan: ShardPlan) -> None:
 
 def _make_field(file: Any, plan: ShardPlan, f: Field) -> int:
     """Make a field's dataset and return its first byte in the file."""
-    dataset = hdf5.create_dataset(
-        file, f"{f.kind}/{f.name}", (plan.rows[f.name], f.columns.width), f.disk_dtype
-    )
+    dataset = hdf5.create_dataset(file, f"{f.kind}/{f.name}", (plan.rows[f.name], f.columns.width), f.disk_dtype)
     hdf5.write_text_attribute(dataset, "rate", str(f.rate))
     return int(dataset.id.get_offset() or 0)
 
@@ -138,9 +136,7 @@ def _checked_rows(lazy: LazyArray, f: Field, where: str) -> Iterator[npt.NDArray
         yield stored
 
 
-def _raise_not_finite(
-    chunk: npt.NDArray[Any], stored: npt.NDArray[Any], begin: int, f: Field, where: str
-) -> None:
+def _raise_not_finite(chunk: npt.NDArray[Any], stored: npt.NDArray[Any], begin: int, f: Field, where: str) -> None:
     row, column = (int(i) for i in np.argwhere(~np.isfinite(stored))[0])
     value = chunk[row, column]
     where = f"{where}, row {begin + row}, column {f.columns.labels[column]}"

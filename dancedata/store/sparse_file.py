@@ -1,7 +1,7 @@
 """A file in memory that holds written pages only.
 
-HDF5 lays a shard out in it, and the bytes go to the disk by plain writes. HDF5 itself must never meet a full disk: when
-closing a file fails, it keeps a half-closed file inside the process and crashes with it at exit.
+HDF5 lays a shard out in it, and the bytes go to the disk by plain writes. HDF5 itself must never meet a full
+disk: when closing a file fails, it keeps a half-closed file inside the process and crashes with it at exit.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ class SparseFile(io.RawIOBase):
         self._size = 0
 
     def readable(self) -> bool:
-        """Always."""
+        """Return True."""
         return True
 
     def writable(self) -> bool:
-        """Always."""
+        """Return True."""
         return True
 
     def seekable(self) -> bool:
-        """Always."""
+        """Return True."""
         return True
 
     def tell(self) -> int:

@@ -71,9 +71,7 @@ def verify_store(path: str | Path) -> list[Problem]:
 def _check_document(folder: Path, description: Description) -> Iterator[Problem]:
     where = str(folder / DATASET_FILE)
     if description.meta.get("self_sha256") != self_hash(description.meta):
-        yield Problem(
-            "error", where, "its content does not match self_sha256: it was changed after the build"
-        )
+        yield Problem("error", where, "its content does not match self_sha256: it was changed after the build")
     if not description.shards:
         yield Problem("error", where, "it lists no shard")
     for name in (f for f in _SIDE_FILES if f not in description.files):
@@ -170,9 +168,7 @@ def _check_splits(folder: Path, records: Sequence[ClipRecord]) -> Iterator[Probl
     times = Counter(r.id for r in records)
     for clip in (c for c, n in times.items() if n > 1):
         splits = sorted({r.split for r in records if r.id == clip})
-        yield Problem(
-            "error", str(folder), f"clip {clip} is there {times[clip]} times, in {', '.join(splits)}"
-        )
+        yield Problem("error", str(folder), f"clip {clip} is there {times[clip]} times, in {', '.join(splits)}")
     split_of = {r.id: r.split for r in records}
     for record in records:
         origin = split_of.get(record.source, record.split)
@@ -189,9 +185,7 @@ def _check_splits(folder: Path, records: Sequence[ClipRecord]) -> Iterator[Probl
     for other in ("val", "test"):
         shared = sorted(songs["train"] & songs[other])
         if shared:
-            yield Problem(
-                "error", str(folder), f"train and {other} share {len(shared)} songs: {_list(shared)}"
-            )
+            yield Problem("error", str(folder), f"train and {other} share {len(shared)} songs: {_list(shared)}")
     shared = sorted(songs["val"] & songs["test"])
     if shared:
         yield Problem("note", str(folder), f"val and test share {len(shared)} songs: {_list(shared)}")

@@ -116,9 +116,7 @@ def dump_json(obj: Any) -> str:
 
 def dump_lines(rows: Sequence[Mapping[str, Any]]) -> str:
     """One JSON object a line, keys sorted."""
-    return "".join(
-        json.dumps(dict(row), ensure_ascii=False, allow_nan=False, sort_keys=True) + "\n" for row in rows
-    )
+    return "".join(json.dumps(dict(row), ensure_ascii=False, allow_nan=False, sort_keys=True) + "\n" for row in rows)
 
 
 def _describe(header: StoreHeader, plans: Sequence[ShardPlan], rejects: Sequence[Reject]) -> dict[str, Any]:

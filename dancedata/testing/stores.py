@@ -85,9 +85,7 @@ def random_columns(width: int, *, mirror: bool = True) -> Columns:
     return Columns(tuple(groups), Mirror(tuple(order), tuple(signs)))
 
 
-def random_fields(
-    motion: Mapping[str, int], audio: Mapping[str, int], **rates: float | str
-) -> tuple[Field, ...]:
+def random_fields(motion: Mapping[str, int], audio: Mapping[str, int], **rates: float | str) -> tuple[Field, ...]:
     """Make fields from name -> width; rates by name, 30 a second where not given."""
     found: list[Field] = []
     for kind, widths in (("motion", motion), ("audio", audio)):

@@ -23,9 +23,7 @@ def _signal(samples: NDArray[np.floating], rate: int = 15360) -> AudioSignal:
     return AudioSignal(np.asarray(samples, dtype=np.float32), rate)
 
 
-def _plain_librosa(
-    samples: NDArray[np.float32], rate: int, fps: int, start_bpm: float | None
-) -> NDArray[np.float32]:
+def _plain_librosa(samples: NDArray[np.float32], rate: int, fps: int, start_bpm: float | None) -> NDArray[np.float32]:
     """FACT's, EDGE's and Lodge's function, one plain librosa call a column group."""
     sr = 512 * fps
     y = librosa.resample(samples, orig_sr=rate, target_sr=sr)
@@ -37,9 +35,7 @@ def _plain_librosa(
     if start_bpm is None:
         start_bpm = librosa.feature.tempo(y=librosa.resample(samples, orig_sr=rate, target_sr=22050))[0]
     beats[
-        librosa.beat.beat_track(
-            onset_envelope=envelope, sr=sr, hop_length=512, start_bpm=start_bpm, tightness=100
-        )[1]
+        librosa.beat.beat_track(onset_envelope=envelope, sr=sr, hop_length=512, start_bpm=start_bpm, tightness=100)[1]
     ] = 1
     return np.concatenate([envelope[:, None], mfcc, chroma, peaks[:, None], beats[:, None]], axis=-1)
 

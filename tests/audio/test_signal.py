@@ -195,9 +195,7 @@ def test_pcm16_is_what_libsndfile_writes() -> None:
     steps = np.arange(-32770, 32771, dtype=np.float32) / 32768
     near = [steps, np.nextafter(steps, np.float32(9)), np.nextafter(steps, np.float32(-9))]
     halves = (np.arange(-65540, 65541) / 65536).astype(np.float32)
-    tiny = np.array(
-        [0.0, -0.0, *(s * 2.0**-k for k in range(14, 150) for s in (1, -1, 1.5, -1.5))], dtype=np.float32
-    )
+    tiny = np.array([0.0, -0.0, *(s * 2.0**-k for k in range(14, 150) for s in (1, -1, 1.5, -1.5))], dtype=np.float32)
     spread = rng.uniform(-1.5, 1.5, 100_000).astype(np.float32)
     small = (rng.standard_normal(100_000) * 1e-4).astype(np.float32)
     huge = np.array([1e3, -1e3, 3e38, -3e38], dtype=np.float32)

@@ -280,7 +280,7 @@ def test_folders_that_are_no_source(tmp_path: Path) -> None:
     [
         (f"{TRAIN}.pkl", "the motions folder itself"),
         ("motion/001.npy", "FineDance"),
-        ("aist_plusplus_final.zip", "unpack"),
+        ("aist_plusplus_final.zip", "Unpack"),
         ("holiday.jpg", "motions/"),
     ],
 )

@@ -49,9 +49,7 @@ def test_split_file_as_windows_saves_it(official: Any) -> None:
 def test_split_of_ones_own(official: Any) -> None:
     official.names("splits/mine_train.txt", TEST)
     assert splits(AistPP(split="mine").scan(official.root)) == {TEST: "train"}
-    assert splits(AistPP().scan(official.root)) == {TRAIN: "train", VAL: "val", TEST: "test"}, (
-        "rule: no such file"
-    )
+    assert splits(AistPP().scan(official.root)) == {TRAIN: "train", VAL: "val", TEST: "test"}, "rule: no such file"
 
 
 @pytest.mark.parametrize("absolute", [True, False])
@@ -140,7 +138,7 @@ def test_ignore_none(official: Any) -> None:
         ({"music": "no"}, "required, optional"),
         ({"split": "../mine"}, "split_dir"),
         ({"split": ""}, "split"),
-        ({"split": "all", "split_dir": "x"}, "leave split_dir out"),
+        ({"split": "all", "split_dir": "x"}, "Leave split_dir out"),
     ],
 )
 def test_wrong_fields(fields: dict[str, Any], word: str) -> None:

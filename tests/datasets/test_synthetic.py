@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
-import wave
 from pathlib import Path
 from typing import Any
 
@@ -13,19 +10,14 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from dancedata.core.clip import ClipRef
-from dancedata.core.errors import SourceError, UsageError
+from dancedata.core.errors import UsageError
 from dancedata.core.kinematics import forward_kinematics
 from dancedata.core.motion import Motion
-from dancedata.core.registry import DATASETS
-from dancedata.core.safe_pickle import load_pickle
 from dancedata.core.skeleton import SMPL24
 from dancedata.core.windows import count_windows
-from dancedata.datasets import synthetic
 from dancedata.datasets._synthetic_motion import MotionTruth
 from dancedata.datasets._synthetic_plan import CATALOGUE, make_plan, tempo_bpm
 from dancedata.datasets.synthetic import (
-    Synthetic,
     crossmodal_split,
     synthesise_motion,
     synthesise_song,
@@ -50,16 +42,6 @@ def danced(request: pytest.FixtureRequest) -> tuple[Motion, MotionTruth, Floats]
     return motion, truth, joints_of(motion)
 
 
-@pytest.fixture(scope="module")
-def corpus(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_synthetic(tmp_path_factory.mktemp("a") / "corpus", songs=3, clips_per_song=2, clip_s=6.0)
-
-
-def digests(folder: Path) -> dict[str, str]:
-    files = sorted(path for path in folder.rglob("*") if path.is_file())
-    return {str(f.relative_to(folder)): hashlib.sha256(f.read_bytes()).hexdigest() for f in files}
-
-
 # --- the plan ---------------------------------------------------------------------------------------------------
 
 
@@ -81,7 +63,8 @@ def test_train_shares_no_song_with_val_and_test() -> None:
 def test_default_corpus_has_the_odd_ones() -> None:
     assert sum(clip.n_frames % 30 == 29 for clip in PLAN.clips) == 1
     assert PLAN.names("")  # in no split
-    assert PLAN.ignored and crossmodal_split(PLAN.ignored[0]) == "train"
+    assert PLAN.ignored
+    assert crossmodal_split(PLAN.ignored[0]) == "train"
     assert {clip.name[1:3] for clip in PLAN.clips} == {music[:2] for music in CATALOGUE}
     assert {clip.name.split("_")[1] for clip in PLAN.clips} == {"sBM", "sFM"}
     assert {(song.sample_rate, song.n_channels) for song in PLAN.songs} == {(48_000, 2), (44_100, 1)}
@@ -152,9 +135,11 @@ def test_body_moves_like_a_body(danced: tuple[Motion, MotionTruth, Floats]) -> N
     assert speed.max() < 14
     assert 0.2 < speed.mean() < 1.5
     pelvis = joints[:, 0, 1] - truth.floor_height_m
-    assert pelvis.min() > 0.7 and pelvis.max() < 1.15
+    assert pelvis.min() > 0.7
+    assert pelvis.max() < 1.15
     apart = np.linalg.norm((joints[:, FEET[0]] - joints[:, FEET[1]])[:, [0, 2]], axis=1)
-    assert apart.min() > 0.1 and apart.max() < 0.6
+    assert apart.min() > 0.1
+    assert apart.max() < 0.6
 
 
 def test_key_poses_are_velocity_minima_on_beats(danced: tuple[Motion, MotionTruth, Floats]) -> None:
@@ -186,7 +171,8 @@ def test_corpus_has_wraps_and_turns() -> None:
 def test_any_length(n_frames: int) -> None:
     motion, truth = synthesise_motion(CLIPS[0], n_frames=n_frames)
     assert motion.n_frames == len(truth.planted) == len(truth.moving) == n_frames
-    assert (truth.key_frames < n_frames).all() and (truth.beat_frames < n_frames).all()
+    assert (truth.key_frames < n_frames).all()
+    assert (truth.beat_frames < n_frames).all()
 
 
 # --- the music --------------------------------------------------------------------------------------------------
@@ -215,157 +201,3 @@ def test_song_is_music() -> None:
     assert len(set(song.chord_roots[:4])) >= 3
     np.testing.assert_allclose(np.diff(song.beat_times_s), 0.6)
     np.testing.assert_allclose(song.signal.samples, song.pcm.mean(axis=1) / 32768, atol=1e-7)
-
-
-# --- the folder -------------------------------------------------------------------------------------------------
-
-
-def test_layout(corpus: Path) -> None:
-    plan = make_plan(3, 2, 6.0)
-    names = {clip.name for clip in plan.clips}
-    assert {path.stem for path in (corpus / "motions").glob("*.pkl")} == names
-    assert {path.stem for path in (corpus / "wavs").glob("*.wav")} == {f"m{s.music}" for s in plan.songs}
-    mapping = (corpus / "cameras" / "mapping.txt").read_text().splitlines()
-    assert {line.split()[0] for line in mapping} == names
-    for split in ("train", "val", "test"):
-        listed = (corpus / "splits" / f"crossmodal_{split}.txt").read_text().split()
-        assert listed and listed == [name for name in sorted(names) if crossmodal_split(name) == split]
-    for name in (*names, *(f"m{song.music}" for song in plan.songs)):
-        assert (corpus / "truth" / f"{name}.npz").is_file()
-
-
-def test_pickles_hold_what_was_synthesised(corpus: Path) -> None:
-    for clip in make_plan(3, 2, 6.0).clips:
-        content = load_pickle(corpus / "motions" / f"{clip.name}.pkl")
-        assert isinstance(content, dict)
-        motion, truth = synthesise_motion(clip.name, n_frames=clip.n_frames)
-        assert content["smpl_poses"].shape == (clip.n_frames, 72)
-        assert {content[key].dtype for key in content if key != "smpl_loss"} == {np.dtype("float32")}
-        assert 89 <= content["smpl_scaling"][0] <= 99
-        metres = content["smpl_trans"] / content["smpl_scaling"]
-        np.testing.assert_allclose(metres, motion.translation, atol=1e-6)
-        np.testing.assert_allclose(content["smpl_poses"].reshape(-1, 24, 3), motion.rotations, atol=1e-6)
-        stored = np.load(corpus / "truth" / f"{clip.name}.npz")
-        np.testing.assert_array_equal(stored["planted"], truth.planted)
-        np.testing.assert_array_equal(stored["key_frames"], truth.key_frames)
-
-
-def test_float32_does_not_unplant_the_feet(corpus: Path) -> None:
-    name = make_plan(3, 2, 6.0).clips[0].name
-    motion = Synthetic(songs=3, clips_per_song=2, clip_s=6.0).load(_ref(corpus, name))
-    feet = joints_of(motion)[:, FEET]
-    planted = np.load(corpus / "truth" / f"{name}.npz")["planted"]
-    step = np.linalg.norm(np.diff(feet, axis=0), axis=2)
-    assert step[planted[1:] & planted[:-1]].max() < 1e-5
-
-
-def _ref(corpus: Path, name: str) -> ClipRef:
-    scan = Synthetic(songs=3, clips_per_song=2, clip_s=6.0).scan(corpus)
-    return next(ref for ref in scan.clips if ref.id == name)
-
-
-def test_wavs_are_pcm_longer_than_the_motion(corpus: Path) -> None:
-    shapes = {}
-    for path in sorted((corpus / "wavs").glob("*.wav")):
-        with wave.open(str(path)) as file:
-            assert file.getsampwidth() == 2
-            assert file.getnframes() / file.getframerate() > 6.0
-            shapes[path.stem] = (file.getframerate(), file.getnchannels())
-    assert shapes == {"mBR0": (48_000, 2), "mHO3": (44_100, 1), "mPO4": (48_000, 2)}
-
-
-def test_same_seed_same_bytes_and_clips_do_not_depend_on_one_another(corpus: Path, tmp_path: Path) -> None:
-    before = digests(corpus)
-    assert digests(write_synthetic(tmp_path / "again", songs=3, clips_per_song=2, clip_s=6.0)) == before
-    more = digests(write_synthetic(tmp_path / "more", songs=4, clips_per_song=2, clip_s=6.0))
-    # The clip with 29 (mod 30) frames is another one there; the rest is the same.
-    same = [name for name in before if name.startswith(("motions", "wavs")) and more[name] == before[name]]
-    assert len(same) >= 8
-    other = digests(write_synthetic(tmp_path / "other", songs=3, clips_per_song=2, clip_s=6.0, seed=1))
-    assert not any(before[name] == other[name] for name in before if name.startswith(("motions", "wavs")))
-
-
-def test_a_second_call_writes_nothing(corpus: Path) -> None:
-    times = {path: path.stat().st_mtime_ns for path in corpus.rglob("*")}
-    write_synthetic(corpus, songs=3, clips_per_song=2, clip_s=6.0)
-    assert {path: path.stat().st_mtime_ns for path in corpus.rglob("*")} == times
-
-
-def test_a_folder_of_somebody_else_is_left_alone(tmp_path: Path) -> None:
-    (tmp_path / "thesis.txt").write_text("mine")
-    with pytest.raises(SourceError, match=r"thesis\.txt"):
-        Synthetic().scan(tmp_path)
-    assert [path.name for path in tmp_path.iterdir()] == ["thesis.txt"]
-
-
-def test_other_parameters_are_an_error_that_shows_them(corpus: Path) -> None:
-    before = digests(corpus)
-    with pytest.raises(SourceError, match='"seed": 7'):
-        write_synthetic(corpus, songs=3, clips_per_song=2, clip_s=6.0, seed=7)
-    assert digests(corpus) == before
-
-
-def test_damaged_marker_is_an_error(tmp_path: Path) -> None:
-    (tmp_path / synthetic.MARKER).write_text("{")
-    with pytest.raises(SourceError, match="other parameters"):
-        write_synthetic(tmp_path)
-
-
-def test_source_that_is_a_file(tmp_path: Path) -> None:
-    path = tmp_path / "file"
-    path.write_text("")
-    with pytest.raises(SourceError, match="not a folder"):
-        Synthetic().scan(path)
-
-
-def test_source_that_cannot_be_made(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
-    with pytest.raises(SourceError, match="cannot be written"):
-        write_synthetic(tmp_path / "file" / "below")
-
-
-def test_a_write_cut_short_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    folder = tmp_path / "corpus"
-    size: dict[str, Any] = {"songs": 2, "clips_per_song": 2, "clip_s": 3.0}
-    with monkeypatch.context() as patch:
-        patch.setattr(synthetic, "_write_clip", _interrupt)
-        with pytest.raises(KeyboardInterrupt):
-            write_synthetic(folder, **size)
-    assert not (folder / synthetic.MARKER).exists()
-    write_synthetic(folder, **size)
-    assert json.loads((folder / synthetic.MARKER).read_text())["songs"] == 2
-    assert digests(folder) == digests(write_synthetic(tmp_path / "whole", **size))
-
-
-def _interrupt(*_: object) -> None:
-    raise KeyboardInterrupt
-
-
-# --- the plug-in ------------------------------------------------------------------------------------------------
-
-
-def test_registered() -> None:
-    assert DATASETS.get("synthetic") is Synthetic
-
-
-def test_scan_writes_and_lists(tmp_path: Path) -> None:
-    dataset = Synthetic(songs=2, clips_per_song=2, clip_s=3.0)
-    scan = dataset.scan(tmp_path / "new")
-    assert [ref.id for ref in scan.clips] == [clip.name for clip in make_plan(2, 2, 3.0).clips]
-    assert not scan.rejects
-    for ref in scan.clips:
-        assert ref.split == crossmodal_split(ref.id)
-        assert ref.audio_path is not None and ref.audio_path.is_file()
-        assert ref.tempo_bpm == tempo_bpm(ref.music.removeprefix("m"))
-        assert dataset.load(ref).n_frames in (179, 180)
-
-
-def test_example_covers_the_splits(tmp_path: Path) -> None:
-    Synthetic().make_example(tmp_path / "example")
-    scan = Synthetic().scan(tmp_path / "example")
-    assert {ref.split for ref in scan.clips} == {"train", "val", "test"}
-    assert any("example" in note for note in scan.notes)
-    with pytest.raises(SourceError, match="other parameters"):
-        Synthetic(seed=1).scan(tmp_path / "example")
-    with pytest.raises(SourceError, match="other parameters"):  # it asks for the whole corpus
-        write_synthetic(tmp_path / "example")

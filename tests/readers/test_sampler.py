@@ -129,9 +129,7 @@ def test_an_abandoned_iteration_moves_nothing() -> None:
     assert (sampler.epoch, sampler.position) == (7, 9)
 
 
-@pytest.mark.parametrize(
-    "state", [{}, {"epoch": 0}, {"epoch": 0, "position": 11}, {"epoch": -1, "position": 0}]
-)
+@pytest.mark.parametrize("state", [{}, {"epoch": 0}, {"epoch": 0, "position": 11}, {"epoch": -1, "position": 0}])
 def test_wrong_state(state: dict[str, int]) -> None:
     sampler = EpochSampler(10)
     with pytest.raises(UsageError):
@@ -206,7 +204,8 @@ def test_tells_its_data_source_the_epoch_before_the_first_index() -> None:
 def test_a_million_samples() -> None:
     sampler = EpochSampler(1_000_000, rank=1, world_size=2)
     order = sampler.order(0)
-    assert order.shape == (500_000,) and len(np.unique(order)) == 500_000
+    assert order.shape == (500_000,)
+    assert len(np.unique(order)) == 500_000
     sampler.load_state_dict({"epoch": 0, "position": 499_990})
     assert list(sampler) == order[-10:].tolist()
 
@@ -216,4 +215,5 @@ def test_pickle_and_repr() -> None:
     sampler.load_state_dict({"epoch": 1, "position": 17})
     copy = pickle.loads(pickle.dumps(sampler))
     assert list(copy) == list(sampler)
-    assert "seed=2" in repr(sampler) and "50 samples" in repr(sampler)
+    assert "seed=2" in repr(sampler)
+    assert "50 samples" in repr(sampler)

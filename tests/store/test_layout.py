@@ -39,16 +39,15 @@ def test_data_is_aligned_contiguous_and_little_endian(make_store: Any, scope: st
     for shard in shards:
         with h5py.File(shard, "r", locking=False) as file:
             for name, dataset in datasets(file).items():
-                assert dataset.chunks is None and dataset.compression is None, name
+                assert dataset.chunks is None, name
+                assert dataset.compression is None, name
                 assert dataset.dtype.str[0] in "<|", name
                 assert dataset.size == 0 or dataset.id.get_offset() % 64 == 0, name
 
 
 def test_names_are_the_documented_ones(make_store: Any, scope: str) -> None:
     made = make_store(scope=scope)
-    wanted = {
-        f"clips/{n}" for n in ("id", "genre", "music", "dancer", "tempo_bpm", "source", "n_frames", "n_flags")
-    }
+    wanted = {f"clips/{n}" for n in ("id", "genre", "music", "dancer", "tempo_bpm", "source", "n_frames", "n_flags")}
     wanted |= {"clips/trim_start", "clips/lists"}
     wanted |= {f"windows/{n}" for n in ("clip", "start", "length", "index")}
     wanted |= {f"windows/rows/{n}" for n in ("pose", "fast", "music", "layer")}
@@ -60,8 +59,10 @@ def test_names_are_the_documented_ones(make_store: Any, scope: str) -> None:
         assert set(datasets(file)) == wanted
         assert file["clips/id"].dtype.metadata is None or file["clips/id"].asstr()[0] == "train_c00"
         assert h5py.check_string_dtype(file["clips/id"].dtype) == h5py.h5t.string_info("utf-8", 9)
-        assert file["motion/pose"].dtype == "<f4" and file["audio/layer"].dtype == "<f2"
-        assert file.attrs["format"] == 1 and file.attrs["scope"].decode() == scope
+        assert file["motion/pose"].dtype == "<f4"
+        assert file["audio/layer"].dtype == "<f2"
+        assert file.attrs["format"] == 1
+        assert file.attrs["scope"].decode() == scope
         assert np.isnan(file["clips/tempo_bpm"][1])
 
 
@@ -110,9 +111,7 @@ def test_order_of_the_clips_given_does_not_matter(tmp_path: Path, make_store: An
 def test_shards_keep_to_their_size(make_store: Any) -> None:
     made = make_store(clips={"train": 12}, shard_bytes=20_000, clips_per_song=1)
     shards = json.loads((made.path / "dataset.json").read_text())["shards"]
-    assert [s["file"] for s in shards] == [
-        f"train-{i:05d}-of-{len(shards):05d}.h5" for i in range(len(shards))
-    ]
+    assert [s["file"] for s in shards] == [f"train-{i:05d}-of-{len(shards):05d}.h5" for i in range(len(shards))]
     store = open_store(made.path)
     sizes = []
     for shard in store._shards["train"]:
@@ -134,7 +133,8 @@ def test_dataset_json(make_store: Any) -> None:
         ("music", "audio", "30", "float32"),
         ("layer", "audio", "30", "float16"),
     ]
-    assert info["recipe"] == {"name": "x"} and info["licence"] == "CC0"
+    assert info["recipe"] == {"name": "x"}
+    assert info["licence"] == "CC0"
     train = [c for c in made.clips if c.split == "train"]
     frames = sum(c.n_frames for c in train)
     assert info["counts"]["train"] == {

@@ -31,14 +31,17 @@ def test_what_a_store_says_of_itself(make_store: Any, scope: str) -> None:
     made = make_store(scope=scope, clips={"zz": 1, "test": 1, "train": 2, "all": 1})
     store = open_store(str(made.path))
     assert store.splits == ("train", "test", "all", "zz")
-    assert store.fps == 30 and isinstance(store.fps, int)
-    assert store.scope == scope and store.path == made.path
+    assert store.fps == 30
+    assert isinstance(store.fps, int)
+    assert store.scope == scope
+    assert store.path == made.path
     assert list(store.fields) == ["pose", "fast", "music", "layer"]
     assert store.fields["pose"] == made.header.fields[0].columns
     assert store.field("fast") == made.header.fields[1]
     assert store.skeleton.to_json() == made.header.skeleton.to_json()
     assert store.meta["recipe"] == {"name": "random"}
-    assert store.rejects == [] and store.quality == []
+    assert store.rejects == []
+    assert store.quality == []
 
 
 def test_fps_that_is_no_whole_number(make_store: Any) -> None:
@@ -62,14 +65,11 @@ def test_read_gives_an_array_of_ones_own(make_store: Any, scope: str, target: st
     made = make_store(scope=scope)
     store = open_store(made.path)
     window = store.windows("train")[0]
-    first = (
-        store.read(window, "pose") if target == "read" else store.read(Window(*vars(window).values()), "pose")
-    )
-    assert first.flags.writeable and first.flags.c_contiguous
+    first = store.read(window, "pose") if target == "read" else store.read(Window(*vars(window).values()), "pose")
+    assert first.flags.writeable
+    assert first.flags.c_contiguous
     first[...] = 0
-    np.testing.assert_array_equal(
-        store.read(window, "pose"), made.rows(window.clip, "pose", window.start, 30)
-    )
+    np.testing.assert_array_equal(store.read(window, "pose"), made.rows(window.clip, "pose", window.start, 30))
 
 
 def test_read_into_converts_and_takes_strided_arrays(make_store: Any) -> None:
@@ -83,7 +83,8 @@ def test_read_into_converts_and_takes_strided_arrays(make_store: Any) -> None:
     strided = np.zeros((30, 6), np.float16)
     store.read_into(window, "layer", strided[:, ::2])
     np.testing.assert_array_equal(strided[:, ::2], wanted)
-    assert not strided[:, 1::2].any() and not batch[[0, 1, 3]].any()
+    assert not strided[:, 1::2].any()
+    assert not batch[[0, 1, 3]].any()
     with pytest.raises(UsageError, match="wrong shape"):
         store.read_into(window, "layer", np.zeros((29, 3)))
 
@@ -98,7 +99,8 @@ def test_order_by_name_is_a_plain_string_sort(make_store: Any) -> None:
     made = make_store(clips={"train": 3}, order="name", n_frames=(200, 220), stride=15)
     windows = open_store(made.path).windows("train")
     names = [f"{windows.clip_ids[c]}_slice{k}" for c, k in zip(windows.clip, windows.number, strict=True)]
-    assert names == sorted(names) and names.index("train_c00_slice10") < names.index("train_c00_slice2")
+    assert names == sorted(names)
+    assert names.index("train_c00_slice10") < names.index("train_c00_slice2")
     for window, k in zip(windows, windows.number, strict=True):
         assert window.start == 15 * k
         np.testing.assert_array_equal(
@@ -109,10 +111,14 @@ def test_order_by_name_is_a_plain_string_sort(make_store: Any) -> None:
 def test_window_list_is_a_sequence(make_store: Any) -> None:
     windows = open_store(make_store().path).windows("train")
     everything = list(windows)
-    assert windows[-1] == everything[-1] and list(windows[1:5:2]) == everything[1:5:2]
-    assert windows[0] in windows and windows.index(everything[4]) == 4 and windows.count(everything[4]) == 1
+    assert windows[-1] == everything[-1]
+    assert list(windows[1:5:2]) == everything[1:5:2]
+    assert windows[0] in windows
+    assert windows.index(everything[4]) == 4
+    assert windows.count(everything[4]) == 1
     mask = np.arange(len(windows)) % 2 == 0
-    assert list(windows.take(mask)) == everything[::2] and list(windows.take([3, 0])) == [
+    assert list(windows.take(mask)) == everything[::2]
+    assert list(windows.take([3, 0])) == [
         everything[3],
         everything[0],
     ]
@@ -125,12 +131,7 @@ def test_other_windows_at_read_time(make_store: Any) -> None:
     made = make_store(n_frames=(70, 130), shard_bytes=20_000)
     store = open_store(made.path)
     windows = store.windows("train", length_s=2, stride_frames=7)
-    wanted = [
-        Window(c.id, s, 60)
-        for c in made.clips
-        if c.split == "train"
-        for s in range(0, c.n_frames - 60 + 1, 7)
-    ]
+    wanted = [Window(c.id, s, 60) for c in made.clips if c.split == "train" for s in range(0, c.n_frames - 60 + 1, 7)]
     assert list(windows) == wanted
     for window in windows:
         for name in store.fields:
@@ -206,7 +207,7 @@ def test_wrong_names_get_the_closest_one(make_store: Any) -> None:
         (lambda: store.read(Window("train_x00", 0, 30), "pose"), "train_c00"),
         (lambda: store.windows("train", stride_frames=1, fields=("posse",)), "pose"),
     ):
-        with pytest.raises(UsageError, match="did you mean") as caught:
+        with pytest.raises(UsageError, match=r"[Dd]id you mean") as caught:
             attempt()
         assert closest in str(caught.value)
 
@@ -285,9 +286,7 @@ def test_normalizer_is_that_of_the_stats(make_store: Any) -> None:
     made = make_store()
     with open_store(made.path) as store:
         plain, mirrored = store.normalizer("pose"), store.normalizer("pose", mirror=True)
-        np.testing.assert_array_equal(
-            plain.scale, np.float32(store.stats["fields"]["pose"]["scaler"]["scale"])
-        )
+        np.testing.assert_array_equal(plain.scale, store.stats["fields"]["pose"]["scaler"]["scale"])
         assert (np.asarray(mirrored.data_min) <= np.asarray(plain.data_min)).all()
         with pytest.raises(UsageError, match="cannot be mirrored"):
             store.normalizer("music", mirror=True)
@@ -295,7 +294,8 @@ def test_normalizer_is_that_of_the_stats(make_store: Any) -> None:
 
 def test_without_train_windows_there_is_no_normalizer(make_store: Any) -> None:
     store = open_store(make_store(clips={"test": 2}).path)
-    assert store.stats["fields"] == {} and "no train windows" in store.stats["note"]
+    assert store.stats["fields"] == {}
+    assert "no train windows" in store.stats["note"]
     with pytest.raises(StoreError, match="without train windows"):
         store.normalizer("pose")
 
@@ -331,7 +331,8 @@ def test_shard_missing_or_of_another_size(make_store: Any) -> None:
     shard.write_bytes(data[:-1])
     with pytest.raises(StoreError, match="another size") as caught:
         open_store(made.path)
-    assert f"{len(data) - 1} bytes" in str(caught.value) and f"{len(data)} bytes" in str(caught.value)
+    assert f"{len(data) - 1} bytes" in str(caught.value)
+    assert f"{len(data)} bytes" in str(caught.value)
     shard.unlink()
     with pytest.raises(StoreError, match="a shard is missing"):
         open_store(made.path)

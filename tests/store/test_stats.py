@@ -21,9 +21,7 @@ def covered(made: RandomStore, field: str) -> np.ndarray:
     ratio = f.rate / made.header.fps
     train = [c for c in made.clips if c.split == "train"]
     if made.header.scope == "window":
-        return np.concatenate([made.rows(c.id, field, s, 30) for c in train for s in c.starts]).astype(
-            np.float64
-        )
+        return np.concatenate([made.rows(c.id, field, s, 30) for c in train for s in c.starts]).astype(np.float64)
     timelines: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     for c in train:
         key, array, offset = c.id, c.motion.get(field), 0
@@ -58,10 +56,7 @@ def test_stats_are_those_of_the_covered_rows(make_store: Any, scope: str, stride
 
 
 def test_stats_do_not_depend_on_shards(make_store: Any, scope: str) -> None:
-    texts = {
-        (make_store(scope=scope, shard_bytes=size).path / "stats.json").read_text()
-        for size in (1, 9000, 10**9)
-    }
+    texts = {(make_store(scope=scope, shard_bytes=size).path / "stats.json").read_text() for size in (1, 9000, 10**9)}
     assert len(texts) == 1
 
 
@@ -85,8 +80,8 @@ def test_column_without_range_is_scaled_as_edge_does(tmp_path: Path, make_store:
     out.mkdir()
     write_store(out, made.header, made.clips)
     stats = json.loads((out / "stats.json").read_text())["fields"]["pose"]
-    assert (
-        stats["scaler"]["scale"][2] == 2.0 and stats["std"][2] == 0.0 and stats["mean"][2] == np.float32(0.1)
-    )
-    assert stats["scaler"]["offset"][2] == float(np.float32(-1) - np.float32(0.1) * np.float32(2))
+    assert stats["scaler"]["scale"][2] == 2.0
+    assert stats["std"][2] == 0.0
+    assert stats["mean"][2] == np.float32(0.1)
+    assert stats["scaler"]["offset"][2] == -1 - float(np.float32(0.1)) * 2
     assert "-0.0" not in json.dumps([stats["min"][3], stats["max"][3], stats["mean"][3]])

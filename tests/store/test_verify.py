@@ -67,7 +67,8 @@ def test_flipped_bit_anywhere(make_store: Any) -> None:
             changed[place] ^= 1
             path.write_bytes(changed)
             problems = verify_store(made.path)
-            assert problems and path.name in problems[0].where, (path, place)
+            assert problems, (path, place)
+            assert path.name in problems[0].where, (path, place)
         path.write_bytes(data)
     assert verify_store(made.path) == []
 
@@ -90,7 +91,8 @@ def test_missing_files(make_store: Any) -> None:
     for name in (TRAIN, "stats.json", "rejects.jsonl", "quality.jsonl"):
         made = make_store()
         (made.path / name).unlink()
-        assert name in only_error(made.path) and "missing" in only_error(made.path)
+        assert name in only_error(made.path)
+        assert "missing" in only_error(made.path)
     made = make_store()
     (made.path / "dataset.json").unlink()
     assert "no finished dataset" in only_error(made.path)
@@ -101,7 +103,8 @@ def test_changed_card_is_a_note(make_store: Any) -> None:
     made = make_store()
     (made.path / "README.md").write_text("my own words")
     [problem] = verify_store(made.path)
-    assert problem.severity == "note" and problem.where.endswith("README.md")
+    assert problem.severity == "note"
+    assert problem.where.endswith("README.md")
     assert problem.to_json() == {"severity": "note", "where": problem.where, "message": problem.message}
 
 
@@ -143,7 +146,9 @@ def test_values_that_are_not_finite(make_store: Any, field: str, value: float) -
     made = make_store()
     edit(made.path, field, (41, 2), value)
     message = only_error(made.path)
-    assert field in message and "1 values are not finite" in message and "row 41" in message
+    assert field in message
+    assert "1 values are not finite" in message
+    assert "row 41" in message
 
 
 def test_clip_of_a_bad_value_is_named(make_store: Any) -> None:
@@ -171,9 +176,7 @@ TABLE_CASES: list[tuple[str, int, int, str]] = [
 
 
 @pytest.mark.parametrize(("dataset", "index", "value", "message"), TABLE_CASES)
-def test_rows_and_windows_out_of_bounds(
-    make_store: Any, dataset: str, index: int, value: int, message: str
-) -> None:
+def test_rows_and_windows_out_of_bounds(make_store: Any, dataset: str, index: int, value: int, message: str) -> None:
     made = make_store()
     edit(made.path, dataset, index, value)
     assert any(message in str(p) for p in verify_store(made.path)), verify_store(made.path)
@@ -197,9 +200,7 @@ def replace(folder: Path, dataset: str, make: Callable[[Any, Any], None]) -> Non
 
 def test_other_layout(make_store: Any) -> None:
     made = make_store()
-    replace(
-        made.path, "motion/pose", lambda f, old: f.create_dataset("motion/pose", data=old, compression="gzip")
-    )
+    replace(made.path, "motion/pose", lambda f, old: f.create_dataset("motion/pose", data=old, compression="gzip"))
     assert "/motion/pose is not contiguous" in only_error(made.path)
     made = make_store()
     replace(made.path, "motion/pose", lambda f, old: f.create_dataset("motion/pose", data=old.astype(">f4")))
@@ -241,11 +242,14 @@ def test_songs_that_splits_share(make_store: Any, tmp_path: Path) -> None:
         return verify_store(tmp_path / name)
 
     [problem] = build("a", train="mBR0", test="mBR0")
-    assert problem.severity == "error" and "train and test share 1 songs: mBR0" in problem.message
+    assert problem.severity == "error"
+    assert "train and test share 1 songs: mBR0" in problem.message
     [problem] = build("b", train="mBR0", val="mBR0")
-    assert problem.severity == "error" and "train and val" in problem.message
+    assert problem.severity == "error"
+    assert "train and val" in problem.message
     [problem] = build("c", val="mPO1", test="mPO1")
-    assert problem.severity == "note" and "val and test share 1 songs: mPO1" in problem.message
+    assert problem.severity == "note"
+    assert "val and test share 1 songs: mPO1" in problem.message
     assert build("d", train="", val="", test="") == []
 
 
@@ -263,7 +267,8 @@ def test_files_that_belong_to_nothing(make_store: Any) -> None:
     (made.path / "train-00000-of-00009.h5").write_bytes(b"")
     (made.path / "my notes.txt").write_text("left alone")
     [problem] = verify_store(made.path)
-    assert problem.severity == "note" and problem.where.endswith("train-00000-of-00009.h5")
+    assert problem.severity == "note"
+    assert problem.where.endswith("train-00000-of-00009.h5")
 
 
 def test_memory_does_not_grow_with_the_dataset(tmp_path: Path) -> None:
@@ -279,4 +284,5 @@ def test_memory_does_not_grow_with_the_dataset(tmp_path: Path) -> None:
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
-    assert size > 90e6 and peak < 30e6
+    assert size > 90e6
+    assert peak < 30e6

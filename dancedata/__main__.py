@@ -1,0 +1,5 @@
+"""``python -m dancedata``."""
+
+from dancedata.cli import main
+
+main()

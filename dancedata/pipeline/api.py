@@ -1,0 +1,86 @@
+"""The functions of the package's front door: extract, encode, decode."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.errors import RecipeError
+from dancedata.core.grid import FrameGrid, Number
+from dancedata.core.motion import Motion
+from dancedata.core.registry import CONTACTS, FEATURES, REPRESENTATIONS, Registry
+from dancedata.pipeline.slots import make_plugin, one_of
+
+
+def extract(
+    feature: str,
+    song: str | Path | AudioSignal,
+    *,
+    fps: Number = 30,
+    start_bpm: float | None = None,
+    **parameters: Any,
+) -> npt.NDArray[Any]:
+    """Compute an audio feature of a whole song (scope: track).
+
+    Parameters
+    ----------
+    feature
+        Name of a registered audio feature, such as "librosa35".
+    song
+        An audio file or an AudioSignal.
+    fps
+        Rows a second.
+    start_bpm
+        Tempo to start from, where the feature tracks beats; None: it is estimated.
+    parameters
+        The feature's own, as in a recipe.
+
+    Returns
+    -------
+    (T, D) array
+    """
+    from dancedata.audio.signal import load_audio
+
+    signal = song if isinstance(song, AudioSignal) else load_audio(song)
+    plugin = _make(FEATURES, "audio", feature, parameters)
+    rows: npt.NDArray[Any] = plugin.extract(signal, FrameGrid.of(fps), start_bpm=start_bpm)
+    return rows
+
+
+def encode(
+    motion: Motion, representation: str, *, contacts: Any = None, **parameters: Any
+) -> npt.NDArray[np.float32]:
+    """Encode a motion at its own frame rate; (T, D) float32.
+
+    `contacts` is a rule's name or ``{name: {parameters}}``; default: the representation's own.
+    """
+    plugin = _make(REPRESENTATIONS, "motion", representation, parameters)
+    rule = contacts if contacts is not None else plugin.default_contacts
+    problems: list[str] = []
+    made = None if rule is None else one_of(CONTACTS, "contacts", rule, problems)
+    _raise(problems)
+    array: npt.NDArray[np.float32] = plugin.encode(motion, made)
+    return array
+
+
+def decode(array: npt.NDArray[Any], representation: str, *, fps: Number = 30, **parameters: Any) -> Motion:
+    """Decode columns (T, D), not normalised, into a motion at `fps` frames a second."""
+    motion: Motion = _make(REPRESENTATIONS, "motion", representation, parameters).decode(array, FrameGrid.of(fps))
+    return motion
+
+
+def _make(registry: Registry, where: str, name: str, parameters: dict[str, Any]) -> Any:
+    registry.get(name)  # an unknown name is an error of its own, with the closest known one
+    problems: list[str] = []
+    made = make_plugin(registry, where, name, parameters, problems)
+    _raise(problems)
+    return made
+
+
+def _raise(problems: list[str]) -> None:
+    if problems:
+        raise RecipeError("; ".join(problems))

@@ -1,0 +1,287 @@
+"""dancedata build: one recipe, one source, one dataset of format 1."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from filelock import FileLock, Timeout
+
+from dancedata.core.clip import Scan
+from dancedata.core.errors import DataError, StoreError
+from dancedata.core.version import __version__
+from dancedata.pipeline.cache import Cache, default_cache, package_version
+from dancedata.pipeline.card import dataset_card
+from dancedata.pipeline.execute import Progress
+from dancedata.pipeline.gather import Gathered, gather, identify, require_clips
+from dancedata.pipeline.recipe import Recipe
+from dancedata.store import Field, StoredClip, StoreHeader, open_store, write_store
+from dancedata.store.schema import (
+    CARD_FILE,
+    DATASET_FILE,
+    QUALITY_FILE,
+    REJECTS_FILE,
+    STATS_FILE,
+    is_shard_name,
+)
+
+LOCK_FILE = ".lock"
+_OWN_FILES = {DATASET_FILE, STATS_FILE, REJECTS_FILE, QUALITY_FILE, CARD_FILE, LOCK_FILE}
+#: Reasons for which a clip is left out by choice; they do not stop a strict build.
+BY_CHOICE = {"ignored", "unassigned", "missing_motion", "unused_music", "extra_file", "no_audio"}
+
+
+@dataclass(frozen=True)
+class BuildResult:
+    """What a build did.
+
+    Attributes
+    ----------
+    built
+        False if the dataset was there already and nothing had to be done.
+    scan_notes
+        What the dataset reader had to say.
+    """
+
+    out: Path
+    built: bool
+    scan_notes: tuple[str, ...]
+
+
+def build(
+    recipe: Recipe,
+    source: Path,
+    out: Path,
+    *,
+    jobs: int = 1,
+    overwrite: bool = False,
+    strict: bool = False,
+    cache: Path | None = None,
+    progress: Progress | None = None,
+) -> BuildResult:
+    """Build a dataset.
+
+    Parameters
+    ----------
+    source, out
+        Folder to read and folder to write; `out` is made if it is missing.
+    jobs
+        Worker processes. The result does not depend on it.
+    overwrite
+        Build beside a dataset that is in `out`, then swap.
+    strict
+        Stop at the first broken clip instead of setting it aside.
+    cache
+        Folder of the cache; default: $DANCEDATA_CACHE, else the user's cache folder.
+
+    Raises
+    ------
+    SourceError, StoreError
+        If the source or `out` cannot be used.
+    DataError
+        With `strict`, for the first broken clip.
+    """
+    progress = progress or Progress(quiet=True)
+    store_cache = Cache((cache or default_cache()).absolute())
+    with _locked(out):
+        _check_out(out)
+        scan: Scan = recipe.dataset.scan(source)
+        gathered = identify(store_cache, recipe, scan, jobs=jobs, progress=progress)
+        source_sha256 = gathered.source_sha256()
+        if (out / DATASET_FILE).exists() and not overwrite:
+            _require_same(out, recipe, source_sha256)
+            return BuildResult(out, built=False, scan_notes=scan.notes)
+        _stop_if_strict(strict, gathered)
+        clips = gather(store_cache, gathered, jobs=jobs, progress=progress)
+        _stop_if_strict(strict, gathered)
+        require_clips(clips, gathered.rejects)
+        if (out / DATASET_FILE).exists():
+            with _swapped(out) as fresh:
+                _write(fresh, recipe, gathered, clips, source_sha256, progress)
+        else:
+            _clean(out)
+            _write(out, recipe, gathered, clips, source_sha256, progress)
+    return BuildResult(out, built=True, scan_notes=scan.notes)
+
+
+def header_of(recipe: Recipe, meta: Mapping[str, Any]) -> StoreHeader:
+    """Return what holds for the whole store."""
+    motion = [Field(s.name, "motion", s.representation.columns, recipe.fps) for s in recipe.motion]
+    audio = [Field(f.name, "audio", f.columns, recipe.fps, f.dtype) for f in recipe.audio]
+    return StoreHeader(
+        scope=recipe.scope,
+        fps=recipe.fps,
+        length=recipe.windows.length,
+        stride=recipe.windows.stride,
+        order=recipe.windows.order,
+        fields=(*motion, *audio),
+        skeleton=recipe.motion[0].representation.skeleton,
+        meta=meta,
+    )
+
+
+def _write(
+    out: Path,
+    recipe: Recipe,
+    gathered: Gathered,
+    clips: list[StoredClip],
+    source_sha256: str,
+    progress: Progress,
+) -> None:
+    meta = _meta(recipe, gathered, source_sha256)
+    with progress.stage("writing", len(clips)) as advance:
+        write_store(
+            out,
+            header_of(recipe, meta),
+            clips,
+            rejects=sorted(gathered.rejects, key=lambda r: (r.clip, r.window or -1, r.reason, r.file)),
+            quality=gathered.quality,
+            shard_bytes=recipe.shard_mb * 2**20,
+            card=dataset_card(recipe, gathered, clips),
+            progress=lambda done, total: advance(1),
+        )
+
+
+def _meta(recipe: Recipe, gathered: Gathered, source_sha256: str) -> dict[str, Any]:
+    packages = {"numpy", "scipy", "h5py", "soundfile"}
+    packages.update(name for feature in recipe.audio for name in feature.packages)
+    return {
+        "name": recipe.name,
+        "dancedata": __version__,
+        "recipe": recipe.document,
+        "recipe_sha256": recipe.sha256,
+        "source_sha256": source_sha256,
+        "source": {"layout": gathered.scan.layout, "notes": list(gathered.scan.notes)},
+        "dataset": recipe.dataset.name,
+        "licence": recipe.dataset.licence,
+        "citation": recipe.dataset.citation,
+        "axes": {slot.name: slot.representation.axes for slot in recipe.motion},
+        "rotation_6d": {slot.name: slot.representation.rotation_6d for slot in recipe.motion},
+        "packages": {name: package_version(name) for name in sorted(packages)},
+        "quality_flags": len(gathered.quality),
+    }
+
+
+def _require_same(out: Path, recipe: Recipe, source_sha256: str) -> None:
+    """Raise StoreError with the difference, if `out` was made by another recipe or from another source."""
+    meta = open_store(out).meta
+    differences = list(_differences(meta.get("recipe", {}), recipe.document))
+    if meta.get("recipe_sha256") != recipe.sha256:
+        listed = "\n".join(f"  - {d}" for d in differences) or "  - (another version of dancedata)"
+        raise StoreError(
+            f"the dataset there was made by another recipe:\n{listed}\n",
+            where=out,
+            fix="choose another --out, or --overwrite to replace it",
+        )
+    if meta.get("source_sha256") != source_sha256:
+        raise StoreError(
+            "the dataset there was made from another source: files, splits or metadata of its clips differ",
+            where=out,
+            found=f"source {source_sha256[:12]}, built from {str(meta.get('source_sha256'))[:12]}",
+            fix="choose another --out, or --overwrite to build it anew (only what changed is computed)",
+        )
+
+
+def _differences(old: Any, new: Any, at: str = "") -> Iterator[str]:
+    if isinstance(old, Mapping) and isinstance(new, Mapping):
+        for key in sorted({*old, *new}):
+            if at == "" and key in ("name", "description"):
+                continue
+            yield from _differences(old.get(key), new.get(key), f"{at}.{key}" if at else str(key))
+    elif old != new:
+        yield f"{at}: {json.dumps(old)} there, {json.dumps(new)} now"
+
+
+def _stop_if_strict(strict: bool, gathered: Gathered) -> None:
+    broken = [r for r in gathered.rejects if r.reason not in BY_CHOICE]
+    if strict and broken:
+        first = broken[0]
+        raise DataError(
+            f"{len(broken)} broken clip{'s' * (len(broken) != 1)} in a strict build, the first: {first.detail}",
+            reason=first.reason,
+            where=first.clip or first.file,
+            fix="mend or remove it, or build without --strict to set it aside",
+        )
+
+
+@contextmanager
+def _locked(out: Path) -> Iterator[None]:
+    """Make `out` and hold its lock; a second writer fails at once."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        lock = FileLock(out / LOCK_FILE, timeout=0)
+        with lock:
+            try:
+                yield
+            finally:
+                # Unlinked while it is held: a finished dataset holds no stray file.
+                with suppress(OSError):
+                    (out / LOCK_FILE).unlink()
+    except Timeout as error:
+        raise StoreError(
+            "another build is writing there", where=out, fix="wait until it has ended, or choose another --out"
+        ) from error
+    except (PermissionError, NotADirectoryError, FileExistsError) as error:
+        raise _unwritable(out, error) from error
+    except OSError as error:
+        if error.errno in _READ_ONLY_OR_FULL:
+            raise _unwritable(out, error) from error
+        raise
+
+
+_READ_ONLY_OR_FULL = {28, 30, 122}  # ENOSPC, EROFS, EDQUOT
+
+
+def _unwritable(out: Path, error: OSError) -> StoreError:
+    return StoreError(
+        "the output folder cannot be written",
+        where=out,
+        found=str(error),
+        fix="choose an --out that is a folder of your own, on a disk with room",
+    )
+
+
+def _check_out(out: Path) -> None:
+    foreign = [p.name for p in out.iterdir() if not _is_own(p.name)]
+    if foreign:
+        shown = ", ".join(sorted(foreign)[:5]) + (", ..." if len(foreign) > 5 else "")
+        raise StoreError(
+            "the output folder holds files that are not dancedata's",
+            where=out,
+            found=shown,
+            allowed="an empty folder, a new one, or a dataset built before",
+            fix="choose another --out; nothing was written",
+        )
+
+
+def _is_own(name: str) -> bool:
+    return name in _OWN_FILES or is_shard_name(name) or (name.startswith(".") and name.endswith(".tmp"))
+
+
+def _clean(out: Path) -> None:
+    """Remove what a killed build left: without dataset.json none of it counts."""
+    for path in out.iterdir():
+        if path.name != LOCK_FILE:
+            path.unlink()
+
+
+@contextmanager
+def _swapped(out: Path) -> Iterator[Path]:
+    """Give a fresh folder beside `out`; on success it takes its place."""
+    fresh, old = (out.parent / f".{out.name}.{what}" for what in ("new", "old"))
+    for folder in (fresh, old):
+        shutil.rmtree(folder, ignore_errors=True)
+    fresh.mkdir()
+    try:
+        yield fresh
+        os.rename(out, old)
+        os.rename(fresh, out)
+    finally:
+        shutil.rmtree(fresh, ignore_errors=True)
+    shutil.rmtree(old, ignore_errors=True)

@@ -1,0 +1,82 @@
+"""dancedata check: a built dataset against its dataset.json, or a source folder file by file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from dancedata.core.clip import ClipRef, Reject, Scan
+from dancedata.core.errors import DataError, SourceError
+from dancedata.core.registry import DATASETS
+from dancedata.pipeline.build import BY_CHOICE
+from dancedata.pipeline.execute import Progress, run_units
+from dancedata.pipeline.units import reject_of
+from dancedata.store import Problem, verify_store
+from dancedata.store.schema import DATASET_FILE, is_shard_name
+
+
+def check(
+    path: Path, *, dataset: str | None = None, jobs: int = 1, progress: Progress | None = None
+) -> list[Problem]:
+    """Check a built dataset or a source folder.
+
+    Parameters
+    ----------
+    path
+        A folder that `build` wrote, or one to build from.
+    dataset
+        Reader for a source folder; default: the first one that recognises it.
+
+    Returns
+    -------
+    list of Problem
+        Of severity "error" or "note".
+    """
+    if dataset is None and path.is_dir() and any(_is_ours(p.name) for p in path.iterdir()):
+        return verify_store(path)
+    reader, scan = _scan(path, dataset)
+    problems = [Problem("note", str(path), note) for note in scan.notes]
+    problems += [_problem(r) for r in scan.rejects]
+    calls = [(reader, ref) for ref in scan.clips]
+    found = run_units(_check_clip, calls, jobs=jobs, label="checking", progress=progress or Progress(quiet=True))
+    return problems + [_problem(reject) for rejects in found for reject in rejects]
+
+
+def _is_ours(name: str) -> bool:
+    return name == DATASET_FILE or is_shard_name(name)
+
+
+def _scan(path: Path, dataset: str | None) -> tuple[Any, Scan]:
+    if dataset is not None:
+        reader = DATASETS.get(dataset)()
+        return reader, reader.scan(path)
+    failures = []
+    # A dataset that writes its source by itself would not check this folder but fill it.
+    readers = [DATASETS.get(n)() for n in DATASETS.names() if not getattr(DATASETS.get(n), "generates", False)]
+    for reader in readers:
+        try:
+            return reader, reader.scan(path)
+        except SourceError as error:
+            failures.append(f"  - {reader.name}: {error}")
+    raise SourceError("this is neither a built dataset nor a source folder of a known one:\n" + "\n".join(failures))
+
+
+def _check_clip(reader: Any, ref: ClipRef) -> list[Reject]:
+    from dancedata.audio.signal import load_audio
+
+    found = []
+    try:
+        reader.load(ref)
+    except DataError as error:
+        found.append(reject_of(error, clip=ref.id, file=ref.motion_path))
+    if ref.audio_path is not None:
+        try:
+            load_audio(ref.audio_path)
+        except DataError as error:
+            found.append(reject_of(error, clip=ref.id, file=ref.audio_path))
+    return found
+
+
+def _problem(reject: Reject) -> Problem:
+    severity = "note" if reject.reason in BY_CHOICE else "error"
+    return Problem(severity, reject.clip or reject.file, f"{reject.reason}: {reject.detail or reject.file}")

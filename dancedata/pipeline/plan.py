@@ -1,0 +1,110 @@
+"""dancedata plan: what a build would make; reads lengths only, computes no feature, writes nothing."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from dancedata.core.clip import ClipRef, Scan
+from dancedata.core.errors import DataError
+from dancedata.core.grid import FrameGrid
+from dancedata.pipeline.build import header_of
+from dancedata.pipeline.execute import Progress, run_units
+from dancedata.pipeline.gather import audio_window_count
+from dancedata.pipeline.recipe import Recipe
+from dancedata.pipeline.units import motion_window_count
+from dancedata.store.schema import sort_splits
+
+
+@dataclass(frozen=True)
+class ClipPlan:
+    """What would become of a clip: frames at the recipe's rate, windows, rows of audio; or a problem."""
+
+    ref: ClipRef
+    n_frames: int = 0
+    n_windows: int = 0
+    audio_rows: tuple[int, ...] = ()
+    problem: str = ""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a build would make."""
+
+    recipe: Recipe
+    scan: Scan
+    clips: tuple[ClipPlan, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain JSON data: counts, columns and bytes."""
+        kept = [c for c in self.clips if c.n_windows]
+        left_out = Counter(r.reason for r in self.scan.rejects)
+        left_out.update(c.problem for c in self.clips if not c.n_windows)
+        splits = {}
+        for split in sort_splits({c.ref.split for c in kept}):
+            mine = [c for c in kept if c.ref.split == split]
+            splits[split] = {
+                "clips": len(mine),
+                "windows": sum(c.n_windows for c in mine),
+                "frames": sum(c.n_frames for c in mine),
+                "songs": len({c.ref.music for c in mine}),
+            }
+        fields = {f.name: {"columns": f.columns.width, "dtype": f.dtype} for f in header_of(self.recipe, {}).fields}
+        return {
+            "recipe": self.recipe.document,
+            "recipe_sha256": self.recipe.sha256,
+            "layout": self.scan.layout,
+            "notes": list(self.scan.notes),
+            "splits": splits,
+            "fields": fields,
+            "bytes": self._bytes(kept),
+            "left_out": dict(sorted(left_out.items())),
+        }
+
+    def _bytes(self, kept: list[ClipPlan]) -> int:
+        """Estimate the size of the shards, tables aside; equal windows of several files are counted each."""
+        length = self.recipe.windows.length
+        by_window = self.recipe.scope == "window"
+        total = 0
+        for field in header_of(self.recipe, {}).fields:
+            if field.kind == "motion":
+                rows = sum(c.n_windows * length if by_window else c.n_frames for c in kept)
+            else:
+                index = [f.name for f in self.recipe.audio].index(field.name)
+                songs = {(c.ref.split, c.ref.audio_path): c.audio_rows[index] for c in kept}
+                windows = {(c.ref.split, c.ref.audio_path): 0 for c in kept}
+                for c in kept:
+                    key = c.ref.split, c.ref.audio_path
+                    windows[key] = max(windows[key], c.n_windows * length)
+                rows = sum(windows.values() if by_window else songs.values())
+            total += rows * field.row_bytes
+        return total
+
+
+def make_plan(recipe: Recipe, source: Path, *, jobs: int = 1, progress: Progress | None = None) -> Plan:
+    """Find out what `build` would make of a source."""
+    scan: Scan = recipe.dataset.scan(source)
+    calls = [(recipe, ref) for ref in scan.clips]
+    clips = run_units(_clip_plan, calls, jobs=jobs, label="lengths", progress=progress or Progress(quiet=True))
+    return Plan(recipe, scan, tuple(clips))
+
+
+def _clip_plan(recipe: Recipe, ref: ClipRef) -> ClipPlan:
+    from dancedata.audio.signal import audio_length
+
+    try:
+        motion = recipe.dataset.load(ref)
+        count = motion_window_count(recipe, motion.n_frames, motion.grid.rate)
+        rows: tuple[int, ...] = ()
+        if recipe.audio:
+            if ref.audio_path is None:
+                return ClipPlan(ref, problem="missing_music")
+            n_samples, sample_rate = audio_length(ref.audio_path)
+            count = min(count, audio_window_count(recipe, n_samples, sample_rate))
+            rows = tuple(f.n_rows(n_samples, sample_rate, recipe.grid) for f in recipe.audio)
+    except DataError as error:
+        return ClipPlan(ref, problem=error.reason)
+    n_frames = FrameGrid(motion.grid.rate).resampled_length(motion.n_frames, recipe.grid)
+    return ClipPlan(ref, n_frames, count, rows, problem="" if count else "too_short")

@@ -1,0 +1,291 @@
+"""Recipes: YAML that names one plug-in for each slot, with its parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from dancedata.core.errors import DanceDataError, RecipeError, UsageError, did_you_mean
+from dancedata.core.grid import FrameGrid
+from dancedata.core.hashing import json_sha256
+from dancedata.core.registry import CONTACTS, DATASETS, FEATURES, REPRESENTATIONS
+from dancedata.core.resources import resource, resources
+from dancedata.pipeline.slots import document_of, make_plugin, one_of
+
+Scalar = int | float | str
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class _Windows(_Strict):
+    length_s: Scalar | None = None
+    length_frames: int | None = Field(default=None, ge=1)
+    stride_s: Scalar | None = None
+    stride_frames: int | None = Field(default=None, ge=1)
+    order: Literal["time", "name"] = "time"
+
+
+class _Store(_Strict):
+    shard_mb: int = Field(default=256, ge=1)
+
+
+class _Document(_Strict):
+    recipe: Literal[1]
+    name: str
+    description: str = ""
+    dataset: Any
+    fps: Scalar = 30
+    scope: Literal["track", "window"] = "track"
+    windows: _Windows
+    motion: Any
+    audio: Any = None
+    store: _Store = _Store()
+
+
+@dataclass(frozen=True)
+class WindowSpec:
+    """Windows in frames at the recipe's rate; order as in the store's format."""
+
+    length: int
+    stride: int
+    order: Literal["time", "name"]
+
+
+@dataclass(frozen=True)
+class MotionSlot:
+    """A representation and the contact rule it is given."""
+
+    representation: Any
+    contacts: Any | None
+
+    @property
+    def name(self) -> str:
+        """Name of the field."""
+        return str(self.representation.name)
+
+    def document(self) -> dict[str, Any]:
+        """Return all parameters, defaults included."""
+        document = document_of(self.representation)
+        if self.contacts is not None:
+            document["contacts"] = {self.contacts.name: document_of(self.contacts)}
+        return document
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """A checked recipe, its plug-ins made."""
+
+    name: str
+    description: str
+    dataset: Any
+    grid: FrameGrid
+    scope: Literal["track", "window"]
+    windows: WindowSpec
+    motion: tuple[MotionSlot, ...]
+    audio: tuple[Any, ...]
+    shard_mb: int
+
+    @property
+    def fps(self) -> Fraction:
+        """Frames a second of the store."""
+        return self.grid.rate
+
+    @cached_property
+    def document(self) -> dict[str, Any]:
+        """The recipe with every default spelled out, as JSON; without paths, which are no part of its hash."""
+        return {
+            "recipe": 1,
+            "name": self.name,
+            "description": self.description,
+            "dataset": {self.dataset.name: document_of(self.dataset)},
+            "fps": str(self.grid),
+            "scope": self.scope,
+            "windows": {
+                "length_frames": self.windows.length,
+                "stride_frames": self.windows.stride,
+                "order": self.windows.order,
+            },
+            "motion": {slot.name: slot.document() for slot in self.motion},
+            "audio": {feature.name: document_of(feature) for feature in self.audio},
+            "store": {"shard_mb": self.shard_mb},
+        }
+
+    @cached_property
+    def sha256(self) -> str:
+        """Hash of all that shapes the result: not the name or description."""
+        shaping = {k: v for k, v in self.document.items() if k not in ("name", "description")}
+        return json_sha256(shaping)
+
+
+def recipe_names() -> tuple[str, ...]:
+    """Return the names of the recipes that come with the package."""
+    return tuple(name.removesuffix(".yaml") for name in resources("pipelines"))
+
+
+def load_recipe(name_or_path: str | Path, overrides: Sequence[str] = ()) -> Recipe:
+    """Read a recipe by name or from a YAML file, and apply ``key.key=value`` overrides.
+
+    Raises
+    ------
+    RecipeError
+        Listing every problem at once.
+    UsageError
+        If there is no such recipe.
+    """
+    path = _find(str(name_or_path))
+    try:
+        document = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise RecipeError("the recipe cannot be read", where=path, found=str(error)) from error
+    if not isinstance(document, dict):
+        raise RecipeError("a recipe is a mapping of keys", where=path, found=type(document).__name__)
+    for override in overrides:
+        apply_override(document, override)
+    return parse_recipe(document, where=str(name_or_path))
+
+
+def apply_override(document: dict[str, Any], override: str) -> None:
+    """Set one key of a recipe document in place: ``windows.stride_s=1``."""
+    key, equals, text = override.partition("=")
+    parts = key.strip().split(".")
+    if not equals or not all(parts):
+        raise UsageError("an override is key=value", found=repr(override), allowed="such as windows.stride_s=1")
+    try:
+        value = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise UsageError("the value of an override cannot be read", where=key, found=repr(text)) from error
+    at: Any = document
+    for part in parts[:-1]:
+        if not isinstance(at.get(part), dict):
+            # "dataset: aist++" and "librosa35:" are short for a mapping.
+            at[part] = {at[part]: {}} if isinstance(at.get(part), str) else {}
+        at = at[part]
+    last = parts[-1]
+    twin = {"length_s": "length_frames", "stride_s": "stride_frames"}
+    for one, other in [*twin.items(), *((b, a) for a, b in twin.items())]:
+        if parts[:-1] == ["windows"] and last == one:
+            at.pop(other, None)
+    at[last] = value
+
+
+def parse_recipe(document: Mapping[str, Any], where: str = "recipe") -> Recipe:
+    """Check a recipe document and make its plug-ins.
+
+    Raises
+    ------
+    RecipeError
+        Listing every problem at once, unknown keys with the closest known one.
+    """
+    problems: list[str] = []
+    try:
+        model = _Document.model_validate(document)
+    except ValidationError as error:
+        problems += _explain(error)
+        # Look into the slots as well, so that their errors come in the same message.
+        model = None
+    given = document if model is None else model.__dict__
+    dataset = _attempt(problems, lambda: one_of(DATASETS, "dataset", given.get("dataset"), problems))
+    motion = _motion_slots(given.get("motion"), problems)
+    audio = _audio_slots(given.get("audio"), problems)
+    grid = _attempt(problems, lambda: FrameGrid.of(given.get("fps", 30)))
+    windows = _attempt(problems, lambda: _windows(model.windows, grid)) if model and grid else None
+    if problems or model is None or grid is None or windows is None:
+        listed = "\n".join(f"  - {p}" for p in problems)
+        raise RecipeError(f"{len(problems)} problem{'s' * (len(problems) != 1)} in the recipe\n{listed}", where=where)
+    return Recipe(
+        name=model.name,
+        description=model.description,
+        dataset=dataset,
+        grid=grid,
+        scope=model.scope,
+        windows=windows,
+        motion=motion,
+        audio=audio,
+        shard_mb=model.store.shard_mb,
+    )
+
+
+def _find(name: str) -> Path:
+    path = Path(name)
+    if path.suffix in (".yaml", ".yml") or path.is_file():
+        if not path.is_file():
+            raise UsageError("there is no such recipe file", where=path)
+        return path
+    if name in recipe_names():
+        return resource("pipelines", f"{name}.yaml")
+    raise UsageError(
+        f"unknown recipe {name!r}", fix=f"{did_you_mean(name, recipe_names())}; or give the path of a .yaml file"
+    )
+
+
+def _attempt(problems: list[str], make: Any) -> Any:
+    try:
+        return make()
+    except DanceDataError as error:
+        problems.append(str(error))
+        return None
+
+
+def _motion_slots(given: Any, problems: list[str]) -> tuple[MotionSlot, ...]:
+    if not isinstance(given, (dict, str)) or not given:
+        problems.append("motion: name at least one representation, such as {edge151: {}}")
+        return ()
+    slots = []
+    for name, parameters in _mapping(given).items():
+        own = dict(parameters or {}) if isinstance(parameters, dict | None) else parameters
+        rule = own.pop("contacts", None) if isinstance(own, dict) else None
+        made = make_plugin(REPRESENTATIONS, "motion", name, own, problems)
+        if made is None:
+            continue
+        rule = rule if rule is not None else made.default_contacts
+        if rule is not None and made.default_contacts is None:
+            problems.append(f"motion.{name}.contacts: {name} holds no contacts")
+        contacts = None if rule is None else one_of(CONTACTS, f"motion.{name}.contacts", rule, problems)
+        slots.append(MotionSlot(made, contacts))
+    return tuple(slots)
+
+
+def _audio_slots(given: Any, problems: list[str]) -> tuple[Any, ...]:
+    made = [make_plugin(FEATURES, "audio", name, own, problems) for name, own in _mapping(given or {}).items()]
+    return tuple(m for m in made if m is not None)
+
+
+def _mapping(given: Any) -> dict[str, Any]:
+    return {given: {}} if isinstance(given, str) else dict(given) if isinstance(given, dict) else {str(given): {}}
+
+
+def _windows(given: _Windows, grid: FrameGrid) -> WindowSpec:
+    found = {}
+    for what in ("length", "stride"):
+        seconds, frames = getattr(given, f"{what}_s"), getattr(given, f"{what}_frames")
+        if (seconds is None) == (frames is None):
+            raise UsageError(
+                f"windows: give one of {what}_s and {what}_frames", found="both" if frames is not None else "neither"
+            )
+        found[what] = frames if frames is not None else grid.frames(seconds, f"windows.{what}_s")
+        if found[what] < 1:
+            raise UsageError(f"windows: the {what} must be above 0", found=seconds)
+    return WindowSpec(found["length"], found["stride"], given.order)
+
+
+def _explain(error: ValidationError) -> list[str]:
+    problems = []
+    for item in error.errors():
+        key = ".".join(str(part) for part in item["loc"])
+        if item["type"] == "extra_forbidden":
+            model: Any = {"windows": _Windows, "store": _Store}.get(str(item["loc"][0]), _Document)
+            problems.append(f"{key}: unknown key; {did_you_mean(str(item['loc'][-1]), model.model_fields)}")
+        elif item["type"] == "missing":
+            problems.append(f"{key}: missing")
+        else:
+            problems.append(f"{key}: {item['msg']}; found {item['input']!r}")
+    return problems

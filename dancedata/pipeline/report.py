@@ -1,0 +1,171 @@
+"""Text and JSON about datasets, plans and plug-ins, for the command line."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from dancedata.core.registry import CONTACTS, DATASETS, FEATURES, REPRESENTATIONS
+from dancedata.pipeline.plan import Plan
+from dancedata.pipeline.recipe import load_recipe, recipe_names
+from dancedata.store import Store, open_store
+
+_NAMED = 3
+
+
+def store_json(path: Path) -> dict[str, Any]:
+    """Return what `info --json` prints of a built dataset."""
+    with open_store(path) as store:
+        keys = ("name", "scope", "fps", "windows", "counts", "rejects", "quality_flags", "licence", "citation")
+        about = {key: store.meta[key] for key in keys if key in store.meta}
+        fields = {name: _field_json(store, name) for name in store.fields}
+        size = sum(int(shard["size"]) for shard in store.meta["shards"])
+        recipe = store.meta.get("recipe_sha256")
+        return {"path": str(path), **about, "fields": fields, "bytes": size, "recipe_sha256": recipe}
+
+
+def _field_json(store: Store, name: str) -> dict[str, Any]:
+    field = store.field(name)
+    return {
+        "kind": field.kind,
+        "columns": field.columns.width,
+        "groups": list(field.columns.names),
+        "rate": str(field.rate),
+        "dtype": field.dtype,
+    }
+
+
+def describe_store(path: Path) -> str:
+    """Return what `info` prints of a built dataset."""
+    about = store_json(path)
+    windows = about["windows"]
+    lines = [
+        f"{about.get('name', path.name)}: {path} ({_size(about['bytes'])})",
+        f"  {about['scope']} scope, {about['fps']} frames a second, "
+        f"windows of {windows['length']} frames every {windows['stride']}",
+        *_table(
+            ["split", "clips", "windows", "songs", "minutes"],
+            [
+                [split, n["clips"], n["windows"], n["songs"], f"{n['hours'] * 60:.1f}"]
+                for split, n in about["counts"].items()
+            ],
+        ),
+    ]
+    for name, field in about["fields"].items():
+        groups = ", ".join(field["groups"])
+        lines.append(f"  {name}: {field['columns']} columns ({groups}), {field['rate']} a second, {field['dtype']}")
+    with open_store(path) as store:
+        lines += _describe_rejects(store.rejects)
+        lines += _describe_quality(store.quality)
+    lines.append(f"  licence: {about.get('licence', 'unknown')}")
+    return "\n".join(lines)
+
+
+def _describe_rejects(rejects: Sequence[Mapping[str, Any]]) -> list[str]:
+    if not rejects:
+        return ["  nothing was left out"]
+    lines = ["  left out (rejects.jsonl):"]
+    for reason, n in sorted(Counter(r["reason"] for r in rejects).items()):
+        names = [str(r.get("clip") or r.get("file", "")) for r in rejects if r["reason"] == reason]
+        names = list(dict.fromkeys(names))
+        more = f", ... {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+        lines.append(f"    {reason}: {n} ({', '.join(names[:_NAMED])}{more})")
+    return lines
+
+
+def _describe_quality(flags: Sequence[Mapping[str, Any]]) -> list[str]:
+    if not flags:
+        return ["  no quality flags"]
+    lines = ["  quality flags (quality.jsonl), not repaired:"]
+    for clip in dict.fromkeys(f["clip"] for f in flags):
+        mine = [f for f in flags if f["clip"] == clip]
+        worst = max(mine, key=lambda f: float(f["value"]))
+        frames = len({f["frame"] for f in mine})
+        lines.append(
+            f"    {clip}: {len(mine)} in {frames} frame steps, the worst {worst['kind']} of {worst['joint']} "
+            f"at source frame {worst['frame']}: {worst['value']:.1f} {worst['unit']}"
+        )
+    return lines
+
+
+def describe_clips(path: Path) -> str:
+    """Return a table of every clip."""
+    with open_store(path) as store:
+        counts: Counter[str] = Counter(w.clip for split in store.splits for w in store.windows(split))
+        rows = [
+            [c.id, c.split, c.music, c.n_frames, counts[c.id], c.n_flags, f"{c.tempo_bpm or 0:g}"] for c in store.clips
+        ]
+    return "\n".join(_table(["clip", "split", "music", "frames", "windows", "flags", "bpm"], rows))
+
+
+def describe_plan(plan: Plan, out: Path) -> str:
+    """Return what `plan` prints."""
+    about = plan.to_json()
+    windows = about["recipe"]["windows"]
+    lines = [
+        f"{plan.recipe.name} into {out}: about {_size(about['bytes'])}",
+        f"  {plan.recipe.scope} scope, {plan.recipe.grid} frames a second, "
+        f"windows of {windows['length_frames']} frames every {windows['stride_frames']}",
+        *_table(
+            ["split", "clips", "windows", "frames", "songs"],
+            [[s, n["clips"], n["windows"], n["frames"], n["songs"]] for s, n in about["splits"].items()],
+        ),
+        *(f"  {name}: {f['columns']} columns, {f['dtype']}" for name, f in about["fields"].items()),
+        *(f"  would leave out: {reason}: {n}" for reason, n in about["left_out"].items()),
+        *(f"  note: {note}" for note in about["notes"]),
+    ]
+    return "\n".join(lines)
+
+
+def catalogue() -> dict[str, Any]:
+    """Return all recipes and plug-ins with one line about each and their keys."""
+    recipes = {name: load_recipe(name).description for name in recipe_names()}
+    registries = {
+        "datasets": DATASETS,
+        "representations": REPRESENTATIONS,
+        "contacts": CONTACTS,
+        "audio features": FEATURES,
+    }
+    found: dict[str, Any] = {"recipes": {name: {"about": about} for name, about in recipes.items()}}
+    for kind, registry in registries.items():
+        found[kind] = {name: _plugin_json(registry.get(name)) for name in registry.names()}
+    return found
+
+
+def _plugin_json(cls: type[Any]) -> dict[str, Any]:
+    about = (inspect.getdoc(cls) or "").split("\n\n")[0].replace("\n", " ")
+    keys = {f.name: f.default for f in dataclasses.fields(cls) if f.default is not dataclasses.MISSING}
+    return {"about": about, "keys": keys}
+
+
+def describe_catalogue(found: Mapping[str, Any]) -> str:
+    """Return what `list` prints."""
+    lines = []
+    for kind, entries in found.items():
+        lines.append(f"{kind}:")
+        for name, entry in entries.items():
+            lines.append(f"  {name}: {entry['about']}")
+            if entry.get("keys"):
+                lines.append(f"    keys: {', '.join(f'{k}={v!r}' for k, v in entry['keys'].items())}")
+    return "\n".join(lines)
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> list[str]:
+    cells = [[str(c) for c in row] for row in [head, *rows]]
+    widths = [max(len(row[i]) for row in cells) for i in range(len(head))]
+    return [
+        "  " + "  ".join(c.ljust(w) if i == 0 else c.rjust(w) for i, (c, w) in enumerate(zip(row, widths, strict=True)))
+        for row in cells
+    ]
+
+
+def _size(n_bytes: float) -> str:
+    for unit in ("B", "kB", "MB"):
+        if n_bytes < 1000:
+            return f"{n_bytes:.3g} {unit}"
+        n_bytes /= 1000
+    return f"{n_bytes:.3g} GB"

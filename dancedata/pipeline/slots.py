@@ -1,0 +1,61 @@
+"""Makes plug-ins from what a recipe says of them."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+from pydantic import TypeAdapter, ValidationError
+
+from dancedata.core.errors import DanceDataError, did_you_mean
+from dancedata.core.registry import Registry
+
+
+def document_of(plugin: Any) -> dict[str, Any]:
+    """Return a plug-in's parameters as JSON, defaults included; fields marked as paths are left out.
+
+    A field is a path if its metadata say ``{"path": True}``: what lies there is hashed with the source, and
+    where it lies shapes nothing.
+    """
+    fields = [f for f in dataclasses.fields(plugin) if not f.metadata.get("path")]
+    return {f.name: TypeAdapter(Any).dump_python(getattr(plugin, f.name), mode="json") for f in fields}
+
+
+def make_plugin(registry: Registry, where: str, name: str, parameters: Any, problems: list[str]) -> Any | None:
+    """Make one plug-in; problems are added to the list, all of them, and then there is no plug-in."""
+    at = f"{where}.{name}"
+    try:
+        cls = registry.get(name)
+    except DanceDataError as error:
+        problems.append(f"{where}: {error}")
+        return None
+    parameters = {} if parameters is None else parameters
+    if not isinstance(parameters, dict):
+        problems.append(f"{at}: parameters are a mapping of keys; found {parameters!r}")
+        return None
+    known = [f.name for f in dataclasses.fields(cls)]
+    unknown = [str(key) for key in parameters if key not in known]
+    problems += [f"{at}.{key}: unknown key; {did_you_mean(key, known)}" for key in unknown]
+    try:
+        made = TypeAdapter(cls).validate_python({k: v for k, v in parameters.items() if k in known})
+    except ValidationError as error:
+        problems += [
+            f"{at}.{'.'.join(str(p) for p in e['loc'])}: {e['msg']}; found {e['input']!r}" for e in error.errors()
+        ]
+        return None
+    except DanceDataError as error:
+        problems.append(f"{at}: {error}")
+        return None
+    return None if unknown else made
+
+
+def one_of(registry: Registry, where: str, given: Any, problems: list[str]) -> Any | None:
+    """Make the one plug-in of a slot, given as ``name`` or ``{name: {parameters}}``."""
+    if isinstance(given, str):
+        given = {given: {}}
+    if not isinstance(given, dict) or len(given) != 1:
+        names = ", ".join(registry.names())
+        problems.append(f"{where}: name one {registry.kind}, as in {{name: {{}}}}; known: {names}; found {given!r}")
+        return None
+    ((name, parameters),) = given.items()
+    return make_plugin(registry, where, str(name), parameters, problems)

@@ -1,0 +1,64 @@
+"""Contacts by speed: the rule itself, and on a motion whose contacts are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dancedata.contacts.velocity import Velocity
+from dancedata.core.errors import UsageError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.skeleton import SMPL24, SMPL24_EDGE
+from dancedata.datasets.synthetic import synthesise_motion
+
+
+def slide(speed_m_s: float, rate: int, n: int = 5) -> np.ndarray:
+    """Joints (n, 24, 3) that all move at a speed along a diagonal."""
+    step = speed_m_s / rate * np.array([1.0, -2.0, 2.0]) / 3
+    return np.tile((np.arange(n)[:, None] * step)[:, None], (1, 24, 1))
+
+
+@pytest.mark.parametrize("rate", [30, 60])
+def test_limit_is_a_speed_and_the_last_frame_counts_as_still(rate: int) -> None:
+    rule, grid = Velocity(), FrameGrid.of(rate)
+    slow, fast = (rule(slide(speed, rate), grid, SMPL24) for speed in (0.299, 0.301))
+    assert slow.dtype == np.float32
+    np.testing.assert_array_equal(slow, np.ones((5, 4)))
+    np.testing.assert_array_equal(fast, [[0] * 4] * 4 + [[1] * 4])
+    np.testing.assert_array_equal(Velocity(max_speed_m_s=0.4)(slide(0.301, rate), grid, SMPL24), np.ones((5, 4)))
+
+
+def test_order_of_the_feet_and_direction_of_time() -> None:
+    joints = np.zeros((6, 24, 3))
+    for column, foot in enumerate((7, 8, 10, 11)):
+        joints[column + 1 :, foot] += 0.5  # jumps between frame `column` and the next
+    contacts = Velocity()(joints, FrameGrid.of(30), SMPL24)
+    wanted = np.ones((6, 4))
+    wanted[range(4), range(4)] = 0
+    np.testing.assert_array_equal(contacts, wanted)
+
+
+def test_one_frame() -> None:
+    np.testing.assert_array_equal(Velocity()(np.zeros((1, 24, 3)), FrameGrid.of(30), SMPL24), np.ones((1, 4)))
+
+
+@pytest.mark.parametrize("limit", [0, -1, float("nan")])
+def test_wrong_limit(limit: float) -> None:
+    with pytest.raises(UsageError, match="max_speed_m_s"):
+        Velocity(max_speed_m_s=limit)
+
+
+@pytest.mark.parametrize("name", ["gBR_sBM_cAll_d04_mBR0_ch01", "gHO_sFM_cAll_d20_mHO1_ch03"])
+@pytest.mark.parametrize("skeleton", [SMPL24, SMPL24_EDGE], ids=lambda s: s.name)
+def test_known_contacts(name: str, skeleton: object) -> None:
+    motion, truth = synthesise_motion(name, n_frames=600)
+    thirty = motion.resampled(FrameGrid.of(30))
+    joints = thirty.joints() if skeleton is SMPL24 else thirty.joints() - SMPL24.offsets[0]
+    contacts = Velocity()(joints, thirty.grid, SMPL24)[:-1]
+    # Still from this frame to the next: planted in all frames at 60 from one to the other.
+    planted = truth.planted[:-2:2] & truth.planted[1:-1:2] & truth.planted[2::2]
+    moving = truth.moving[:-2:2]
+    assert planted.mean() > 0.2
+    assert moving.mean() > 0.05
+    assert contacts[planted].all()
+    assert not contacts[moving].any()

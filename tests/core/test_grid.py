@@ -1,0 +1,115 @@
+"""Frame rates, times, windows: exact, whatever the rate."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dancedata.core.errors import UsageError
+from dancedata.core.grid import FrameGrid, as_rate
+from dancedata.core.windows import count_windows, window_starts
+
+rates = st.sampled_from(["24", "25", "29.97", "30000/1001", "30", "50", "60", "100", "120"]).map(FrameGrid.of)
+
+
+@pytest.mark.parametrize(
+    ("value", "exact"),
+    [
+        (30, Fraction(30)),
+        (29.97, Fraction(2997, 100)),
+        ("30000/1001", Fraction(30000, 1001)),
+        (0.1, Fraction(1, 10)),
+        ("59.94", Fraction(5994, 100)),
+        (np.float64(29.97), Fraction(2997, 100)),
+        (Fraction(1, 3), Fraction(1, 3)),
+    ],
+)
+def test_rates_are_what_is_written(value: Any, exact: Fraction) -> None:
+    assert as_rate(value) == exact
+    assert FrameGrid.of(value) == FrameGrid(exact)
+
+
+@pytest.mark.parametrize("value", [0, -30, "", "thirty", "30/0", float("nan"), float("inf"), None, [30]])
+def test_rates_that_are_none(value: Any) -> None:
+    with pytest.raises(UsageError, match="rate"):
+        as_rate(value)
+
+
+def test_frames_are_exact_or_refused() -> None:
+    grid = FrameGrid.of(30)
+    assert grid.frames(5) == 150
+    assert grid.frames(0.1) == 3  # 3.0000000000000004 in floating point
+    assert grid.frames("1001/30") == 1001
+    with pytest.raises(UsageError) as error:
+        grid.frames(0.05, "stride")
+    for part in ("stride", "0.05 s = 1.5 frames", "0.0333333 s", "0.0666667 s"):
+        assert part in str(error.value)
+    with pytest.raises(UsageError, match="no whole number of frames"):
+        FrameGrid.of("30000/1001").frames(1)
+
+
+@given(rates, st.integers(0, 10**6))
+def test_frames_and_seconds_undo_each_other(grid: FrameGrid, frames: int) -> None:
+    assert grid.frames(grid.seconds(frames)) == frames
+
+
+@given(rates, rates, st.integers(1, 5000))
+def test_resampled_length_is_the_number_of_instants_within_the_span(a: FrameGrid, b: FrameGrid, n: int) -> None:
+    length = a.resampled_length(n, b)
+    assert b.seconds(length - 1) <= a.seconds(n - 1) < b.seconds(length)
+
+
+@given(st.integers(1, 5000), st.integers(1, 8))
+def test_resampled_length_of_a_whole_ratio_is_that_of_a_slice(n: int, step: int) -> None:
+    fast, slow = FrameGrid.of(30 * step), FrameGrid.of(30)
+    assert fast.step_to(slow) == step
+    assert fast.resampled_length(n, slow) == len(range(n)[::step])
+
+
+@given(rates, rates, st.integers(0, 5000))
+def test_rows_lie_at_the_same_instant(a: FrameGrid, b: FrameGrid, frame: int) -> None:
+    try:
+        assert b.seconds(a.row(frame, b)) == a.seconds(frame)
+    except UsageError:
+        assert (a.seconds(frame) * b.rate).denominator != 1
+
+
+def test_numbers_of_the_real_data() -> None:
+    sixty, thirty = FrameGrid.of(60), FrameGrid.of(30)
+    assert sixty.resampled_length(1919, thirty) == 960
+    assert thirty.row(149, sixty) == 298
+    assert sixty.row(300, thirty) == 150
+    assert thirty.step_to(sixty) is None
+    assert FrameGrid.of(100).step_to(thirty) is None
+    assert FrameGrid.of(120).step_to(thirty) == 4
+    assert FrameGrid.of("30000/1001").resampled_length(1, thirty) == 1
+    assert thirty.resampled_length(0, sixty) == 0
+    with pytest.raises(UsageError, match="between two rows"):
+        sixty.row(301, thirty)
+
+
+@given(st.integers(0, 700), st.integers(1, 300), st.integers(1, 60))
+def test_windows_are_all_that_fit(n: int, length: int, stride: int) -> None:
+    starts = window_starts(n, length, stride)
+    assert starts.dtype == np.int64
+    assert starts.tolist() == [s for s in range(0, n, stride) if s + length <= n]
+    assert count_windows(n, length, stride) == len(starts)
+
+
+def test_windows_of_the_papers() -> None:
+    # FACTS 3: EDGE counts at 60 frames a second, so the 1,919-frame clip has one window fewer there.
+    assert count_windows(1919, 300, 30) == 54
+    assert count_windows(960, 150, 15) == 55
+    assert count_windows(149, 150, 15) == 0
+    assert count_windows(1024, 1024, 102) == 1
+
+
+@pytest.mark.parametrize(("length", "stride"), [(0, 1), (1, 0), (-1, 1), (1, -5)])
+def test_windows_of_no_length(length: int, stride: int) -> None:
+    with pytest.raises(UsageError, match="at least one frame"):
+        count_windows(10, length, stride)

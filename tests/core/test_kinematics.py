@@ -1,0 +1,189 @@
+"""Rotations, forward kinematics and quality flags: by hand, against EDGE's output, and on real clips."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from dancedata.core.grid import FrameGrid
+from dancedata.core.kinematics import forward_kinematics
+from dancedata.core.motion import Motion
+from dancedata.core.quality import quality_flags
+from dancedata.core.rotations import (
+    matrix_from_6d,
+    matrix_from_rotvec,
+    rotation_6d,
+    rotvec_from_matrix,
+    slerp,
+)
+from dancedata.core.safe_pickle import load_pickle
+from dancedata.core.skeleton import SMPL24, SMPL24_EDGE, Skeleton
+
+REAL = [
+    "gBR_sBM_cAll_d04_mBR2_ch08",
+    "gBR_sBM_cAll_d06_mBR2_ch06",
+    "gJS_sBM_cAll_d03_mJS2_ch07",
+    "gJS_sFM_cAll_d02_mJS4_ch09",
+]
+#: COCO joint -> SMPL joint: shoulders, elbows, wrists, knees, ankles.
+LIMBS = {5: 16, 6: 17, 7: 18, 8: 19, 9: 20, 10: 21, 13: 4, 14: 5, 15: 7, 16: 8}
+
+
+def load(folder: Path, name: str, skeleton: Skeleton) -> tuple[Motion, float]:
+    """Read a clip, with nothing of dancedata.datasets, and its scaling."""
+    content = load_pickle(folder / "motions" / f"{name}.pkl")
+    scaling = float(np.asarray(content["smpl_scaling"]).ravel()[0])
+    rotations = np.asarray(content["smpl_poses"], np.float64).reshape(-1, 24, 3)
+    return Motion(
+        np.asarray(content["smpl_trans"], np.float64) / scaling, rotations, FrameGrid.of(60), skeleton
+    ), scaling
+
+
+def test_6d_is_the_first_two_rows() -> None:
+    matrix = np.arange(9.0).reshape(1, 3, 3)
+    assert rotation_6d(matrix).tolist() == [[0, 1, 2, 3, 4, 5]]
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 10_000), st.floats(0.01, 100))
+def test_6d_comes_back_whatever_its_length(seed: int, factor: float) -> None:
+    rotvec = np.random.default_rng(seed).normal(size=(4, 3, 3)) * 2
+    matrix = matrix_from_rotvec(rotvec)
+    rows = rotation_6d(matrix) * factor
+    rows[..., 3:] += 0.3 * rows[..., :3]  # Gram-Schmidt takes this out again
+    np.testing.assert_allclose(matrix_from_6d(rows), matrix, atol=1e-9)
+    np.testing.assert_allclose(matrix_from_rotvec(rotvec_from_matrix(matrix)), matrix, atol=1e-9)
+
+
+def test_slerp_of_equal_and_opposite_rotations() -> None:
+    half_turn = np.array([[[0.0, 0.0, 0.0]], [[0.0, np.pi - 1e-3, 0.0]]])
+    np.testing.assert_allclose(slerp(half_turn, np.array([0.5])), [[[0, np.pi / 2 - 5e-4, 0]]], atol=1e-12)
+    same = np.array([[[0.1, 0.2, 0.3]], [[0.1, 0.2, 0.3]]])
+    np.testing.assert_allclose(slerp(same, np.array([0.0, 0.3, 1.0])), np.repeat(same[:1], 3, axis=0), atol=1e-12)
+
+
+def test_rest_and_a_bent_knee() -> None:
+    rotations = np.zeros((2, 24, 3))
+    rotations[1, 4, 0] = np.pi / 2
+    joints = forward_kinematics(SMPL24, rotations, np.array([[0.0, 0, 0], [1, 2, 3]]))
+    offsets = SMPL24.offsets
+    np.testing.assert_allclose(joints[0, 0], offsets[0])
+    np.testing.assert_allclose(joints[0, 7], offsets[[0, 1, 4, 7]].sum(axis=0))
+    # A quarter turn about x takes y to z and z to -y.
+    x, y, z = offsets[7]
+    np.testing.assert_allclose(joints[1, 7] - joints[1, 4], [x, -z, y], atol=1e-12)
+    np.testing.assert_allclose(joints[1, 4], joints[0, 4] + [1, 2, 3])
+    np.testing.assert_allclose(joints[1, 8], joints[0, 8] + [1, 2, 3])
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 999))
+def test_bones_keep_their_length_and_the_world_may_turn(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    rotations, translation = rng.normal(size=(3, 24, 3)) * 2, rng.normal(size=(3, 3))
+    joints = forward_kinematics(SMPL24_EDGE, rotations, translation)
+    lengths = np.linalg.norm(joints[:, 1:] - joints[:, list(SMPL24.parents[1:])], axis=-1)
+    np.testing.assert_allclose(lengths, np.tile(np.linalg.norm(SMPL24.offsets[1:], axis=-1), (3, 1)), atol=1e-12)
+    turn = Rotation.from_rotvec(rng.normal(size=3))
+    turned = rotations.copy()
+    turned[:, 0] = (turn * Rotation.from_rotvec(rotations[:, 0])).as_rotvec()
+    again = forward_kinematics(SMPL24_EDGE, turned, turn.apply(translation))
+    np.testing.assert_allclose(again.reshape(-1, 3), turn.apply(joints.reshape(-1, 3)), atol=1e-9)
+
+
+def test_edges_joints(shared: Path) -> None:
+    golden = np.load(shared / "golden/peers/fk_smpl24.npz")
+    names = [name.removesuffix(".yup60") for name in golden if name.endswith(".yup60")]
+    assert len(names) == 6
+    for name in names:
+        joints = load(shared / "golden/peers/inputs/edge_aistpp", name, SMPL24_EDGE)[0].joints()
+        np.testing.assert_allclose(joints, golden[f"{name}.yup60"], atol=1e-5)
+        half = golden[f"{name}.zup30"]
+        np.testing.assert_allclose(joints[::2] @ np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]]), half, atol=1e-5)
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_real_clips_against_their_keypoints(shared: Path, name: str) -> None:
+    """FACTS 7: 1.5-2.6 cm with the true pelvis, 24 cm without; left and right, scale and axes are right."""
+    folder = shared / "realdata/aistpp"
+    motion, scaling = load(folder, name, SMPL24)
+    points = np.asarray(load_pickle(folder / "keypoints3d" / f"{name}.pkl")["keypoints3d_optim"]) / scaling
+    assert len(points) == motion.n_frames
+    joints = motion.joints()
+
+    def error(found: np.ndarray) -> float:
+        return float(np.nanmean(np.linalg.norm(found[:, list(LIMBS.values())] - points[:, list(LIMBS)], axis=-1)))
+
+    assert error(joints) < 0.03
+    assert 0.20 < error(load(folder, name, SMPL24_EDGE)[0].joints()) < 0.28
+    swapped = joints.copy()
+    for left, right in SMPL24.pairs:
+        swapped[:, [left, right]] = swapped[:, [right, left]]
+    assert error(swapped) > 0.1
+    assert 0.50 < joints[:, list(SMPL24.feet), 1].min() < 0.68
+
+
+@pytest.mark.parametrize(
+    ("name", "steps", "worst"),
+    [
+        (REAL[0], 13, (347, "left_knee", 176.1)),
+        (REAL[1], 0, None),
+        (REAL[2], 0, None),
+        (REAL[3], 17, (1449, "right_collar", 176.9)),
+    ],
+)
+def test_known_glitches_of_real_clips(
+    shared: Path, name: str, steps: int, worst: tuple[int, str, float] | None
+) -> None:
+    motion = load(shared / "realdata/aistpp", name, SMPL24)[0]
+    flags = quality_flags(motion)
+    assert {f.kind for f in flags} <= {"fast_turn"}
+    assert len({f.frame for f in flags}) == steps
+    assert [(f.frame, f.joint) for f in flags] == sorted((f.frame, f.joint) for f in flags)
+    if worst is None:
+        assert not flags
+        return
+    top = max(flags, key=lambda f: f.value)
+    assert (top.frame, top.joint) == worst[:2]
+    assert top.value == pytest.approx(worst[2], abs=0.1)
+    # The same by quaternions: |q . q'| = cos(angle / 2).
+    vectors = motion.rotations[top.frame : top.frame + 2, SMPL24.index(top.joint)]
+    angle = np.linalg.norm(vectors, axis=1)[:, None]
+    q = np.concatenate([np.cos(angle / 2), np.sin(angle / 2) * vectors / angle], axis=1)
+    assert np.degrees(2 * np.arccos(abs(q[0] @ q[1]))) == pytest.approx(top.value, abs=1e-3)
+
+
+def still(n: int, rate: float = 60) -> tuple[np.ndarray, np.ndarray, FrameGrid]:
+    return np.zeros((n, 3)), np.zeros((n, 24, 3)), FrameGrid.of(rate)
+
+
+@pytest.mark.parametrize("rate", [30, 60])
+def test_limits_are_speeds(rate: int) -> None:
+    translation, rotations, grid = still(10, rate)
+    step = np.radians(2700 / rate)
+    rotations[4:, 5, 1] = step * 1.01
+    rotations[7:, 6, 1] = step * 0.99
+    translation[8:, 0] = 12.1 / rate
+    found = quality_flags(Motion(translation, rotations, grid, SMPL24))
+    assert [(f.kind, f.joint, f.frame, f.unit, f.rate) for f in found] == [
+        ("fast_turn", "right_knee", 3, "deg", str(rate)),
+        ("root_jump", "pelvis", 7, "m", str(rate)),
+    ]
+    assert found[0].value == pytest.approx(2700 / rate * 1.01, abs=1e-3)
+    assert found[1].to_json()["value"] == pytest.approx(12.1 / rate, abs=1e-4)
+
+
+def test_wraps_are_no_turns() -> None:
+    translation, rotations, grid = still(100)
+    rotations[:, 0, 1] = np.linspace(0, 14, 100)
+    wrapped = Rotation.from_rotvec(rotations[:, 0]).as_rotvec()
+    assert np.abs(np.diff(wrapped[:, 1])).max() > 3
+    for root in (rotations[:, 0].copy(), wrapped):
+        rotations[:, 0] = root
+        assert quality_flags(Motion(translation, rotations, grid, SMPL24)) == []
+    assert quality_flags(Motion(translation[:1], rotations[:1], grid, SMPL24)) == []

@@ -1,0 +1,147 @@
+"""Motion: what it refuses, and resampling, against scipy's Slerp."""
+
+from __future__ import annotations
+
+from dataclasses import FrozenInstanceError
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation, Slerp
+
+from dancedata.core.errors import DataError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.motion import Motion
+from dancedata.core.skeleton import SMPL24
+
+SIXTY, THIRTY = FrameGrid.of(60), FrameGrid.of(30)
+
+
+def make(n: int = 10, rate: Any = 60, seed: int = 0, size: float = 1.0) -> Motion:
+    rng = np.random.default_rng(seed)
+    return Motion(rng.normal(size=(n, 3)), rng.normal(size=(n, 24, 3)) * size, FrameGrid.of(rate), SMPL24)
+
+
+def angles(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Angle between rotations (..., 3), radians."""
+    flat = [Rotation.from_rotvec(np.array(x).reshape(-1, 3)) for x in (a, b)]
+    return np.asarray((flat[0].inv() * flat[1]).magnitude())
+
+
+def test_arrays_are_float64_copies_and_read_only() -> None:
+    translation, rotations = np.zeros((4, 3), np.float32), np.ones((4, 24, 3), np.float32)
+    motion = Motion(translation, rotations, SIXTY, SMPL24)  # type: ignore[arg-type]
+    translation[:] = rotations[:] = 9
+    assert motion.translation.max() == 0
+    assert motion.rotations.max() == 1
+    assert motion.rotations.dtype == motion.translation.dtype == np.float64
+    with pytest.raises(ValueError, match="read-only"):
+        motion.rotations[0] = 0
+    with pytest.raises(FrozenInstanceError):
+        motion.grid = THIRTY  # type: ignore[misc]
+
+
+@pytest.mark.parametrize(
+    ("translation", "rotations", "reason"),
+    [
+        ((4, 3), (5, 24, 3), "bad_shape"),
+        ((4, 3), (4, 23, 3), "bad_shape"),
+        ((4, 3), (4, 72), "bad_shape"),
+        ((4, 2), (4, 24, 3), "bad_shape"),
+        ((0, 3), (0, 24, 3), "empty"),
+    ],
+)
+def test_shapes_that_do_not_fit(translation: Any, rotations: Any, reason: str) -> None:
+    with pytest.raises(DataError) as error:
+        Motion(np.zeros(translation), np.zeros(rotations), SIXTY, SMPL24)
+    assert error.value.reason == reason
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("what", ["translation", "rotations"])
+def test_values_that_are_no_numbers(value: float, what: str) -> None:
+    arrays = {"translation": np.zeros((9, 3)), "rotations": np.zeros((9, 24, 3))}
+    arrays[what][4:6, ..., 1] = value
+    with pytest.raises(DataError, match=rf"{what} .* 2 of 9 frames, the first at frame 4") as error:
+        Motion(**arrays, grid=SIXTY, skeleton=SMPL24)
+    assert error.value.reason == "nan"
+
+
+def test_part() -> None:
+    motion = make(10)
+    part = motion.part(2, 7)
+    np.testing.assert_array_equal(part.rotations, motion.rotations[2:7])
+    np.testing.assert_array_equal(part.translation, motion.translation[2:7])
+    assert part.n_frames == 5
+
+
+@pytest.mark.parametrize("n", [1, 2, 9, 10, 1919])
+def test_whole_ratios_keep_frames_to_the_bit(n: int) -> None:
+    motion = make(n)
+    half = motion.resampled(THIRTY)
+    assert half.grid == THIRTY
+    np.testing.assert_array_equal(half.rotations, motion.rotations[::2])
+    np.testing.assert_array_equal(half.translation, motion.translation[::2])
+    assert motion.resampled(SIXTY) is motion
+
+
+RATES = ["25", "29.97", "30000/1001", "24", "50", "100"]
+
+
+@pytest.mark.parametrize("rate", RATES)
+@pytest.mark.parametrize("n", [1, 2, 3, 101])
+def test_other_ratios_against_scipy(rate: str, n: int) -> None:
+    motion = make(n, rate)
+    made = motion.resampled(THIRTY)
+    assert made.n_frames == motion.grid.resampled_length(n, THIRTY)
+    if n == 1:
+        assert angles(made.rotations, motion.rotations).max() < 1e-9
+        return
+    times = np.arange(n) / float(motion.grid.rate)
+    wanted = np.minimum(np.arange(made.n_frames) / 30, times[-1])
+    for joint in range(24):
+        slerp = Slerp(times, Rotation.from_rotvec(np.array(motion.rotations[:, joint])))
+        assert angles(made.rotations[:, joint], slerp(wanted).as_rotvec()).max() < 1e-7
+    for axis in range(3):
+        np.testing.assert_allclose(
+            made.translation[:, axis], np.interp(wanted, times, motion.translation[:, axis]), atol=1e-12
+        )
+
+
+@pytest.mark.parametrize("rate", [*RATES, "120", "60"])
+def test_constant_turning_is_exact_through_wraps(rate: str) -> None:
+    """A joint that turns at 400 degrees a second, in a file once wrapped to pi and once not."""
+    grid = FrameGrid.of(rate)
+    n = 3 * int(grid.rate)
+    axis = np.array([2.0, -1.0, 2.0]) / 3
+    speed = np.radians(400)
+    plain = (np.arange(n) / float(grid.rate) * speed)[:, None] * axis
+    wrapped = Rotation.from_rotvec(plain).as_rotvec()
+    assert np.linalg.norm(plain, axis=1).max() > 4 * np.pi
+    for rotvec in (plain, wrapped):
+        motion = Motion(np.zeros((n, 3)), np.tile(rotvec[:, None], (1, 24, 1)), grid, SMPL24).resampled(THIRTY)
+        truth = (np.arange(motion.n_frames) / 30 * speed)[:, None] * axis
+        assert angles(motion.rotations[:, 5], truth).max() < 1e-7
+
+
+def test_frames_that_coincide_are_hit() -> None:
+    """Every second frame at 30 is every fifth at 75, to the last digits, however far from the start."""
+    motion = make(2001, 75)
+    made = motion.resampled(THIRTY)
+    assert made.n_frames == 801
+    np.testing.assert_allclose(made.translation[::2], motion.translation[::5], atol=1e-13)
+    assert angles(made.rotations[::2], motion.rotations[::5]).max() < 1e-7
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.sampled_from(RATES), st.integers(2, 60), st.integers(0, 99), st.floats(0, 4))
+def test_no_frame_lies_beyond_its_neighbours(rate: str, n: int, seed: int, size: float) -> None:
+    motion = make(n, rate, seed, size)
+    made = motion.resampled(THIRTY)
+    low, high = motion.translation.min(axis=0), motion.translation.max(axis=0)
+    assert (made.translation >= low - 1e-12).all()
+    assert (made.translation <= high + 1e-12).all()
+    assert angles(made.rotations[0], motion.rotations[0]).max() < 1e-6
+    assert THIRTY.seconds(made.n_frames - 1) <= motion.grid.seconds(n - 1)

@@ -1,0 +1,127 @@
+"""Plug-ins by name; errors that survive a worker process."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+import sys
+from dataclasses import dataclass, fields, is_dataclass
+from pathlib import Path
+
+import joblib
+import pytest
+
+from dancedata.core.errors import (
+    DanceDataError,
+    DataError,
+    RecipeError,
+    SourceError,
+    StoreError,
+    UsageError,
+    did_you_mean,
+)
+from dancedata.core.registry import CONTACTS, DATASETS, FEATURES, REPRESENTATIONS, Registry
+from dancedata.core.safe_pickle import load_pickle
+
+ALL = (DATASETS, REPRESENTATIONS, CONTACTS, FEATURES)
+
+
+def test_plug_ins_are_found() -> None:
+    assert {"aist++", "synthetic"} <= set(DATASETS.names())
+    assert "edge151" in REPRESENTATIONS.names()
+    assert "velocity" in CONTACTS.names()
+    assert "librosa35" in FEATURES.names()
+
+
+@pytest.mark.parametrize("registry", ALL, ids=lambda r: r.kind)
+def test_plug_ins_are_frozen_dataclasses_with_defaults(registry: Registry) -> None:
+    for name in registry.names():
+        cls = registry.get(name)
+        assert cls.name == name
+        assert isinstance(cls.version, int)
+        assert is_dataclass(cls)
+        assert cls.__dataclass_params__.frozen  # type: ignore[attr-defined]
+        assert cls() == cls()
+        assert {f.name for f in fields(cls)}.isdisjoint({"name", "version"})
+
+
+@pytest.mark.parametrize(
+    ("registry", "name", "closest"),
+    [(DATASETS, "aistpp", "aist++"), (REPRESENTATIONS, "edge_151", "edge151"), (FEATURES, "librosa", "librosa35")],
+)
+def test_wrong_name_gets_the_closest(registry: Registry, name: str, closest: str) -> None:
+    with pytest.raises(UsageError, match=f"unknown {registry.kind} '{name}'") as error:
+        registry.get(name)
+    assert f"did you mean '{closest}'" in str(error.value).lower()
+
+
+def make_package(folder: Path, name: str, **modules: str) -> None:
+    (folder / name).mkdir()
+    (folder / name / "__init__.py").write_text("")
+    for module, text in modules.items():
+        (folder / name / f"{module}.py").write_text(text)
+
+
+def test_one_file_is_one_plug_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    text = "from dancedata.core.registry import TEST\n@TEST.register('new')\nclass New:\n    pass\n"
+    make_package(tmp_path, "plugins_here", mine=text, _helper="raise RuntimeError('helpers are not imported')")
+    monkeypatch.syspath_prepend(tmp_path)
+    registry = Registry("thing", "plugins_here")
+    monkeypatch.setattr("dancedata.core.registry.TEST", registry, raising=False)
+    assert "plugins_here.mine" not in sys.modules
+    assert registry.names() == ("new",)
+    assert registry.get("new").name == "new"
+
+
+def test_two_plug_ins_of_one_name() -> None:
+    registry = Registry("thing", "x")
+
+    @registry.register("a")
+    @dataclass(frozen=True)
+    class First:
+        pass
+
+    registry.register("a")(First)  # a module imported twice is no clash
+    with pytest.raises(UsageError, match=r"two plug-ins .* 'a'.*First.*Second"):
+
+        @registry.register("a")
+        class Second:
+            pass
+
+
+def test_did_you_mean() -> None:
+    assert did_you_mean("velocty", ["height", "velocity"]) == "did you mean 'velocity'? known: height, velocity"
+    assert did_you_mean("zzz", ["height"]) == "known: height"
+    assert did_you_mean("zzz", []) == "none is known"
+
+
+ERRORS = [
+    DataError("has NaN", reason="nan", where=Path("a/b.pkl"), found=3, allowed="numbers", fix="look at it"),
+    UsageError("no", found="x"),
+    RecipeError("no", where="fps"),
+    SourceError("empty"),
+    StoreError("old", fix="build again"),
+]
+
+
+def test_text() -> None:
+    assert str(ERRORS[0]) == "a/b.pkl: has NaN; found 3; allowed: numbers. Look at it"
+    assert str(ERRORS[3]) == "empty"
+    assert str(DataError("x", reason="r", found=0)) == "x; found 0"
+
+
+@pytest.mark.parametrize("error", ERRORS, ids=lambda e: type(e).__name__)
+def test_errors_survive_pickling(error: DanceDataError) -> None:
+    for back in (pickle.loads(pickle.dumps(error)), copy.copy(error)):
+        assert type(back) is type(error)
+        assert str(back) == str(error)
+        assert back.__dict__ == error.__dict__
+        assert back.args == error.args
+
+
+def test_errors_come_back_from_workers(tmp_path: Path) -> None:
+    paths = [tmp_path / name for name in "ab"]
+    with pytest.raises(DataError, match="cannot be read") as error:
+        joblib.Parallel(n_jobs=2, backend="loky")(joblib.delayed(load_pickle)(path) for path in paths)
+    assert error.value.reason == "broken_file"
+    assert error.value.where in paths
