@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import sys
 from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
@@ -26,7 +24,8 @@ app = typer.Typer(
 RecipeName = Annotated[str, typer.Argument(metavar="RECIPE", help="A recipe's name (see list) or a YAML file.")]
 Source = Annotated[Path | None, typer.Option(help="Folder with the dataset's files; demo makes its own.")]
 Out = Annotated[Path | None, typer.Option(help="Folder to write; default data/RECIPE.")]
-Jobs = Annotated[int, typer.Option(min=1, help="Worker processes; the result does not depend on it.")]
+JOBS_HELP = "Worker processes; the result does not depend on it."
+Jobs = Annotated[int, typer.Option(min=1, help=JOBS_HELP)]
 Set = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a key of the recipe.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print no progress.")]
@@ -63,7 +62,7 @@ def build(
     recipe: RecipeName,
     source: Source = None,
     out: Out = None,
-    jobs: Jobs = os.cpu_count() or 1,
+    jobs: Annotated[int | None, typer.Option(min=1, help=f"{JOBS_HELP} Default: one a core.")] = None,
     overrides: Set = None,
     overwrite: Annotated[bool, typer.Option(help="Replace a dataset made by another recipe or source.")] = False,
     strict: Annotated[bool, typer.Option(help="Stop at a broken clip instead of setting it aside.")] = False,
@@ -72,6 +71,8 @@ def build(
     as_json: AsJson = False,
 ) -> None:
     """Build a dataset: dancedata build aist++ --source DIR --out DIR."""
+    from joblib import cpu_count
+
     from dancedata.pipeline.build import build as run_build
     from dancedata.pipeline.execute import Progress
     from dancedata.pipeline.recipe import load_recipe
@@ -83,7 +84,14 @@ def build(
     folder = _source_of(made, source, target)
     progress.say(f"building {made.name} from {folder} into {target}")
     result = run_build(
-        made, folder, target, jobs=jobs, overwrite=overwrite, strict=strict, cache=cache, progress=progress
+        made,
+        folder,
+        target,
+        jobs=jobs or cpu_count(),
+        overwrite=overwrite,
+        strict=strict,
+        cache=cache,
+        progress=progress,
     )
     if as_json:
         _print_json({"built": result.built, **store_json(target)})
@@ -134,15 +142,14 @@ def check(
     """Check a built dataset or a source folder; exit code 1 if something is wrong."""
     from dancedata.pipeline.check import check as run_check
     from dancedata.pipeline.execute import Progress
+    from dancedata.pipeline.report import describe_problems
 
     problems = run_check(path, dataset=dataset, jobs=jobs, progress=Progress(quiet=quiet or as_json))
     errors = [p for p in problems if p.severity == "error"]
     if as_json:
         _print_json({"path": str(path), "ok": not errors, "problems": [p.to_json() for p in problems]})
     else:
-        for problem in problems:
-            typer.echo(str(problem))
-        typer.echo(f"{path}: {len(errors)} errors, {len(problems) - len(errors)} notes")
+        typer.echo(describe_problems(path, problems))
     if errors:
         raise typer.Exit(1)
 
@@ -196,7 +203,9 @@ def features(
         return
     for about in written:
         shape = " x ".join(str(n) for n in about["shape"])
-        typer.echo(f"{out / about['file']}: {shape} {about['dtype']}, {about['fps']} a second, {about['scope']} scope")
+        typer.echo(
+            f"{out / about['file']}: {shape} {about['dtype']}, {about['fps']} a second, {about['scope']} scope"
+        )
 
 
 def _source_of(recipe: Any, source: Path | None, out: Path) -> Path:
@@ -220,4 +229,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

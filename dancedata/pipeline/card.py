@@ -54,7 +54,9 @@ def _fields_list(recipe: Recipe) -> str:
     lines = ["## Fields", ""]
     for slot in recipe.motion:
         rule = f", contacts by {slot.contacts.name}" if slot.contacts is not None else ""
-        lines.append(f"- `{slot.name}`: {slot.representation.columns.width} columns, {slot.representation.axes}{rule}")
+        lines.append(
+            f"- `{slot.name}`: {slot.representation.columns.width} columns, {slot.representation.axes}{rule}"
+        )
     lines += [f"- `{feature.name}`: {feature.columns.width} columns" for feature in recipe.audio]
     return "\n".join([*lines, ""])
 

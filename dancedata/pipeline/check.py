@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import DataError, SourceError
@@ -78,5 +78,5 @@ def _check_clip(reader: Any, ref: ClipRef) -> list[Reject]:
 
 
 def _problem(reject: Reject) -> Problem:
-    severity = "note" if reject.reason in BY_CHOICE else "error"
+    severity: Literal["error", "note"] = "note" if reject.reason in BY_CHOICE else "error"
     return Problem(severity, reject.clip or reject.file, f"{reject.reason}: {reject.detail or reject.file}")

@@ -63,7 +63,11 @@ class Progress:
             from tqdm import tqdm
 
             with tqdm(total=total, desc=label, file=self.stream, unit="", dynamic_ncols=True) as bar:
-                yield lambda n: bar.update(n) and None
+
+                def advance(n: int) -> None:
+                    bar.update(n)
+
+                yield advance
         else:
             yield from self._lines(label, total)
 

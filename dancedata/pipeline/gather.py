@@ -231,7 +231,7 @@ def _extract_tracks(
         timelines.setdefault((signal.sha256, ref.tempo_bpm), []).append(ref.id)
     calls = [(cache, gathered.recipe, feature, signals[sha], bpm) for sha, bpm in timelines]
     results = run_units(extract_track, calls, jobs=jobs, label=feature.name, progress=progress)
-    found = {}
+    found: dict[str, tuple[AudioBlock, ...]] = {}
     for clips, result in zip(timelines.values(), results, strict=True):
         for clip in clips:
             if isinstance(result, Reject):
@@ -272,7 +272,7 @@ def _extract_windows(
         if isinstance(result, Reject):
             failed[call[3].path] = result
         else:
-            arrays.update(dict(result.values()))
+            arrays.update({key: array for key, array in result.values()})
     found: dict[str, tuple[AudioBlock, ...]] = {}
     for ref in list(gathered.refs.values()):
         signal = _need_signal(gathered, ref)

@@ -12,7 +12,7 @@ from typing import Any
 from dancedata.core.registry import CONTACTS, DATASETS, FEATURES, REPRESENTATIONS
 from dancedata.pipeline.plan import Plan
 from dancedata.pipeline.recipe import load_recipe, recipe_names
-from dancedata.store import Store, open_store
+from dancedata.store import Problem, Store, open_store
 
 _NAMED = 3
 
@@ -97,7 +97,8 @@ def describe_clips(path: Path) -> str:
     with open_store(path) as store:
         counts: Counter[str] = Counter(w.clip for split in store.splits for w in store.windows(split))
         rows = [
-            [c.id, c.split, c.music, c.n_frames, counts[c.id], c.n_flags, f"{c.tempo_bpm or 0:g}"] for c in store.clips
+            [c.id, c.split, c.music, c.n_frames, counts[c.id], c.n_flags, f"{c.tempo_bpm or 0:g}"]
+            for c in store.clips
         ]
     return "\n".join(_table(["clip", "split", "music", "frames", "windows", "flags", "bpm"], rows))
 
@@ -119,6 +120,21 @@ def describe_plan(plan: Plan, out: Path) -> str:
         *(f"  note: {note}" for note in about["notes"]),
     ]
     return "\n".join(lines)
+
+
+def describe_problems(path: Path, problems: Sequence[Problem]) -> str:
+    """Return what `check` prints: every error; of notes of one kind the first few and how many more there are."""
+    errors = [p for p in problems if p.severity == "error"]
+    lines = [str(p) for p in errors]
+    kinds: dict[str, list[Problem]] = {}
+    for problem in problems:
+        if problem.severity == "note":
+            kinds.setdefault(problem.message.split(":")[0], []).append(problem)
+    for kind, notes in kinds.items():
+        lines += [str(p) for p in notes[:_NAMED]]
+        if len(notes) > _NAMED:
+            lines.append(f"note: {kind}: {len(notes) - _NAMED} more (all with --json)")
+    return "\n".join([*lines, f"{path}: {len(errors)} errors, {len(problems) - len(errors)} notes"])
 
 
 def catalogue() -> dict[str, Any]:
@@ -158,7 +174,8 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> list[str]:
     cells = [[str(c) for c in row] for row in [head, *rows]]
     widths = [max(len(row[i]) for row in cells) for i in range(len(head))]
     return [
-        "  " + "  ".join(c.ljust(w) if i == 0 else c.rjust(w) for i, (c, w) in enumerate(zip(row, widths, strict=True)))
+        "  "
+        + "  ".join(c.ljust(w) if i == 0 else c.rjust(w) for i, (c, w) in enumerate(zip(row, widths, strict=True)))
         for row in cells
     ]
 

@@ -37,7 +37,10 @@ def make_plugin(registry: Registry, where: str, name: str, parameters: Any, prob
     unknown = [str(key) for key in parameters if key not in known]
     problems += [f"{at}.{key}: unknown key; {did_you_mean(key, known)}" for key in unknown]
     try:
-        made = TypeAdapter(cls).validate_python({k: v for k, v in parameters.items() if k in known})
+        # Defaults are validated as well: a default of 100 and a given 100.0 have to be the same recipe.
+        defaults = {f.name: f.default for f in dataclasses.fields(cls) if f.default is not dataclasses.MISSING}
+        given = {k: v for k, v in parameters.items() if k in known}
+        made = TypeAdapter(cls).validate_python({**defaults, **given})
     except ValidationError as error:
         problems += [
             f"{at}.{'.'.join(str(p) for p in e['loc'])}: {e['msg']}; found {e['input']!r}" for e in error.errors()

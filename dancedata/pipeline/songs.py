@@ -55,7 +55,9 @@ def find_like(feature: str | None, like: str | None) -> list[Like]:
     return [Like(f, recipe.grid, recipe) for f in recipe.audio if feature in (None, f.name)]
 
 
-def write_features(songs: Sequence[Path], out: Path, likes: Sequence[Like], bpm: float | None) -> list[dict[str, Any]]:
+def write_features(
+    songs: Sequence[Path], out: Path, likes: Sequence[Like], bpm: float | None
+) -> list[dict[str, Any]]:
     """Write OUT/<song>.<feature>.npy and a .json beside it that says what it is; returns the JSON's content.
 
     (T, D) in track scope; in window scope (W, L, D), each window by itself as in training.
@@ -97,9 +99,7 @@ def _compute(like: Like, signal: Any, bpm: float | None, song: Path) -> tuple[An
             found=f"{signal.n_samples / signal.sample_rate:.2f} s",
             allowed=f"at least {float(recipe.windows.length / recipe.fps):g} s",
         )
-    rows = like.feature.extract_windows(
-        signal, starts, length, like.grid, recipe.windows.length, start_bpm=bpm
-    )
+    rows = like.feature.extract_windows(signal, starts, length, like.grid, recipe.windows.length, start_bpm=bpm)
     return rows, [k * recipe.windows.stride for k in range(len(starts))]
 
 
