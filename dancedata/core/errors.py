@@ -44,8 +44,10 @@ class DanceDataError(Exception):
             text += f"; found {self.found}"
         if self.allowed is not None:
             text += f"; allowed: {self.allowed}"
-        if self.fix is not None:
-            text += f". {self.fix[:1].upper()}{self.fix[1:]}"
+        if self.fix:
+            # A sentence begins with a capital, a file name or key keeps its own.
+            first = self.fix.split(maxsplit=1)[0]
+            text += f". {self.fix[:1].upper()}{self.fix[1:]}" if first.rstrip(",:").isalpha() else f". {self.fix}"
         return text
 
     def __reduce__(self) -> tuple[object, ...]:

@@ -75,10 +75,10 @@ class AistPP:
     music : ``required`` sets sequences without music aside; ``optional`` keeps them, without audio.
     """
 
-    split: str = "crossmodal"
+    split: str = field(default="crossmodal", metadata={"scan": True})
     split_dir: str | None = field(default=None, metadata={"path": True})
-    ignore: Literal["list", "none"] = "list"
-    music: Literal["required", "optional"] = "required"
+    ignore: Literal["list", "none"] = field(default="list", metadata={"scan": True})
+    music: Literal["required", "optional"] = field(default="required", metadata={"scan": True})
 
     version: ClassVar[int] = 1
     licence: ClassVar[str] = (

@@ -22,7 +22,7 @@ import io
 import json
 import pickle
 import wave
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -51,6 +51,8 @@ __all__ = ["Synthetic", "crossmodal_split", "synthesise_motion", "synthesise_son
 
 MARKER = "synthetic.json"
 UNFINISHED = "synthetic.partial.json"
+#: They decide which clips are written; a written one is read the same way, whatever they are.
+_SCAN = {"scan": True}
 
 
 @DATASETS.register("synthetic")
@@ -67,11 +69,11 @@ class Synthetic:
     split : "crossmodal", or "all" for every clip in one split, as for the dataset aist++.
     """
 
-    seed: int = 0
-    songs: int = 11
-    clips_per_song: int = 4
-    clip_s: float = 13.5
-    split: str = "crossmodal"
+    seed: int = field(default=0, metadata=_SCAN)
+    songs: int = field(default=11, metadata=_SCAN)
+    clips_per_song: int = field(default=4, metadata=_SCAN)
+    clip_s: float = field(default=13.5, metadata=_SCAN)
+    split: str = field(default="crossmodal", metadata=_SCAN)
 
     version: ClassVar[int] = 1
     generates: ClassVar[bool] = True

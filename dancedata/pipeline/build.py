@@ -5,15 +5,15 @@ from __future__ import annotations
 import json
 import os
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from filelock import FileLock, Timeout
 
-from dancedata.core.clip import Scan
+from dancedata.core.clip import Reject, Scan
 from dancedata.core.errors import DataError, StoreError
 from dancedata.core.version import __version__
 from dancedata.pipeline.cache import Cache, default_cache, package_version
@@ -88,6 +88,7 @@ def build(
         With `strict`, for the first broken clip.
     """
     progress = progress or Progress(quiet=True)
+    source = source.absolute()  # so that it can be told from other text in what rejects say
     store_cache = Cache((cache or default_cache()).absolute())
     with _locked(out):
         _check_out(out)
@@ -96,11 +97,13 @@ def build(
         source_sha256 = gathered.source_sha256()
         if (out / DATASET_FILE).exists() and not overwrite:
             _require_same(out, recipe, source_sha256)
+            _stop_if_strict(strict, _rejects_there(out))
             return BuildResult(out, built=False, scan_notes=scan.notes)
-        _stop_if_strict(strict, gathered)
+        _stop_if_strict(strict, gathered.rejects)
         clips = gather(store_cache, gathered, jobs=jobs, progress=progress)
-        _stop_if_strict(strict, gathered)
+        _stop_if_strict(strict, gathered.rejects)
         require_clips(clips, gathered.rejects)
+        gathered.rejects = [_relative(r, source) for r in gathered.rejects]
         if (out / DATASET_FILE).exists():
             with _swapped(out) as fresh:
                 _write(fresh, recipe, gathered, clips, source_sha256, progress)
@@ -198,8 +201,19 @@ def _differences(old: Any, new: Any, at: str = "") -> Iterator[str]:
         yield f"{at}: {json.dumps(old)} there, {json.dumps(new)} now"
 
 
-def _stop_if_strict(strict: bool, gathered: Gathered) -> None:
-    broken = [r for r in gathered.rejects if r.reason not in BY_CHOICE]
+def _rejects_there(out: Path) -> list[Reject]:
+    with open_store(out) as store:
+        return [Reject(**row) for row in store.rejects]
+
+
+def _relative(reject: Reject, source: Path) -> Reject:
+    """Name files relative to the source: where it lies shapes no byte of a dataset."""
+    prefix = f"{source}{os.sep}"
+    return replace(reject, file=reject.file.removeprefix(prefix), detail=reject.detail.replace(prefix, ""))
+
+
+def _stop_if_strict(strict: bool, rejects: Sequence[Reject]) -> None:
+    broken = [r for r in rejects if r.reason not in BY_CHOICE]
     if strict and broken:
         first = broken[0]
         raise DataError(
@@ -213,29 +227,35 @@ def _stop_if_strict(strict: bool, gathered: Gathered) -> None:
 @contextmanager
 def _locked(out: Path) -> Iterator[None]:
     """Make `out` and hold its lock; a second writer fails at once."""
-    try:
+    made = not out.exists()
+    lock = FileLock(out / LOCK_FILE, timeout=0)
+    with _writing(out):
         out.mkdir(parents=True, exist_ok=True)
-        lock = FileLock(out / LOCK_FILE, timeout=0)
-        with lock:
-            try:
-                yield
-            finally:
-                # Unlinked while it is held: a finished dataset holds no stray file.
-                with suppress(OSError):
-                    (out / LOCK_FILE).unlink()
-    except Timeout as error:
-        raise StoreError(
-            "another build is writing there", where=out, fix="wait until it has ended, or choose another --out"
-        ) from error
-    except (PermissionError, NotADirectoryError, FileExistsError) as error:
-        raise _unwritable(out, error) from error
+        try:
+            lock.acquire()
+        except Timeout as error:
+            raise StoreError(
+                "another build is writing there", where=out, fix="wait until it has ended, or choose another --out"
+            ) from error
+    try:
+        yield
+    finally:
+        # Unlinked while it is held: a finished dataset holds no stray file.
+        with suppress(OSError):
+            (out / LOCK_FILE).unlink()
+        lock.release()
+        if made:
+            with suppress(OSError):
+                out.rmdir()  # which fails unless nothing was built
+
+
+@contextmanager
+def _writing(out: Path) -> Iterator[None]:
+    """Turn errors of the file system into one that names the output folder."""
+    try:
+        yield
     except OSError as error:
-        if error.errno in _READ_ONLY_OR_FULL:
-            raise _unwritable(out, error) from error
-        raise
-
-
-_READ_ONLY_OR_FULL = {28, 30, 122}  # ENOSPC, EROFS, EDQUOT
+        raise _unwritable(out, error) from error
 
 
 def _unwritable(out: Path, error: OSError) -> StoreError:
@@ -248,9 +268,13 @@ def _unwritable(out: Path, error: OSError) -> StoreError:
 
 
 def _check_out(out: Path) -> None:
-    foreign = [p.name for p in out.iterdir() if not _is_own(p.name)]
+    names = sorted(p.name for p in out.iterdir())
+    # Shards are written first and removed last: a README.md alone is somebody else's.
+    ours = any(name == DATASET_FILE or is_shard_name(name) for name in names)
+    own = _OWN_FILES if ours else {LOCK_FILE}
+    foreign = [n for n in names if n not in own and not is_shard_name(n) and not _is_temporary(n)]
     if foreign:
-        shown = ", ".join(sorted(foreign)[:5]) + (", ..." if len(foreign) > 5 else "")
+        shown = ", ".join(foreign[:5]) + (", ..." if len(foreign) > 5 else "")
         raise StoreError(
             "the output folder holds files that are not dancedata's",
             where=out,
@@ -260,28 +284,41 @@ def _check_out(out: Path) -> None:
         )
 
 
-def _is_own(name: str) -> bool:
-    return name in _OWN_FILES or is_shard_name(name) or (name.startswith(".") and name.endswith(".tmp"))
+def _is_temporary(name: str) -> bool:
+    """Tell whether a file is one that `atomic_file` was writing when it was killed."""
+    return name.startswith(".") and name.endswith(".tmp")
 
 
 def _clean(out: Path) -> None:
     """Remove what a killed build left: without dataset.json none of it counts."""
-    for path in out.iterdir():
-        if path.name != LOCK_FILE:
-            path.unlink()
+    with _writing(out):
+        for path in sorted(out.iterdir(), key=lambda p: is_shard_name(p.name)):
+            if path.name != LOCK_FILE:
+                path.unlink()
+        for folder in _beside(out):
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def _beside(out: Path) -> tuple[Path, Path]:
+    """Return the folders of a swap: the new dataset before it, the old one after it."""
+    real = out.resolve()
+    return real.parent / f".{real.name}.new", real.parent / f".{real.name}.old"
 
 
 @contextmanager
 def _swapped(out: Path) -> Iterator[Path]:
     """Give a fresh folder beside `out`; on success it takes its place."""
-    fresh, old = (out.parent / f".{out.name}.{what}" for what in ("new", "old"))
-    for folder in (fresh, old):
-        shutil.rmtree(folder, ignore_errors=True)
-    fresh.mkdir()
+    fresh, old = _beside(out)
+    with _writing(out):
+        for folder in (fresh, old):
+            shutil.rmtree(folder, ignore_errors=True)
+        fresh.mkdir()
     try:
         yield fresh
-        os.rename(out, old)
-        os.rename(fresh, out)
+        with _writing(out):
+            real = out.resolve()
+            os.rename(real, old)
+            os.rename(fresh, real)
     finally:
         shutil.rmtree(fresh, ignore_errors=True)
     shutil.rmtree(old, ignore_errors=True)

@@ -79,8 +79,6 @@ class Cache:
         path = self._path(stage, key, "npy")
         try:
             shape = np.load(path, mmap_mode="r", allow_pickle=False).shape
-        except FileNotFoundError:
-            return None
         except (OSError, ValueError):
             # A damaged entry (a disk's doing: ours are published whole) counts as missing and is made again.
             return None
@@ -97,7 +95,8 @@ class Cache:
         """Return JSON data if it is there."""
         try:
             return json.loads(self._path(stage, key, "json").read_text(encoding="utf-8"))
-        except (FileNotFoundError, ValueError):
+        except (OSError, ValueError):
+            # As above. Where the cache as a whole is no good, writing to it says so.
             return None
 
     def put_json(self, stage: str, key: str, obj: Any) -> None:

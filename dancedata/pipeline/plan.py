@@ -20,11 +20,18 @@ from dancedata.store.schema import sort_splits
 
 @dataclass(frozen=True)
 class ClipPlan:
-    """What would become of a clip: frames at the recipe's rate, windows, rows of audio; or a problem."""
+    """What would become of a clip: frames at the recipe's rate, windows, rows of audio; or a problem.
+
+    Attributes
+    ----------
+    n_without_music
+        Windows that would be left out because the music ends before they do.
+    """
 
     ref: ClipRef
     n_frames: int = 0
     n_windows: int = 0
+    n_without_music: int = 0
     audio_rows: tuple[int, ...] = ()
     problem: str = ""
 
@@ -42,6 +49,7 @@ class Plan:
         kept = [c for c in self.clips if c.n_windows]
         left_out = Counter(r.reason for r in self.scan.rejects)
         left_out.update(c.problem for c in self.clips if not c.n_windows)
+        left_out.update({"no_audio": sum(c.n_without_music for c in self.clips)})
         splits = {}
         for split in sort_splits({c.ref.split for c in kept}):
             mine = [c for c in kept if c.ref.split == split]
@@ -60,7 +68,7 @@ class Plan:
             "splits": splits,
             "fields": fields,
             "bytes": self._bytes(kept),
-            "left_out": dict(sorted(left_out.items())),
+            "left_out": {reason: n for reason, n in sorted(left_out.items()) if n},
         }
 
     def _bytes(self, kept: list[ClipPlan]) -> int:
@@ -98,13 +106,14 @@ def _clip_plan(recipe: Recipe, ref: ClipRef) -> ClipPlan:
         motion = recipe.dataset.load(ref)
         count = motion_window_count(recipe, motion.n_frames, motion.grid.rate)
         rows: tuple[int, ...] = ()
+        kept = count
         if recipe.audio:
             if ref.audio_path is None:
                 return ClipPlan(ref, problem="missing_music")
             n_samples, sample_rate = audio_length(ref.audio_path)
-            count = min(count, audio_window_count(recipe, n_samples, sample_rate))
+            kept = min(count, audio_window_count(recipe, n_samples, sample_rate))
             rows = tuple(f.n_rows(n_samples, sample_rate, recipe.grid) for f in recipe.audio)
     except DataError as error:
         return ClipPlan(ref, problem=error.reason)
     n_frames = FrameGrid(motion.grid.rate).resampled_length(motion.n_frames, recipe.grid)
-    return ClipPlan(ref, n_frames, count, rows, problem="" if count else "too_short")
+    return ClipPlan(ref, n_frames, kept, count - kept, rows, problem="" if kept else "too_short")

@@ -197,7 +197,8 @@ def parse_recipe(document: Mapping[str, Any], where: str = "recipe") -> Recipe:
     motion = _motion_slots(given.get("motion"), problems)
     audio = _audio_slots(given.get("audio"), problems)
     grid = _attempt(problems, lambda: FrameGrid.of(given.get("fps", 30)))
-    windows = _attempt(problems, lambda: _windows(model.windows, grid)) if model and grid else None
+    spec = model.windows if model is not None else _window_keys(given.get("windows"))
+    windows = _attempt(problems, lambda: _windows(spec, grid)) if spec is not None and grid is not None else None
     if problems or model is None or grid is None or windows is None:
         listed = "\n".join(f"  - {p}" for p in problems)
         raise RecipeError(f"{len(problems)} problem{'s' * (len(problems) != 1)} in the recipe\n{listed}", where=where)
@@ -243,7 +244,7 @@ def _motion_slots(given: Any, problems: list[str]) -> tuple[MotionSlot, ...]:
     for name, parameters in _mapping(given).items():
         own = dict(parameters or {}) if isinstance(parameters, dict | None) else parameters
         rule = own.pop("contacts", None) if isinstance(own, dict) else None
-        made = make_plugin(REPRESENTATIONS, "motion", name, own, problems)
+        made = make_plugin(REPRESENTATIONS, "motion", name, own, problems, also=("contacts",))
         if made is None:
             continue
         rule = rule if rule is not None else made.default_contacts
@@ -251,16 +252,24 @@ def _motion_slots(given: Any, problems: list[str]) -> tuple[MotionSlot, ...]:
             problems.append(f"motion.{name}.contacts: {name} holds no contacts")
         contacts = None if rule is None else one_of(CONTACTS, f"motion.{name}.contacts", rule, problems)
         slots.append(MotionSlot(made, contacts))
-    return tuple(slots)
+    return tuple(sorted(slots, key=lambda slot: slot.name))
 
 
 def _audio_slots(given: Any, problems: list[str]) -> tuple[Any, ...]:
     made = [make_plugin(FEATURES, "audio", name, own, problems) for name, own in _mapping(given or {}).items()]
-    return tuple(m for m in made if m is not None)
+    # By name, as in the recipe's hash, which knows no order either.
+    return tuple(sorted((m for m in made if m is not None), key=lambda m: str(m.name)))
 
 
 def _mapping(given: Any) -> dict[str, Any]:
     return {given: {}} if isinstance(given, str) else dict(given) if isinstance(given, dict) else {str(given): {}}
+
+
+def _window_keys(given: Any) -> _Windows | None:
+    try:
+        return _Windows.model_validate(given)
+    except ValidationError:
+        return None  # said already, with the rest of the document
 
 
 def _windows(given: _Windows, grid: FrameGrid) -> WindowSpec:
@@ -285,7 +294,8 @@ def _explain(error: ValidationError) -> list[str]:
             model: Any = {"windows": _Windows, "store": _Store}.get(str(item["loc"][0]), _Document)
             problems.append(f"{key}: unknown key; {did_you_mean(str(item['loc'][-1]), model.model_fields)}")
         elif item["type"] == "missing":
-            problems.append(f"{key}: missing")
+            if key not in ("dataset", "motion"):  # these say by themselves what may stand there
+                problems.append(f"{key}: missing")
         else:
             problems.append(f"{key}: {item['msg']}; found {item['input']!r}")
     return problems

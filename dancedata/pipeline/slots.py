@@ -11,18 +11,25 @@ from dancedata.core.errors import DanceDataError, did_you_mean
 from dancedata.core.registry import Registry
 
 
-def document_of(plugin: Any) -> dict[str, Any]:
+def document_of(plugin: Any, *, loading: bool = False) -> dict[str, Any]:
     """Return a plug-in's parameters as JSON, defaults included; fields marked as paths are left out.
 
     A field is a path if its metadata say ``{"path": True}``: what lies there is hashed with the source, and
-    where it lies shapes nothing.
+    where it lies shapes nothing. With `loading`, a dataset's fields marked ``{"scan": True}`` are left out
+    as well: they decide which clips there are, not what `load` makes of one, so they are no part of its key.
     """
-    fields = [f for f in dataclasses.fields(plugin) if not f.metadata.get("path")]
+    skipped = ("path", "scan") if loading else ("path",)
+    fields = [f for f in dataclasses.fields(plugin) if not any(f.metadata.get(mark) for mark in skipped)]
     return {f.name: TypeAdapter(Any).dump_python(getattr(plugin, f.name), mode="json") for f in fields}
 
 
-def make_plugin(registry: Registry, where: str, name: str, parameters: Any, problems: list[str]) -> Any | None:
-    """Make one plug-in; problems are added to the list, all of them, and then there is no plug-in."""
+def make_plugin(
+    registry: Registry, where: str, name: str, parameters: Any, problems: list[str], also: tuple[str, ...] = ()
+) -> Any | None:
+    """Make one plug-in; problems are added to the list, all of them, and then there is no plug-in.
+
+    `also` names keys of the slot that the caller has taken out of `parameters` already.
+    """
     at = f"{where}.{name}"
     try:
         cls = registry.get(name)
@@ -35,7 +42,7 @@ def make_plugin(registry: Registry, where: str, name: str, parameters: Any, prob
         return None
     known = [f.name for f in dataclasses.fields(cls)]
     unknown = [str(key) for key in parameters if key not in known]
-    problems += [f"{at}.{key}: unknown key; {did_you_mean(key, known)}" for key in unknown]
+    problems += [f"{at}.{key}: unknown key; {did_you_mean(key, (*known, *also))}" for key in unknown]
     try:
         # Defaults are validated as well: a default of 100 and a given 100.0 have to be the same recipe.
         defaults = {f.name: f.default for f in dataclasses.fields(cls) if f.default is not dataclasses.MISSING}

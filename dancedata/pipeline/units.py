@@ -210,10 +210,14 @@ def _numeric_packages() -> dict[str, str]:
     return {name: package_version(name) for name in ("numpy", "scipy")}
 
 
+def _loading(recipe: Recipe) -> list[Any]:
+    """Return all of the dataset that shapes what `load` makes of a file."""
+    return [recipe.dataset.name, recipe.dataset.version, document_of(recipe.dataset, loading=True)]
+
+
 def _info_key(recipe: Recipe, sha256: str) -> str:
-    dataset = [recipe.dataset.name, recipe.dataset.version, document_of(recipe.dataset)]
     limits = [MAX_TURN_DEG_S, MAX_ROOT_SPEED_M_S]
-    return Cache.key("clip", version=MOTION_STAGE, dataset=dataset, file=sha256, limits=limits)
+    return Cache.key("clip", version=MOTION_STAGE, dataset=_loading(recipe), file=sha256, limits=limits)
 
 
 def _motion_key(recipe: Recipe, slot: MotionSlot, sha256: str) -> str:
@@ -221,7 +225,7 @@ def _motion_key(recipe: Recipe, slot: MotionSlot, sha256: str) -> str:
     return Cache.key(
         "motion",
         version=[MOTION_STAGE, slot.representation.version, rule.version if rule is not None else 0],
-        dataset=[recipe.dataset.name, recipe.dataset.version, document_of(recipe.dataset)],
+        dataset=_loading(recipe),
         file=sha256,
         representation={slot.name: slot.document()},
         fps=str(recipe.grid),

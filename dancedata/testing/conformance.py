@@ -1,0 +1,285 @@
+"""Checks that every plug-in has to pass, for authors of plug-ins too: call them from a test.
+
+::
+
+    from dancedata.testing.conformance import check_dataset
+
+    def test_conformance(tmp_path):
+        check_dataset(MyDataset, tmp_path)
+
+The class has to be registered (`@DATASETS.register("mine")`) and to work with its default parameters. What
+fails is an AssertionError that says what was expected.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.clip import Scan
+from dancedata.core.errors import DanceDataError, SourceError, UsageError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.motion import Motion
+from dancedata.core.registry import CONTACTS, DATASETS, FEATURES, REPRESENTATIONS
+from dancedata.core.skeleton import SMPL24, Skeleton
+from dancedata.testing.examples import FPS, mirrored_motion, random_motion, random_signal
+
+#: Radians and metres: what float32 columns may lose.
+ANGLE_TOLERANCE = 1e-4
+TRANSLATION_TOLERANCE = 1e-6
+#: Nobody's skeleton.
+ODD_SKELETON = Skeleton("odd", ("root", "tail"), (-1, 0), np.zeros((2, 3)), (), (0, 0, 1, 1))
+
+
+def check_dataset(cls: type[Any], folder: Path) -> None:
+    """Check a dataset reader: its example scans, loads, and builds in both scopes; bad folders are named.
+
+    Parameters
+    ----------
+    folder
+        An empty folder to work in.
+    """
+    check_plugin(cls)
+    _require(bool(cls.licence and cls.citation), "licence and citation say something")
+    reader, sources = cls(), [folder / "an example", folder / "again"]
+    for source in sources:
+        reader.make_example(source)
+    scan, other = (reader.scan(source) for source in sources)
+    _check_scan(scan)
+    _require(reader.scan(sources[0]) == scan, "two scans of a folder are equal")
+    _require([c.id for c in other.clips] == [c.id for c in scan.clips], "two examples hold the same clips")
+    for ref, same in zip(scan.clips, other.clips, strict=True):
+        motion, again = reader.load(ref), reader.load(same)
+        _check_motion(motion, ref.id)
+        for name in ("translation", "rotations"):
+            equal = np.array_equal(getattr(motion, name), getattr(again, name))
+            _require(equal, f"clip {ref.id}: two loads give equal {name}")
+    _check_bad_sources(reader, folder)
+    for scope in ("track", "window"):
+        _check_build(recipe_with(dataset=cls.name, scope=scope), scan, sources[0], folder / scope)
+
+
+def check_representation(cls: type[Any]) -> None:
+    """Check a representation: columns, dtype, decoding, mirroring, one frame, another skeleton."""
+    check_plugin(cls)
+    made, rule = cls(), _rule_of(cls)
+    _check_columns(made.columns)
+    motion = random_motion(cls.skeleton, 40)
+    before = motion.translation.copy(), motion.rotations.copy()
+    array = made.encode(motion, rule)
+    _require(array.shape == (40, made.columns.width), f"encode gives (T, {made.columns.width}), not {array.shape}")
+    _require(array.dtype == np.float32, f"encode gives float32, not {array.dtype}")
+    _require(bool(np.isfinite(array).all()), "encode gives finite values")
+    untouched = np.array_equal(before[0], motion.translation) and np.array_equal(before[1], motion.rotations)
+    _require(untouched, "encode does not write into the motion")
+    one = made.encode(motion.part(0, 1), rule)
+    _require(one.shape == (1, made.columns.width), "a motion of one frame can be encoded")
+    odd = Motion(np.zeros((2, 3)), np.zeros((2, 2, 3)), FPS, ODD_SKELETON)
+    _raises(UsageError, lambda: made.encode(odd, rule), "a motion on another skeleton is a UsageError")
+    mirror = made.columns.mirror
+    if mirror is not None:
+        _require(np.array_equal(mirror.apply(mirror.apply(array)), array), "mirroring twice gives back the columns")
+    if hasattr(made, "decode"):
+        _check_same(made.decode(array, FPS), motion, TRANSLATION_TOLERANCE, "decode gives back the motion")
+    if hasattr(made, "decode") and mirror is not None:
+        # Mirroring negates the translation, which differs from the posed root by the root's rest position.
+        slack = TRANSLATION_TOLERANCE + 2 * abs(float(cls.skeleton.offsets[0, 0]))
+        image = made.decode(mirror.apply(array), FPS)
+        _check_same(image, mirrored_motion(motion), slack, "mirrored columns are the mirrored motion's")
+
+
+def check_contact_rule(cls: type[Any]) -> None:
+    """Check a contact rule: shape, values, one frame, and that it does not matter where in the room one dances."""
+    check_plugin(cls)
+    rule = cls()
+    motion = random_motion(SMPL24, 40, turn_rad=0.05, step_m=0.005)
+    joints = motion.joints()
+    joints.setflags(write=False)
+    labels = rule(joints, FPS, SMPL24)
+    _require(labels.shape == (40, 4), f"labels are (T, 4), not {labels.shape}")
+    _require(labels.dtype == np.float32 and set(np.unique(labels)) <= {0.0, 1.0}, "labels are 0 or 1, float32")
+    _require(np.array_equal(rule(joints, FPS, SMPL24), labels), "equal motion gives equal labels")
+    _require(rule(joints[:1], FPS, SMPL24).shape == (1, 4), "a motion of one frame has labels")
+    # Sideways only: rules may look at the height.
+    _require(
+        np.array_equal(rule(np.add(joints, (2.0, 0.0, -3.0)), FPS, SMPL24), labels), "labels do not depend on x and z"
+    )
+
+
+def check_audio_feature(cls: type[Any]) -> None:
+    """Check an audio feature: rows as announced, finite, deterministic, windows, silence, and what it refuses."""
+    check_plugin(cls)
+    made = cls()
+    _check_columns(made.columns)
+    _require(bool(made.packages), "packages names what the numbers depend on")
+    _require(made.dtype in ("float32", "float16"), f"dtype on disk is float32 or float16, not {made.dtype}")
+    for seconds, rate in ((0.1, 22050), (2.0, 44100), (3.33, 48000)):
+        for signal in (random_signal(seconds, rate), AudioSignal(np.zeros(int(seconds * rate), np.float32), rate)):
+            _check_rows(made, signal, made.extract(signal, FPS, start_bpm=110.0), FPS)
+    signal = random_signal(3.0, 16000)
+    first, second = made.extract(signal, FPS), made.extract(signal, FPS)
+    _require(np.array_equal(first, second), "equal signals give equal rows")
+    windows = made.extract_windows(signal, np.array([0, 7_999]), 32_000, FPS, 60)
+    _require(windows.shape == (2, 60, made.columns.width), f"windows are (W, n_rows, D), not {windows.shape}")
+    _require(bool(np.isfinite(windows).all()), "windows are finite")
+    empty = AudioSignal(np.zeros(0, np.float32), 16000)
+    _raises(DanceDataError, lambda: made.extract(empty, FPS), "a signal without samples is an error")
+    beyond = np.array([20_000])
+    _raises(
+        DanceDataError, lambda: made.extract_windows(signal, beyond, 32_000, FPS, 60), "no window beyond the signal"
+    )
+    for grid in (FrameGrid.of("1/7"), FrameGrid.of("30000/1001"), FrameGrid.of(25)):
+        try:
+            rows = made.extract(signal, grid, start_bpm=110.0)
+        except DanceDataError:
+            continue
+        _check_rows(made, signal, rows, grid)
+
+
+def check_plugin(cls: type[Any]) -> None:
+    """Check what all plug-ins share: a frozen dataclass whose fields are documented keys of a recipe."""
+    _require(dataclasses.is_dataclass(cls), f"{cls.__name__} is a dataclass")
+    _require(bool(cls.__dataclass_params__.frozen), f"{cls.__name__} is frozen")
+    _require(type(cls.version) is int and cls.version > 0, "version is a whole number above 0")
+    text = inspect.getdoc(cls) or ""
+    _require(bool(text) and not text.startswith(f"{cls.__name__}("), f"{cls.__name__} has a docstring")
+    for field in dataclasses.fields(cls):
+        _require(re.search(rf"^{field.name}\b", text, re.M) is not None, f"the docstring describes {field.name}")
+    from dancedata.pipeline.slots import document_of, make_plugin, one_of
+
+    problems: list[str] = []
+    registry = _registry_of(cls)
+    made = make_plugin(registry, "plugin", cls.name, {}, problems)
+    _require(not problems, f"the defaults are valid parameters: {problems}")
+    document = document_of(made)
+    again = one_of(registry, "plugin", json.loads(json.dumps({cls.name: document})), problems)
+    _require(not problems, f"what a dataset says of its recipe can be read again: {problems}")
+    _require(again == made and document_of(again) == document, "parameters survive the way through JSON")
+    make_plugin(registry, "plugin", cls.name, {"no_such_key": 1}, problems)
+    _require(any("no_such_key" in p for p in problems), "a key that no field has is an error")
+
+
+def recipe_with(*, dataset: str, scope: str = "track") -> Any:
+    """Return a recipe of one dataset with the first representation and no audio: what a reader is tried with."""
+    from dancedata.pipeline.recipe import parse_recipe
+
+    document = {
+        "recipe": 1,
+        "name": "conformance",
+        "dataset": {dataset: {}},
+        "scope": scope,
+        "windows": {"length_frames": 30, "stride_frames": 15},
+        "motion": {REPRESENTATIONS.names()[0]: {}},
+    }
+    recipe = parse_recipe(document)
+    again = parse_recipe(json.loads(json.dumps(recipe.document)))
+    _require(again.sha256 == recipe.sha256, "a recipe with its defaults spelled out is the same recipe")
+    return recipe
+
+
+def _require(condition: bool, expected: str) -> None:
+    if not condition:
+        raise AssertionError(f"expected: {expected}")
+
+
+def _raises(kind: type[Exception], call: Callable[[], object], expected: str) -> str:
+    try:
+        call()
+    except kind as error:
+        return str(error)
+    raise AssertionError(f"expected: {expected}")
+
+
+def _registry_of(cls: type[Any]) -> Any:
+    for registry in (DATASETS, REPRESENTATIONS, CONTACTS, FEATURES):
+        if cls in (registry.get(name) for name in registry.names()):
+            return registry
+    raise AssertionError(f"expected: {cls.__name__} is registered")
+
+
+def _rule_of(cls: type[Any]) -> Any:
+    return None if cls.default_contacts is None else CONTACTS.get(cls.default_contacts)()
+
+
+def _check_columns(columns: Any) -> None:
+    labels = columns.labels
+    _require(len(labels) == columns.width == len(set(labels)), "every column has a label of its own")
+    _require(json.loads(json.dumps(columns.to_json())) == columns.to_json(), "columns are JSON")
+
+
+def _check_scan(scan: Scan) -> None:
+    from dancedata.audio.signal import load_audio
+    from dancedata.store.schema import check_name
+
+    ids = [c.id for c in scan.clips]
+    _require(len(ids) >= 2, "the example has two clips or more")
+    _require(ids == sorted(set(ids)), "clips have ids of their own and are sorted by them")
+    for ref in scan.clips:
+        check_name(ref.split, "split")
+        _require(ref.motion_path.is_file(), f"clip {ref.id}: the motion file is there")
+        _require(ref.audio_path is not None and ref.audio_path.is_file(), f"clip {ref.id}: the music is there")
+    for path in {c.audio_path for c in scan.clips if c.audio_path is not None}:
+        _require(load_audio(path).n_samples > 0, f"{path}: the music can be decoded")
+
+
+def _check_motion(motion: Motion, clip: str) -> None:
+    for array in (motion.translation, motion.rotations):
+        _require(array.dtype == np.float64 and not array.flags.writeable, f"clip {clip}: float64 and read-only")
+    _require(motion.n_frames * motion.grid.seconds(1) >= 2, f"clip {clip}: two seconds or more")
+    # Metres and +Y up: a dancer's head is above the feet most of the time, and within arm's reach of 1.5 m.
+    joints = motion.joints()
+    height = np.median(joints[..., 1].max(axis=1) - joints[..., 1].min(axis=1))
+    _require(0.5 < height < 3.0, f"clip {clip}: metres, +Y up; the dancer is {height:.3g} m high")
+
+
+def _check_bad_sources(reader: Any, folder: Path) -> None:
+    file, empty, missing = folder / "a file", folder / "empty", folder / "missing"
+    file.write_bytes(b"")
+    empty.mkdir()
+    # A dataset that makes its own source fills what is empty.
+    for bad in (file,) if getattr(reader, "generates", False) else (file, empty, missing):
+        text = _raises(SourceError, lambda bad=bad: reader.scan(bad), f"{bad.name}: a SourceError")  # type: ignore[misc]
+        _require(str(bad) in text, f"the error names the source: {text}")
+
+
+def _check_build(recipe: Any, scan: Scan, source: Path, out: Path) -> None:
+    from dancedata.pipeline.build import build
+    from dancedata.store import open_store, verify_store
+
+    build(recipe, source, out, cache=out.parent / "cache")
+    errors = [str(p) for p in verify_store(out) if p.severity == "error"]
+    _require(not errors, f"the example's dataset is sound: {errors}")
+    field = recipe.motion[0]
+    with open_store(out) as store:
+        _require(
+            sorted(c.id for c in store.clips) == [c.id for c in scan.clips], "every clip of the example is built"
+        )
+        for split in store.splits:
+            rows = store.read(store.windows(split)[0], field.name)
+            _require(rows.shape == (30, field.representation.columns.width), f"a window of {split} can be read")
+
+
+def _check_rows(made: Any, signal: AudioSignal, rows: npt.NDArray[Any], grid: FrameGrid) -> None:
+    announced = made.n_rows(signal.n_samples, signal.sample_rate, grid), made.columns.width
+    _require(rows.shape == announced, f"rows are {announced} as n_rows says, not {rows.shape}")
+    _require(rows.dtype.name == made.dtype, f"rows are {made.dtype}, not {rows.dtype}")
+    _require(bool(np.isfinite(rows).all()), "rows are finite, for silence too")
+
+
+def _check_same(motion: Motion, wanted: Motion, translation_m: float, expected: str) -> None:
+    from dancedata.core.rotations import rotation
+
+    angle = (rotation(motion.rotations).inv() * rotation(wanted.rotations)).magnitude().max()
+    shift = np.abs(motion.translation - wanted.translation).max()
+    found = f"off by {angle:.2g} rad and {shift:.2g} m"
+    _require(bool(angle < ANGLE_TOLERANCE and shift < translation_m), f"{expected}; {found}")
+    _require(motion.grid == wanted.grid and motion.skeleton == wanted.skeleton, f"{expected}, rate and skeleton too")

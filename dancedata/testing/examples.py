@@ -1,0 +1,36 @@
+"""Motions and signals for tests, the same at every call."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.grid import FrameGrid
+from dancedata.core.motion import Motion
+from dancedata.core.skeleton import Skeleton
+
+FPS = FrameGrid.of(30)
+
+
+def random_motion(skeleton: Skeleton, n_frames: int, *, turn_rad: float = 2.5, step_m: float = 0.05) -> Motion:
+    """Return a motion at 30 a second, the same at every call; by default with turns beyond pi."""
+    rng = np.random.default_rng(0)
+    rotations = rng.normal(0, turn_rad, (n_frames, skeleton.n_joints, 3))
+    return Motion(rng.normal(0, step_m, (n_frames, 3)).cumsum(axis=0), rotations, FPS, skeleton)
+
+
+def mirrored_motion(motion: Motion) -> Motion:
+    """Return the motion's reflection across x = 0."""
+    order = np.arange(motion.skeleton.n_joints)
+    for left, right in motion.skeleton.pairs:
+        order[left], order[right] = right, left
+    rotations = motion.rotations[:, order] * (1, -1, -1)  # an axis is a pseudovector
+    return Motion(motion.translation * (-1, 1, 1), rotations, motion.grid, motion.skeleton)
+
+
+def random_signal(seconds: float, sample_rate: int) -> AudioSignal:
+    """Return two noise bursts a second over a tone, the same at every call."""
+    rng = np.random.default_rng(0)
+    time_s = np.arange(int(seconds * sample_rate)) / sample_rate
+    bursts = rng.normal(0, 0.2, len(time_s)) * np.exp(-20 * (time_s % 0.5))
+    return AudioSignal(np.asarray(bursts + 0.1 * np.sin(2 * np.pi * 220 * time_s), np.float32), sample_rate)

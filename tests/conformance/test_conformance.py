@@ -1,0 +1,124 @@
+"""Every registered plug-in keeps its kind's contract. No plug-in is named here: registries say which there are."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dancedata.core.columns import Columns, Mirror
+from dancedata.core.registry import CONTACTS, DATASETS, FEATURES, REPRESENTATIONS, Registry
+from dancedata.testing import conformance
+
+
+@pytest.mark.parametrize("name", DATASETS.names())
+def test_dataset(name: str, tmp_path: Path):
+    conformance.check_dataset(DATASETS.get(name), tmp_path)
+
+
+@pytest.mark.parametrize("name", REPRESENTATIONS.names())
+def test_representation(name: str):
+    conformance.check_representation(REPRESENTATIONS.get(name))
+
+
+@pytest.mark.parametrize("name", CONTACTS.names())
+def test_contact_rule(name: str):
+    conformance.check_contact_rule(CONTACTS.get(name))
+
+
+@pytest.mark.parametrize("name", FEATURES.names())
+def test_audio_feature(name: str):
+    conformance.check_audio_feature(FEATURES.get(name))
+
+
+@pytest.mark.parametrize("registry", [DATASETS, REPRESENTATIONS, CONTACTS, FEATURES], ids=lambda r: r.kind)
+def test_there_is_a_plugin_of_every_kind(registry: Registry):
+    assert registry.names()
+
+
+# The suite itself: a plug-in with one thing wrong does not pass.
+
+
+def _register(monkeypatch: pytest.MonkeyPatch, registry: Registry, cls: type[Any]) -> type[Any]:
+    """Register a class for the length of a test."""
+    cls.name = "broken"
+    monkeypatch.setitem(registry._classes, "broken", cls)
+    return cls
+
+
+def _subclass(registry: Registry, **members: Any) -> type[Any]:
+    """The first plug-in of a kind with some members replaced."""
+    base = registry.get(registry.names()[0])
+    return dataclass(frozen=True)(type("Broken", (base,), {"__doc__": base.__doc__, **members}))
+
+
+def test_a_field_without_a_word_in_the_docstring_fails(monkeypatch: pytest.MonkeyPatch):
+    cls = _subclass(CONTACTS, __annotations__={"secret": int}, secret=3)
+    with pytest.raises(AssertionError, match="docstring describes secret"):
+        conformance.check_contact_rule(_register(monkeypatch, CONTACTS, cls))
+
+
+def test_a_parameter_that_is_no_json_fails(monkeypatch: pytest.MonkeyPatch):
+    base = CONTACTS.get(CONTACTS.names()[0])
+    doc = f"{base.__doc__}\n\n    when\n        A pair, which JSON makes a list.\n"
+    cls = _subclass(CONTACTS, __doc__=doc, __annotations__={"when": Any}, when=(1, 2))
+    with pytest.raises(AssertionError, match="JSON"):
+        conformance.check_contact_rule(_register(monkeypatch, CONTACTS, cls))
+
+
+def test_a_class_that_is_not_frozen_fails(monkeypatch: pytest.MonkeyPatch):
+    @dataclass
+    class Loose:
+        """Something."""
+
+        version = 1
+
+    with pytest.raises(AssertionError, match="frozen"):
+        conformance.check_contact_rule(_register(monkeypatch, CONTACTS, Loose))
+
+
+def test_a_rule_that_looks_at_the_place_fails(monkeypatch: pytest.MonkeyPatch):
+    def call(self: Any, joints: Any, grid: Any, skeleton: Any) -> Any:
+        return (joints[:, list(skeleton.feet), 0] > 1).astype(np.float32)
+
+    with pytest.raises(AssertionError, match="do not depend on x and z"):
+        conformance.check_contact_rule(_register(monkeypatch, CONTACTS, _subclass(CONTACTS, __call__=call)))
+
+
+def test_a_mirror_that_is_not_the_motions_fails(monkeypatch: pytest.MonkeyPatch):
+    base = REPRESENTATIONS.get(REPRESENTATIONS.names()[0])
+
+    def columns(self: Any) -> Columns:
+        right = base().columns
+        identity = Mirror(tuple(range(right.width)), (1,) * right.width)
+        return dataclasses.replace(right, mirror=identity)
+
+    cls = _register(monkeypatch, REPRESENTATIONS, _subclass(REPRESENTATIONS, columns=property(columns)))
+    with pytest.raises(AssertionError, match="mirrored columns are the mirrored motion's"):
+        conformance.check_representation(cls)
+
+
+def test_a_feature_that_announces_other_rows_fails(monkeypatch: pytest.MonkeyPatch):
+    base = FEATURES.get(FEATURES.names()[0])
+
+    def n_rows(self: Any, n_samples: int, sample_rate: int, grid: Any) -> int:
+        return base.n_rows(self, n_samples, sample_rate, grid) + 1
+
+    with pytest.raises(AssertionError, match="as n_rows says"):
+        conformance.check_audio_feature(_register(monkeypatch, FEATURES, _subclass(FEATURES, n_rows=n_rows)))
+
+
+def test_a_dataset_with_unsorted_clips_fails(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    base = DATASETS.get(DATASETS.names()[0])
+
+    def scan(self: Any, source: Path) -> Any:
+        found = base.scan(self, source)
+        return dataclasses.replace(found, clips=found.clips[::-1])
+
+    cls = _register(monkeypatch, DATASETS, _subclass(DATASETS, scan=scan))
+    with pytest.raises(AssertionError, match="sorted"):
+        conformance.check_dataset(cls, tmp_path)

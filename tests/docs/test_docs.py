@@ -1,0 +1,109 @@
+"""The code of README, add-a-dataset and add-a-feature runs as it stands there."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from dancedata.pipeline.build import build
+from dancedata.pipeline.recipe import load_recipe
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def _blocks(page: str, language: str) -> list[str]:
+    text = (ROOT / page).read_text(encoding="utf-8")
+    return re.findall(rf"^```{language}\n(.*?)^```", text, flags=re.DOTALL | re.MULTILINE)
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with data/demo in it, as README's first command leaves it."""
+    folder = tmp_path_factory.mktemp("demo")
+    build(load_recipe("demo"), folder / "data" / "demo-source", folder / "data" / "demo", cache=folder / "cache")
+    return folder
+
+
+def test_readme_snippets_print_what_it_says(demo: Path, capsys: pytest.CaptureFixture[str], monkeypatch) -> None:
+    monkeypatch.chdir(demo)
+    snippets, outputs = _blocks("README.md", "python"), _blocks("README.md", "text")
+    assert len(snippets) >= 2
+    names: dict[str, object] = {}
+    for snippet in snippets:
+        if "torch" in snippet:
+            pytest.importorskip("torch")
+        exec(compile(snippet, "README.md", "exec"), names)
+        assert capsys.readouterr().out in outputs
+
+
+def test_ci_runs_the_readmes_commands() -> None:
+    commands = _blocks("README.md", "sh")
+    # .ci/run takes the first two blocks from the page; each is one line to paste.
+    assert [c.count("\n") for c in commands[:2]] == [1, 1]
+    assert commands[0].startswith("python3.11 -m venv .venv && ")
+    assert commands[0].endswith(".venv/bin/dancedata build demo\n")
+    assert commands[1].startswith(".venv/bin/python -m pytest")
+
+
+@pytest.fixture
+def plug_in(tmp_path: Path):
+    """Install a page's Python block as a distribution of its own, and run dancedata beside it."""
+
+    def install(page: str, kind: str, name: str):
+        (code,) = _blocks(page, "python")
+        site = tmp_path / "site"
+        info = site / f"{name}_plugin-1.0.dist-info"
+        info.mkdir(parents=True)
+        (site / f"my_{name}.py").write_text(code, encoding="utf-8")
+        (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}-plugin\nVersion: 1.0\n")
+        (info / "entry_points.txt").write_text(f"[dancedata.{kind}]\n{name} = my_{name}\n")
+        (tmp_path / "recipe.yaml").write_text(_blocks(page, "yaml")[0], encoding="utf-8")
+        paths = [str(site), str(ROOT), os.environ.get("PYTHONPATH", "")]
+        return {**os.environ, "PYTHONPATH": os.pathsep.join(paths), "DANCEDATA_CACHE": str(tmp_path / "cache")}
+
+    return install
+
+
+def _dancedata(environment: dict[str, str], folder: Path, *arguments: str) -> str:
+    command = [sys.executable, "-W", "error", "-m", "dancedata", *arguments]
+    done = subprocess.run(command, env=environment, cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.mark.parametrize("scope", ["track", "window"])
+def test_added_feature_builds(plug_in, tmp_path: Path, scope: str) -> None:
+    environment = plug_in("docs/add-a-feature.md", "audio", "loudness")
+    assert "loudness" in json.loads(_dancedata(environment, tmp_path, "list", "--json"))["audio features"]
+    _dancedata(environment, tmp_path, "build", "recipe.yaml", "--out", "out", "--jobs", "2", "--set", f"scope={scope}")
+    about = json.loads(_dancedata(environment, tmp_path, "info", "out", "--json"))
+    assert about["fields"]["loudness"]["columns"] == 1
+    assert json.loads(_dancedata(environment, tmp_path, "check", "out", "--json"))["ok"]
+
+
+def test_added_dataset_builds(plug_in, tmp_path: Path) -> None:
+    environment = plug_in("docs/add-a-dataset.md", "datasets", "pairs")
+    make = "import pathlib, my_pairs; my_pairs.Pairs().make_example(pathlib.Path('source'))"
+    subprocess.run([sys.executable, "-c", make], env=environment, cwd=tmp_path, check=True)
+    (tmp_path / "source" / "train" / "silent.npz").write_bytes(b"not a zip")
+    (tmp_path / "source" / "train" / "broken.npz").write_bytes(b"not a zip")
+    (tmp_path / "source" / "train" / "broken.wav").write_bytes((tmp_path / "source/train/step.wav").read_bytes())
+    _dancedata(environment, tmp_path, "build", "recipe.yaml", "--source", "source", "--out", "out", "--jobs", "1")
+    about = json.loads(_dancedata(environment, tmp_path, "info", "out", "--json"))
+    assert {split: n["clips"] for split, n in about["counts"].items()} == {"train": 1, "test": 1}
+    assert about["rejects"] == {"broken_file": 1, "missing_music": 1}
+    assert json.loads(_dancedata(environment, tmp_path, "check", "out", "--json"))["ok"]
+
+
+@pytest.mark.parametrize("page", ["README.md", "CHANGELOG.md", *sorted(str(p.relative_to(ROOT)) for p in (ROOT / "docs").rglob("*.md"))])
+def test_links_lead_somewhere(page: str) -> None:
+    text = (ROOT / page).read_text(encoding="utf-8")
+    for target in re.findall(r"\]\(([^)#]+)[^)]*\)", text):
+        if "://" not in target:
+            assert (ROOT / page).parent.joinpath(target).exists(), target

@@ -1,0 +1,314 @@
+"""Bad input beside good: each has its reason and a clear message, and the rest is built unharmed."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import soundfile
+
+import dancedata
+from dancedata.core.errors import RecipeError, SourceError, StoreError
+from dancedata.pipeline.recipe import load_recipe
+from dancedata.store import verify_store
+
+GOOD = "gHO_sBM_cAll_d19_mHO3_ch03"
+RATE = 48_000
+
+
+class Attack:
+    """Runs a command when it is unpickled without care."""
+
+    def __init__(self, command: str) -> None:
+        self.command = command
+
+    def __reduce__(self) -> tuple[Any, tuple[str]]:
+        return os.system, (self.command,)
+
+
+def name_of(number: int) -> str:
+    """Name of a clip that is not in the corpus, to a song that is."""
+    return f"gHO_sBM_cAll_d19_mHO3_ch{number:02d}"
+
+
+def tone(seconds: float, channels: int = 1) -> np.ndarray[Any, Any]:
+    """Clicks over a tone."""
+    time_s = np.arange(int(seconds * RATE)) / RATE
+    samples = 0.3 * np.sin(2 * np.pi * 220 * time_s) + 0.3 * (time_s % 0.5 < 0.01)
+    return samples if channels == 1 else np.stack([samples, 0.5 * samples], axis=1)
+
+
+#: Clip -> (what is wrong, reason, what the message says besides the file's name).
+MOTIONS = {
+    name_of(11): ("truncated", "broken_file", "truncated"),
+    name_of(12): ("attack", "unsafe_pickle", "posix.system"),
+    name_of(13): ("nan", "nan", "frame 7"),
+    name_of(14): ("shape", "bad_shape", "(360, 71)"),
+    name_of(15): ("no frames", "empty", "no frames"),
+    name_of(16): ("no scaling", "missing_key", "smpl_scaling"),
+    name_of(17): ("lengths", "length_mismatch", "360 and 359 frames"),
+    name_of(18): ("short", "too_short", "120 frames at 60 a second (2.00 s)"),
+    name_of(19): ("no bytes", "broken_file", "EOFError"),
+}
+#: Song -> (what is wrong, reason, what the message says besides the file's name).
+SONGS = {
+    "mBR1": ("0 samples", "empty_audio", "0 samples"),
+    "mBR2": ("0 bytes", "broken_audio", "0 bytes"),
+    "mBR3": ("no audio", "broken_audio", "cannot be decoded"),
+    "mBR4": ("nan", "nan", "NaN"),
+    "mBR5": ("short", "too_short", "3.00 s of music"),
+    "mPO1": ("missing", "missing_music", "mPO1"),
+}
+#: Song -> how it is stored. All of these are fine.
+FORMATS = {
+    "mHO0": ("wav", "PCM_U8", 1),
+    "mHO1": ("wav", "FLOAT", 2),
+    "mHO2": ("wav", "PCM_24", 2),
+    "mLH0": ("mp3", None, 2),
+    "mLH1": ("ogg", None, 1),
+    "mLH2": ("flac", None, 2),
+    "mLH3": ("wav", "PCM_16", 2),
+}
+
+
+def clip_to(song: str) -> str:
+    """Name of a clip danced to a song."""
+    return f"g{song[1:3]}_sBM_cAll_d04_{song}_ch01"
+
+
+def bad_pickle(kind: str, good: bytes, marker: Path) -> bytes:
+    content = pickle.loads(good)
+    poses = content["smpl_poses"]
+    if kind == "nan":
+        poses[7, 3] = np.nan
+    changes: dict[str, Any] = {
+        "shape": {"smpl_poses": poses[:, :71]},
+        "no frames": {"smpl_poses": poses[:0], "smpl_trans": content["smpl_trans"][:0]},
+        "lengths": {"smpl_trans": content["smpl_trans"][:-1]},
+        "short": {"smpl_poses": poses[:120], "smpl_trans": content["smpl_trans"][:120]},
+        "attack": {"smpl_loss": Attack(f"touch '{marker}'")},
+    }
+    content.update(changes.get(kind, {}))
+    if kind == "no scaling":
+        del content["smpl_scaling"]
+    data = pickle.dumps(content)
+    return data[: {"truncated": len(data) // 2, "no bytes": 0}.get(kind, len(data))]
+
+
+def write_bad_song(path: Path, kind: str) -> None:
+    if kind in ("0 bytes", "no audio"):
+        path.write_bytes(b"" if kind == "0 bytes" else b"this is no music at all" * 100)
+    elif kind != "missing":
+        samples = tone({"0 samples": 0, "short": 3}.get(kind, 7))
+        if kind == "nan":
+            samples[1000] = np.nan
+        soundfile.write(path, samples, RATE, subtype="FLOAT")
+
+
+class Bad:
+    """A source with all that can be wrong in it, and what was built of it."""
+
+    def __init__(self, root: Path, corpus: Path) -> None:
+        self.source = shutil.copytree(corpus, root / "bad source ø")
+        self.out = root / "out"
+        self.marker = root / "executed"
+        motions, wavs = self.source / "motions", self.source / "wavs"
+        good = (motions / f"{GOOD}.pkl").read_bytes()
+        for clip, (kind, _, _) in MOTIONS.items():
+            (motions / f"{clip}.pkl").write_bytes(bad_pickle(kind, good, self.marker))
+        for song, (kind, _, _) in SONGS.items():
+            (motions / f"{clip_to(song)}.pkl").write_bytes(good)
+            write_bad_song(wavs / f"{song}.wav", kind)
+        for song, (suffix, subtype, channels) in FORMATS.items():
+            (motions / f"{clip_to(song)}.pkl").write_bytes(good)
+            soundfile.write(wavs / f"{song}.{suffix}", tone(7, channels), RATE, subtype=subtype)
+        # 5.6 s of music for 6 s of motion: the third window has none.
+        (motions / f"{clip_to('mKR0')}.pkl").write_bytes(good)
+        soundfile.write(wavs / "mKR0.wav", tone(5.6), RATE)
+        (motions / "my dance ☃.pkl").write_bytes(good)
+        (wavs / "my song ☃.wav").write_bytes((wavs / "mKR0.wav").read_bytes())
+
+
+@pytest.fixture(scope="module")
+def bad(corpus: Path, run_build: Any, tmp_path_factory: pytest.TempPathFactory) -> Bad:
+    made = Bad(tmp_path_factory.mktemp("bad"), corpus)
+    run_build(made.source, made.out, set=["dataset.aist++.split=all"])
+    return made
+
+
+def reject_of(bad: Bad, rejects: Any, **wanted: Any) -> dict[str, Any]:
+    found = [r for r in rejects(bad.out) if all(r.get(k) == v for k, v in wanted.items())]
+    assert len(found) == 1, f"{wanted} is there {len(found)} times"
+    return found[0]
+
+
+@pytest.mark.parametrize(("clip", "kind", "reason", "said"), [(c, *v) for c, v in MOTIONS.items()])
+def test_a_bad_motion_is_set_aside(bad: Bad, rejects: Any, clip: str, kind: str, reason: str, said: str):
+    reject = reject_of(bad, rejects, clip=clip)
+    assert reject["reason"] == reason
+    assert reject["file"] == f"motions/{clip}.pkl"
+    assert clip in reject["detail"]
+    assert said in reject["detail"]
+
+
+def test_the_attack_was_not_run(bad: Bad):
+    path = bad.source / "motions" / f"{name_of(12)}.pkl"
+    assert not bad.marker.exists()
+    pickle.loads(path.read_bytes())
+    assert bad.marker.exists(), "the test's attack is none"
+
+
+@pytest.mark.parametrize(("song", "kind", "reason", "said"), [(s, *v) for s, v in SONGS.items()])
+def test_a_clip_to_a_bad_song_is_set_aside(bad: Bad, rejects: Any, song: str, kind: str, reason: str, said: str):
+    found = [r for r in rejects(bad.out) if r.get("clip") == clip_to(song) and r["reason"] != "no_audio"]
+    assert [r["reason"] for r in found] == [reason]
+    assert song in found[0]["detail"]
+    assert said in found[0]["detail"]
+
+
+def test_windows_beyond_the_end_of_the_music_are_left_out_one_by_one(bad: Bad, rejects: Any):
+    clip = clip_to("mKR0")
+    reject = reject_of(bad, rejects, reason="no_audio", clip=clip)
+    assert (reject["window"], reject["numbers"]) == (30, {"audio_s": 5.6})
+    assert "mKR0.wav" in reject["detail"]
+    with dancedata.open(bad.out) as ds:
+        assert [w.start for w in ds.windows("all") if w.clip == clip] == [0, 15]
+
+
+@pytest.mark.parametrize("song", FORMATS)
+def test_every_common_format_is_read(bad: Bad, song: str):
+    suffix = FORMATS[song][0]
+    path = bad.source / "wavs" / f"{song}.{suffix}"
+    with dancedata.open(bad.out) as ds:
+        clip = ds.clip(clip_to(song))
+        rows = clip.read("librosa35")
+        wanted = dancedata.extract("librosa35", path, start_bpm=clip.record.tempo_bpm)
+    assert np.array_equal(rows, wanted[: len(rows)])
+    assert len(rows) >= 180
+    assert rows[:, 0].max() > 1, "the clicks are heard"
+
+
+@pytest.mark.parametrize("file", ["motions/my dance ☃.pkl", "wavs/my song ☃.wav"])
+def test_a_file_with_a_name_of_ones_own_is_reported(bad: Bad, rejects: Any, file: str):
+    assert "named" in reject_of(bad, rejects, reason="extra_file", file=file)["detail"]
+
+
+def test_the_other_clips_are_unharmed(bad: Bad, built: Path):
+    assert [p for p in verify_store(bad.out) if p.severity == "error"] == []
+    with dancedata.open(bad.out) as ds, dancedata.open(built) as whole:
+        ids = {c.id for c in whole.clips}
+        assert {c.id for c in ds.clips} == ids | {clip_to(s) for s in (*FORMATS, "mKR0")}
+        for clip in ids:
+            for field in ("edge151", "librosa35"):
+                assert ds.clip(clip).read(field).tobytes() == whole.clip(clip).read(field).tobytes()
+        for clip in ids:
+            starts = [[w.start for w in s.windows(s.clip(clip).record.split) if w.clip == clip] for s in (ds, whole)]
+            assert starts[0] == starts[1] != []
+
+
+def test_no_reject_says_where_the_source_lies(bad: Bad):
+    assert str(bad.source.parent) not in (bad.out / "rejects.jsonl").read_text(encoding="utf-8")
+
+
+def test_rejects_are_counted_in_the_card_and_in_dataset_json(bad: Bad, rejects: Any):
+    reasons = [r["reason"] for r in rejects(bad.out)]
+    with dancedata.open(bad.out) as ds:
+        assert ds.meta["rejects"] == {r: reasons.count(r) for r in sorted(set(reasons))}
+    assert "- unsafe_pickle: 1" in (bad.out / "README.md").read_text(encoding="utf-8")
+
+
+def test_bad_input_is_set_aside_in_window_scope_too(bad: Bad, run_build: Any, rejects: Any, out: Path):
+    # A few clips are enough: what is set aside before scopes differ was seen above.
+    few = bad.source.parent / "few"
+    if not few.exists():
+        shutil.copytree(bad.source, few)
+        keep = [clip_to(s) for s in ("mBR1", "mBR5", "mKR0")] + [name_of(13), name_of(18)]
+        for path in (few / "motions").iterdir():
+            if path.stem not in keep:
+                path.unlink()
+    run_build(few, out, "aist++-edge-exact", set=["dataset.aist++.split=all", "windows.stride_s=0.25"])
+    found = {(r["reason"], r.get("clip"), r.get("window")) for r in rejects(out) if r.get("clip")}
+    assert found >= {
+        ("empty_audio", clip_to("mBR1"), None),
+        ("too_short", clip_to("mBR5"), None),
+        ("nan", name_of(13), None),
+        ("too_short", name_of(18), None),
+    } | {("no_audio", clip_to("mKR0"), start) for start in (21, 28)}
+    with dancedata.open(out) as ds:
+        assert [w.start for w in ds.windows("all")] == [0, 7, 14]
+
+
+def folder_error(run_build: Any, source: Path, out: Path) -> str:
+    with pytest.raises(SourceError) as caught:
+        run_build(source, out)
+    return str(caught.value)
+
+
+def test_an_empty_folder_says_what_was_looked_for(run_build: Any, tmp_path: Path, out: Path):
+    (tmp_path / "empty").mkdir()
+    text = folder_error(run_build, tmp_path / "empty", out)
+    assert all(part in text for part in ("empty: ", "motions/*.pkl", "found nothing"))
+
+
+def test_a_wrong_folder_says_what_was_looked_for_and_what_is_there(run_build: Any, tmp_path: Path, out: Path):
+    (tmp_path / "wrong" / "holiday photos").mkdir(parents=True)
+    (tmp_path / "wrong" / "list.txt").write_text("")
+    text = folder_error(run_build, tmp_path / "wrong", out)
+    assert all(part in text for part in ("motions/*.pkl", "holiday photos/", "list.txt"))
+
+
+@pytest.mark.parametrize("place", ["a file", "below a file", "/proc/dancedata/out", "/sys/dancedata"])
+def test_an_output_that_cannot_be_written_is_named(run_build: Any, corpus: Path, tmp_path: Path, place: str):
+    # Not by permissions: tests may run as root, whom these do not stop. A file in the way and /proc do.
+    file = tmp_path / "file"
+    file.write_text("mine")
+    out = {"a file": file, "below a file": file / "out"}.get(place, Path(place))
+    with pytest.raises(StoreError) as caught:
+        run_build(corpus, out)
+    assert str(out) in str(caught.value)
+    assert "the output folder cannot be written" in str(caught.value)
+    assert file.read_text() == "mine"
+
+
+def test_an_output_without_permission_is_named(
+    run_build: Any, corpus: Path, out: Path, monkeypatch: pytest.MonkeyPatch
+):
+    def refuse(self: Path, *args: Any, **options: Any) -> None:
+        raise PermissionError(13, "Permission denied", str(self))
+
+    monkeypatch.setattr(Path, "mkdir", refuse)
+    with pytest.raises(StoreError, match=r"the output folder cannot be written; found .*Permission denied"):
+        run_build(corpus, out)
+
+
+@pytest.mark.parametrize("place", ["a file", "/proc/dancedata"])
+def test_a_cache_that_cannot_be_written_is_named(run_build: Any, corpus: Path, tmp_path: Path, out: Path, place: str):
+    file = tmp_path / "file"
+    file.write_text("mine")
+    cache = file if place == "a file" else Path(place)
+    with pytest.raises(StoreError) as caught:
+        run_build(corpus, out, cache=cache)
+    assert f"{cache}: the cache cannot be written" in str(caught.value)
+    assert "DANCEDATA_CACHE" in str(caught.value)
+    assert not out.exists()
+
+
+def test_an_unknown_key_of_a_recipe_is_named_and_nothing_is_built(tmp_path: Path):
+    path = tmp_path / "mine.yaml"
+    path.write_text("recipe: 1\nname: mine\ndataset: aist++\nwindow: {length_s: 5, stride_s: 1}\nmotion: edge151\n")
+    with pytest.raises(RecipeError, match=r"window: unknown key; did you mean 'windows'"):
+        load_recipe(path)
+
+
+def test_a_missing_motion_that_a_list_names_is_reported(
+    run_build: Any, source: Path, out: Path, rejects: Callable[[Path], Any]
+):
+    (source / "motions" / f"{GOOD}.pkl").unlink()
+    run_build(source, out)
+    assert [(r["reason"], r["clip"]) for r in rejects(out)] == [("missing_motion", GOOD)]

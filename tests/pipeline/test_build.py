@@ -1,0 +1,345 @@
+"""Builds: equal bytes whatever the way there, nothing twice, nothing of others touched, nothing half."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from filelock import FileLock
+
+import dancedata
+from dancedata.audio.librosa35 import Librosa35
+from dancedata.core.errors import DataError, SourceError, StoreError
+from dancedata.datasets.aistpp import AistPP
+from dancedata.datasets.synthetic import Synthetic
+from dancedata.pipeline import build as build_module
+from dancedata.store import verify_store
+
+Hashes = Callable[[Path], dict[str, str]]
+TRAIN = "gHO_sBM_cAll_d19_mHO3_ch03"
+FILES = {
+    "README.md",
+    "dataset.json",
+    "quality.jsonl",
+    "rejects.jsonl",
+    "stats.json",
+    "train-00000-of-00001.h5",
+    "val-00000-of-00001.h5",
+    "test-00000-of-00001.h5",
+}
+
+
+def count_calls(monkeypatch: pytest.MonkeyPatch, cls: type[Any], name: str) -> list[str]:
+    """Record the calls of a method."""
+    calls: list[str] = []
+    original = getattr(cls, name)
+
+    def counted(self: Any, *args: Any, **options: Any) -> Any:
+        calls.append(name)
+        return original(self, *args, **options)
+
+    monkeypatch.setattr(cls, name, counted)
+    return calls
+
+
+def break_clip(source: Path, clip: str = TRAIN) -> None:
+    """Leave half of a motion pickle."""
+    path = source / "motions" / f"{clip}.pkl"
+    path.write_bytes(path.read_bytes()[:1000])
+
+
+@pytest.mark.parametrize("scope", ["track", "window"])
+def test_a_built_dataset_is_whole_and_sound(built_in: dict[str, Path], scope: str):
+    assert {p.name for p in built_in[scope].iterdir()} == FILES
+    assert [p for p in verify_store(built_in[scope]) if p.severity == "error"] == []
+    with dancedata.open(built_in[scope]) as ds:
+        assert ds.splits == ("train", "val", "test")
+        window = ds.windows("train")[0]
+        assert ds.read(window, "edge151").shape == (150, 151)
+        assert ds.read(window, "librosa35").shape == (150, 35)
+
+
+def test_two_jobs_give_the_same_bytes(
+    run_build: Any, corpus: Path, built: Path, out: Path, tmp_path: Path, hashes: Any
+):
+    run_build(corpus, out, jobs=2, cache=tmp_path / "cache")
+    assert hashes(out) == hashes(built)
+
+
+def test_a_source_elsewhere_made_in_another_order_gives_the_same_bytes(
+    run_build: Any, corpus: Path, built: Path, out: Path, tmp_path: Path, hashes: Hashes
+):
+    elsewhere = tmp_path / "мои dänce 舞 files"
+    for path in sorted(corpus.rglob("*"), reverse=True):
+        if path.is_file():
+            target = elsewhere / path.relative_to(corpus)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(path, target)
+    run_build(elsewhere, out, cache=tmp_path / "cache")
+    assert hashes(out) == hashes(built)
+
+
+def test_the_second_time_nothing_is_done(run_build: Any, corpus: Path, built_copy: Path):
+    before = {p: p.stat() for p in built_copy.iterdir()}
+    assert run_build(corpus, built_copy).built is False
+    assert {p: p.stat() for p in built_copy.iterdir()} == before
+
+
+def test_another_recipe_is_refused_with_the_difference(
+    run_build: Any, corpus: Path, built_copy: Path, hashes: Hashes
+):
+    before = hashes(built_copy)
+    with pytest.raises(StoreError) as caught:
+        run_build(corpus, built_copy, set=["windows.stride_s=1", "audio.librosa35.tightness=50"])
+    assert "windows.stride_frames: 15 there, 30 now" in str(caught.value)
+    assert "audio.librosa35.tightness: 100.0 there, 50.0 now" in str(caught.value)
+    assert hashes(built_copy) == before
+
+
+@pytest.mark.parametrize("change", ["motion", "song", "split", "fewer"])
+def test_another_source_is_refused(run_build: Any, source: Path, built_copy: Path, hashes: Hashes, change: str):
+    before = hashes(built_copy)
+    motion = source / "motions" / f"{TRAIN}.pkl"
+    if change == "motion":
+        content = pickle.loads(motion.read_bytes())
+        content["smpl_trans"][0, 0] += 1
+        motion.write_bytes(pickle.dumps(content))
+    elif change == "song":
+        wav = source / "wavs" / "mHO3.wav"
+        wav.write_bytes(wav.read_bytes()[:-2] + b"\x01\x01")
+    elif change == "split":
+        lists = source / "splits"
+        (lists / "crossmodal_val.txt").rename(lists / "spare")
+        (lists / "crossmodal_test.txt").rename(lists / "crossmodal_val.txt")
+        (lists / "spare").rename(lists / "crossmodal_test.txt")
+    else:
+        motion.unlink()
+    with pytest.raises(StoreError, match="made from another source"):
+        run_build(source, built_copy)
+    assert hashes(built_copy) == before
+
+
+def test_overwrite_puts_the_new_dataset_in_the_place_of_the_old(run_build: Any, corpus: Path, built_copy: Path):
+    assert run_build(corpus, built_copy, set=["windows.stride_s=1"], overwrite=True).built
+    assert {p.name for p in built_copy.iterdir()} == FILES
+    assert [p.name for p in built_copy.parent.iterdir()] == ["out"]
+    with dancedata.open(built_copy) as ds:
+        assert [w.start for w in ds.windows("val")] == [0, 30]
+
+
+def test_overwrite_that_fails_leaves_the_old_dataset(
+    run_build: Any, corpus: Path, built_copy: Path, hashes: Hashes, monkeypatch: pytest.MonkeyPatch
+):
+    def fail(folder: Path, *args: Any, **options: Any) -> None:
+        (folder / "half").write_text("")
+        raise StoreError("the disk is full")
+
+    before = hashes(built_copy)
+    monkeypatch.setattr(build_module, "write_store", fail)
+    with pytest.raises(StoreError, match="disk is full"):
+        run_build(corpus, built_copy, set=["windows.stride_s=1"], overwrite=True)
+    assert hashes(built_copy) == before
+    assert [p.name for p in built_copy.parent.iterdir()] == ["out"]
+
+
+def test_overwrite_through_a_link_replaces_what_it_leads_to(run_build: Any, corpus: Path, built_copy: Path):
+    link = built_copy.parent.parent / "link"
+    link.symlink_to(built_copy)
+    run_build(corpus, link, set=["windows.stride_s=1"], overwrite=True)
+    assert link.is_symlink()
+    with dancedata.open(built_copy) as ds:
+        assert ds.meta["windows"]["stride"] == 30
+    assert [p.name for p in built_copy.parent.iterdir()] == ["out"]
+
+
+@pytest.mark.parametrize("overwrite", [False, True])
+@pytest.mark.parametrize("name", ["thesis.tex", "README.md", "stats.json", ".hidden"])
+def test_files_of_others_are_refused_untouched(
+    run_build: Any, corpus: Path, out: Path, hashes: Hashes, name: str, overwrite: bool
+):
+    out.mkdir(parents=True)
+    (out / name).write_text("mine")
+    before = hashes(out)
+    with pytest.raises(StoreError) as caught:
+        run_build(corpus, out, overwrite=overwrite)
+    assert name in str(caught.value)
+    assert str(out) in str(caught.value)
+    assert hashes(out) == before
+
+
+def test_files_of_others_beside_a_dataset_are_refused_too(run_build: Any, corpus: Path, built_copy: Path):
+    (built_copy / "notes.txt").write_text("mine")
+    with pytest.raises(StoreError, match=r"found notes.txt"):
+        run_build(corpus, built_copy, set=["windows.stride_s=1"], overwrite=True)
+    assert (built_copy / "notes.txt").read_text() == "mine"
+
+
+def test_a_second_writer_fails_at_once(run_build: Any, corpus: Path, out: Path):
+    out.mkdir(parents=True)
+    with FileLock(out / ".lock"), pytest.raises(StoreError, match="another build is writing there"):
+        run_build(corpus, out)
+    assert run_build(corpus, out).built
+
+
+def test_a_lock_that_a_killed_build_left_is_no_hindrance(run_build: Any, corpus: Path, out: Path):
+    out.mkdir(parents=True)
+    (out / ".lock").write_text("")
+    assert run_build(corpus, out).built
+    assert {p.name for p in out.iterdir()} == FILES
+
+
+def test_what_a_killed_build_left_is_replaced(run_build: Any, corpus: Path, built: Path, out: Path, hashes: Hashes):
+    out.mkdir(parents=True)
+    for name in ("train-00000-of-00009.h5", "README.md", "stats.json", ".stats.json.x1.tmp", ".lock"):
+        (out / name).write_text("half")
+    (out.parent / ".out.new").mkdir()
+    (out.parent / ".out.new" / "train-00000-of-00001.h5").write_text("half")
+    run_build(corpus, out)
+    assert hashes(out) == hashes(built)
+    assert [p.name for p in out.parent.iterdir()] == ["out"]
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+import {module} as module
+def kill(*args): os.kill(os.getpid(), signal.SIGKILL)
+{patch}
+from dancedata.pipeline.build import build
+from dancedata.pipeline.recipe import load_recipe
+build(load_recipe("aist++"), Path(sys.argv[1]), Path(sys.argv[2]), overwrite=True)
+"""
+
+
+@pytest.mark.parametrize(
+    ("module", "patch"),
+    [
+        ("dancedata.store.writer", "module._write_document = kill"),
+        ("dancedata.pipeline.build", "rename = os.rename; os.rename = lambda a, b: (rename(a, b), kill())"),
+    ],
+    ids=["before dataset.json", "in the middle of a swap"],
+)
+def test_a_build_goes_on_after_a_kill(
+    run_build: Any, corpus: Path, built: Path, built_copy: Path, hashes: Hashes, module: str, patch: str
+):
+    if "writer" in module:
+        shutil.rmtree(built_copy)
+    script = KILLED.format(module=module, patch=patch)
+    killed = subprocess.run([sys.executable, "-c", script, str(corpus), str(built_copy)], check=False)
+    assert killed.returncode == -signal.SIGKILL
+    with pytest.raises(StoreError, match="no finished dataset"):
+        dancedata.open(built_copy)
+    assert run_build(corpus, built_copy).built
+    assert hashes(built_copy) == hashes(built)
+    assert [p.name for p in built_copy.parent.iterdir()] == ["out"]
+
+
+@pytest.mark.parametrize(("scope", "extract"), [("aist++", "extract"), ("aist++-edge-exact", "extract_windows")])
+def test_what_is_in_the_cache_is_not_computed_again(
+    run_build: Any, built: Path, source: Path, out: Path, monkeypatch: pytest.MonkeyPatch, scope: str, extract: str
+):
+    loads = count_calls(monkeypatch, AistPP, "load")
+    extracts = count_calls(monkeypatch, Librosa35, extract)
+    # Equal content in another folder, cut otherwise where windows are no part of what is computed.
+    stride = ["windows.stride_s=1"] if scope == "aist++" else []
+    run_build(source, out, scope, set=[*stride, "name=another"])
+    assert (loads, extracts) == ([], [])
+
+
+def test_another_parameter_of_the_audio_recomputes_no_motion(
+    run_build: Any, built: Path, corpus: Path, out: Path, monkeypatch: pytest.MonkeyPatch
+):
+    loads = count_calls(monkeypatch, AistPP, "load")
+    extracts = count_calls(monkeypatch, Librosa35, "extract")
+    run_build(corpus, out, set=["audio.librosa35.tightness=1"])
+    assert loads == []
+    assert len(extracts) == 2
+    with dancedata.open(out) as new, dancedata.open(built) as old:
+        clip = new.clips[0].id
+        assert np.array_equal(new.clip(clip).read("edge151"), old.clip(clip).read("edge151"))
+        assert not np.array_equal(new.clip(clip).read("librosa35"), old.clip(clip).read("librosa35"))
+
+
+def test_another_contact_rule_recomputes_no_audio(
+    run_build: Any, built: Path, corpus: Path, out: Path, monkeypatch: pytest.MonkeyPatch
+):
+    extracts = count_calls(monkeypatch, Librosa35, "extract")
+    run_build(corpus, out, set=["motion.edge151.contacts.velocity.max_speed_m_s=1"])
+    assert extracts == []
+    with dancedata.open(out) as new, dancedata.open(built) as old:
+        contacts = [ds.clip(TRAIN).read("edge151")[:, :4] for ds in (new, old)]
+    assert (contacts[0] > contacts[1]).any()
+
+
+def test_a_damaged_entry_of_the_cache_is_made_again(
+    run_build: Any, corpus: Path, built: Path, cache: Path, out: Path, tmp_path: Path, hashes: Hashes
+):
+    damaged = shutil.copytree(cache, tmp_path / "cache")
+    paths = list(damaged.rglob("*.npy")) + list(damaged.rglob("*.json"))
+    assert len(paths) > 10
+    for path in paths:
+        os.truncate(path, path.stat().st_size // 2)
+    run_build(corpus, out, cache=damaged)
+    assert hashes(out) == hashes(built)
+
+
+def test_a_clip_that_shares_its_song_shares_its_rows(built: Path):
+    with dancedata.open(built) as ds:
+        one, two = (c.id for c in ds.clips if c.split == "train")
+        assert np.array_equal(ds.clip(one).read("librosa35"), ds.clip(two).read("librosa35"))
+        shard = built / "train-00000-of-00001.h5"
+        assert shard.stat().st_size < 2 * 180 * 151 * 4 + 2 * len(ds.clip(one).read("librosa35")) * 35 * 4 + 20_000
+
+
+def test_strict_stops_at_a_broken_clip(run_build: Any, source: Path, out: Path):
+    break_clip(source)
+    with pytest.raises(DataError) as caught:
+        run_build(source, out, strict=True)
+    assert caught.value.reason == "broken_file"
+    assert f"{source}/motions/{TRAIN}.pkl" in str(caught.value)
+    assert not out.exists()
+
+
+def test_strict_builds_what_is_whole(run_build: Any, corpus: Path, out: Path):
+    assert run_build(corpus, out, strict=True).built
+
+
+def test_strict_does_not_take_a_dataset_that_left_a_broken_clip_out(run_build: Any, source: Path, out: Path):
+    break_clip(source)
+    assert run_build(source, out).built
+    assert run_build(source, out).built is False
+    with pytest.raises(DataError, match="broken clip"):
+        run_build(source, out, strict=True)
+
+
+def test_nothing_left_to_build_is_an_error_that_says_why(run_build: Any, source: Path, out: Path):
+    for path in (source / "motions").iterdir():
+        break_clip(source, path.stem)
+    with pytest.raises(StoreError, match=r"no clip is left to build from(.|\n)*broken_file: .*pkl"):
+        run_build(source, out)
+    assert not out.exists()
+
+
+def test_a_source_that_is_missing_leaves_no_folder_behind(run_build: Any, out: Path, tmp_path: Path):
+    with pytest.raises(SourceError, match="does not exist"):
+        run_build(tmp_path / "nowhere", out)
+    assert not out.exists()
+
+
+def test_the_demo_writes_its_own_source(run_build: Any, out: Path, tmp_path: Path):
+    small = ["dataset.synthetic.songs=2", "dataset.synthetic.clips_per_song=2", "dataset.synthetic.clip_s=6"]
+    result = run_build(tmp_path / "made", out, "demo", set=small)
+    assert result.built
+    assert (tmp_path / "made" / "motions" / f"{TRAIN}.pkl").is_file()
+    with dancedata.open(out) as ds:
+        assert ds.meta["licence"] == Synthetic.licence
+        assert len(ds.clips) == 4

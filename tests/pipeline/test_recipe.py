@@ -1,0 +1,225 @@
+"""Recipes: what they say, what is wrong with them, and what their hash depends on."""
+
+from __future__ import annotations
+
+import json
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from dancedata.core.errors import RecipeError, UsageError
+from dancedata.core.registry import FEATURES, REPRESENTATIONS
+from dancedata.pipeline.recipe import Recipe, apply_override, load_recipe, parse_recipe, recipe_names
+
+
+def document(**changes: Any) -> dict[str, Any]:
+    """A recipe in its shortest form; a change to None takes the key away."""
+    short: dict[str, Any] = {
+        "recipe": 1,
+        "name": "mine",
+        "dataset": "aist++",
+        "windows": {"length_s": 5, "stride_s": 0.5},
+        "motion": "edge151",
+        "audio": "librosa35",
+    }
+    short.update(changes)
+    return {k: v for k, v in short.items() if v is not None}
+
+
+def problem_of(*, set: tuple[str, ...] = (), **changes: Any) -> str:
+    """What the error of a wrong recipe says."""
+    changed = document(**changes)
+    for override in set:
+        apply_override(changed, override)
+    with pytest.raises(RecipeError) as caught:
+        parse_recipe(changed, where="mine.yaml")
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("name", recipe_names())
+def test_every_recipe_that_comes_with_the_package_is_valid(name: str):
+    assert load_recipe(name).name == name
+
+
+def test_the_parts_of_a_recipe():
+    recipe = parse_recipe(document(motion={"edge151": {"contacts": {"velocity": {"max_speed_m_s": 0.5}}}}))
+    assert (recipe.fps, recipe.scope) == (Fraction(30), "track")
+    assert (recipe.windows.length, recipe.windows.stride, recipe.windows.order) == (150, 15, "time")
+    assert [(s.name, s.contacts.max_speed_m_s) for s in recipe.motion] == [("edge151", 0.5)]
+    assert [f.name for f in recipe.audio] == ["librosa35"]
+
+
+def test_a_representation_brings_its_own_contact_rule():
+    assert parse_recipe(document()).motion[0].contacts.name == "velocity"
+
+
+def test_audio_may_be_left_out():
+    assert parse_recipe(document(audio=None)).audio == ()
+
+
+def test_all_problems_are_listed_at_once():
+    text = problem_of(
+        fsp=30,
+        scope="clip",
+        dataset={"aist+": {}},
+        motion={"edge115": {}},
+        audio={"librosa35": {"tightnes": 1}},
+        windows={"length_s": 5, "length_frames": 150, "stride_s": 0.5},
+    )
+    assert text.startswith("mine.yaml: 6 problems in the recipe")
+    for part in ("fsp", "scope", "'aist++'", "'edge151'", "'tightness'", "length_s and length_frames"):
+        assert part in text
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"windwos": {}}, "windwos: unknown key; did you mean 'windows'?"),
+        ({"windows": {"lenght_s": 5, "stride_s": 1}}, "windows.lenght_s: unknown key; did you mean 'length_s'?"),
+        ({"store": {"shard_bm": 5}}, "store.shard_bm: unknown key; did you mean 'shard_mb'?"),
+        ({"dataset": {"aist++": {"splitt": "all"}}}, "dataset.aist++.splitt: unknown key; did you mean 'split'?"),
+        ({"audio": {"librosa53": {}}}, "unknown audio feature 'librosa53'. Did you mean 'librosa35'?"),
+        (
+            {"motion": {"edge151": {"contacts": "velcity"}}},
+            "unknown contact rule 'velcity'. Did you mean 'velocity'?",
+        ),
+        ({"dataset": {"aist++": {}, "synthetic": {}}}, "dataset: name one dataset"),
+        ({"dataset": None}, "dataset: name one dataset"),
+        ({"motion": None}, "motion: name at least one representation"),
+        ({"name": None}, "name: missing"),
+        ({"recipe": 2}, "recipe: Input should be 1"),
+        ({"fps": "thirty"}, "rate is no number; found 'thirty'"),
+        ({"fps": 0}, "a frame rate must be above 0"),
+        ({"windows": {"length_s": 5}}, "give one of stride_s and stride_frames; found neither"),
+        ({"windows": {"length_frames": 150, "stride_s": 1, "stride_frames": 30}}, "found both"),
+        ({"windows": {"length_s": 5.01, "stride_s": 0.5}}, "windows.length_s is no whole number of frames"),
+        ({"windows": {"length_s": 0, "stride_s": 0.5}}, "the length must be above 0"),
+        ({"dataset": {"aist++": {"ignore": "some"}}}, "dataset.aist++"),
+        ({"audio": {"librosa35": {"tightness": "tight"}}}, "audio.librosa35.tightness"),
+        ({"audio": {"librosa35": [1]}}, "audio.librosa35: parameters are a mapping of keys; found [1]"),
+    ],
+)
+def test_a_problem_says_what_is_wrong(changes: dict[str, Any], said: str):
+    text = problem_of(**changes)
+    assert said in text
+    assert "1 problem in" in text
+
+
+def test_windows_count_at_the_recipes_own_rate():
+    recipe = parse_recipe(document(fps="30000/1001", windows={"length_frames": 150, "stride_frames": 15}))
+    assert recipe.document["fps"] == "30000/1001"
+    assert "no whole number" in problem_of(fps="30000/1001")
+
+
+def test_a_file_that_is_no_yaml_is_named(tmp_path: Path):
+    path = tmp_path / "bad.yaml"
+    path.write_text("recipe: [1")
+    with pytest.raises(RecipeError, match="bad.yaml: the recipe cannot be read"):
+        load_recipe(path)
+    path.write_text("- recipe")
+    with pytest.raises(RecipeError, match="a mapping of keys; found list"):
+        load_recipe(path)
+
+
+def test_a_recipe_that_is_not_there(tmp_path: Path):
+    with pytest.raises(UsageError, match="there is no such recipe file"):
+        load_recipe(tmp_path / "none.yaml")
+    with pytest.raises(UsageError, match=r"unknown recipe 'aist\+'. Did you mean 'aist\+\+'"):
+        load_recipe("aist+")
+
+
+def load(tmp_path: Path, *overrides: str, **changes: Any) -> Recipe:
+    """Read a recipe from a file, with overrides; JSON is YAML."""
+    path = tmp_path / "mine.yaml"
+    path.write_text(json.dumps(document(**changes)))
+    return load_recipe(path, overrides)
+
+
+def test_overrides_reach_every_level(tmp_path: Path):
+    recipe = load(
+        tmp_path,
+        "scope=window",
+        "windows.stride_s=1",
+        "audio.librosa35.tightness=50",
+        "dataset.aist++.split=all",
+        "motion.edge151.contacts.velocity.max_speed_m_s=0.2",
+    )
+    assert (recipe.scope, recipe.windows.stride, recipe.dataset.split) == ("window", 30, "all")
+    assert recipe.audio[0].tightness == 50
+    assert recipe.motion[0].contacts.max_speed_m_s == 0.2
+
+
+def test_a_length_in_seconds_takes_the_place_of_one_in_frames_and_the_other_way_round(tmp_path: Path):
+    frames = {"length_frames": 150, "stride_frames": 15}
+    recipe = load(tmp_path, "windows.length_s=4", "windows.stride_s=1", windows=frames)
+    assert (recipe.windows.length, recipe.windows.stride) == (120, 30)
+    recipe = load(tmp_path, "windows.length_frames=60", "windows.stride_frames=6")
+    assert (recipe.windows.length, recipe.windows.stride) == (60, 6)
+
+
+@pytest.mark.parametrize("override", ["windows.stride_s", "=3", "windows..stride_s=1", "audio={"])
+def test_an_override_that_is_none_is_wrong_usage(tmp_path: Path, override: str):
+    with pytest.raises(UsageError):
+        load(tmp_path, override)
+
+
+def test_an_unknown_key_in_an_override_is_named(tmp_path: Path):
+    with pytest.raises(RecipeError, match=r"windows.strid_s: unknown key; did you mean 'stride_s'"):
+        load(tmp_path, "windows.strid_s=1")
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"name": "another", "description": "Something else."},
+        {"windows": {"stride_frames": 15, "length_frames": 150}},
+        {"audio": {"librosa35": {"tightness": 100}}},
+        {"audio": {"librosa35": {"tightness": 100.0}}},
+        {"fps": "30", "scope": "track", "store": {"shard_mb": 256}},
+        {"motion": {"edge151": {"contacts": {"velocity": {"max_speed_m_s": 0.3}}}}},
+        {"dataset": {"aist++": {"split_dir": "elsewhere"}}},
+    ],
+)
+def test_the_hash_does_not_depend_on_wording(changes: dict[str, Any]):
+    assert parse_recipe(document(**changes)).sha256 == parse_recipe(document()).sha256
+
+
+def test_the_hash_does_not_depend_on_the_order_of_keys():
+    backwards = dict(reversed(document().items()))
+    assert parse_recipe(backwards).sha256 == parse_recipe(document()).sha256
+
+
+def test_neither_hash_nor_fields_depend_on_the_order_of_plugins(monkeypatch: pytest.MonkeyPatch):
+    for registry, known, other in ((REPRESENTATIONS, "edge151", "another"), (FEATURES, "librosa35", "another")):
+        cls = registry.get(known)
+        monkeypatch.setitem(registry._classes, other, type("Another", (cls,), {"name": other}))
+    one = parse_recipe(document(motion={"edge151": {}, "another": {}}, audio={"librosa35": {}, "another": {}}))
+    two = parse_recipe(document(motion={"another": {}, "edge151": {}}, audio={"another": {}, "librosa35": {}}))
+    assert one.sha256 == two.sha256
+    assert [s.name for s in one.motion] == [s.name for s in two.motion]
+    assert [f.name for f in one.audio] == [f.name for f in two.audio]
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"scope": "window"},
+        {"fps": 60},
+        {"audio": {"librosa35": {"tightness": 99}}},
+        {"audio": None},
+        {"windows": {"length_s": 5, "stride_s": 0.5, "order": "name"}},
+        {"dataset": {"aist++": {"split": "all"}}},
+        {"store": {"shard_mb": 16}},
+    ],
+)
+def test_the_hash_changes_with_what_shapes_the_result(changes: dict[str, Any]):
+    assert parse_recipe(document(**changes)).sha256 != parse_recipe(document()).sha256
+
+
+def test_the_document_is_a_recipe_again():
+    recipe = parse_recipe(document(description="About it."))
+    again = parse_recipe(json.loads(json.dumps(recipe.document)))
+    assert again.document == recipe.document
+    assert again.sha256 == recipe.sha256
