@@ -123,7 +123,11 @@ def plan(
 
     made = load_recipe(recipe, overrides or ())
     target = out or Path("data") / made.name
-    found = make_plan(made, _source_of(made, source, target), jobs=jobs, progress=Progress(quiet=quiet or as_json))
+    progress = Progress(quiet=quiet or as_json)
+    folder = _source_of(made, source, target)
+    if not folder.exists() and getattr(made.dataset, "generates", False):
+        progress.say(f"the dataset {made.dataset.name} writes its own source: {folder}")
+    found = make_plan(made, folder, jobs=jobs, progress=progress)
     if as_json:
         _print_json(found.to_json())
     else:

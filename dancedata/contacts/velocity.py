@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -36,7 +37,7 @@ class Velocity:
 
     def __post_init__(self) -> None:
         """Check the limit."""
-        if not self.max_speed_m_s > 0:
+        if not (self.max_speed_m_s > 0 and math.isfinite(self.max_speed_m_s)):
             raise UsageError(
                 "max_speed_m_s must be above 0", found=self.max_speed_m_s, allowed="metres a second, > 0"
             )

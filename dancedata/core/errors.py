@@ -47,7 +47,9 @@ class DanceDataError(Exception):
         if self.fix:
             # A sentence begins with a capital, a file name or key keeps its own.
             first = self.fix.split(maxsplit=1)[0]
-            text += f". {self.fix[:1].upper()}{self.fix[1:]}" if first.rstrip(",:").isalpha() else f". {self.fix}"
+            fix = f"{self.fix[:1].upper()}{self.fix[1:]}" if first.rstrip(",:").isalpha() else self.fix
+            # A list, one entry a line, is followed by a line of its own.
+            text += fix if text.endswith("\n") else f". {fix}"
         return text
 
     def __reduce__(self) -> tuple[object, ...]:

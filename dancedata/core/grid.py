@@ -71,7 +71,7 @@ class FrameGrid:
                 f"{what} is no whole number of frames",
                 found=f"{seconds} s = {float(exact):.6g} frames at {self.rate} a second",
                 allowed=f"multiples of {float(1 / self.rate):.6g} s",
-                fix=f"give it in frames, or choose {float(round(exact) / self.rate):.6g} s",
+                fix=f"give it in frames, or choose {float(max(1, round(exact)) / self.rate):.6g} s",
             )
         return int(exact)
 

@@ -93,7 +93,7 @@ def _split_places(folders: Folders, split_dir: str | None) -> list[Path]:
             "aist++: the folder of the split files does not exist",
             where=str(custom[0]),
             allowed="a folder with NAME_train.txt, NAME_val.txt, NAME_test.txt",
-            fix="correct split_dir in the recipe",
+            fix="correct split_dir: a folder relative to the source, or an absolute path",
         )
     return there
 

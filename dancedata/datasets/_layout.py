@@ -77,11 +77,14 @@ def counted(n: int, noun: str) -> str:
 
 
 def relative(path: Path, source: Path) -> str:
-    """Path below the source with forward slashes, or the whole path if it lies elsewhere."""
+    """Path below the source with forward slashes; of a file that lies elsewhere, its folder's name and its own.
+
+    Where things lie on this machine is no part of a dataset.
+    """
     try:
         return path.relative_to(source).as_posix()
     except ValueError:
-        return str(path)
+        return f"{path.parent.name}/{path.name}"
 
 
 def read_names(path: Path) -> list[str]:

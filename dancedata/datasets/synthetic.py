@@ -205,9 +205,29 @@ def synthesise_motion(name: str, *, seed: int = 0, n_frames: int = 810) -> tuple
 
 
 def _write(folder: Path, plan: Plan, made_by: dict[str, Any]) -> None:
-    """Write what is planned, unless it is there already."""
+    """Write what is planned, unless it is there already; a second writer waits for the first."""
+    from filelock import FileLock
+
     if _check_folder(folder, made_by):
         return
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        # Beside the folder: in it, the lock would be a foreign file.
+        lock = folder.parent / f".{folder.name}.lock"
+        with FileLock(lock):
+            if not _check_folder(folder, made_by):
+                _write_all(folder, plan, made_by)
+            lock.unlink(missing_ok=True)
+    except OSError as error:
+        raise SourceError(
+            "synthetic: the corpus is made on first use and cannot be written here",
+            where=str(folder),
+            found=str(error),
+            fix="give --source a folder that can be written to, on a disk with room",
+        ) from error
+
+
+def _write_all(folder: Path, plan: Plan, made_by: dict[str, Any]) -> None:
     _claim(folder, made_by)
     _write_lists(folder, plan)
     for song in plan.songs:
@@ -258,18 +278,10 @@ def _check_folder(folder: Path, made_by: dict[str, Any]) -> bool:
 
 def _claim(folder: Path, made_by: dict[str, Any]) -> None:
     """Make the folders; the note who does it comes first, so a killed write can be taken up again."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        atomic.write_json(folder / UNFINISHED, made_by)
-        for name in ("motions", "wavs", "cameras", "splits", "truth"):
-            (folder / name).mkdir(exist_ok=True)
-    except OSError as error:
-        raise SourceError(
-            "synthetic: the corpus is made on first use and cannot be written here",
-            where=str(folder),
-            found=str(error),
-            fix="give --source a folder that can be written to",
-        ) from error
+    folder.mkdir(parents=True, exist_ok=True)
+    atomic.write_json(folder / UNFINISHED, made_by)
+    for name in ("motions", "wavs", "cameras", "splits", "truth"):
+        (folder / name).mkdir(exist_ok=True)
 
 
 def _write_lists(folder: Path, plan: Plan) -> None:

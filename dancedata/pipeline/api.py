@@ -13,6 +13,7 @@ from dancedata.core.errors import RecipeError
 from dancedata.core.grid import FrameGrid, Number
 from dancedata.core.motion import Motion
 from dancedata.core.registry import CONTACTS, FEATURES, REPRESENTATIONS, Registry
+from dancedata.pipeline.execute import one_thread
 from dancedata.pipeline.slots import make_plugin, one_of
 
 
@@ -45,9 +46,10 @@ def extract(
     """
     from dancedata.audio.signal import load_audio
 
-    signal = song if isinstance(song, AudioSignal) else load_audio(song)
     plugin = _make(FEATURES, "audio", feature, parameters)
-    rows: npt.NDArray[Any] = plugin.extract(signal, FrameGrid.of(fps), start_bpm=start_bpm)
+    signal = song if isinstance(song, AudioSignal) else load_audio(song)
+    with one_thread():
+        rows: npt.NDArray[Any] = plugin.extract(signal, FrameGrid.of(fps), start_bpm=start_bpm)
     return rows
 
 

@@ -14,13 +14,14 @@ from typing import Any
 from filelock import FileLock, Timeout
 
 from dancedata.core.clip import Reject, Scan
-from dancedata.core.errors import DataError, StoreError
+from dancedata.core.errors import DataError, StoreError, UsageError
 from dancedata.core.version import __version__
 from dancedata.pipeline.cache import Cache, default_cache, package_version
 from dancedata.pipeline.card import dataset_card
 from dancedata.pipeline.execute import Progress
 from dancedata.pipeline.gather import Gathered, gather, identify, require_clips
 from dancedata.pipeline.recipe import Recipe
+from dancedata.pipeline.units import libsndfile_version
 from dancedata.store import Field, StoredClip, StoreHeader, open_store, write_store
 from dancedata.store.schema import (
     CARD_FILE,
@@ -88,6 +89,11 @@ def build(
         With `strict`, for the first broken clip.
     """
     progress = progress or Progress(quiet=True)
+    if overwrite and Path.cwd().is_relative_to(out.resolve()):
+        raise UsageError(
+            "a folder that one stands in cannot be swapped", where=out, fix="build from another working folder"
+        )
+    header_of(recipe, {}).check()
     source = source.absolute()  # so that it can be told from other text in what rejects say
     store_cache = Cache((cache or default_cache()).absolute())
     with _locked(out):
@@ -99,7 +105,7 @@ def build(
             _require_same(out, recipe, source_sha256)
             _stop_if_strict(strict, _rejects_there(out))
             return BuildResult(out, built=False, scan_notes=scan.notes)
-        _stop_if_strict(strict, gathered.rejects)
+        _stop_if_strict(strict, [*gathered.rejects, *gathered.audio_problems.values()])
         clips = gather(store_cache, gathered, jobs=jobs, progress=progress)
         _stop_if_strict(strict, gathered.rejects)
         require_clips(clips, gathered.rejects)
@@ -143,7 +149,7 @@ def _write(
             out,
             header_of(recipe, meta),
             clips,
-            rejects=sorted(gathered.rejects, key=lambda r: (r.clip, r.window or -1, r.reason, r.file)),
+            rejects=sorted(gathered.rejects, key=_reject_order),
             quality=gathered.quality,
             shard_bytes=recipe.shard_mb * 2**20,
             card=dataset_card(recipe, gathered, clips),
@@ -153,6 +159,7 @@ def _write(
 
 def _meta(recipe: Recipe, gathered: Gathered, source_sha256: str) -> dict[str, Any]:
     packages = {"numpy", "scipy", "h5py", "soundfile"}
+    versions = {"libsndfile": libsndfile_version()}
     packages.update(name for feature in recipe.audio for name in feature.packages)
     return {
         "name": recipe.name,
@@ -166,7 +173,7 @@ def _meta(recipe: Recipe, gathered: Gathered, source_sha256: str) -> dict[str, A
         "citation": recipe.dataset.citation,
         "axes": {slot.name: slot.representation.axes for slot in recipe.motion},
         "rotation_6d": {slot.name: slot.representation.rotation_6d for slot in recipe.motion},
-        "packages": {name: package_version(name) for name in sorted(packages)},
+        "packages": {**versions, **{name: package_version(name) for name in sorted(packages)}},
         "quality_flags": len(gathered.quality),
     }
 
@@ -178,8 +185,9 @@ def _require_same(out: Path, recipe: Recipe, source_sha256: str) -> None:
     if meta.get("recipe_sha256") != recipe.sha256:
         listed = "\n".join(f"  - {d}" for d in differences) or "  - (another version of dancedata)"
         raise StoreError(
-            f"the dataset there was made by another recipe:\n{listed}\n",
+            "the dataset there was made by another recipe",
             where=out,
+            found=f"these differences:\n{listed}\n",
             fix="choose another --out, or --overwrite to replace it",
         )
     if meta.get("source_sha256") != source_sha256:
@@ -199,6 +207,10 @@ def _differences(old: Any, new: Any, at: str = "") -> Iterator[str]:
             yield from _differences(old.get(key), new.get(key), f"{at}.{key}" if at else str(key))
     elif old != new:
         yield f"{at}: {json.dumps(old)} there, {json.dumps(new)} now"
+
+
+def _reject_order(reject: Reject) -> tuple[str, int, str, str]:
+    return reject.clip, -1 if reject.window is None else reject.window, reject.reason, reject.file
 
 
 def _rejects_there(out: Path) -> list[Reject]:
@@ -227,6 +239,8 @@ def _stop_if_strict(strict: bool, rejects: Sequence[Reject]) -> None:
 @contextmanager
 def _locked(out: Path) -> Iterator[None]:
     """Make `out` and hold its lock; a second writer fails at once."""
+    with _writing(out):
+        _recover(out)
     made = not out.exists()
     lock = FileLock(out / LOCK_FILE, timeout=0)
     with _writing(out):
@@ -305,6 +319,13 @@ def _beside(out: Path) -> tuple[Path, Path]:
     return real.parent / f".{real.name}.new", real.parent / f".{real.name}.old"
 
 
+def _recover(out: Path) -> None:
+    """Put the old dataset back where a swap was killed half way."""
+    old = _beside(out)[1]
+    if not out.exists() and (old / DATASET_FILE).exists():
+        os.rename(old, out)
+
+
 @contextmanager
 def _swapped(out: Path) -> Iterator[Path]:
     """Give a fresh folder beside `out`; on success it takes its place."""
@@ -317,6 +338,10 @@ def _swapped(out: Path) -> Iterator[Path]:
         yield fresh
         with _writing(out):
             real = out.resolve()
+            # The same lock in the new folder, so that no second writer gets in between; not every file system
+            # knows hard links.
+            with suppress(OSError):
+                os.link(real / LOCK_FILE, fresh / LOCK_FILE)
             os.rename(real, old)
             os.rename(fresh, real)
     finally:

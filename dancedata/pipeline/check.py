@@ -49,6 +49,9 @@ def _is_ours(name: str) -> bool:
 def _scan(path: Path, dataset: str | None) -> tuple[Any, Scan]:
     if dataset is not None:
         reader = DATASETS.get(dataset)()
+        if getattr(reader, "generates", False) and not (path.is_dir() and any(path.iterdir())):
+            # Its scan would fill the folder.
+            raise SourceError("there is nothing to check", where=path, found="no folder, or an empty one")
         return reader, reader.scan(path)
     failures = []
     # A dataset that writes its source by itself would not check this folder but fill it.

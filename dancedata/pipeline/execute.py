@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from typing import Any, TextIO
 
 #: Seconds between two lines of progress where there is no terminal.
@@ -36,10 +36,16 @@ def run_units(
 
 
 def _pinned(function: Callable[..., Any], call: tuple[Any, ...]) -> Any:
+    with one_thread():
+        return function(*call)
+
+
+def one_thread() -> AbstractContextManager[Any]:
+    """Run BLAS and OpenMP on one thread within the context: the numbers of a build, to the last digit."""
     from threadpoolctl import threadpool_limits
 
-    with threadpool_limits(limits=1):
-        return function(*call)
+    limits: AbstractContextManager[Any] = threadpool_limits(limits=1)
+    return limits
 
 
 class Progress:

@@ -10,7 +10,7 @@ from typing import Any
 from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import StoreError
 from dancedata.core.hashing import json_sha256
-from dancedata.core.windows import count_windows, window_starts
+from dancedata.core.windows import count_windows
 from dancedata.pipeline.cache import Cache, CachedArray
 from dancedata.pipeline.execute import Progress, run_units
 from dancedata.pipeline.recipe import Recipe
@@ -28,6 +28,9 @@ from dancedata.pipeline.units import (
 )
 from dancedata.store import AudioBlock, StoredClip
 
+#: Windows of a song in one unit of work: few enough to share a song out among workers.
+_WINDOWS_A_UNIT = 8
+
 
 @dataclass
 class Gathered:
@@ -41,6 +44,9 @@ class Gathered:
         All that was left out.
     motion_sha, signals
         Identity of every clip's files.
+    audio_problems
+        Clips whose music is missing or broken. Their motion is looked at all the same, so that a build names
+        all that is wrong; then they are set aside.
     """
 
     recipe: Recipe
@@ -49,6 +55,7 @@ class Gathered:
     rejects: list[Reject]
     motion_sha: dict[str, str] = field(default_factory=dict)
     signals: dict[Path, SignalId] = field(default_factory=dict)
+    audio_problems: dict[str, Reject] = field(default_factory=dict)
     quality: list[dict[str, Any]] = field(default_factory=list)
 
     def drop(self, clip: str, reject: Reject) -> None:
@@ -72,7 +79,8 @@ class Gathered:
                     signal.sha256 if signal else None,
                 ]
             )
-        left_out = sorted([r.reason, r.clip, Path(r.file).name] for r in self.rejects)
+        problems = [*self.rejects, *self.audio_problems.values()]
+        left_out = sorted([r.reason, r.clip, Path(r.file).name] for r in problems)
         return json_sha256({"clips": clips, "left_out": left_out})
 
 
@@ -100,18 +108,18 @@ def _identify_music(cache: Cache, gathered: Gathered, jobs: int, progress: Progr
     for ref in list(gathered.refs.values()):
         result = outcome.get(ref.audio_path) if ref.audio_path is not None else None
         if result is None:
-            gathered.drop(ref.id, Reject("missing_music", clip=ref.id, detail=f"no music for clip {ref.id}"))
+            detail = f"no music for clip {ref.id}; a recipe without audio features (audio: {{}}) needs none"
+            gathered.audio_problems[ref.id] = Reject("missing_music", clip=ref.id, detail=detail)
         elif isinstance(result, Reject):
-            gathered.drop(ref.id, result)
+            gathered.audio_problems[ref.id] = replace(result, clip=ref.id)
 
 
 def gather(cache: Cache, gathered: Gathered, *, jobs: int, progress: Progress) -> list[StoredClip]:
     """Encode all motion and extract all features; returns the clips to store, sorted by id."""
     motions = _encode_all(cache, gathered, jobs, progress)
-    starts = {clip: _starts(gathered, clip, motion) for clip, motion in motions.items()}
-    for clip, motion in motions.items():
-        if not starts[clip]:
-            gathered.drop(clip, _too_short(gathered, gathered.refs[clip], motion))
+    for clip, problem in gathered.audio_problems.items():
+        gathered.drop(clip, problem)
+    starts = {clip: _starts(gathered, clip, motions[clip]) for clip in list(gathered.refs)}
     audio = _extract_all(cache, gathered, starts, jobs, progress)
     clips = []
     for clip in sorted(audio):
@@ -164,42 +172,49 @@ def audio_window_count(recipe: Recipe, n_samples: int, sample_rate: int) -> int:
     """Return how many windows a signal has: whole windows of samples, or of every feature's rows (track scope)."""
     length, stride = recipe.windows.length, recipe.windows.stride
     if recipe.scope == "window":
-        samples, step = window_samples(recipe, sample_rate)
-        return count_windows(n_samples, samples, step) if samples and step else 0
+        return len(window_samples(recipe, n_samples, sample_rate)[0])
     rows = [f.n_rows(n_samples, sample_rate, recipe.grid) for f in recipe.audio]
     return min(count_windows(n, length, stride) for n in rows)
 
 
 def _starts(gathered: Gathered, clip: str, motion: MotionResult) -> tuple[int, ...]:
-    """Return the window starts of a clip, at the recipe's rate; windows without music become rejects."""
-    recipe = gathered.recipe
+    """Return the window starts of a clip, at the recipe's rate; windows without music become rejects.
+
+    A clip without any window is set aside: "too_short" if its motion is, "short_audio" if its music is.
+    """
+    recipe, ref = gathered.recipe, gathered.refs[clip]
+    stride = recipe.windows.stride
     count = motion_window_count(recipe, motion.n_source, motion.source_rate)
-    signal = gathered.signal(gathered.refs[clip])
-    if recipe.audio and signal is not None:
-        with_music = audio_window_count(recipe, signal.n_samples, signal.sample_rate)
-        for k in range(with_music, count):
-            numbers = {"audio_s": round(signal.n_samples / signal.sample_rate, 3)}
-            detail = f"window {k} reaches beyond the end of {signal.path.name}"
-            start = k * recipe.windows.stride
-            gathered.rejects.append(Reject("no_audio", clip=clip, window=start, detail=detail, numbers=numbers))
-        count = min(count, with_music)
-    last = count * recipe.windows.stride + recipe.windows.length - recipe.windows.stride
-    return tuple(int(s) for s in window_starts(last, recipe.windows.length, recipe.windows.stride)) if count else ()
-
-
-def _too_short(gathered: Gathered, ref: ClipRef, motion: MotionResult) -> Reject:
-    recipe = gathered.recipe
+    if not count:
+        gathered.drop(clip, _too_short(recipe, ref, motion))
+        return ()
     signal = gathered.signal(ref)
+    if signal is None:
+        return tuple(k * stride for k in range(count))
+    audio_s = round(signal.n_samples / signal.sample_rate, 3)
+    with_music = audio_window_count(recipe, signal.n_samples, signal.sample_rate)
+    if not with_music:
+        detail = f"the music of clip {clip} has no whole window: {audio_s} s; a window has {_window_s(recipe):g} s"
+        numbers: dict[str, float | int] = {"audio_s": audio_s}
+        gathered.drop(clip, Reject("short_audio", clip, str(signal.path), detail=detail, numbers=numbers))
+    for k in range(with_music, count) if with_music else ():
+        detail = f"window {k} reaches beyond the end of {signal.path.name}"
+        gathered.rejects.append(Reject("no_audio", clip, "", k * stride, detail, {"audio_s": audio_s}))
+    return tuple(k * stride for k in range(min(count, with_music)))
+
+
+def _window_s(recipe: Recipe) -> float:
+    return float(recipe.windows.length / recipe.fps)
+
+
+def _too_short(recipe: Recipe, ref: ClipRef, motion: MotionResult) -> Reject:
     motion_s = float(motion.n_source / motion.source_rate)
+    detail = (
+        f"clip {ref.id} has no whole window: {motion.n_source} frames at {motion.source_rate} a second "
+        f"({motion_s:.2f} s); a window has {_window_s(recipe):g} s"
+    )
     numbers: dict[str, float | int] = {"motion_s": round(motion_s, 3)}
-    detail = f"{motion.n_source} frames at {motion.source_rate} a second ({motion_s:.2f} s)"
-    if signal is not None:
-        seconds = signal.n_samples / signal.sample_rate
-        numbers["audio_s"] = round(seconds, 3)
-        detail += f", {seconds:.2f} s of music"
-    window_s = float(recipe.windows.length / recipe.fps)
-    detail = f"clip {ref.id} has no whole window: {detail}; a window has {window_s:.2f} s"
-    return Reject("too_short", clip=ref.id, file=str(ref.motion_path), detail=detail, numbers=numbers)
+    return Reject("too_short", ref.id, str(ref.motion_path), detail=detail, numbers=numbers)
 
 
 def _extract_all(
@@ -251,19 +266,41 @@ def _extract_windows(
 ) -> dict[str, tuple[AudioBlock, ...]]:
     """Windows of equal samples and tempo are computed once, whatever files and clips they are in."""
     recipe = gathered.recipe
+    keys: dict[str, list[str]] = {}
     owner: dict[str, tuple[Path, float | None]] = {}
     wanted: dict[tuple[Path, float | None], list[int]] = {}
     for ref in gathered.refs.values():
-        signal = _need_signal(gathered, ref)
-        for number in range(len(starts[ref.id])):
-            key = window_key(recipe, feature, ref.tempo_bpm, signal.windows[number])
-            if key not in owner:
-                owner[key] = signal.path, ref.tempo_bpm
-                wanted.setdefault(owner[key], []).append(number)
+        signal, bpm = _need_signal(gathered, ref), ref.tempo_bpm
+        windows = signal.windows[: len(starts[ref.id])]
+        keys[ref.id] = [window_key(recipe, feature, bpm, window) for window in windows]
+        for number, key in enumerate(keys[ref.id]):
+            if owner.setdefault(key, (signal.path, bpm)) == (signal.path, bpm):
+                wanted.setdefault((signal.path, bpm), []).append(number)
+    arrays, failed = _compute_windows(cache, gathered, feature, wanted, jobs, progress)
+    found: dict[str, tuple[AudioBlock, ...]] = {}
+    for clip, wanted_keys in keys.items():
+        missing = [key for key in wanted_keys if key not in arrays]
+        if missing:
+            gathered.drop(clip, failed[owner[missing[0]][0]])
+        else:
+            found[clip] = tuple(AudioBlock(key, arrays[key]) for key in wanted_keys)
+    return found
+
+
+def _compute_windows(
+    cache: Cache,
+    gathered: Gathered,
+    feature: Any,
+    wanted: dict[tuple[Path, float | None], list[int]],
+    jobs: int,
+    progress: Progress,
+) -> tuple[dict[str, CachedArray], dict[Path, Reject]]:
+    """Return rows by key, and what failed by file."""
     calls = [
-        (cache, recipe, feature, gathered.signals[path], bpm, numbers[i : i + 8])
-        for (path, bpm), numbers in wanted.items()
-        for i in range(0, len(numbers), 8)
+        (cache, gathered.recipe, feature, gathered.signals[path], bpm, numbers[i : i + _WINDOWS_A_UNIT])
+        for (path, bpm), every in wanted.items()
+        for numbers in [sorted(set(every))]
+        for i in range(0, len(numbers), _WINDOWS_A_UNIT)
     ]
     results = run_units(extract_windows, calls, jobs=jobs, label=feature.name, progress=progress)
     arrays: dict[str, CachedArray] = {}
@@ -272,17 +309,8 @@ def _extract_windows(
         if isinstance(result, Reject):
             failed[call[3].path] = result
         else:
-            arrays.update({key: array for key, array in result.values()})
-    found: dict[str, tuple[AudioBlock, ...]] = {}
-    for ref in list(gathered.refs.values()):
-        signal = _need_signal(gathered, ref)
-        keys = [window_key(recipe, feature, ref.tempo_bpm, w) for w in signal.windows[: len(starts[ref.id])]]
-        missing = [k for k in keys if k not in arrays]
-        if missing:
-            gathered.drop(ref.id, failed[owner[missing[0]][0]])
-        else:
-            found[ref.id] = tuple(AudioBlock(k, arrays[k]) for k in keys)
-    return found
+            arrays.update(result.values())
+    return arrays, failed
 
 
 def _need_signal(gathered: Gathered, ref: ClipRef) -> SignalId:

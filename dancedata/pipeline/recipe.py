@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from dancedata.core.errors import DanceDataError, RecipeError, UsageError, did_you_mean
 from dancedata.core.grid import FrameGrid
@@ -18,8 +18,17 @@ from dancedata.core.hashing import json_sha256
 from dancedata.core.registry import CONTACTS, DATASETS, FEATURES, REPRESENTATIONS
 from dancedata.core.resources import resource, resources
 from dancedata.pipeline.slots import document_of, make_plugin, one_of
+from dancedata.pipeline.strict_yaml import load_yaml
 
-Scalar = int | float | str
+
+def _number(value: Any) -> Any:
+    if value is not None and (isinstance(value, bool) or not isinstance(value, int | float | str)):
+        raise ValueError("a number, or a fraction such as 30000/1001, is wanted")
+    return value
+
+
+#: A number as it is written: 29.97 and "30000/1001" are exact, see core.grid.
+Scalar = Annotated[Any, BeforeValidator(_number)]
 
 
 class _Strict(BaseModel):
@@ -40,7 +49,7 @@ class _Store(_Strict):
 
 class _Document(_Strict):
     recipe: Literal[1]
-    name: str
+    name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.+-]*$")
     description: str = ""
     dataset: Any
     fps: Scalar = 30
@@ -143,7 +152,7 @@ def load_recipe(name_or_path: str | Path, overrides: Sequence[str] = ()) -> Reci
     """
     path = _find(str(name_or_path))
     try:
-        document = yaml.safe_load(path.read_text(encoding="utf-8"))
+        document = load_yaml(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise RecipeError("the recipe cannot be read", where=path, found=str(error)) from error
     if not isinstance(document, dict):
@@ -160,7 +169,7 @@ def apply_override(document: dict[str, Any], override: str) -> None:
     if not equals or not all(parts):
         raise UsageError("an override is key=value", found=repr(override), allowed="such as windows.stride_s=1")
     try:
-        value = yaml.safe_load(text)
+        value = load_yaml(text)
     except yaml.YAMLError as error:
         raise UsageError("the value of an override cannot be read", where=key, found=repr(text)) from error
     at: Any = document
@@ -196,9 +205,13 @@ def parse_recipe(document: Mapping[str, Any], where: str = "recipe") -> Recipe:
     dataset = _attempt(problems, lambda: one_of(DATASETS, "dataset", given.get("dataset"), problems))
     motion = _motion_slots(given.get("motion"), problems)
     audio = _audio_slots(given.get("audio"), problems)
-    grid = _attempt(problems, lambda: FrameGrid.of(given.get("fps", 30)))
+    grid = _attempt(problems, lambda: _grid(given.get("fps", 30)))
     spec = model.windows if model is not None else _window_keys(given.get("windows"))
     windows = _attempt(problems, lambda: _windows(spec, grid)) if spec is not None and grid is not None else None
+    if grid is not None:
+        for feature in audio:
+            # A rate that a feature cannot do is said now, not after all music was decoded.
+            _attempt(problems, partial(feature.n_rows, 1, 48_000, grid))
     if problems or model is None or grid is None or windows is None:
         listed = "\n".join(f"  - {p}" for p in problems)
         raise RecipeError(f"{len(problems)} problem{'s' * (len(problems) != 1)} in the recipe\n{listed}", where=where)
@@ -238,7 +251,7 @@ def _attempt(problems: list[str], make: Any) -> Any:
 
 def _motion_slots(given: Any, problems: list[str]) -> tuple[MotionSlot, ...]:
     if not isinstance(given, (dict, str)) or not given:
-        problems.append("motion: name at least one representation, such as {edge151: {}}")
+        problems.append(f"motion: name at least one representation, such as {{edge151: {{}}}}; found {given!r}")
         return ()
     slots = []
     for name, parameters in _mapping(given).items():
@@ -263,6 +276,13 @@ def _audio_slots(given: Any, problems: list[str]) -> tuple[Any, ...]:
 
 def _mapping(given: Any) -> dict[str, Any]:
     return {given: {}} if isinstance(given, str) else dict(given) if isinstance(given, dict) else {str(given): {}}
+
+
+def _grid(fps: Any) -> FrameGrid:
+    try:
+        return FrameGrid.of(_number(fps if fps is not None else ""))
+    except (UsageError, ValueError) as error:
+        raise UsageError(f"fps: {error}") from error
 
 
 def _window_keys(given: Any) -> _Windows | None:
@@ -297,5 +317,11 @@ def _explain(error: ValidationError) -> list[str]:
             if key not in ("dataset", "motion"):  # these say by themselves what may stand there
                 problems.append(f"{key}: missing")
         else:
-            problems.append(f"{key}: {item['msg']}; found {item['input']!r}")
+            problems.append(_invalid(key, item))
     return problems
+
+
+def _invalid(key: str, item: Any) -> str:
+    if item["type"] in ("model_type", "dict_type"):
+        return f"{key}: a mapping of keys is wanted; found {item['input']!r}"
+    return f"{key}: {item['msg'].removeprefix('Value error, ')}; found {item['input']!r}"

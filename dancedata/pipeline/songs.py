@@ -15,7 +15,7 @@ from dancedata.core.errors import StoreError, UsageError, did_you_mean
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import json_sha256
 from dancedata.core.registry import FEATURES
-from dancedata.core.windows import window_starts
+from dancedata.pipeline.execute import one_thread
 from dancedata.pipeline.recipe import Recipe, load_recipe, parse_recipe
 from dancedata.pipeline.slots import document_of, make_plugin
 from dancedata.pipeline.units import window_samples
@@ -50,7 +50,9 @@ def find_like(feature: str | None, like: str | None) -> list[Like]:
         return [Like(made, FrameGrid.of(30), None)]
     recipe = _recipe_like(like)
     names = [f.name for f in recipe.audio]
-    if not names or (feature is not None and feature not in names):
+    if not names:
+        raise UsageError(f"{like} has no audio features", fix="name another dataset or recipe, or none")
+    if feature is not None and feature not in names:
         raise UsageError(f"{like} has no audio feature {feature!r}", fix=did_you_mean(str(feature), names))
     return [Like(f, recipe.grid, recipe) for f in recipe.audio if feature in (None, f.name)]
 
@@ -64,6 +66,9 @@ def write_features(
     """
     from dancedata.audio.signal import load_audio
 
+    absent = [str(song) for song in songs if not song.is_file()]
+    if absent:
+        raise UsageError("there is no such song; nothing was computed", found=", ".join(absent))
     names = [song.stem for song in songs]
     twice = sorted({n for n in names if names.count(n) > 1})
     if twice:
@@ -74,7 +79,8 @@ def write_features(
         for song in songs:
             signal = load_audio(song)
             for like in likes:
-                rows, starts = _compute(like, signal, bpm, song)
+                with one_thread():
+                    rows, starts = _compute(like, signal, bpm, song)
                 path = out / f"{song.stem}.{like.feature.name}.npy"
                 with atomic_file(path) as temporary, open(temporary, "wb") as file:
                     np.save(file, rows)
@@ -90,8 +96,7 @@ def _compute(like: Like, signal: Any, bpm: float | None, song: Path) -> tuple[An
     recipe = like.recipe
     if recipe is None or recipe.scope == "track":
         return like.feature.extract(signal, like.grid, start_bpm=bpm), None
-    length, stride = window_samples(recipe, signal.sample_rate)
-    starts = window_starts(signal.n_samples, length, stride)
+    starts, length = window_samples(recipe, signal.n_samples, signal.sample_rate)
     if not len(starts):
         raise UsageError(
             "the song is shorter than one window",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -9,14 +10,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
+from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
-from dancedata.core.hashing import sha256_bytes
+from dancedata.core.hashing import sha256_bytes, sha256_file
 from dancedata.core.motion import Motion
 from dancedata.core.quality import MAX_ROOT_SPEED_M_S, MAX_TURN_DEG_S, quality_flags
-from dancedata.core.windows import count_windows, window_starts
+from dancedata.core.windows import count_windows
 from dancedata.pipeline.cache import Cache, CachedArray, package_version
 from dancedata.pipeline.recipe import MotionSlot, Recipe
 from dancedata.pipeline.slots import document_of
@@ -63,10 +66,21 @@ def reject_of(error: DataError, clip: str = "", file: Path | None = None) -> Rej
     return Reject(reason=error.reason, clip=clip, file=str(file) if file else "", detail=str(error))
 
 
-def window_samples(recipe: Recipe, sample_rate: int) -> tuple[int, int]:
-    """Return length and stride of a window in samples, truncated as EDGE does: int(seconds * rate)."""
-    length, stride = recipe.windows.length / recipe.fps, recipe.windows.stride / recipe.fps
-    return int(length * sample_rate), int(stride * sample_rate)
+def window_samples(recipe: Recipe, n_samples: int, sample_rate: int) -> tuple[npt.NDArray[np.int64], int]:
+    """Return the first samples (W,) of a signal's whole windows, and their length in samples.
+
+    Every window starts at its own exact time, rounded down, so that music never drifts away from motion. EDGE
+    adds up a truncated stride, which is the same wherever a stride is a whole number of samples (0.5 s at any
+    even rate).
+    """
+    length = int(recipe.windows.length / recipe.fps * sample_rate)
+    stride = recipe.windows.stride / recipe.fps * sample_rate
+    if n_samples < length or length < 1:
+        return np.empty(0, dtype=np.int64), length
+    # Start k is floor(k * stride), so the last k that fits is the last with k * stride < n - length + 1.
+    count = math.ceil((n_samples - length + 1) / stride)
+    starts = [k * stride.numerator // stride.denominator for k in range(count)]
+    return np.array(starts, dtype=np.int64), length
 
 
 def identify_audio(cache: Cache, recipe: Recipe, path: Path) -> SignalId | Reject:
@@ -74,7 +88,7 @@ def identify_audio(cache: Cache, recipe: Recipe, path: Path) -> SignalId | Rejec
     from dancedata.audio.signal import load_audio
 
     windows = [str(recipe.fps), recipe.windows.length, recipe.windows.stride] if recipe.scope == "window" else None
-    packages = {"soundfile": package_version("soundfile")}
+    packages = {"soundfile": package_version("soundfile"), "libsndfile": libsndfile_version()}
     try:
         key = Cache.key("signal", file=Cache.stat_key("signal", path), windows=windows, packages=packages)
         known = cache.json("signals", key)
@@ -82,8 +96,8 @@ def identify_audio(cache: Cache, recipe: Recipe, path: Path) -> SignalId | Rejec
             signal = load_audio(path)
             hashes = []
             if windows is not None:
-                length, stride = window_samples(recipe, signal.sample_rate)
-                for start in window_starts(signal.n_samples, length, stride) if stride else ():
+                starts, length = window_samples(recipe, signal.n_samples, signal.sample_rate)
+                for start in starts:
                     part = np.ascontiguousarray(signal.samples[start : start + length], dtype="<f4")
                     hashes.append(sha256_bytes(f"{signal.sample_rate} ".encode(), part.data))
             known = [signal.sha256, signal.sample_rate, signal.n_samples, hashes]
@@ -93,6 +107,13 @@ def identify_audio(cache: Cache, recipe: Recipe, path: Path) -> SignalId | Rejec
     except FileNotFoundError:
         return Reject("missing_music", file=str(path), detail=f"{path}: the file vanished during the build")
     return SignalId(path, known[0], known[1], known[2], tuple(known[3]))
+
+
+def libsndfile_version() -> str:
+    """Return the version of the library that decodes music."""
+    import soundfile
+
+    return str(soundfile.__libsndfile_version__)
 
 
 def hash_motion(cache: Cache, ref: ClipRef) -> str | Reject:
@@ -114,6 +135,8 @@ def encode_motion(cache: Cache, recipe: Recipe, ref: ClipRef, sha256: str) -> Mo
             motion = recipe.dataset.load(ref)
         except DataError as error:
             return reject_of(error, clip=ref.id, file=ref.motion_path)
+        if sha256_file(ref.motion_path) != sha256:
+            return _changed(ref.motion_path, ref.id)
         info = [motion.n_frames, str(motion.grid), [f.to_json() for f in quality_flags(motion)]]
         cache.put_json("clips", info_key, info)
         for slot in recipe.motion:
@@ -142,13 +165,11 @@ def motion_window_count(recipe: Recipe, n_source: int, source_rate: Fraction) ->
 
 def extract_track(cache: Cache, recipe: Recipe, feature: Any, signal: SignalId, bpm: float | None) -> Any:
     """Compute a feature of a whole signal; returns (key, CachedArray) or a Reject."""
-    from dancedata.audio.signal import load_audio
-
     key = _feature_key(recipe, feature, bpm, signal=signal.sha256)
     array = cache.array("features", key)
     if array is None:
         try:
-            rows = feature.extract(load_audio(signal.path), recipe.grid, start_bpm=bpm)
+            rows = feature.extract(_decoded(signal), recipe.grid, start_bpm=bpm)
         except DataError as error:
             return reject_of(error, file=signal.path)
         array = cache.put_array("features", key, rows)
@@ -159,20 +180,17 @@ def extract_windows(
     cache: Cache, recipe: Recipe, feature: Any, signal: SignalId, bpm: float | None, numbers: Sequence[int]
 ) -> Any:
     """Compute a feature of windows, each by itself; returns {number: (key, CachedArray)} or a Reject."""
-    from dancedata.audio.signal import load_audio
-
     found: dict[int, tuple[str, CachedArray]] = {}
     decoded = None
-    length, stride = window_samples(recipe, signal.sample_rate)
+    starts, length = window_samples(recipe, signal.n_samples, signal.sample_rate)
     for number in numbers:
         key = window_key(recipe, feature, bpm, signal.windows[number])
         array = cache.array("features", key)
         if array is None:
             try:
-                decoded = decoded or load_audio(signal.path)
-                start = np.array([number * stride], dtype=np.int64)
+                decoded = decoded or _decoded(signal)
                 rows = feature.extract_windows(
-                    decoded, start, length, recipe.grid, recipe.windows.length, start_bpm=bpm
+                    decoded, starts[number : number + 1], length, recipe.grid, recipe.windows.length, start_bpm=bpm
                 )[0]
             except DataError as error:
                 return reject_of(error, file=signal.path)
@@ -184,6 +202,28 @@ def extract_windows(
 def window_key(recipe: Recipe, feature: Any, bpm: float | None, window: str) -> str:
     """Return the cache key of a window's features; `window` is the hash of its samples."""
     return _feature_key(recipe, feature, bpm, window=window, rows=recipe.windows.length)
+
+
+def _decoded(signal: SignalId) -> AudioSignal:
+    """Decode a signal again; DataError "changed" if the file holds another one by now.
+
+    Without this a file that is replaced during a build would leave its features under the old one's key, and
+    every later build would take them.
+    """
+    from dancedata.audio.signal import load_audio
+
+    decoded = load_audio(signal.path)
+    if decoded.sha256 != signal.sha256:
+        raise DataError(_CHANGED, reason="changed", where=signal.path, fix=_BUILD_AGAIN)
+    return decoded
+
+
+_CHANGED = "the file changed while the build was running"
+_BUILD_AGAIN = "run the build again when the source is at rest"
+
+
+def _changed(path: Path, clip: str) -> Reject:
+    return reject_of(DataError(_CHANGED, reason="changed", where=path, fix=_BUILD_AGAIN), clip=clip, file=path)
 
 
 def _encode(recipe: Recipe, slot: MotionSlot, motion: Motion) -> np.ndarray[Any, Any]:

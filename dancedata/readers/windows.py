@@ -132,6 +132,14 @@ class WindowDataset(Dataset[dict[str, Any]]):
             fields, cuts = _with_preset(self.store, preset, fields, cuts)
         self.fields = _field_names(self.store, DEFAULT_FIELDS if fields is None else fields)
         self.windows: Sequence[Window] = self.store.windows(split, fields=self.fields, **cuts)
+        if not self.windows:
+            longest = max(c.n_frames for c in self.store.clips if c.split == split)
+            raise UsageError(
+                f"split {split!r} has no window of that length",
+                where=str(self.store.path),
+                found=f"clips of at most {longest} frames at {self.store.fps} a second",
+                fix="ask for shorter windows",
+            )
         self.mirror = _probability(mirror)
         covers = self.mirror > 0 if normalizer_covers_mirror is None else normalizer_covers_mirror
         self.normalizer_covers_mirror = bool(covers)

@@ -77,6 +77,36 @@ class ClipView:
     record: ClipRecord
 
     @property
+    def id(self) -> str:
+        """Name of the clip."""
+        return self.record.id
+
+    @property
+    def split(self) -> str:
+        """Split the clip is in."""
+        return self.record.split
+
+    @property
+    def genre(self) -> str:
+        """Genre, as the dataset names it."""
+        return self.record.genre
+
+    @property
+    def music(self) -> str:
+        """Music id."""
+        return self.record.music
+
+    @property
+    def dancer(self) -> str:
+        """Dancer, as the dataset names them."""
+        return self.record.dancer
+
+    @property
+    def tempo_bpm(self) -> float | None:
+        """Tempo that the dataset states, beats a minute."""
+        return self.record.tempo_bpm
+
+    @property
     def n_frames(self) -> int:
         """Frames at the store's fps."""
         return self.record.n_frames
@@ -355,7 +385,12 @@ class Store:
         """
         f = self.field(field)
         if field not in self.stats["fields"]:
-            raise StoreError("there is no scaler without train windows", where=str(self.path))
+            raise StoreError(
+                "there is no scaler without train windows",
+                where=str(self.path),
+                found=f"splits {', '.join(self.splits)}",
+                fix="pass normalize=False, or build with a train split",
+            )
         scaler = self.stats["fields"][field]["scaler"]
         plain = MinMax.from_state(scaler)
         if not mirror:

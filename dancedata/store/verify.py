@@ -185,10 +185,10 @@ def _check_splits(folder: Path, records: Sequence[ClipRecord]) -> Iterator[Probl
     for other in ("val", "test"):
         shared = sorted(songs["train"] & songs[other])
         if shared:
-            yield Problem("error", str(folder), f"train and {other} share {len(shared)} songs: {_list(shared)}")
+            yield Problem("error", str(folder), f"train and {other} share songs: {_list(shared)}")
     shared = sorted(songs["val"] & songs["test"])
     if shared:
-        yield Problem("note", str(folder), f"val and test share {len(shared)} songs: {_list(shared)}")
+        yield Problem("note", str(folder), f"val and test share songs: {_list(shared)}")
 
 
 def _find_strangers(folder: Path, description: Description) -> Iterator[Problem]:

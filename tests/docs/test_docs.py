@@ -70,6 +70,11 @@ def plug_in(tmp_path: Path):
     return install
 
 
+def _python(environment: dict[str, str], folder: Path, code: str) -> None:
+    done = subprocess.run([sys.executable, "-c", code], env=environment, cwd=folder, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
 def _dancedata(environment: dict[str, str], folder: Path, *arguments: str) -> str:
     command = [sys.executable, "-W", "error", "-m", "dancedata", *arguments]
     done = subprocess.run(command, env=environment, cwd=folder, capture_output=True, text=True, check=False)
@@ -77,11 +82,19 @@ def _dancedata(environment: dict[str, str], folder: Path, *arguments: str) -> st
     return done.stdout
 
 
-@pytest.mark.parametrize("scope", ["track", "window"])
-def test_added_feature_builds(plug_in, tmp_path: Path, scope: str) -> None:
+def test_added_feature_keeps_the_contract(plug_in, tmp_path: Path) -> None:
     environment = plug_in("docs/add-a-feature.md", "audio", "loudness")
     assert "loudness" in json.loads(_dancedata(environment, tmp_path, "list", "--json"))["audio features"]
-    _dancedata(environment, tmp_path, "build", "recipe.yaml", "--out", "out", "--jobs", "2", "--set", f"scope={scope}")
+    code = "import my_loudness; from dancedata.testing import conformance as c; "
+    _python(environment, tmp_path, code + "c.check_audio_feature(my_loudness.Loudness)")
+
+
+# As on the page, and by itself in the other scope.
+@pytest.mark.parametrize("override", ["fps=30", "scope=window audio={loudness:{}}"])
+def test_added_feature_builds(plug_in, tmp_path: Path, override: str) -> None:
+    environment = plug_in("docs/add-a-feature.md", "audio", "loudness")
+    overrides = [word for setting in override.split() for word in ("--set", setting)]
+    _dancedata(environment, tmp_path, "build", "recipe.yaml", "--out", "out", "--jobs", "2", *overrides)
     about = json.loads(_dancedata(environment, tmp_path, "info", "out", "--json"))
     assert about["fields"]["loudness"]["columns"] == 1
     assert json.loads(_dancedata(environment, tmp_path, "check", "out", "--json"))["ok"]
@@ -89,8 +102,9 @@ def test_added_feature_builds(plug_in, tmp_path: Path, scope: str) -> None:
 
 def test_added_dataset_builds(plug_in, tmp_path: Path) -> None:
     environment = plug_in("docs/add-a-dataset.md", "datasets", "pairs")
-    make = "import pathlib, my_pairs; my_pairs.Pairs().make_example(pathlib.Path('source'))"
-    subprocess.run([sys.executable, "-c", make], env=environment, cwd=tmp_path, check=True)
+    code = "import my_pairs; from pathlib import Path; from dancedata.testing import conformance as c; "
+    code += "c.check_dataset(my_pairs.Pairs, Path('.')); my_pairs.Pairs().make_example(Path('source'))"
+    _python(environment, tmp_path, code)
     (tmp_path / "source" / "train" / "silent.npz").write_bytes(b"not a zip")
     (tmp_path / "source" / "train" / "broken.npz").write_bytes(b"not a zip")
     (tmp_path / "source" / "train" / "broken.wav").write_bytes((tmp_path / "source/train/step.wav").read_bytes())
@@ -101,7 +115,9 @@ def test_added_dataset_builds(plug_in, tmp_path: Path) -> None:
     assert json.loads(_dancedata(environment, tmp_path, "check", "out", "--json"))["ok"]
 
 
-@pytest.mark.parametrize("page", ["README.md", "CHANGELOG.md", *sorted(str(p.relative_to(ROOT)) for p in (ROOT / "docs").rglob("*.md"))])
+@pytest.mark.parametrize(
+    "page", ["README.md", "CHANGELOG.md", *sorted(str(p.relative_to(ROOT)) for p in (ROOT / "docs").rglob("*.md"))]
+)
 def test_links_lead_somewhere(page: str) -> None:
     text = (ROOT / page).read_text(encoding="utf-8")
     for target in re.findall(r"\]\(([^)#]+)[^)]*\)", text):

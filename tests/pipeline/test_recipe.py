@@ -116,7 +116,7 @@ def test_windows_count_at_the_recipes_own_rate():
 def test_a_file_that_is_no_yaml_is_named(tmp_path: Path):
     path = tmp_path / "bad.yaml"
     path.write_text("recipe: [1")
-    with pytest.raises(RecipeError, match="bad.yaml: the recipe cannot be read"):
+    with pytest.raises(RecipeError, match=r"bad\.yaml: the recipe cannot be read"):
         load_recipe(path)
     path.write_text("- recipe")
     with pytest.raises(RecipeError, match="a mapping of keys; found list"):

@@ -1,0 +1,76 @@
+"""The package's front door: extract, encode, decode."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dancedata
+from dancedata.audio.signal import load_audio
+from dancedata.core.errors import DataError, RecipeError, UsageError
+from dancedata.core.rotations import rotation
+from dancedata.core.skeleton import SMPL24
+from dancedata.testing.examples import random_motion, random_signal
+
+
+def test_extract_takes_a_file_or_a_signal(corpus: Path):
+    path = corpus / "wavs" / "mHO3.wav"
+    rows = dancedata.extract("librosa35", path, fps=30, start_bpm=120)
+    assert rows.dtype == np.float32
+    assert rows.shape[1] == 35
+    assert np.array_equal(rows, dancedata.extract("librosa35", str(path), fps=30, start_bpm=120))
+    assert np.array_equal(rows, dancedata.extract("librosa35", load_audio(path), start_bpm=120))
+
+
+def test_extract_gives_the_rows_of_a_built_dataset(corpus: Path, built: Path):
+    with dancedata.open(built) as ds:
+        clip = next(c for c in ds.clips if c.music == "mHO3")
+        rows = dancedata.extract("librosa35", corpus / "wavs" / "mHO3.wav", start_bpm=clip.tempo_bpm)
+        stored = ds.clip(clip.id).read("librosa35")
+    assert len(stored) == 180
+    assert np.array_equal(stored, rows[:180])
+
+
+def test_extract_at_another_rate_and_with_parameters():
+    signal = random_signal(3, 16_000)
+    assert len(dancedata.extract("librosa35", signal, fps=60)) == 2 * len(dancedata.extract("librosa35", signal)) - 1
+    assert dancedata.extract("librosa35", signal, start_bpm=120, tightness=50).shape == (91, 35)
+    with pytest.raises(RecipeError, match=r"tightness; found -1|bad tightness; found -1"):
+        dancedata.extract("librosa35", signal, tightness=-1)
+
+
+def test_encode_then_decode_gives_back_the_motion():
+    motion = random_motion(SMPL24, 30)
+    array = dancedata.encode(motion, "edge151")
+    assert array.shape == (30, 151)
+    back = dancedata.decode(array, "edge151", fps=30)
+    assert back.grid == motion.grid
+    assert np.abs(back.translation - motion.translation).max() < 1e-6
+    assert (rotation(back.rotations).inv() * rotation(motion.rotations)).magnitude().max() < 1e-4
+
+
+def test_encode_takes_another_contact_rule():
+    motion = random_motion(SMPL24, 30, turn_rad=0.01, step_m=0.001)
+    usual = dancedata.encode(motion, "edge151")
+    assert np.array_equal(dancedata.encode(motion, "edge151", contacts="velocity"), usual)
+    wide = dancedata.encode(motion, "edge151", contacts={"velocity": {"max_speed_m_s": 100}})
+    assert wide[:, :4].all()
+    assert not usual[:, :4].all()
+
+
+def test_misspelt_names_are_explained(tmp_path: Path):
+    motion = random_motion(SMPL24, 3)
+    with pytest.raises(UsageError, match="Did you mean 'librosa35'"):
+        dancedata.extract("librosa", random_signal(1, 16_000))
+    with pytest.raises(RecipeError, match=r"audio\.librosa35\.tight: unknown key; did you mean 'tightness'"):
+        dancedata.extract("librosa35", random_signal(1, 16_000), tight=1)
+    with pytest.raises(UsageError, match="Did you mean 'edge151'"):
+        dancedata.encode(motion, "edge")
+    with pytest.raises(RecipeError, match="Did you mean 'velocity'"):
+        dancedata.encode(motion, "edge151", contacts="velo")
+    with pytest.raises(DataError, match=r"none\.wav"):
+        dancedata.extract("librosa35", tmp_path / "none.wav")
+    with pytest.raises(AttributeError, match="no attribute 'encoder'"):
+        _ = dancedata.encoder

@@ -1,0 +1,281 @@
+"""The commands plan, check, info, list and features, by way of the command line: text, JSON, exit codes."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import soundfile
+from click.testing import Result
+from typer.testing import CliRunner
+
+import dancedata
+from dancedata.cli import app
+from dancedata.core.registry import CONTACTS, DATASETS, FEATURES, REPRESENTATIONS
+from dancedata.pipeline.recipe import recipe_names
+
+RECIPES = {"track": "aist++", "window": "aist++-edge-exact"}
+TRAIN = "gHO_sBM_cAll_d19_mHO3_ch03"
+VAL = "gBR_sBM_cAll_d04_mBR0_ch01"
+
+
+def run(*args: object, code: int = 0) -> Result:
+    """Run a command and check its exit code."""
+    result = CliRunner().invoke(app, [str(a) for a in args])
+    assert result.exit_code == code, f"{result.exit_code}: {result.output} {result.exception!r}"
+    return result
+
+
+def as_json(*args: object, code: int = 0) -> Any:
+    """Run a command with --json and parse what it prints."""
+    return json.loads(run(*args, "--json", code=code).stdout)
+
+
+@pytest.fixture
+def worn(source: Path) -> Path:
+    """A corpus in which a clip is broken and a song ends half a second too early."""
+    (source / "motions" / f"{TRAIN}.pkl").write_bytes(b"")
+    wav = source / "wavs" / "mBR0.wav"
+    samples, rate = soundfile.read(wav)
+    soundfile.write(wav, samples[: int(5.6 * rate)], rate)
+    return source
+
+
+# plan
+
+
+@pytest.mark.parametrize("scope", RECIPES)
+def test_a_plan_counts_what_a_build_makes(worn: Path, out: Path, scope: str):
+    plan = as_json("plan", RECIPES[scope], "--source", worn, "--out", out)
+    assert not out.exists()
+    built = as_json("build", RECIPES[scope], "--source", worn, "--out", out, "--jobs", 1)
+    assert plan["left_out"] == built["rejects"]
+    assert plan["left_out"].keys() >= {"broken_file", "no_audio"}
+    assert plan["splits"].keys() == built["counts"].keys()
+    for split, counts in plan["splits"].items():
+        assert counts == {name: built["counts"][split][name] for name in counts}
+    assert plan["recipe_sha256"] == built["recipe_sha256"]
+    shards = sum(p.stat().st_size for p in out.glob("*.h5"))
+    assert 0.8 * shards < plan["bytes"] < 1.2 * shards
+    fields = {name: (f["columns"], f["dtype"]) for name, f in plan["fields"].items()}
+    assert fields == {name: (f["columns"], f["dtype"]) for name, f in built["fields"].items()}
+
+
+def test_a_plan_touches_no_dataset_that_is_there(corpus: Path, built_copy: Path, hashes: Callable[[Path], Any]):
+    before = hashes(built_copy)
+    text = run("plan", "aist++", "--source", corpus, "--out", built_copy, "--set", "windows.stride_s=1").stdout
+    assert "train" in text
+    assert "every 30" in text
+    assert hashes(built_copy) == before
+
+
+def test_a_plan_says_what_it_would_leave_out(worn: Path, out: Path):
+    assert "would leave out: broken_file: 1" in run("plan", "aist++", "--source", worn, "--out", out).stdout
+
+
+# build: exit codes
+
+
+def test_a_build_with_broken_clips_ends_well_and_says_so(worn: Path, out: Path):
+    text = run("build", "aist++", "--source", worn, "--out", out, "--jobs", 1).stdout
+    assert "broken_file: 1" in text
+    assert TRAIN in text
+    again = run("build", "aist++", "--source", worn, "--out", out).stdout
+    assert "nothing to do" in again
+
+
+def test_a_strict_build_of_broken_clips_ends_with_1(worn: Path, out: Path):
+    result = run("build", "aist++", "--source", worn, "--out", out, "--strict", "--jobs", 1, code=1)
+    assert "error: " in result.stderr
+    assert TRAIN in result.stderr
+
+
+def test_a_build_names_the_progress_on_stderr_only(corpus: Path, out: Path):
+    result = run("build", "aist++", "--source", corpus, "--out", out, "--jobs", 1)
+    assert "encoding motion: 4/4 in" in result.stderr
+    assert "encoding motion" not in result.stdout
+    quiet = run("build", "aist++", "--source", corpus, "--out", out, "--overwrite", "--jobs", 1, "--quiet")
+    assert quiet.stderr == ""
+
+
+@pytest.mark.parametrize(
+    ("args", "said"),
+    [
+        (["build", "aist+"], "did you mean 'aist++'"),
+        (["build", "aist++"], "the dataset aist++ needs a source"),
+        (["build", "aist++", "--source", ".", "--set", "windows.strid_s=1"], "did you mean 'stride_s'"),
+        (["build", "aist++", "--source", ".", "--jobs", "0"], "--jobs"),
+        (["check", ".", "--dataset", "aist+"], "did you mean 'aist++'"),
+        (["features", "song.wav", "--out", "x", "--feature", "librosa53"], "did you mean 'librosa35'"),
+        (["dance"], "dance"),
+    ],
+)
+def test_wrong_usage_ends_with_2(args: list[str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    assert said.lower() in run(*args, code=2).stderr.lower()
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("args", "said"),
+    [
+        (["build", "aist++", "--source", "nowhere", "--out", "x"], "does not exist"),
+        (["plan", "aist++", "--source", "nowhere"], "does not exist"),
+        (["check", "nowhere"], "neither a built dataset nor a source folder"),
+        (["info", "nowhere"], "no finished dataset"),
+        (["features", "song.wav", "--out", "x"], "song.wav"),
+    ],
+)
+def test_a_problem_in_the_data_ends_with_1(
+    args: list[str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.chdir(tmp_path)
+    result = run(*args, code=1)
+    assert said in result.stderr
+    assert result.stderr.startswith(("error:", "building"))
+
+
+# check
+
+
+@pytest.mark.parametrize("scope", RECIPES)
+def test_a_sound_dataset_checks(built_in: dict[str, Path], scope: str):
+    found = as_json("check", built_in[scope])
+    assert found["ok"] is True
+    assert "0 errors" in run("check", built_in[scope]).stdout
+
+
+@pytest.mark.parametrize("name", ["train-00000-of-00001.h5", "dataset.json", "stats.json", "rejects.jsonl"])
+def test_a_flipped_bit_is_found(built_copy: Path, name: str):
+    path = built_copy / name
+    data = bytearray(path.read_bytes() or b" ")
+    data[len(data) // 2] ^= 1
+    path.write_bytes(data)
+    found = as_json("check", built_copy, code=1)
+    assert found["ok"] is False
+    assert name in " ".join(p["where"] for p in found["problems"] if p["severity"] == "error")
+    assert "1 errors" in run("check", built_copy, code=1).stdout
+
+
+def test_a_killed_builds_folder_does_not_check(built_copy: Path):
+    (built_copy / "dataset.json").unlink()
+    assert "no finished dataset" in run("check", built_copy, code=1).stdout
+
+
+def test_a_clean_source_checks(corpus: Path):
+    found = as_json("check", corpus)
+    assert found["ok"] is True
+    assert all(p["severity"] == "note" for p in found["problems"])
+    assert any("official AIST++" in p["message"] for p in found["problems"])
+
+
+def test_a_source_with_broken_files_does_not_check(worn: Path):
+    (worn / "wavs" / "mBR0.wav").write_bytes(b"no music")
+    found = as_json("check", worn, code=1)
+    errors = {p["where"]: p["message"] for p in found["problems"] if p["severity"] == "error"}
+    assert errors.keys() > {TRAIN, VAL}
+    assert errors[TRAIN].startswith("broken_file: ")
+    assert errors[VAL].startswith("broken_audio: ")
+    assert f"{TRAIN}.pkl" in errors[TRAIN]
+
+
+def test_a_check_makes_no_corpus(corpus: Path, tmp_path: Path):
+    (tmp_path / "empty").mkdir()
+    for name in DATASETS.names():
+        run("check", tmp_path / "empty", "--dataset", name, code=1)
+        run("check", tmp_path / "missing", "--dataset", name, code=1)
+    assert [p.name for p in tmp_path.rglob("*")] == ["empty"]
+    assert as_json("check", corpus, "--dataset", "aist++")["ok"] is True
+
+
+# info, list
+
+
+def test_info_shows_what_is_there(built: Path):
+    text = run("info", built).stdout
+    for part in ("edge151: 151 columns", "librosa35: 35 columns", "track scope", "nothing was left out", "licence: "):
+        assert part in text
+    assert TRAIN not in text
+    about = as_json("info", built)
+    assert about["counts"]["train"]["windows"] == 6
+    assert about["fields"]["edge151"]["groups"] == ["contact", "translation", "rotation_6d"]
+
+
+def test_info_lists_every_clip_if_asked(built: Path):
+    lines = {line.split()[0]: line.split()[1:] for line in run("info", built, "--clips").stdout.splitlines() if line}
+    assert lines[TRAIN][:4] == ["train", "mHO3", "180", "3"]
+    assert lines[VAL][:4] == ["val", "mBR0", "180", "3"]
+
+
+def test_list_names_every_recipe_and_plugin():
+    found = as_json("list")
+    assert found["recipes"].keys() == set(recipe_names())
+    for kind, registry in {
+        "datasets": DATASETS,
+        "representations": REPRESENTATIONS,
+        "contacts": CONTACTS,
+        "audio features": FEATURES,
+    }.items():
+        assert tuple(found[kind]) == registry.names()
+        assert all(entry["about"] for entry in found[kind].values())
+    text = run("list").stdout
+    assert all(name in text for kind in found.values() for name in kind)
+
+
+# features
+
+
+def test_features_of_a_song_of_ones_own(corpus: Path, tmp_path: Path):
+    song = tmp_path / "my söng 2.flac"
+    samples, rate = soundfile.read(corpus / "wavs" / "mHO3.wav")
+    soundfile.write(song, samples, rate)
+    (about,) = as_json("features", song, "--out", tmp_path / "features")
+    rows = np.load(tmp_path / "features" / "my söng 2.librosa35.npy")
+    assert np.array_equal(rows, dancedata.extract("librosa35", song))
+    assert (about["scope"], about["fps"], about["shape"]) == ("track", "30", list(rows.shape))
+    written = json.loads((tmp_path / "features" / "my söng 2.librosa35.json").read_text(encoding="utf-8"))
+    assert written == about
+    assert len(about["columns"]) == 35
+
+
+@pytest.mark.parametrize("scope", RECIPES)
+def test_features_like_a_dataset_are_the_rows_that_it_holds(
+    built_in: dict[str, Path], corpus: Path, tmp_path: Path, scope: str
+):
+    with dancedata.open(built_in[scope]) as ds:
+        bpm = ds.clip(TRAIN).record.tempo_bpm
+        args = ("features", corpus / "wavs" / "mHO3.wav", "--out", tmp_path, "--like", built_in[scope], "--bpm", bpm)
+        (about,) = as_json(*args)
+        rows = np.load(tmp_path / about["file"])
+        assert about["scope"] == scope
+        windows = [w for w in ds.windows("train") if w.clip == TRAIN]
+        assert len(windows) == 3
+        for window in windows:
+            mine = (
+                rows[window.start // 15] if scope == "window" else rows[window.start : window.start + window.length]
+            )
+            assert np.array_equal(ds.read(window, "librosa35"), mine)
+    if scope == "window":
+        assert about["window_starts"][:3] == [0, 15, 30]
+    (slow,) = as_json(*args[:-1], 30)
+    assert not np.array_equal(np.load(tmp_path / slow["file"]), rows), "the tempo counts"
+
+
+def test_features_of_a_song_shorter_than_a_window_are_wrong_usage(built_in: dict[str, Path], tmp_path: Path):
+    song = tmp_path / "short.wav"
+    soundfile.write(song, np.zeros(48_000), 48_000)
+    args = ("features", song, "--out", tmp_path / "x", "--like", built_in["window"])
+    assert "found 1.00 s; allowed: at least 5 s" in run(*args, code=2).stderr
+
+
+def test_features_of_two_songs_of_one_name_are_refused(corpus: Path, tmp_path: Path):
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+        shutil.copy(corpus / "wavs" / "mHO3.wav", tmp_path / folder / "song.wav")
+    args = ("features", tmp_path / "a" / "song.wav", tmp_path / "b" / "song.wav", "--out", tmp_path / "x")
+    assert "two songs would be written to one file; found song" in run(*args, code=2).stderr
