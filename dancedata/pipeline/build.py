@@ -321,9 +321,10 @@ def _beside(out: Path) -> tuple[Path, Path]:
 
 def _recover(out: Path) -> None:
     """Put the old dataset back where a swap was killed half way."""
-    old = _beside(out)[1]
+    fresh, old = _beside(out)
     if not out.exists() and (old / DATASET_FILE).exists():
         os.rename(old, out)
+        shutil.rmtree(fresh, ignore_errors=True)
 
 
 @contextmanager

@@ -194,7 +194,7 @@ def _starts(gathered: Gathered, clip: str, motion: MotionResult) -> tuple[int, .
     audio_s = round(signal.n_samples / signal.sample_rate, 3)
     with_music = audio_window_count(recipe, signal.n_samples, signal.sample_rate)
     if not with_music:
-        detail = f"the music of clip {clip} has no whole window: {audio_s} s; a window has {_window_s(recipe):g} s"
+        detail = f"{signal.path}: the music has no whole window: {audio_s} s; a window has {_window_s(recipe):g} s"
         numbers: dict[str, float | int] = {"audio_s": audio_s}
         gathered.drop(clip, Reject("short_audio", clip, str(signal.path), detail=detail, numbers=numbers))
     for k in range(with_music, count) if with_music else ():

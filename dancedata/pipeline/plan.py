@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ from dancedata.store.schema import sort_splits
 
 @dataclass(frozen=True)
 class ClipPlan:
-    """What would become of a clip: frames at the recipe's rate, windows, rows of audio; or a problem.
+    """What would become of a clip: frames at the recipe's rate, windows, rows of audio; or what is wrong with it.
 
     Attributes
     ----------
@@ -33,7 +34,7 @@ class ClipPlan:
     n_windows: int = 0
     n_without_music: int = 0
     audio_rows: tuple[int, ...] = ()
-    problem: str = ""
+    problems: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,7 @@ class Plan:
         """Return plain JSON data: counts, columns and bytes."""
         kept = [c for c in self.clips if c.n_windows]
         left_out = Counter(r.reason for r in self.scan.rejects)
-        left_out.update(c.problem for c in self.clips if not c.n_windows)
+        left_out.update(problem for c in self.clips for problem in c.problems)
         left_out.update({"no_audio": sum(c.n_without_music for c in self.clips)})
         splits = {}
         for split in sort_splits({c.ref.split for c in kept}):
@@ -100,20 +101,35 @@ def make_plan(recipe: Recipe, source: Path, *, jobs: int = 1, progress: Progress
 
 
 def _clip_plan(recipe: Recipe, ref: ClipRef) -> ClipPlan:
+    # As in a build: motion and music are both looked at, so that all that is wrong is named.
+    motion, samples = _try(lambda: recipe.dataset.load(ref)), None
+    if recipe.audio:
+        samples = _try(lambda: _audio_length(ref))
+    problems = tuple(found for found in (motion, samples) if isinstance(found, str))
+    if problems:
+        return ClipPlan(ref, problems=problems)
+    n_frames = FrameGrid(motion.grid.rate).resampled_length(motion.n_frames, recipe.grid)
+    count = motion_window_count(recipe, motion.n_frames, motion.grid.rate)
+    if not count or samples is None:
+        return ClipPlan(ref, n_frames, count, problems=() if count else ("too_short",))
+    kept = min(count, audio_window_count(recipe, *samples))
+    if not kept:
+        return ClipPlan(ref, problems=("short_audio",))
+    rows = tuple(f.n_rows(*samples, recipe.grid) for f in recipe.audio)
+    return ClipPlan(ref, n_frames, kept, count - kept, rows)
+
+
+def _audio_length(ref: ClipRef) -> tuple[int, int]:
     from dancedata.audio.signal import audio_length
 
+    if ref.audio_path is None:
+        raise DataError("the clip has no music", reason="missing_music", where=ref.id)
+    return audio_length(ref.audio_path)
+
+
+def _try(call: Callable[[], Any]) -> Any:
+    """Return a call's result, or the reason code of its DataError."""
     try:
-        motion = recipe.dataset.load(ref)
-        count = motion_window_count(recipe, motion.n_frames, motion.grid.rate)
-        rows: tuple[int, ...] = ()
-        kept = count
-        if recipe.audio:
-            if ref.audio_path is None:
-                return ClipPlan(ref, problem="missing_music")
-            n_samples, sample_rate = audio_length(ref.audio_path)
-            kept = min(count, audio_window_count(recipe, n_samples, sample_rate))
-            rows = tuple(f.n_rows(n_samples, sample_rate, recipe.grid) for f in recipe.audio)
+        return call()
     except DataError as error:
-        return ClipPlan(ref, problem=error.reason)
-    n_frames = FrameGrid(motion.grid.rate).resampled_length(motion.n_frames, recipe.grid)
-    return ClipPlan(ref, n_frames, kept, count - kept, rows, problem="" if kept else "too_short")
+        return error.reason

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -66,6 +67,33 @@ def test_a_plan_counts_what_a_build_makes(worn: Path, out: Path, scope: str):
     assert fields == {name: (f["columns"], f["dtype"]) for name, f in built["fields"].items()}
 
 
+@pytest.mark.parametrize("scope", RECIPES)
+def test_a_plan_gives_the_reasons_that_a_build_gives(source: Path, out: Path, scope: str):
+    path = source / "motions" / f"{TRAIN}.pkl"
+    content = pickle.loads(path.read_bytes())
+    path.write_bytes(pickle.dumps({**content, **{k: content[k][:100] for k in ("smpl_poses", "smpl_trans")}}))
+    wav = source / "wavs" / "mBR0.wav"
+    samples, rate = soundfile.read(wav)
+    soundfile.write(wav, samples[: 3 * rate], rate)
+    # Both the motion and the music of this one are broken.
+    (source / "motions" / "gPO_sBM_cAll_d10_mPO0_ch01.pkl").write_bytes(b"")
+    (source / "wavs" / "mPO0.wav").write_bytes(b"")
+    with (source / "splits" / "crossmodal_train.txt").open("a") as names:
+        names.write("gPO_sBM_cAll_d10_mPO0_ch01\n")
+    plan = as_json("plan", RECIPES[scope], "--source", source, "--out", out)
+    built = as_json("build", RECIPES[scope], "--source", source, "--out", out, "--jobs", 1)
+    assert (
+        plan["left_out"]
+        == built["rejects"]
+        == {
+            "broken_audio": 1,
+            "broken_file": 1,
+            "short_audio": 2,
+            "too_short": 1,
+        }
+    )
+
+
 def test_a_plan_touches_no_dataset_that_is_there(corpus: Path, built_copy: Path, hashes: Callable[[Path], Any]):
     before = hashes(built_copy)
     text = run("plan", "aist++", "--source", corpus, "--out", built_copy, "--set", "windows.stride_s=1").stdout
@@ -112,6 +140,7 @@ def test_a_build_names_the_progress_on_stderr_only(corpus: Path, out: Path):
         (["build", "aist++", "--source", ".", "--jobs", "0"], "--jobs"),
         (["check", ".", "--dataset", "aist+"], "did you mean 'aist++'"),
         (["features", "song.wav", "--out", "x", "--feature", "librosa53"], "did you mean 'librosa35'"),
+        (["features", "song.wav", "--out", "x"], "there is no such song; nothing was computed; found song.wav"),
         (["dance"], "dance"),
     ],
 )
@@ -128,7 +157,6 @@ def test_wrong_usage_ends_with_2(args: list[str], said: str, tmp_path: Path, mon
         (["plan", "aist++", "--source", "nowhere"], "does not exist"),
         (["check", "nowhere"], "neither a built dataset nor a source folder"),
         (["info", "nowhere"], "no finished dataset"),
-        (["features", "song.wav", "--out", "x"], "song.wav"),
     ],
 )
 def test_a_problem_in_the_data_ends_with_1(

@@ -108,9 +108,22 @@ def test_a_problem_says_what_is_wrong(changes: dict[str, Any], said: str):
 
 
 def test_windows_count_at_the_recipes_own_rate():
-    recipe = parse_recipe(document(fps="30000/1001", windows={"length_frames": 150, "stride_frames": 15}))
+    frames = {"length_frames": 150, "stride_frames": 15}
+    recipe = parse_recipe(document(fps="30000/1001", audio=None, windows=frames))
     assert recipe.document["fps"] == "30000/1001"
-    assert "no whole number" in problem_of(fps="30000/1001")
+    assert "windows.length_s is no whole number" in problem_of(fps="30000/1001", audio=None)
+
+
+def test_a_rate_that_a_feature_cannot_do_is_said_before_any_work():
+    text = problem_of(fps="30000/1001", windows={"length_frames": 150, "stride_frames": 15})
+    assert "librosa35 cannot be computed at this frame rate; found 30000/1001" in text
+
+
+def test_a_key_that_is_there_twice_is_an_error(tmp_path: Path):
+    path = tmp_path / "twice.yaml"
+    path.write_text("recipe: 1\nname: one\nname: two\n")
+    with pytest.raises(RecipeError, match="the key 'name' is there twice"):
+        load_recipe(path)
 
 
 def test_a_file_that_is_no_yaml_is_named(tmp_path: Path):
