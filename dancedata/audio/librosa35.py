@@ -10,14 +10,21 @@ This is the plain version, one librosa call a column group. It is the oracle for
 
 from __future__ import annotations
 
+import hashlib
 import math
+import os
+import sys
+import tempfile
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
+from filelock import FileLock
 from numpy.typing import NDArray
 
 from dancedata.audio.signal import pcm16, resample, resampled_length
@@ -171,32 +178,67 @@ class Librosa35:
         self, samples: NDArray[np.float32], sample_rate: int, rate: int, start_bpm: float | None
     ) -> NDArray[np.float32]:
         """(T, 35) of samples (n,) at `sample_rate`; `rate` is 512 times the frame rate."""
-        import librosa
+        compile_kernels()
+        return _compute(samples, sample_rate, rate, start_bpm, self.tightness)
 
-        with _known_librosa_warnings():
-            y = resample(samples, sample_rate, rate)
-            # Envelope and MFCC see the same dB mel spectrum: computed once, bit-equal to giving y to either.
-            mel_db = librosa.power_to_db(librosa.feature.melspectrogram(y=y, sr=rate, hop_length=HOP))
-            envelope = librosa.onset.onset_strength(S=mel_db, sr=rate, hop_length=HOP)
-            mfcc = librosa.feature.mfcc(S=mel_db, sr=rate, n_mfcc=20)
-            chroma = librosa.feature.chroma_cens(y=y, sr=rate, hop_length=HOP, n_chroma=12)
-            peaks = librosa.onset.onset_detect(onset_envelope=envelope, sr=rate, hop_length=HOP)
-            if start_bpm is None:
-                start_bpm = _estimated_bpm(samples, sample_rate)
-            _, beats = librosa.beat.beat_track(
-                onset_envelope=envelope,
-                sr=rate,
-                hop_length=HOP,
-                start_bpm=start_bpm,
-                tightness=self.tightness,
-            )
-        features = np.zeros((len(envelope), N_COLUMNS), dtype=np.float32)
-        features[:, 0] = envelope
-        features[:, 1:21] = mfcc.T
-        features[:, 21:33] = chroma.T
-        features[peaks, 33] = 1
-        features[beats, 34] = 1
-        return features
+
+@lru_cache(maxsize=1)
+def compile_kernels() -> None:
+    """Load librosa's compiled kernels, one process at a time; once a process.
+
+    numba compiles them on first use in an environment and caches them on disk. Two processes that do so at once
+    can end in a segmentation fault (seen with numba 0.68: a kernel's address was 0), so the first run of all
+    that `_compute` calls is made under a lock. It is in the user's cache folder, which machines of a cluster
+    share as they share the environment.
+    """
+    rng = np.random.default_rng(0)
+    noise = rng.standard_normal(3 * TEMPO_SAMPLE_RATE).astype(np.float32)
+    noise[:: TEMPO_SAMPLE_RATE // 2] = 10.0
+    with FileLock(_lock_file()):
+        _compute(noise, TEMPO_SAMPLE_RATE, 30 * HOP, None, 100.0)
+
+
+def _lock_file() -> Path:
+    name = f"kernels-{hashlib.sha256(sys.prefix.encode()).hexdigest()[:16]}.lock"
+    folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "dancedata"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        writable = os.access(folder, os.W_OK)
+    except OSError:
+        writable = False
+    return (folder if writable else Path(tempfile.gettempdir())) / name
+
+
+def _compute(
+    samples: NDArray[np.float32], sample_rate: int, rate: int, start_bpm: float | None, tightness: float
+) -> NDArray[np.float32]:
+    """Compute the features of `Librosa35._features`."""
+    import librosa
+
+    with _known_librosa_warnings():
+        y = resample(samples, sample_rate, rate)
+        # Envelope and MFCC see the same dB mel spectrum: computed once, bit-equal to giving y to either.
+        mel_db = librosa.power_to_db(librosa.feature.melspectrogram(y=y, sr=rate, hop_length=HOP))
+        envelope = librosa.onset.onset_strength(S=mel_db, sr=rate, hop_length=HOP)
+        mfcc = librosa.feature.mfcc(S=mel_db, sr=rate, n_mfcc=20)
+        chroma = librosa.feature.chroma_cens(y=y, sr=rate, hop_length=HOP, n_chroma=12)
+        peaks = librosa.onset.onset_detect(onset_envelope=envelope, sr=rate, hop_length=HOP)
+        if start_bpm is None:
+            start_bpm = _estimated_bpm(samples, sample_rate)
+        _, beats = librosa.beat.beat_track(
+            onset_envelope=envelope,
+            sr=rate,
+            hop_length=HOP,
+            start_bpm=start_bpm,
+            tightness=tightness,
+        )
+    features = np.zeros((len(envelope), N_COLUMNS), dtype=np.float32)
+    features[:, 0] = envelope
+    features[:, 1:21] = mfcc.T
+    features[:, 21:33] = chroma.T
+    features[peaks, 33] = 1
+    features[beats, 34] = 1
+    return features
 
 
 def _feature_rate(grid: FrameGrid) -> int:

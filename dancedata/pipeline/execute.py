@@ -5,8 +5,11 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import BrokenExecutor
 from contextlib import AbstractContextManager, contextmanager
 from typing import Any, TextIO
+
+from dancedata.core.errors import DanceDataError
 
 #: Seconds between two lines of progress where there is no terminal.
 LINE_INTERVAL_S = 15.0
@@ -28,10 +31,17 @@ def run_units(
     # No more processes than calls; one call needs none.
     workers = Parallel(n_jobs=max(1, min(jobs, len(calls))), return_as="generator")
     outcome: Iterable[Any] = workers(delayed(_pinned)(function, call) for call in calls)
-    with progress.stage(label, len(calls)) as advance:
-        for result in outcome:
-            results.append(result)
-            advance(1)
+    try:
+        with progress.stage(label, len(calls)) as advance:
+            for result in outcome:
+                results.append(result)
+                advance(1)
+    except BrokenExecutor as error:
+        raise DanceDataError(
+            f"a worker process died during {label}",
+            found=str(error).split("\n")[0],
+            fix="run the same command again, it goes on where it was; if memory ran out, with fewer --jobs",
+        ) from error
     return results
 
 

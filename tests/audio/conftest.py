@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from dancedata.audio.librosa35 import compile_kernels
 from dancedata.core.audio_signal import AudioSignal
 
 RATE = 48000
@@ -53,3 +54,9 @@ def librosa_load() -> Callable[..., NDArray[np.float32]]:
         return samples
 
     return load
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _kernels() -> None:
+    """Compile librosa's kernels under the lock, before tests call librosa itself: pytest's workers run at once."""
+    compile_kernels()
