@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 from dancedata.core.motion import Motion
@@ -23,6 +22,9 @@ class ClipRef:
         Tempo as the dataset states it, beats a minute; None where it does not.
     lists
         Lists of the dataset (split files, say) that name the clip.
+    declared
+        What the source says of how this file is to be read, apart from the dataset's parameters: (name, value),
+        such as ("fps", "120") from a manifest. It is for `load`, and part of the cache key.
     """
 
     id: str
@@ -35,6 +37,7 @@ class ClipRef:
     dancer: str = ""
     lists: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    declared: tuple[tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +87,7 @@ class Reject:
     file: str = ""
     window: int | None = None
     detail: str = ""
-    numbers: Mapping[str, float | int] = field(default_factory=lambda: MappingProxyType({}))
+    numbers: Mapping[str, float | int] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, Any]:
         """Return plain JSON data, without what is empty."""

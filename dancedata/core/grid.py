@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -92,6 +93,10 @@ class FrameGrid:
         if n_frames <= 0:
             return 0
         return int((n_frames - 1) * target.rate / self.rate) + 1
+
+    def first_frame_from(self, frame: int, target: FrameGrid) -> int:
+        """Return the first frame of `target` that does not lie before `frame` of this grid."""
+        return math.ceil(frame * target.rate / self.rate)
 
     def row(self, frame: int, other: FrameGrid) -> int:
         """Return the row of `other` that lies at the same instant as `frame`.

@@ -27,6 +27,10 @@ class Motion:
         Frame rate.
     skeleton
         J joints.
+    trim_start
+        First frame that belongs to the dance, where the dataset says that earlier ones should be cut (a dancer
+        who stands and waits). They are kept: who trains on the motion skips them, and grounding looks at
+        this frame.
 
     Raises
     ------
@@ -38,6 +42,7 @@ class Motion:
     rotations: Float64Array
     grid: FrameGrid
     skeleton: Skeleton
+    trim_start: int = 0
 
     def __post_init__(self) -> None:
         """Check and freeze the arrays."""
@@ -53,6 +58,12 @@ class Motion:
             )
         if len(rotations) == 0:
             raise DataError("the motion has no frames", reason="empty", found="0 frames")
+        if not 0 <= self.trim_start < len(rotations):
+            raise DataError(
+                "nothing is left of the motion once its beginning is cut",
+                reason="too_short",
+                found=f"{len(rotations)} frames, the first {self.trim_start} of them to be cut",
+            )
         for what, array in (("translation", translation), ("rotations", rotations)):
             bad = ~np.isfinite(array.reshape(len(array), -1)).all(axis=1)
             if bad.any():
@@ -72,7 +83,12 @@ class Motion:
 
     def part(self, start: int, stop: int) -> Motion:
         """Return frames start .. stop - 1."""
-        return Motion(self.translation[start:stop], self.rotations[start:stop], self.grid, self.skeleton)
+        trim = min(max(self.trim_start - start, 0), max(min(stop, self.n_frames) - start - 1, 0))
+        return Motion(self.translation[start:stop], self.rotations[start:stop], self.grid, self.skeleton, trim)
+
+    def on(self, skeleton: Skeleton) -> Motion:
+        """Return the same translation and rotations on another skeleton of as many joints."""
+        return Motion(self.translation, self.rotations, self.grid, skeleton, self.trim_start)
 
     def resampled(self, grid: FrameGrid) -> Motion:
         """Return the motion at another rate, from the same first frame.
@@ -85,7 +101,8 @@ class Motion:
             return self
         step = self.grid.step_to(grid)
         if step is not None:
-            return Motion(self.translation[::step], self.rotations[::step], grid, self.skeleton)
+            trim = min(self.grid.first_frame_from(self.trim_start, grid), (self.n_frames - 1) // step)
+            return Motion(self.translation[::step], self.rotations[::step], grid, self.skeleton, trim)
         n = self.grid.resampled_length(self.n_frames, grid)
         ratio = self.grid.rate / grid.rate
         # Whole numbers first: k * 2 / 3 in floating point can fall short of a frame that it should hit.
@@ -94,7 +111,8 @@ class Motion:
         upper = np.minimum(lower + 1, self.n_frames - 1)
         share = (frames - lower)[:, None]
         translation = self.translation[lower] * (1 - share) + self.translation[upper] * share
-        return Motion(translation, slerp(self.rotations, frames), grid, self.skeleton)
+        trim = min(self.grid.first_frame_from(self.trim_start, grid), n - 1)
+        return Motion(translation, slerp(self.rotations, frames), grid, self.skeleton, trim)
 
     def joints(self) -> Float64Array:
         """Return joint positions (T, J, 3), metres, with the skeleton's own root offset."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
 from pathlib import Path
 from typing import Any, ClassVar, Protocol
 
@@ -67,16 +68,27 @@ class Representation(Protocol):
     default_contacts
         Contact rule where a recipe names none; None if the representation holds no contacts.
     skeleton
-        What `encode` takes.
+        Whose joints the columns hold. `encode` takes motions on any body of its family.
+    rate
+        Frames a second of the columns, where it is the representation's own; None: the recipe's.
+    grounded
+        Whether `encode` moves the dancer up or down to the ground, so that `decode` gives back the motion but
+        for a constant height.
     """
 
     name: ClassVar[str]
     version: ClassVar[int]
     default_contacts: ClassVar[str | None]
-    skeleton: ClassVar[Skeleton]
+    rate: ClassVar[Fraction | None]
+    grounded: ClassVar[bool]
     #: What dataset.json says of the columns' axes and of the 6D convention.
     axes: ClassVar[str]
     rotation_6d: ClassVar[str | None]
+
+    @property
+    def skeleton(self) -> Skeleton:
+        """Whose joints the columns hold."""
+        ...
 
     @property
     def columns(self) -> Columns:
@@ -89,6 +101,22 @@ class Representation(Protocol):
 
     def decode(self, array: npt.NDArray[Any], grid: FrameGrid) -> Motion:
         """Return the motion of (T, D) columns at the rate of `grid`."""
+        ...
+
+
+class KeyMotionFinder(Protocol):
+    """Finds key motions of a clip: rows a frame that say where they are."""
+
+    name: ClassVar[str]
+    version: ClassVar[int]
+
+    @property
+    def columns(self) -> Columns:
+        """The D columns."""
+        ...
+
+    def analyse(self, motion: Motion) -> Float32Array:
+        """Return (T, D) rows of a clip at the recipe's rate."""
         ...
 
 

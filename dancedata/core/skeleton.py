@@ -49,6 +49,13 @@ class Skeleton:
             )
         if self.parents[0] != -1 or any(not 0 <= p < j for j, p in enumerate(self.parents) if j):
             raise UsageError(f"skeleton {self.name}: a parent must come before its children, the root first")
+        paired = [j for pair in self.pairs for j in pair]
+        if len(self.feet) != 4 or not {*paired, *self.feet} <= set(range(n)) or len(set(paired)) != len(paired):
+            raise UsageError(
+                f"skeleton {self.name}: pairs and feet are joints, four feet, each joint in one pair at most",
+                found=f"pairs {self.pairs}, feet {self.feet}",
+                allowed=f"0 to {n - 1}",
+            )
         offsets.setflags(write=False)
         object.__setattr__(self, "offsets", offsets)
 
@@ -71,6 +78,34 @@ class Skeleton:
         offsets = np.array(self.offsets)
         offsets[0] = offset
         return replace(self, name=name, offsets=offsets)
+
+    def subset(self, name: str, joints: tuple[str, ...]) -> Skeleton:
+        """Return the skeleton of some joints, in their order here: bones across those left out are joined.
+
+        Raises
+        ------
+        UsageError
+            For a joint that is not there, or if the root or a foot joint is left out.
+        """
+        kept = [self.index(joint) for joint in joints]
+        needed = {0, *self.feet}
+        if kept != sorted(kept) or not needed <= set(kept):
+            raise UsageError(
+                f"a part of skeleton {self.name} keeps the order, the root and the feet",
+                found=", ".join(joints[:6]),
+                allowed=", ".join(self.joints[j] for j in sorted(needed)) + " among them",
+            )
+        parents, offsets = [], np.array(self.offsets[kept])
+        for new, old in enumerate(kept):
+            parent = self.parents[old]
+            while parent not in kept and parent != -1:
+                offsets[new] += self.offsets[parent]
+                parent = self.parents[parent]
+            parents.append(-1 if parent == -1 else kept.index(parent))
+        pairs = [(kept.index(a), kept.index(b)) for a, b in self.pairs if a in kept and b in kept]
+        ankle, other_ankle, toe, other_toe = (kept.index(j) for j in self.feet)
+        feet = (ankle, other_ankle, toe, other_toe)
+        return Skeleton(name, joints, tuple(parents), offsets, tuple(pairs), feet)
 
     def mirrored(self) -> Skeleton:
         """Return the reflection across x = 0: sides swapped, x negated."""
@@ -153,5 +188,3 @@ SMPL24 = Skeleton(
 
 #: The same with EDGE's root: the pelvis lies at the translation itself (0.24 m too high in the room).
 SMPL24_EDGE = SMPL24.with_root_offset("smpl24-edge", (0.0, 0.0, 0.0))
-
-SKELETONS = {s.name: s for s in (SMPL24, SMPL24_EDGE)}

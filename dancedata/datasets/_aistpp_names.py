@@ -29,6 +29,7 @@ class Facts:
     get_motion: str
     get_music: str
     genres: Mapping[str, str]
+    genre_ids: Mapping[str, int]
     songs_per_genre: int
     tempo: Mapping[str, tuple[float, float]]
     test_music: frozenset[str]
@@ -55,6 +56,7 @@ def facts() -> Facts:
         get_motion=raw["get_it"]["motion"],
         get_music=raw["get_it"]["music"],
         genres=raw["genres"],
+        genre_ids=raw["lodge_genre_ids"],
         songs_per_genre=raw["songs_per_genre"],
         tempo={letters: (t["base"], t["step"]) for letters, t in raw["tempo_bpm"].items()},
         test_music=frozenset(rule["test_music"]),

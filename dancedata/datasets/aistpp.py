@@ -24,7 +24,7 @@ own file is taken. Facts (tempos, split rule, ignore list, copies) are in ``mani
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import ClassVar, Literal
@@ -107,6 +107,11 @@ class AistPP:
                 found=f"split_dir {self.split_dir!r}",
                 fix="leave split_dir out, or name a split",
             )
+
+    @property
+    def genre_ids(self) -> Mapping[str, int]:
+        """Lodge's number of each genre, by the name that clips carry: ``gBR`` is 0."""
+        return facts().genre_ids
 
     def scan(self, source: Path) -> Scan:
         """List what is there; reads names and lists, no motion and no music.

@@ -16,12 +16,12 @@ from filelock import FileLock, Timeout
 from dancedata.core.clip import Reject, Scan
 from dancedata.core.errors import DataError, StoreError, UsageError
 from dancedata.core.version import __version__
+from dancedata.pipeline.audio_units import libsndfile_version
 from dancedata.pipeline.cache import Cache, default_cache, package_version
 from dancedata.pipeline.card import dataset_card
 from dancedata.pipeline.execute import Progress
 from dancedata.pipeline.gather import Gathered, gather, identify, require_clips
 from dancedata.pipeline.recipe import Recipe
-from dancedata.pipeline.units import libsndfile_version
 from dancedata.store import Field, StoredClip, StoreHeader, open_store, write_store
 from dancedata.store.schema import (
     CARD_FILE,
@@ -35,7 +35,7 @@ from dancedata.store.schema import (
 LOCK_FILE = ".lock"
 _OWN_FILES = {DATASET_FILE, STATS_FILE, REJECTS_FILE, QUALITY_FILE, CARD_FILE, LOCK_FILE}
 #: Reasons for which a clip is left out by choice; they do not stop a strict build.
-BY_CHOICE = {"ignored", "unassigned", "missing_motion", "unused_music", "extra_file", "no_audio"}
+BY_CHOICE = {"ignored", "unassigned", "missing_motion", "unused_music", "extra_file", "no_audio", "still"}
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,8 @@ def build(
 
 def header_of(recipe: Recipe, meta: Mapping[str, Any]) -> StoreHeader:
     """Return what holds for the whole store."""
-    motion = [Field(s.name, "motion", s.representation.columns, recipe.fps) for s in recipe.motion]
+    motion = [Field(s.name, "motion", s.representation.columns, recipe.grid_of(s).rate) for s in recipe.motion]
+    keymotion = [Field(k.name, "keymotion", k.columns, recipe.fps) for k in recipe.keymotion]
     audio = [Field(f.name, "audio", f.columns, recipe.fps, f.dtype) for f in recipe.audio]
     return StoreHeader(
         scope=recipe.scope,
@@ -129,8 +130,8 @@ def header_of(recipe: Recipe, meta: Mapping[str, Any]) -> StoreHeader:
         length=recipe.windows.length,
         stride=recipe.windows.stride,
         order=recipe.windows.order,
-        fields=(*motion, *audio),
-        skeleton=recipe.motion[0].representation.skeleton,
+        fields=(*motion, *keymotion, *audio),
+        skeleton=max((s.representation.skeleton for s in recipe.motion), key=lambda s: s.n_joints),
         meta=meta,
     )
 
@@ -173,6 +174,9 @@ def _meta(recipe: Recipe, gathered: Gathered, source_sha256: str) -> dict[str, A
         "citation": recipe.dataset.citation,
         "axes": {slot.name: slot.representation.axes for slot in recipe.motion},
         "rotation_6d": {slot.name: slot.representation.rotation_6d for slot in recipe.motion},
+        "skeletons": {slot.name: slot.representation.skeleton.name for slot in recipe.motion},
+        "genre_ids": dict(getattr(recipe.dataset, "genre_ids", {})),
+        "content": gathered.content,
         "packages": {**versions, **{name: package_version(name) for name in sorted(packages)}},
         "quality_flags": len(gathered.quality),
     }

@@ -43,20 +43,23 @@ class CachedArray:
     path
         A .npy file.
     shape
-        Shape of the array that is wanted: the first shape[0] entries of the file.
+        Shape of the array that is wanted.
+    entries
+        Numbers of the entries that are wanted, along the first axis; None: all.
     """
 
     path: Path
     shape: tuple[int, ...]
+    entries: tuple[int, ...] | None = None
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> npt.NDArray[Any]:
         """Load the array."""
-        array = np.load(self.path, mmap_mode="r", allow_pickle=False)[: self.shape[0]]
-        return np.array(array, dtype=dtype)
+        array = np.load(self.path, mmap_mode="r", allow_pickle=False)
+        return np.array(array if self.entries is None else array[list(self.entries)], dtype=dtype)
 
-    def head(self, n: int) -> CachedArray:
-        """Return the first n entries."""
-        return CachedArray(self.path, (min(n, self.shape[0]), *self.shape[1:]))
+    def take(self, entries: tuple[int, ...]) -> CachedArray:
+        """Return some entries along the first axis, in that order."""
+        return CachedArray(self.path, (len(entries), *self.shape[1:]), entries)
 
 
 @dataclass(frozen=True)

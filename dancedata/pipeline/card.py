@@ -57,6 +57,8 @@ def _fields_list(recipe: Recipe) -> str:
         lines.append(
             f"- `{slot.name}`: {slot.representation.columns.width} columns, {slot.representation.axes}{rule}"
         )
+    for plugin in recipe.keymotion:
+        lines.append(f"- `{plugin.name}`: key motions, {', '.join(plugin.columns.labels)}")
     lines += [f"- `{feature.name}`: {feature.columns.width} columns" for feature in recipe.audio]
     return "\n".join([*lines, ""])
 

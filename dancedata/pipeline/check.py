@@ -10,7 +10,7 @@ from dancedata.core.errors import DataError, SourceError
 from dancedata.core.registry import DATASETS
 from dancedata.pipeline.build import BY_CHOICE
 from dancedata.pipeline.execute import Progress, run_units
-from dancedata.pipeline.units import reject_of
+from dancedata.pipeline.rejects import reject_of
 from dancedata.store import Problem, verify_store
 from dancedata.store.schema import DATASET_FILE, is_shard_name
 

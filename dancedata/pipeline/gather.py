@@ -7,25 +7,30 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from dancedata.augment.mirror import mirrored_copy
 from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import StoreError
 from dancedata.core.hashing import json_sha256
 from dancedata.core.windows import count_windows
-from dancedata.pipeline.cache import Cache, CachedArray
-from dancedata.pipeline.execute import Progress, run_units
-from dancedata.pipeline.recipe import Recipe
-from dancedata.pipeline.units import (
-    MotionResult,
+from dancedata.pipeline.audio_units import (
     SignalId,
-    encode_motion,
     extract_track,
     extract_windows,
-    hash_motion,
     identify_audio,
-    motion_window_count,
     window_key,
     window_samples,
 )
+from dancedata.pipeline.cache import Cache, CachedArray
+from dancedata.pipeline.execute import Progress, run_units
+from dancedata.pipeline.motion_units import (
+    MotionResult,
+    content_hashes,
+    encode_motion,
+    hash_motion,
+    motion_window_count,
+)
+from dancedata.pipeline.movement import still_windows
+from dancedata.pipeline.recipe import Recipe
 from dancedata.store import AudioBlock, StoredClip
 
 #: Windows of a song in one unit of work: few enough to share a song out among workers.
@@ -44,6 +49,8 @@ class Gathered:
         All that was left out.
     motion_sha, signals
         Identity of every clip's files.
+    content
+        Hashes of files that the dataset's parameters name, such as a body model.
     audio_problems
         Clips whose music is missing or broken. Their motion is looked at all the same, so that a build names
         all that is wrong; then they are set aside.
@@ -57,6 +64,7 @@ class Gathered:
     signals: dict[Path, SignalId] = field(default_factory=dict)
     audio_problems: dict[str, Reject] = field(default_factory=dict)
     quality: list[dict[str, Any]] = field(default_factory=list)
+    content: dict[str, str] = field(default_factory=dict)
 
     def drop(self, clip: str, reject: Reject) -> None:
         """Set a clip aside."""
@@ -74,19 +82,20 @@ class Gathered:
             signal = self.signal(ref)
             clips.append(
                 [
-                    [ref.id, ref.split, ref.music, ref.tempo_bpm, ref.genre, ref.dancer, list(ref.lists)],
+                    [ref.id, ref.split, ref.music, ref.tempo_bpm, ref.genre, ref.dancer, ref.lists, ref.declared],
                     self.motion_sha[ref.id],
                     signal.sha256 if signal else None,
                 ]
             )
         problems = [*self.rejects, *self.audio_problems.values()]
         left_out = sorted([r.reason, r.clip, Path(r.file).name] for r in problems)
-        return json_sha256({"clips": clips, "left_out": left_out})
+        return json_sha256({"clips": clips, "left_out": left_out, "content": self.content})
 
 
 def identify(cache: Cache, recipe: Recipe, scan: Scan, *, jobs: int, progress: Progress) -> Gathered:
     """Find out what every clip's files are: hash motions, decode and hash music."""
-    gathered = Gathered(recipe, scan, {r.id: r for r in scan.clips}, list(scan.rejects))
+    content = content_hashes(cache, recipe.dataset)
+    gathered = Gathered(recipe, scan, {r.id: r for r in scan.clips}, list(scan.rejects), content=content)
     refs = list(scan.clips)
     hashes = run_units(hash_motion, [(cache, r) for r in refs], jobs=1, label="hashing motion", progress=progress)
     for ref, sha in zip(refs, hashes, strict=True):
@@ -120,16 +129,44 @@ def gather(cache: Cache, gathered: Gathered, *, jobs: int, progress: Progress) -
     for clip, problem in gathered.audio_problems.items():
         gathered.drop(clip, problem)
     starts = {clip: _starts(gathered, clip, motions[clip]) for clip in list(gathered.refs)}
+    for clip in list(gathered.refs):
+        starts[clip] = _moving(gathered, clip, motions[clip], starts[clip])
     audio = _extract_all(cache, gathered, starts, jobs, progress)
     clips = []
     for clip in sorted(audio):
-        motion, ref, n = motions[clip], gathered.refs[clip], len(starts[clip])
+        motion, ref = motions[clip], gathered.refs[clip]
         arrays = motion.arrays
         if gathered.recipe.scope == "window":
-            arrays = {name: array.head(n) for name, array in arrays.items()}
+            numbers = window_numbers(gathered.recipe, starts[clip])
+            arrays = {name: array.take(numbers) for name, array in arrays.items()}
         gathered.quality += [{"clip": clip, **flag} for flag in motion.flags]
         clips.append(_stored(ref, motion, starts[clip], arrays, audio[clip]))
-    return clips
+    return clips + _mirrored(gathered.recipe, clips)
+
+
+def _moving(gathered: Gathered, clip: str, motion: MotionResult, starts: tuple[int, ...]) -> tuple[int, ...]:
+    """Return the starts that the recipe's filter keeps; a clip without any is set aside."""
+    kept, rejects = still_windows(gathered.recipe, gathered.refs[clip], motion, starts)
+    gathered.rejects += rejects
+    if rejects and not kept:
+        detail = f"none of the {len(rejects)} windows of clip {clip} passes the movement filter"
+        gathered.drop(clip, Reject("still", clip, str(gathered.refs[clip].motion_path), detail=detail))
+    return kept
+
+
+def _mirrored(recipe: Recipe, clips: Sequence[StoredClip]) -> list[StoredClip]:
+    """Return mirrored copies of the train clips, if the recipe wants them."""
+    if not recipe.mirror:
+        return []
+    columns = {slot.name: slot.representation.columns for slot in recipe.motion}
+    columns |= {plugin.name: plugin.columns for plugin in recipe.keymotion}
+    mirrors = {name: own.mirror for name, own in columns.items() if own.mirror is not None}
+    return [mirrored_copy(clip, mirrors) for clip in clips if clip.split == "train"]
+
+
+def window_numbers(recipe: Recipe, starts: Sequence[int]) -> tuple[int, ...]:
+    """Return the numbers of windows among all those of their clip."""
+    return tuple(start // recipe.windows.stride for start in starts)
 
 
 def _stored(
@@ -147,6 +184,9 @@ def _stored(
         dancer=ref.dancer,
         tempo_bpm=ref.tempo_bpm,
         n_flags=len(motion.flags),
+        trim_start=motion.trim_start,
+        height_m=motion.height_m,
+        source_rate=str(motion.source_rate),
         lists=ref.lists,
         n_frames=motion.n_frames,
         starts=starts,
@@ -271,9 +311,9 @@ def _extract_windows(
     wanted: dict[tuple[Path, float | None], list[int]] = {}
     for ref in gathered.refs.values():
         signal, bpm = _need_signal(gathered, ref), ref.tempo_bpm
-        windows = signal.windows[: len(starts[ref.id])]
-        keys[ref.id] = [window_key(recipe, feature, bpm, window) for window in windows]
-        for number, key in enumerate(keys[ref.id]):
+        numbers = window_numbers(recipe, starts[ref.id])
+        keys[ref.id] = [window_key(recipe, feature, bpm, signal.windows[number]) for number in numbers]
+        for number, key in zip(numbers, keys[ref.id], strict=True):
             if owner.setdefault(key, (signal.path, bpm)) == (signal.path, bpm):
                 wanted.setdefault((signal.path, bpm), []).append(number)
     arrays, failed = _compute_windows(cache, gathered, feature, wanted, jobs, progress)

@@ -14,8 +14,8 @@ from dancedata.core.grid import FrameGrid
 from dancedata.pipeline.build import header_of
 from dancedata.pipeline.execute import Progress, run_units
 from dancedata.pipeline.gather import audio_window_count
+from dancedata.pipeline.motion_units import motion_window_count
 from dancedata.pipeline.recipe import Recipe
-from dancedata.pipeline.units import motion_window_count
 from dancedata.store.schema import sort_splits
 
 
@@ -54,10 +54,11 @@ class Plan:
         splits = {}
         for split in sort_splits({c.ref.split for c in kept}):
             mine = [c for c in kept if c.ref.split == split]
+            copies = self._copies(split)
             splits[split] = {
-                "clips": len(mine),
-                "windows": sum(c.n_windows for c in mine),
-                "frames": sum(c.n_frames for c in mine),
+                "clips": len(mine) * copies,
+                "windows": sum(c.n_windows for c in mine) * copies,
+                "frames": sum(c.n_frames for c in mine) * copies,
                 "songs": len({c.ref.music for c in mine}),
             }
         fields = {f.name: {"columns": f.columns.width, "dtype": f.dtype} for f in header_of(self.recipe, {}).fields}
@@ -65,12 +66,22 @@ class Plan:
             "recipe": self.recipe.document,
             "recipe_sha256": self.recipe.sha256,
             "layout": self.scan.layout,
-            "notes": list(self.scan.notes),
+            "notes": [*self.scan.notes, *self._notes()],
             "splits": splits,
             "fields": fields,
             "bytes": self._bytes(kept),
             "left_out": {reason: n for reason, n in sorted(left_out.items()) if n},
         }
+
+    def _copies(self, split: str) -> int:
+        return 2 if self.recipe.mirror and split == "train" else 1
+
+    def _notes(self) -> list[str]:
+        chosen = self.recipe.windows.filter
+        if chosen is None:
+            return []
+        where = ", ".join(chosen.splits)
+        return [f"windows of {where} are counted before the movement filter, which looks at encoded motion"]
 
     def _bytes(self, kept: list[ClipPlan]) -> int:
         """Estimate the size of the shards, tables aside; equal windows of several files are counted each."""
@@ -78,8 +89,11 @@ class Plan:
         by_window = self.recipe.scope == "window"
         total = 0
         for field in header_of(self.recipe, {}).fields:
-            if field.kind == "motion":
-                rows = sum(c.n_windows * length if by_window else c.n_frames for c in kept)
+            if field.per_clip:
+                frames = sum(
+                    (c.n_windows * length if by_window else c.n_frames) * self._copies(c.ref.split) for c in kept
+                )
+                rows = field.row_rate(self.recipe.fps).rows_up(frames)
             else:
                 index = [f.name for f in self.recipe.audio].index(field.name)
                 songs = {(c.ref.split, c.ref.audio_path): c.audio_rows[index] for c in kept}

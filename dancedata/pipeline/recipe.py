@@ -15,9 +15,10 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 from dancedata.core.errors import DanceDataError, RecipeError, UsageError, did_you_mean
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import json_sha256
-from dancedata.core.registry import CONTACTS, DATASETS, FEATURES, REPRESENTATIONS
+from dancedata.core.movement import Movement
+from dancedata.core.registry import CONTACTS, DATASETS, FEATURES, KEYMOTIONS, REPRESENTATIONS, Registry
 from dancedata.core.resources import resource, resources
-from dancedata.pipeline.slots import document_of, make_plugin, one_of
+from dancedata.pipeline.slots import document_of, make_dataclass, make_plugin, one_of
 from dancedata.pipeline.strict_yaml import load_yaml
 
 
@@ -41,6 +42,11 @@ class _Windows(_Strict):
     stride_s: Scalar | None = None
     stride_frames: int | None = Field(default=None, ge=1)
     order: Literal["time", "name"] = "time"
+    filter: Any = None
+
+
+class _Augment(_Strict):
+    mirror: bool = False
 
 
 class _Store(_Strict):
@@ -57,16 +63,29 @@ class _Document(_Strict):
     windows: _Windows
     motion: Any
     audio: Any = None
+    keymotion: Any = None
+    augment: _Augment = _Augment()
     store: _Store = _Store()
 
 
 @dataclass(frozen=True)
 class WindowSpec:
-    """Windows in frames at the recipe's rate; order as in the store's format."""
+    """Windows in frames at the recipe's rate; order as in the store's format; which are kept."""
 
     length: int
     stride: int
     order: Literal["time", "name"]
+    filter: Movement | None = None
+
+    def document(self) -> dict[str, Any]:
+        """Return all keys, defaults included."""
+        chosen = None if self.filter is None else {"movement": document_of(self.filter)}
+        return {
+            "length_frames": self.length,
+            "stride_frames": self.stride,
+            "order": self.order,
+            "filter": chosen,
+        }
 
 
 @dataclass(frozen=True)
@@ -101,12 +120,19 @@ class Recipe:
     windows: WindowSpec
     motion: tuple[MotionSlot, ...]
     audio: tuple[Any, ...]
+    keymotion: tuple[Any, ...]
+    mirror: bool
     shard_mb: int
 
     @property
     def fps(self) -> Fraction:
         """Frames a second of the store."""
         return self.grid.rate
+
+    def grid_of(self, slot: MotionSlot) -> FrameGrid:
+        """Return the grid of a motion field: the representation's own rate, else the recipe's."""
+        rate = slot.representation.rate
+        return self.grid if rate is None else FrameGrid(rate)
 
     @cached_property
     def document(self) -> dict[str, Any]:
@@ -118,13 +144,11 @@ class Recipe:
             "dataset": {self.dataset.name: document_of(self.dataset)},
             "fps": str(self.grid),
             "scope": self.scope,
-            "windows": {
-                "length_frames": self.windows.length,
-                "stride_frames": self.windows.stride,
-                "order": self.windows.order,
-            },
+            "windows": self.windows.document(),
             "motion": {slot.name: slot.document() for slot in self.motion},
             "audio": {feature.name: document_of(feature) for feature in self.audio},
+            "keymotion": {plugin.name: document_of(plugin) for plugin in self.keymotion},
+            "augment": {"mirror": self.mirror},
             "store": {"shard_mb": self.shard_mb},
         }
 
@@ -204,10 +228,16 @@ def parse_recipe(document: Mapping[str, Any], where: str = "recipe") -> Recipe:
     given = document if model is None else model.__dict__
     dataset = _attempt(problems, lambda: one_of(DATASETS, "dataset", given.get("dataset"), problems))
     motion = _motion_slots(given.get("motion"), problems)
-    audio = _audio_slots(given.get("audio"), problems)
+    audio = _slots(FEATURES, "audio", given.get("audio"), problems)
+    keymotion = _slots(KEYMOTIONS, "keymotion", given.get("keymotion"), problems)
     grid = _attempt(problems, lambda: _grid(given.get("fps", 30)))
     spec = model.windows if model is not None else _window_keys(given.get("windows"))
-    windows = _attempt(problems, lambda: _windows(spec, grid)) if spec is not None and grid is not None else None
+    windows = None
+    if spec is not None and grid is not None:
+        windows = _attempt(problems, lambda: _windows(spec, grid, _filter(spec.filter, motion, problems)))
+    if model is not None and model.augment.mirror:
+        without = [slot.name for slot in motion if slot.representation.columns.mirror is None]
+        problems += [f"augment.mirror: {name} has no mirror image" for name in without]
     if grid is not None:
         for feature in audio:
             # A rate that a feature cannot do is said now, not after all music was decoded.
@@ -224,6 +254,8 @@ def parse_recipe(document: Mapping[str, Any], where: str = "recipe") -> Recipe:
         windows=windows,
         motion=motion,
         audio=audio,
+        keymotion=keymotion,
+        mirror=model.augment.mirror,
         shard_mb=model.store.shard_mb,
     )
 
@@ -268,8 +300,8 @@ def _motion_slots(given: Any, problems: list[str]) -> tuple[MotionSlot, ...]:
     return tuple(sorted(slots, key=lambda slot: slot.name))
 
 
-def _audio_slots(given: Any, problems: list[str]) -> tuple[Any, ...]:
-    made = [make_plugin(FEATURES, "audio", name, own, problems) for name, own in _mapping(given or {}).items()]
+def _slots(registry: Registry, where: str, given: Any, problems: list[str]) -> tuple[Any, ...]:
+    made = [make_plugin(registry, where, name, own, problems) for name, own in _mapping(given or {}).items()]
     # By name, as in the recipe's hash, which knows no order either.
     return tuple(sorted((m for m in made if m is not None), key=lambda m: str(m.name)))
 
@@ -292,7 +324,21 @@ def _window_keys(given: Any) -> _Windows | None:
         return None  # said already, with the rest of the document
 
 
-def _windows(given: _Windows, grid: FrameGrid) -> WindowSpec:
+def _filter(given: Any, motion: Sequence[MotionSlot], problems: list[str]) -> Movement | None:
+    if given is None:
+        return None
+    given = {given: {}} if isinstance(given, str) else given
+    if not isinstance(given, dict) or list(given) != ["movement"]:
+        problems.append(f"windows.filter: name the filter, as in {{movement: {{min_std: 0.07}}}}; found {given!r}")
+        return None
+    made: Movement | None = make_dataclass(Movement, "windows.filter.movement", given["movement"], problems)
+    names = [slot.name for slot in motion]
+    if made is not None and made.field not in names:
+        problems.append(f"windows.filter.movement.field: no such field in motion; {did_you_mean(made.field, names)}")
+    return made
+
+
+def _windows(given: _Windows, grid: FrameGrid, chosen: Movement | None) -> WindowSpec:
     found = {}
     for what in ("length", "stride"):
         seconds, frames = getattr(given, f"{what}_s"), getattr(given, f"{what}_frames")
@@ -303,7 +349,7 @@ def _windows(given: _Windows, grid: FrameGrid) -> WindowSpec:
         found[what] = frames if frames is not None else grid.frames(seconds, f"windows.{what}_s")
         if found[what] < 1:
             raise UsageError(f"windows: the {what} must be above 0", found=seconds)
-    return WindowSpec(found["length"], found["stride"], given.order)
+    return WindowSpec(found["length"], found["stride"], given.order, chosen)
 
 
 def _explain(error: ValidationError) -> list[str]:
@@ -311,7 +357,9 @@ def _explain(error: ValidationError) -> list[str]:
     for item in error.errors():
         key = ".".join(str(part) for part in item["loc"])
         if item["type"] == "extra_forbidden":
-            model: Any = {"windows": _Windows, "store": _Store}.get(str(item["loc"][0]), _Document)
+            model: Any = {"windows": _Windows, "store": _Store, "augment": _Augment}.get(
+                str(item["loc"][0]), _Document
+            )
             problems.append(f"{key}: unknown key; {did_you_mean(str(item['loc'][-1]), model.model_fields)}")
         elif item["type"] == "missing":
             if key not in ("dataset", "motion"):  # these say by themselves what may stand there

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from dancedata.core.registry import CONTACTS, DATASETS, FEATURES, REPRESENTATIONS
+from dancedata.core.registry import CONTACTS, DATASETS, FEATURES, KEYMOTIONS, REPRESENTATIONS
 from dancedata.pipeline.plan import Plan
 from dancedata.pipeline.recipe import load_recipe, recipe_names
 from dancedata.store import Problem, Store, open_store
@@ -25,7 +25,18 @@ def store_json(path: Path) -> dict[str, Any]:
         fields = {name: _field_json(store, name) for name in store.fields}
         size = sum(int(shard["size"]) for shard in store.meta["shards"])
         recipe = store.meta.get("recipe_sha256")
-        return {"path": str(path), **about, "fields": fields, "bytes": size, "recipe_sha256": recipe}
+        sources = _sources_json(store)
+        return {"path": str(path), **about, **sources, "fields": fields, "bytes": size, "recipe_sha256": recipe}
+
+
+def _sources_json(store: Store) -> dict[str, Any]:
+    """Return what the clips were: rates of their files, and how tall they came out."""
+    heights = [c.height_m for c in store.clips if c.height_m is not None]
+    return {
+        "source_rates": dict(sorted(Counter(c.source_rate for c in store.clips if c.source_rate).items())),
+        "height_m": {"min": min(heights), "max": max(heights)} if heights else None,
+        "notes": list(store.meta.get("source", {}).get("notes", [])),
+    }
 
 
 def _field_json(store: Store, name: str) -> dict[str, Any]:
@@ -36,6 +47,7 @@ def _field_json(store: Store, name: str) -> dict[str, Any]:
         "groups": list(field.columns.names),
         "rate": str(field.rate),
         "dtype": field.dtype,
+        "axes": store.meta.get("axes", {}).get(name),
     }
 
 
@@ -57,12 +69,27 @@ def describe_store(path: Path) -> str:
     ]
     for name, field in about["fields"].items():
         groups = ", ".join(field["groups"])
-        lines.append(f"  {name}: {field['columns']} columns ({groups}), {field['rate']} a second, {field['dtype']}")
+        axes = f"; {field['axes']}" if field["axes"] else ""
+        lines.append(
+            f"  {name}: {field['columns']} columns ({groups}), {field['rate']} a second, {field['dtype']}{axes}"
+        )
+    lines += _describe_sources(about)
     with open_store(path) as store:
         lines += _describe_rejects(store.rejects)
         lines += _describe_quality(store.quality)
     lines.append(f"  licence: {about.get('licence', 'unknown')}")
     return "\n".join(lines)
+
+
+def _describe_sources(about: Mapping[str, Any]) -> list[str]:
+    lines = []
+    if about["source_rates"]:
+        rates = ", ".join(f"{rate} a second: {n}" for rate, n in about["source_rates"].items())
+        lines.append(f"  clips by their source's frame rate: {rates}")
+    if about["height_m"]:
+        low, high = about["height_m"]["min"], about["height_m"]["max"]
+        lines.append(f"  lowest to highest joint, +Y up, median of a clip: {low:.2f} to {high:.2f} m")
+    return lines
 
 
 def _describe_rejects(rejects: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -97,10 +124,23 @@ def describe_clips(path: Path) -> str:
     with open_store(path) as store:
         counts: Counter[str] = Counter(w.clip for split in store.splits for w in store.windows(split))
         rows = [
-            [c.id, c.split, c.music, c.n_frames, counts[c.id], c.n_flags, f"{c.tempo_bpm or 0:g}"]
+            [
+                c.id,
+                c.split,
+                c.music,
+                c.genre,
+                c.n_frames,
+                c.trim_start,
+                counts[c.id],
+                c.n_flags,
+                f"{c.tempo_bpm or 0:g}",
+                c.source_rate,
+                "" if c.height_m is None else f"{c.height_m:.2f}",
+            ]
             for c in store.clips
         ]
-    return "\n".join(_table(["clip", "split", "music", "frames", "windows", "flags", "bpm"], rows))
+    head = ["clip", "split", "music", "genre", "frames", "trim", "windows", "flags", "bpm", "source fps", "height m"]
+    return "\n".join(_table(head, rows))
 
 
 def describe_plan(plan: Plan, out: Path) -> str:
@@ -145,6 +185,7 @@ def catalogue() -> dict[str, Any]:
         "representations": REPRESENTATIONS,
         "contacts": CONTACTS,
         "audio features": FEATURES,
+        "key motions": KEYMOTIONS,
     }
     found: dict[str, Any] = {"recipes": {name: {"about": about} for name, about in recipes.items()}}
     for kind, registry in registries.items():

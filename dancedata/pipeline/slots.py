@@ -30,12 +30,18 @@ def make_plugin(
 
     `also` names keys of the slot that the caller has taken out of `parameters` already.
     """
-    at = f"{where}.{name}"
     try:
         cls = registry.get(name)
     except DanceDataError as error:
         problems.append(f"{where}: {error}")
         return None
+    return make_dataclass(cls, f"{where}.{name}", parameters, problems, also)
+
+
+def make_dataclass(
+    cls: type[Any], at: str, parameters: Any, problems: list[str], also: tuple[str, ...] = ()
+) -> Any | None:
+    """Make an object of a frozen dataclass from what a recipe says of its fields."""
     parameters = {} if parameters is None else parameters
     if not isinstance(parameters, dict):
         problems.append(f"{at}: parameters are a mapping of keys; found {parameters!r}")

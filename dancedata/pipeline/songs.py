@@ -15,10 +15,10 @@ from dancedata.core.errors import StoreError, UsageError, did_you_mean
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import json_sha256
 from dancedata.core.registry import FEATURES
+from dancedata.pipeline.audio_units import window_samples
 from dancedata.pipeline.execute import one_thread
 from dancedata.pipeline.recipe import Recipe, load_recipe, parse_recipe
 from dancedata.pipeline.slots import document_of, make_plugin
-from dancedata.pipeline.units import window_samples
 from dancedata.store import open_store
 from dancedata.store.schema import DATASET_FILE
 

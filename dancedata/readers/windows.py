@@ -3,52 +3,43 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from operator import index as as_int
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 import torch
 from torch.utils.data import Dataset
 
-from dancedata.core.clip import Window
-from dancedata.core.columns import Mirror
+from dancedata.core.clip import Reject
 from dancedata.core.errors import UsageError, did_you_mean
+from dancedata.core.movement import Movement
 from dancedata.core.normalize import MinMax
 from dancedata.readers._checks import whole
+from dancedata.readers.cues import PRIMITIVES, Cues, cues_of
+from dancedata.readers.presets import Preset, field_names, find_preset, preset_cut, preset_fields
+from dancedata.readers.scalers import mirrors_of, normalized_fields, scaler_of
+from dancedata.readers.selection import Choice, movement_filter, select
 from dancedata.store.dataset import Store, open_store
 
 #: What is read where nothing else is asked for.
 DEFAULT_FIELDS = ("edge151", "librosa35")
-#: Keeps the stream that decides what is mirrored apart from EpochSampler's, which may have the same seed.
+#: Keep the streams that decide what is mirrored, and how primitives are shifted, apart from EpochSampler's,
+#: which may have the same seed.
 _MIRROR_STREAM = 2
-
-
-@dataclass(frozen=True)
-class Preset:
-    """What one trainer reads: fields it cannot do without, fields it takes if there, frame rate, windows."""
-
-    fields: tuple[str, ...]
-    optional: tuple[str, ...]
-    fps: int
-    length_s: float
-    stride_s: float
-
-
-#: EDGE's own numbers: 5 s windows every 0.5 s at 30 frames a second (EDGE, Tseng et al. 2023, data/slice.py).
-PRESETS = {"edge": Preset(("edge151",), ("librosa35",), fps=30, length_s=5, stride_s=0.5)}
+_BIAS_STREAM = 3
 
 
 class WindowDataset(Dataset[dict[str, Any]]):
     """Windows of one split, each a dict of tensors and metadata that torch's default collate can batch.
 
     ``dataset[i]`` is ``{field: tensor (rows, D), ..., "clip": id, "start": first frame in the clip at the
-    store's fps, "length": frames, "split", "genre", "music", "dancer": str, "tempo_bpm": float (nan if
-    unknown), "mirrored": bool, "index": int}``. Rows of a field are length * field rate / fps. Tensors have
-    the stored dtype and are the caller's own; what is normalised is float32.
+    store's fps, "length": frames, "split", "genre", "music", "dancer": str, "genre_id": int (-1 if the dataset
+    numbers no genres), "tempo_bpm": float (nan if unknown), "mirrored": bool, "index": int}``. Rows of a field are
+    length * field rate / fps. Tensors have the stored dtype and are the caller's own; what is normalised is
+    float32.
 
     Pickling copies no data: each process opens the files itself, so fork, spawn and forkserver all work.
 
@@ -56,6 +47,14 @@ class WindowDataset(Dataset[dict[str, Any]]):
     -----
     *Normalising* is EDGE's: per column to [-1, 1] with the range of the train split, whatever the split
     read here, clipped. `normalizer` gives the same scaler for generated motion.
+
+    *Choosing windows.* What was left out, and why, is in `rejects`: clips on an ignored list ("ignored") or
+    shorter than a window ("too_short"), windows that hardly move ("still").
+
+    *Primitives.* With "primitives" among the fields a sample also holds Lodge's cues of the first motion field:
+    ``"primitives"`` (K, 8, D), ``"primitive_start"``, ``"primitive_hard"``, ``"primitive_filled"`` (K,) for windows
+    of several local segments, and ``"primitives"`` (8, D), the 4 + 4 border frames, for windows of one. They are
+    mirrored and normalised as the field is.
 
     *Mirroring* comes before normalising. Whether a sample is mirrored is a pure function of (seed, epoch,
     index): the same in every worker, on every rank, and after a resume. Audio is never changed by it. The
@@ -76,14 +75,22 @@ class WindowDataset(Dataset[dict[str, Any]]):
         split: str = "train",
         fields: Sequence[str] | None = None,
         *,
-        normalize: bool | Sequence[str] = True,
+        normalize: bool | Sequence[str] | None = None,
         mirror: float = 0.0,
         preset: str | None = None,
         length_s: float | str | None = None,
         length_frames: int | None = None,
         stride_s: float | str | None = None,
         stride_frames: int | None = None,
+        trim: bool | None = None,
+        ignore: Sequence[str] | None = None,
+        protocol: str | None = None,
+        filter: Movement | Mapping[str, Any] | Literal[False] | None = None,
+        relative_root: bool | None = None,
+        primitive_n: int = 256,
+        primitive_variant: Literal["paper", "code"] = "paper",
         normalizer_covers_mirror: bool | None = None,
+        normalizer_over: Literal["train", "all"] = "train",
         seed: int = 0,
     ) -> None:
         """Open a split of a built dataset.
@@ -95,21 +102,42 @@ class WindowDataset(Dataset[dict[str, Any]]):
         split
             One of ``store.splits``.
         fields
-            Names of the fields to read. Default: the preset's, else edge151 and librosa35.
+            Names of the fields to read, and "primitives" if wanted. Default: the preset's, else edge151 and
+            librosa35.
         normalize
-            True: motion fields only. A sequence of field names: those. False: none.
+            True: motion fields only. A sequence of field names: those. False: none. Default: the preset's, else
+            True.
         mirror
             Probability in [0, 1] that a sample is mirrored.
         preset
-            "edge": edge151, librosa35 if stored, 5 s windows every 0.5 s at 30 frames a second. Arguments
-            given beside it win.
+            "edge", "lodge-global", "lodge-local" or "finenet": fields, windows, trim, lists, filter and root as
+            that trainer has them. Arguments given beside it win.
         length_s, length_frames, stride_s, stride_frames
             Other windows than the stored ones; one of each at most; only for a store of track scope. They end
             where the clip ends, or the first of `fields` in it.
+        trim
+            Whether windows begin where the source says that the dance does (a clip's trim_start).
+        ignore
+            Names of lists whose clips are left out; "ignored.<protocol>" is then left out as well.
+        protocol
+            Such as "cross_genre": where the store's clips are in lists of that name ("cross_genre.train"), they and
+            not the stored splits say which clips `split` has.
+        filter
+            A `Movement`, or its parameters as in a recipe, ``{"movement": {"min_std": 0.07}}``; False: all windows
+            are kept. Default: the preset's.
+        relative_root
+            Whether the translation columns are relative to the window's first frame. Such motion cannot be
+            normalised: a scaler is fitted on places in the room.
+        primitive_n, primitive_variant
+            Frames of a local segment; "paper" takes the clip's stored key motions, "code" what Lodge's released
+            code finds in the window, shifted by a bias in -2 .. 2 that is a pure function of (seed, epoch, index).
         normalizer_covers_mirror
             Whether the scaler's range covers mirrored motion too. Default: if mirror > 0. False keeps EDGE's.
+        normalizer_over
+            "train", or "all": every row of every clip, as Lodge's released scaler was fitted. Wrong for a fair test;
+            here to reproduce it.
         seed
-            Whole number >= 0, for mirroring.
+            Whole number >= 0, for mirroring and the bias.
 
         Raises
         ------
@@ -122,33 +150,41 @@ class WindowDataset(Dataset[dict[str, Any]]):
         self.store = store if isinstance(store, Store) else open_store(store)
         self.split = split
         self.preset = preset
-        cuts: dict[str, Any] = {
+        known = find_preset(self.store, preset)
+        cut = {
             "length_s": length_s,
             "length_frames": length_frames,
             "stride_s": stride_s,
             "stride_frames": stride_frames,
         }
-        if preset is not None:
-            fields, cuts = _with_preset(self.store, preset, fields, cuts)
-        self.fields = _field_names(self.store, DEFAULT_FIELDS if fields is None else fields)
-        self.windows: Sequence[Window] = self.store.windows(split, fields=self.fields, **cuts)
+        self.fields, with_primitives = _fields(self.store, known, fields)
+        self._choice = Choice(
+            fields=self.fields,
+            cut=preset_cut(known, cut),
+            trim=_given(trim, known, "trim", False),
+            ignore=tuple(_given(ignore, known, "ignore", ())),
+            protocol=_given(protocol, known, "protocol", None),
+            filter=movement_filter(_given(filter, known, "filter", None)),
+        )
+        selection = select(self.store, split, self._choice)
+        self.windows = selection.windows
+        self.rejects: tuple[Reject, ...] = selection.rejects
         if not self.windows:
-            longest = max(c.n_frames for c in self.store.clips if c.split == split)
-            raise UsageError(
-                f"split {split!r} has no window of that length",
-                where=str(self.store.path),
-                found=f"clips of at most {longest} frames at {self.store.fps} a second",
-                fix="ask for shorter windows",
-            )
+            raise _no_window(self.store, split, self.rejects)
+        self._cues: Cues | None = None
+        if with_primitives:
+            length = self.windows[0].length
+            self._cues = cues_of(self.store, self.fields, length, primitive_n, primitive_variant)
         self.mirror = _probability(mirror)
         covers = self.mirror > 0 if normalizer_covers_mirror is None else normalizer_covers_mirror
         self.normalizer_covers_mirror = bool(covers)
+        self.normalizer_over = normalizer_over
         self.seed = whole("seed", seed)
-        self._mirrors = _mirrors(self.store, self.fields) if self.mirror > 0 else {}
-        self._normalizers = {
-            name: _normalizer(self.store, name, self.normalizer_covers_mirror)
-            for name in _normalized(self.store, self.fields, normalize)
-        }
+        self._mirrors = mirrors_of(self.store, self.fields) if self.mirror > 0 else {}
+        wanted = _given(normalize, known, "normalize", True)
+        self._normalizers = {name: self._scaler(name) for name in normalized_fields(self.store, self.fields, wanted)}
+        self.relative_root = _given(relative_root, known, "relative_root", False)
+        self._roots = _root_columns(self.store, self.fields, self._normalizers) if self.relative_root else {}
         self._epoch = _shared_number(0)
         self._coins: tuple[int, npt.NDArray[np.bool_]] | None = None
 
@@ -231,7 +267,11 @@ class WindowDataset(Dataset[dict[str, Any]]):
                 fix=did_you_mean(field, self.fields),
             )
         known = self._normalizers.get(field)
-        return known if known is not None else _normalizer(self.store, field, self.normalizer_covers_mirror)
+        return known if known is not None else self._scaler(field)
+
+    def _scaler(self, field: str) -> MinMax:
+        covers = self.normalizer_covers_mirror
+        return scaler_of(self.store, field, self._choice, covers_mirror=covers, over=self.normalizer_over)
 
     def _place(self, index: int) -> int:
         place = as_int(index)
@@ -252,9 +292,21 @@ class WindowDataset(Dataset[dict[str, Any]]):
             self._coins = epoch, uniform < self.mirror
         return self._coins[1]
 
+    def _bias(self, place: int) -> int:
+        """Return the shift, -2 .. 2 frames, of a sample's primitives in the current epoch."""
+        stream = np.random.Philox(np.random.SeedSequence(self.seed, spawn_key=(_BIAS_STREAM, self.epoch, place)))
+        return int(stream.random_raw() % 5) - 2
+
     def _item(self, place: int, mirrored: bool) -> dict[str, Any]:
         window = self.windows[place]
-        item: dict[str, Any] = {name: torch.from_numpy(self._array(window, name, mirrored)) for name in self.fields}
+        item: dict[str, Any] = {}
+        for name in self.fields:
+            rows = self._array(place, name, mirrored)
+            if self._cues is not None and name == self._cues.field:
+                found = self._cues.of(self.store, window, rows, self._bias(place))
+                found[PRIMITIVES] = self._scaled(found[PRIMITIVES], name)
+                item.update({key: torch.from_numpy(value) for key, value in found.items()})
+            item[name] = torch.from_numpy(self._scaled(rows, name))
         record = self.store.clip(window.clip).record
         item.update(
             clip=window.clip,
@@ -262,6 +314,7 @@ class WindowDataset(Dataset[dict[str, Any]]):
             length=int(window.length),
             split=self.split,
             genre=record.genre,
+            genre_id=int(self.store.meta.get("genre_ids", {}).get(record.genre, -1)),
             music=record.music,
             dancer=record.dancer,
             tempo_bpm=math.nan if record.tempo_bpm is None else float(record.tempo_bpm),
@@ -270,14 +323,65 @@ class WindowDataset(Dataset[dict[str, Any]]):
         )
         return item
 
-    def _array(self, window: Window, name: str, mirrored: bool) -> npt.NDArray[Any]:
-        """Read one field of one window: mirrored first, then normalised."""
-        rows: npt.NDArray[Any] = self.store.read(window, name)
+    def _array(self, place: int, name: str, mirrored: bool) -> npt.NDArray[Any]:
+        """Read one field of one window: mirrored first, then its root made relative."""
+        rows: npt.NDArray[Any] = self.store.read(self.windows[place], name)
         mirror = self._mirrors.get(name) if mirrored else None
         if mirror is not None:
             rows = mirror.apply(rows)
+        root = self._roots.get(name)
+        if root is not None:
+            rows[:, root] -= rows[:1, root].copy()
+        return rows
+
+    def _scaled(self, rows: npt.NDArray[Any], name: str) -> npt.NDArray[Any]:
         scaler = self._normalizers.get(name)
         return rows if scaler is None else np.asarray(scaler.normalize(rows), dtype=np.float32)
+
+
+def _given(value: Any, preset: Preset | None, name: str, default: Any) -> Any:
+    """Return what the caller gave, else the preset's, else the default."""
+    if value is not None:
+        return value
+    return default if preset is None else getattr(preset, name)
+
+
+def _fields(store: Store, preset: Preset | None, fields: Sequence[str] | None) -> tuple[tuple[str, ...], bool]:
+    """Return the stored fields to read, and whether primitives are wanted beside them."""
+    default = DEFAULT_FIELDS if preset is None else preset_fields(store, preset)
+    given = default if fields is None else (fields,) if isinstance(fields, str) else tuple(fields)
+    with_primitives = PRIMITIVES in given and PRIMITIVES not in store.fields
+    wanted = tuple(name for name in given if not (with_primitives and name == PRIMITIVES))
+    return field_names(store, wanted or (preset.fields if preset is not None else wanted)), with_primitives
+
+
+def _root_columns(store: Store, fields: tuple[str, ...], normalizers: Mapping[str, MinMax]) -> dict[str, slice]:
+    """Return the columns of the root's translation of every motion field."""
+    found = {}
+    for name in fields:
+        if store.field(name).kind != "motion":
+            continue
+        if "translation" not in store.fields[name].names:
+            raise UsageError(f"field {name!r} has no translation to make relative", where=str(store.path))
+        if name in normalizers:
+            raise UsageError(
+                "a root that is relative to its window's first frame cannot be normalised: the scaler was fitted on "
+                "places in the room",
+                fix="pass normalize=False, or relative_root=False",
+            )
+        found[name] = store.fields[name].slice("translation")
+    return found
+
+
+def _no_window(store: Store, split: str, rejects: Sequence[Reject]) -> UsageError:
+    longest = max((c.n_frames for c in store.clips), default=0)
+    reasons = ", ".join(sorted({r.reason for r in rejects})) or "nothing"
+    return UsageError(
+        f"split {split!r} has no window of that length",
+        where=str(store.path),
+        found=f"clips of at most {longest} frames at {store.fps} a second; left out: {reasons}",
+        fix="ask for shorter windows, or for fewer lists and filters",
+    )
 
 
 def _shared_number(value: int) -> torch.Tensor:
@@ -285,83 +389,6 @@ def _shared_number(value: int) -> torch.Tensor:
     number = torch.tensor([value], dtype=torch.int64)
     number.share_memory_()  # type: ignore[no-untyped-call]
     return number
-
-
-def _with_preset(
-    store: Store, name: str, fields: Sequence[str] | None, cuts: dict[str, Any]
-) -> tuple[Sequence[str], dict[str, Any]]:
-    """Fill in what a preset says and the caller did not."""
-    preset = PRESETS.get(name)
-    if preset is None:
-        raise UsageError(f"there is no preset {name!r}", fix=did_you_mean(name, PRESETS))
-    if store.fps != preset.fps:
-        raise UsageError(
-            f"preset {name!r} is for {preset.fps} frames a second",
-            where=str(store.path),
-            found=f"{store.fps} frames a second",
-            fix=f"build with fps: {preset.fps}, or name fields and windows instead of a preset",
-        )
-    if fields is None:
-        fields = (*preset.fields, *(field for field in preset.optional if field in store.fields))
-    filled = dict(cuts)
-    if cuts["length_s"] is None and cuts["length_frames"] is None:
-        filled["length_s"] = preset.length_s
-    if cuts["stride_s"] is None and cuts["stride_frames"] is None:
-        filled["stride_s"] = preset.stride_s
-    return fields, filled
-
-
-def _field_names(store: Store, fields: Sequence[str]) -> tuple[str, ...]:
-    """Check that the store has the fields, each named once."""
-    names = (fields,) if isinstance(fields, str) else tuple(fields)
-    if not names or len(set(names)) != len(names):
-        raise UsageError("fields must name at least one field, each once", found=", ".join(names) or "none")
-    for name in names:
-        store.field(name)
-    return names
-
-
-def _normalized(store: Store, fields: tuple[str, ...], normalize: bool | Sequence[str]) -> tuple[str, ...]:
-    """Return the fields to normalise."""
-    if isinstance(normalize, bool):
-        return tuple(name for name in fields if normalize and store.field(name).kind == "motion")
-    wanted = (normalize,) if isinstance(normalize, str) else tuple(normalize)
-    for name in wanted:
-        if name not in fields:
-            raise UsageError(
-                f"normalize names a field that is not read: {name!r}",
-                allowed=", ".join(fields),
-                fix=did_you_mean(name, fields),
-            )
-    return wanted
-
-
-def _mirrors(store: Store, fields: tuple[str, ...]) -> dict[str, Mirror]:
-    """Return the mirror of every motion field; audio has none and is left as it is."""
-    found: dict[str, Mirror] = {}
-    for field in map(store.field, fields):
-        if field.kind == "motion":
-            if field.columns.mirror is None:
-                raise _no_mirror(store, field.name)
-            found[field.name] = field.columns.mirror
-    return found
-
-
-def _normalizer(store: Store, name: str, covers_mirror: bool) -> MinMax:
-    """Return the train split's scaler, for motion with the mirrored range if wanted."""
-    field = store.field(name)
-    covers = covers_mirror and field.kind == "motion"
-    if covers and field.columns.mirror is None:
-        raise _no_mirror(store, name)
-    return store.normalizer(name, mirror=covers)
-
-
-def _no_mirror(store: Store, field: str) -> UsageError:
-    return UsageError(
-        f"field {field!r} cannot be mirrored: its columns name no mirror image",
-        where=str(store.path),
-        fix="read it with mirror=0 (and normalizer_covers_mirror=False), or leave the field out",
-    )
 
 
 def _probability(mirror: float) -> float:

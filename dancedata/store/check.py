@@ -13,7 +13,7 @@ def check_clip(header: StoreHeader, clip: StoredClip) -> None:
     """Raise StoreError, naming clip and field, for a clip that does not fit the header. Loads no array."""
     _check_texts(clip)
     _check_windows(header, clip)
-    motion = [f for f in header.fields if f.kind == "motion"]
+    motion = [f for f in header.fields if f.per_clip]
     audio = [f for f in header.fields if f.kind == "audio"]
     _check_names(clip, "motion", motion, clip.motion)
     _check_names(clip, "audio", audio, clip.audio)
@@ -26,7 +26,7 @@ def check_clip(header: StoreHeader, clip: StoredClip) -> None:
 def _check_texts(clip: StoredClip) -> None:
     if not clip.id:
         raise StoreError("a clip has no id", where=f"split {clip.split}")
-    for text in (clip.id, clip.genre, clip.music, clip.dancer, clip.source, *clip.lists):
+    for text in (clip.id, clip.genre, clip.music, clip.dancer, clip.source, clip.source_rate, *clip.lists):
         # Fixed-length strings are padded with NUL, and lists are joined by line breaks.
         if "\0" in text or LIST_SEPARATOR in text:
             raise StoreError("a text has a NUL or a line break in it", where=f"clip {clip.id!r}", found=repr(text))

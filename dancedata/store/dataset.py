@@ -20,7 +20,7 @@ from dancedata.core.errors import StoreError, UsageError, did_you_mean
 from dancedata.core.normalize import MinMax
 from dancedata.store.dataset_json import REBUILD, Description, load_description
 from dancedata.store.locate import RowSpan, locate_stored, locate_view
-from dancedata.store.rewindow import cut_windows, stored_windows, wanted_cut
+from dancedata.store.rewindow import Cut, cut_windows, stored_windows, wanted_cut
 from dancedata.store.schema import (
     QUALITY_FILE,
     REJECTS_FILE,
@@ -228,6 +228,7 @@ class Store:
         stride_s: float | str | Fraction | None = None,
         stride_frames: int | None = None,
         fields: tuple[str, ...] | None = None,
+        trim: bool = False,
     ) -> WindowList:
         """List the windows of a split, in the store's order: shard by shard.
 
@@ -240,6 +241,8 @@ class Store:
             The stored length and stride give the stored windows.
         fields
             Fields that the other windows must be whole rows of and lie within. Default: all.
+        trim
+            Begin at every clip's trim_start: leave out what the source says should be cut (track scope only).
 
         Returns
         -------
@@ -257,18 +260,19 @@ class Store:
             raise UsageError(f"no split named {split!r}", where=str(self.path), fix=did_you_mean(split, self.splits))
         cut = wanted_cut(self._description, length_s, length_frames, stride_s, stride_frames)
         shards = self._shards[split]
-        if cut is None:
+        if cut is None and not trim:
             return stored_windows(split, shards)
+        cut = cut or Cut(self._description.length, self._description.stride)
         if self.scope == "window":
             raise StoreError(
                 "a store of window scope has no other windows than the stored ones",
                 where=str(self.path),
-                found=f"length {cut.length}, stride {cut.stride} frames",
+                found=f"length {cut.length}, stride {cut.stride} frames" + (", trimmed" if trim else ""),
                 allowed=f"length {self._description.length}, stride {self._description.stride} frames",
                 fix="build with scope: track",
             )
         rates = {self.field(name).name: self._rates[name] for name in (fields or self._fields)}
-        return cut_windows(split, shards, self._description, cut, rates)
+        return cut_windows(split, shards, self._description, cut, rates, trim)
 
     def read(self, window: Window, field: str) -> npt.NDArray[Any]:
         """Read a window's rows of a field.

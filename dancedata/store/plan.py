@@ -64,7 +64,7 @@ class ShardPlan:
         """Begin with no rows in any field."""
         for f in self.header.fields:
             self.rows[f.name] = 0
-            if f.kind == "motion":
+            if f.per_clip:
                 self.motion[f.name] = []
             else:
                 self.audio[f.name] = []
@@ -75,7 +75,7 @@ class ShardPlan:
         total = 0
         for f in self.header.fields:
             rows = self.rows[f.name]
-            if clip is not None and f.kind == "motion":
+            if clip is not None and f.per_clip:
                 rows += _n_rows(clip.motion[f.name])
             elif clip is not None:
                 known = self.blocks[f.name]
@@ -131,7 +131,7 @@ class ShardPlan:
             blocks = self.blocks[name]
             flat = [blocks[b.key][0] + b.offset for c in self.clips for b in c.audio[name]]
             return np.asarray(flat, dtype=np.int64)
-        spans = self.motion[name] if f.kind == "motion" else self.audio[name]
+        spans = self.motion[name] if f.per_clip else self.audio[name]
         first = np.asarray([s.start + s.offset for s in spans], dtype=np.int64)
         if self.header.scope == "window":
             return first[clip] + index * rate.rows(self.header.length)

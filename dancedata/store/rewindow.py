@@ -67,8 +67,12 @@ def cut_windows(
     description: Description,
     cut: Cut,
     rates: Mapping[str, RowRate],
+    trim: bool = False,
 ) -> WindowList:
-    """Cut other windows of a split; they end where the clip ends, or the first of the fields in `rates`."""
+    """Cut other windows of a split; they end where the clip ends, or the first of the fields in `rates`.
+
+    With `trim` they begin at the clip's trim_start.
+    """
     for name, rate in rates.items():
         for what, frames in (("length", cut.length), ("stride", cut.stride)):
             if not rate.is_whole(frames):
@@ -84,7 +88,9 @@ def cut_windows(
         starts: list[IntArray] = []
         for number, record in enumerate(table.records):
             usable = [rate.frames(int(table.available[name][number])) for name, rate in rates.items()]
-            starts.append(window_starts(max(0, min([record.n_frames, *usable])), cut.length, cut.stride))
+            begin = _first_whole(record.trim_start, rates) if trim else 0
+            frames = min([record.n_frames, *usable]) - begin
+            starts.append(begin + window_starts(max(0, frames), cut.length, cut.stride))
         counts = [len(s) for s in starts]
         clip = np.repeat(np.arange(len(counts), dtype=np.int64), counts)
         index = np.concatenate([*(np.arange(n, dtype=np.int64) for n in counts), np.empty(0, np.int64)])
@@ -92,6 +98,13 @@ def cut_windows(
         order = window_order([r.id for r in table.records], clip, index, description.order)
         parts.append((clip[order], start[order], np.full(len(clip), cut.length, np.int64), index[order]))
     return _join(split, shards, parts)
+
+
+def _first_whole(frame: int, rates: Mapping[str, RowRate]) -> int:
+    """Return the first frame from `frame` on that is a whole row of every field."""
+    while not all(rate.is_whole(frame) for rate in rates.values()):
+        frame += 1
+    return frame
 
 
 def _join(

@@ -34,7 +34,7 @@ LIST_SEPARATOR = "\n"
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.+-]*\Z")
 _SHARD = re.compile(r"(?P<split>.+)-(?P<number>\d{5,})-of-(?P<total>\d{5,})\.h5\Z")
 
-Kind = Literal["motion", "audio"]
+Kind = Literal["motion", "keymotion", "audio"]
 Scope = Literal["track", "window"]
 Order = Literal["time", "name"]
 
@@ -90,9 +90,9 @@ class Field:
     Attributes
     ----------
     name
-        Name of the dataset in a shard: /motion/<name> or /audio/<name>.
+        Name of the dataset in a shard: /<kind>/<name>.
     kind
-        "motion": clips one after another. "audio": timelines of their own, shared by clips.
+        "motion" and "keymotion": clips one after another. "audio": timelines of their own, shared by clips.
     columns
         Name, width and unit of the columns, and how mirroring permutes them.
     rate
@@ -106,6 +106,11 @@ class Field:
     columns: Columns
     rate: Fraction
     dtype: Literal["float32", "float16"] = "float32"
+
+    @property
+    def per_clip(self) -> bool:
+        """Whether every clip has rows of its own; else clips share timelines."""
+        return self.kind != "audio"
 
     @property
     def disk_dtype(self) -> np.dtype[Any]:
@@ -175,7 +180,7 @@ class StoredClip:
     starts
         First frame of every window, at the store's fps, ascending.
     motion
-        Per motion field: (T, D) in track scope, (W, L, D) in window scope.
+        Per motion and key motion field: (T, D) in track scope, (W, L, D) in window scope.
     audio
         Per audio field: one block in track scope; one a window, (L, D), in window scope.
     source
@@ -183,7 +188,12 @@ class StoredClip:
     n_flags
         Number of quality flags raised for the clip.
     trim_start
-        Frames at the store's fps that were cut from the beginning of the source.
+        First frame, at the store's fps, that belongs to the dance: the source says that earlier ones should be
+        cut. They are stored; readers skip them when asked to trim.
+    height_m
+        Vertical extent of the dancer's joints, median over frames, metres; None if unknown.
+    source_rate
+        Frames a second of the source, as text; empty if unknown.
     lists
         Names of the lists (such as split files) that the clip is in.
     """
@@ -201,6 +211,8 @@ class StoredClip:
     source: str = ""
     n_flags: int = 0
     trim_start: int = 0
+    height_m: float | None = None
+    source_rate: str = ""
     lists: tuple[str, ...] = ()
 
 
@@ -248,11 +260,11 @@ class StoreHeader:
 
     def _check_field(self, f: Field) -> None:
         check_name(f.name, "field")
-        if f.kind not in ("motion", "audio") or f.dtype not in ("float32", "float16"):
+        if f.kind not in ("motion", "keymotion", "audio") or f.dtype not in ("float32", "float16"):
             raise StoreError(
                 f"field {f.name} has an unknown kind or dtype",
                 found=f"{f.kind}, {f.dtype}",
-                allowed="motion or audio; float32 or float16",
+                allowed="motion, keymotion or audio; float32 or float16",
             )
         if not f.row_rate(self.fps).is_whole(self.length):
             raise StoreError(
@@ -275,6 +287,8 @@ class ClipRecord:
     source: str
     n_flags: int
     trim_start: int
+    height_m: float | None
+    source_rate: str
     lists: tuple[str, ...]
     n_frames: int
 

@@ -201,9 +201,11 @@ def _field_layout(file: Any, f: Field, path: Path) -> FieldLayout:
 
 def _read_clips(file: Any, split: str, fields: tuple[Field, ...], scope: str) -> ClipTable:
     group = file["clips"]
-    names = ("id", "genre", "music", "dancer", "source", "lists")
+    names = ("id", "genre", "music", "dancer", "source", "source_rate", "lists")
     texts = {name: hdf5.read_strings(group[name]) for name in names}
-    numbers = {name: group[name][...].tolist() for name in ("tempo_bpm", "n_flags", "trim_start", "n_frames")}
+    numbers = {
+        name: group[name][...].tolist() for name in ("tempo_bpm", "height_m", "n_flags", "trim_start", "n_frames")
+    }
     records = tuple(
         ClipRecord(
             id=clip_id,
@@ -215,6 +217,8 @@ def _read_clips(file: Any, split: str, fields: tuple[Field, ...], scope: str) ->
             source=texts["source"][i],
             n_flags=numbers["n_flags"][i],
             trim_start=numbers["trim_start"][i],
+            height_m=None if math.isnan(numbers["height_m"][i]) else numbers["height_m"][i],
+            source_rate=texts["source_rate"][i],
             lists=tuple(filter(None, texts["lists"][i].split(LIST_SEPARATOR))),
             n_frames=numbers["n_frames"][i],
         )
@@ -223,7 +227,7 @@ def _read_clips(file: Any, split: str, fields: tuple[Field, ...], scope: str) ->
     first: dict[str, IntArray] = {}
     available: dict[str, IntArray] = {}
     for f in fields:
-        if f.kind == "motion" or scope == "track":
+        if f.per_clip or scope == "track":
             spans = group[f"{f.kind}/{f.name}"]
             offset = spans["offset"][...] if f.kind == "audio" else 0
             first[f.name] = spans["start"][...] + offset

@@ -59,20 +59,20 @@ def _write_attributes(file: Any, plan: ShardPlan) -> None:
 
 def _write_clips(group: Any, plan: ShardPlan) -> None:
     clips = plan.clips
-    for name in ("id", "genre", "music", "dancer", "source"):
+    for name in ("id", "genre", "music", "dancer", "source", "source_rate"):
         hdf5.write_strings(group, name, [getattr(c, name) for c in clips])
     hdf5.write_strings(group, "lists", [LIST_SEPARATOR.join(c.lists) for c in clips])
-    tempo = [np.nan if c.tempo_bpm is None else c.tempo_bpm for c in clips]
-    hdf5.write_array(group, "tempo_bpm", np.asarray(tempo, dtype=np.float64))
+    for name in ("tempo_bpm", "height_m"):
+        known = [getattr(c, name) for c in clips]
+        hdf5.write_array(group, name, np.asarray([np.nan if v is None else v for v in known], dtype=np.float64))
     for name in ("n_frames", "n_flags", "trim_start"):
         hdf5.write_array(group, name, np.asarray([getattr(c, name) for c in clips], dtype=np.int64))
-    for kind, columns in (("motion", ("start", "length")), ("audio", ("start", "length", "offset"))):
-        for name, spans in (plan.motion if kind == "motion" else plan.audio).items():
-            if not spans:
-                continue
-            for column in columns:
+    for f in plan.header.fields:
+        spans = plan.motion[f.name] if f.per_clip else plan.audio[f.name]
+        for column in ("start", "length") if f.per_clip else ("start", "length", "offset"):
+            if spans:
                 values = np.asarray([getattr(s, column) for s in spans], dtype=np.int64)
-                hdf5.write_array(group, f"{kind}/{name}/{column}", values)
+                hdf5.write_array(group, f"{f.kind}/{f.name}/{column}", values)
 
 
 def _write_windows(group: Any, plan: ShardPlan) -> None:
@@ -106,7 +106,7 @@ def _write_fields(
     for number, clip in enumerate(plan.clips):
         for f in plan.header.fields:
             where = f"clip {clip.id}, field {f.name}"
-            if f.kind == "motion":
+            if f.per_clip:
                 write(f, plan.motion[f.name][number].start, clip.motion[f.name], where)
                 continue
             for block in clip.audio[f.name]:

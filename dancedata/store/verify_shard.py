@@ -20,7 +20,7 @@ _CHUNK_VALUES = 1 << 20
 #: Rows of a table named in one message at most.
 _SHOWN = 5
 
-_TEXTS = ("id", "genre", "music", "dancer", "source", "lists")
+_TEXTS = ("id", "genre", "music", "dancer", "source", "source_rate", "lists")
 _WHOLE = ("n_frames", "n_flags", "trim_start")
 
 
@@ -76,12 +76,12 @@ def _expected(description: Description, entry: ShardEntry) -> dict[str, tuple[An
     whole = np.dtype("<i8")
     found: dict[str, tuple[Any, int | None]] = {f"clips/{n}": (None, entry.clips) for n in _TEXTS}
     found |= {f"clips/{n}": (whole, entry.clips) for n in _WHOLE}
-    found["clips/tempo_bpm"] = (np.dtype("<f8"), entry.clips)
+    found |= {f"clips/{n}": (np.dtype("<f8"), entry.clips) for n in ("tempo_bpm", "height_m")}
     found |= {f"windows/{n}": (whole, entry.windows) for n in ("clip", "start", "length", "index")}
     for f in description.fields:
         found[f"{f.kind}/{f.name}"] = (f.disk_dtype, None)
         found[f"windows/rows/{f.name}"] = (whole, entry.windows)
-        if f.kind == "motion" or description.scope == "track":
+        if f.per_clip or description.scope == "track":
             columns = ("start", "length", "offset") if f.kind == "audio" else ("start", "length")
             found |= {f"clips/{f.kind}/{f.name}/{c}": (whole, entry.clips) for c in columns}
     return found
@@ -102,7 +102,7 @@ def _check_spans(path: Path, description: Description) -> Iterator[str]:
             name = f"/clips/{f.kind}/{f.name}"
             start, length = (file[f"{name}/{c}"][...] for c in ("start", "length"))
             n_rows = file[f"{f.kind}/{f.name}"].shape[0]
-            if f.kind == "motion":
+            if f.per_clip:
                 ends = np.cumsum(length)
                 if (length < 0).any() or (start != ends - length).any() or ends[-1] != n_rows:
                     yield f"{name}: clips do not follow one another, or do not fill the {n_rows} rows"

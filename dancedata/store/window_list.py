@@ -39,6 +39,17 @@ class WindowList(Sequence[Window]):
     length: IntArray
     number: IntArray
 
+    @classmethod
+    def joined(cls, split: str, lists: Sequence[WindowList]) -> WindowList:
+        """Return the windows of several lists, one list after another, under the name of a split."""
+        before = np.cumsum([0, *(len(part.clip_ids) for part in lists)])[:-1]
+        clip = np.concatenate([part.clip + b for part, b in zip(lists, before, strict=True)])
+        start, length, number = (
+            np.concatenate([getattr(part, name) for part in lists]) for name in ("start", "length", "number")
+        )
+        ids = tuple(clip_id for part in lists for clip_id in part.clip_ids)
+        return cls(split, ids, clip, start, length, number)
+
     def __len__(self) -> int:
         """Return the number of windows."""
         return len(self.clip)

@@ -29,7 +29,7 @@ from dancedata.core.clip import Scan
 from dancedata.core.errors import DanceDataError, SourceError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
-from dancedata.core.registry import CONTACTS, DATASETS, FEATURES, REPRESENTATIONS
+from dancedata.core.registry import CONTACTS, DATASETS, FEATURES, KEYMOTIONS, REPRESENTATIONS
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.testing.examples import FPS, mirrored_motion, random_motion, random_signal
 
@@ -65,7 +65,8 @@ def check_dataset(cls: type[Any], folder: Path) -> None:
             _require(equal, f"clip {ref.id}: two loads give equal {name}")
     _check_bad_sources(reader, folder)
     for scope in ("track", "window"):
-        _check_build(recipe_with(dataset=cls.name, scope=scope), scan, sources[0], folder / scope)
+        recipe = recipe_with(dataset=cls.name, scope=scope, skeleton=reader.load(scan.clips[0]).skeleton)
+        _check_build(recipe, scan, sources[0], folder / scope)
 
 
 def check_representation(cls: type[Any]) -> None:
@@ -73,7 +74,7 @@ def check_representation(cls: type[Any]) -> None:
     check_plugin(cls)
     made, rule = cls(), _rule_of(cls)
     _check_columns(made.columns)
-    motion = random_motion(cls.skeleton, 40)
+    motion = random_motion(made.skeleton, 40)
     before = motion.translation.copy(), motion.rotations.copy()
     array = made.encode(motion, rule)
     _require(array.shape == (40, made.columns.width), f"encode gives (T, {made.columns.width}), not {array.shape}")
@@ -89,12 +90,17 @@ def check_representation(cls: type[Any]) -> None:
     if mirror is not None:
         _require(np.array_equal(mirror.apply(mirror.apply(array)), array), "mirroring twice gives back the columns")
     if hasattr(made, "decode"):
-        _check_same(made.decode(array, FPS), motion, TRANSLATION_TOLERANCE, "decode gives back the motion")
-    if hasattr(made, "decode") and mirror is not None:
-        # Mirroring negates the translation, which differs from the posed root by the root's rest position.
-        slack = TRANSLATION_TOLERANCE + 2 * abs(float(cls.skeleton.offsets[0, 0]))
-        image = made.decode(mirror.apply(array), FPS)
-        _check_same(image, mirrored_motion(motion), slack, "mirrored columns are the mirrored motion's")
+        decoded = made.decode(array, FPS)
+        wanted = motion
+        if made.grounded:
+            shift = decoded.translation[0] * (0, 1, 0) - motion.translation[0] * (0, 1, 0)
+            wanted = Motion(motion.translation + shift, motion.rotations, motion.grid, motion.skeleton)
+        _check_same(decoded, wanted, TRANSLATION_TOLERANCE, "decode gives back the motion")
+        if mirror is not None:
+            image = made.decode(mirror.apply(array), FPS)
+            _check_same(
+                image, mirrored_motion(wanted), TRANSLATION_TOLERANCE, "mirrored columns are the mirrored motion's"
+            )
 
 
 def check_contact_rule(cls: type[Any]) -> None:
@@ -113,6 +119,26 @@ def check_contact_rule(cls: type[Any]) -> None:
     _require(
         np.array_equal(rule(np.add(joints, (2.0, 0.0, -3.0)), FPS, SMPL24), labels), "labels do not depend on x and z"
     )
+
+
+def check_key_motion(cls: type[Any]) -> None:
+    """Check a finder of key motions: one row a frame, finite, deterministic, one frame, stillness."""
+    check_plugin(cls)
+    made = cls()
+    _check_columns(made.columns)
+    _require(made.columns.mirror is not None, "its columns have a mirror image, so that clips can be mirrored")
+    motion = random_motion(SMPL24, 40, turn_rad=0.05, step_m=0.005)
+    rows = made.analyse(motion)
+    _require(rows.shape == (40, made.columns.width), f"rows are (T, {made.columns.width}), not {rows.shape}")
+    _require(rows.dtype == np.float32 and bool(np.isfinite(rows).all()), "rows are finite float32")
+    _require(np.array_equal(made.analyse(motion), rows), "equal motion gives equal rows")
+    still = Motion(np.zeros((30, 3)), np.zeros((30, SMPL24.n_joints, 3)), FPS, SMPL24)
+    for short in (motion.part(0, 1), motion.part(0, 2), still):
+        found = made.analyse(short)
+        _require(
+            found.shape == (short.n_frames, made.columns.width), "a motion of one frame, or a still one, has rows"
+        )
+        _require(bool(np.isfinite(found).all()), "stillness gives finite rows")
 
 
 def check_audio_feature(cls: type[Any]) -> None:
@@ -168,8 +194,8 @@ def check_plugin(cls: type[Any]) -> None:
     _require(any("no_such_key" in p for p in problems), "a key that no field has is an error")
 
 
-def recipe_with(*, dataset: str, scope: str = "track") -> Any:
-    """Return a recipe of one dataset with the first representation and no audio: what a reader is tried with."""
+def recipe_with(*, dataset: str, scope: str = "track", skeleton: Skeleton = SMPL24) -> Any:
+    """Return a recipe of one dataset, joint positions of its skeleton, no audio: what a reader is tried with."""
     from dancedata.pipeline.recipe import parse_recipe
 
     document = {
@@ -178,7 +204,7 @@ def recipe_with(*, dataset: str, scope: str = "track") -> Any:
         "dataset": {dataset: {}},
         "scope": scope,
         "windows": {"length_frames": 30, "stride_frames": 15},
-        "motion": {REPRESENTATIONS.names()[0]: {}},
+        "motion": {"joints": {"body": skeleton.to_json()}},
     }
     recipe = parse_recipe(document)
     again = parse_recipe(json.loads(json.dumps(recipe.document)))
@@ -200,7 +226,7 @@ def _raises(kind: type[Exception], call: Callable[[], object], expected: str) ->
 
 
 def _registry_of(cls: type[Any]) -> Any:
-    for registry in (DATASETS, REPRESENTATIONS, CONTACTS, FEATURES):
+    for registry in (DATASETS, REPRESENTATIONS, CONTACTS, FEATURES, KEYMOTIONS):
         if cls in (registry.get(name) for name in registry.names()):
             return registry
     raise AssertionError(f"expected: {cls.__name__} is registered")

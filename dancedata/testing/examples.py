@@ -25,7 +25,7 @@ def mirrored_motion(motion: Motion) -> Motion:
     for left, right in motion.skeleton.pairs:
         order[left], order[right] = right, left
     rotations = motion.rotations[:, order] * (1, -1, -1)  # an axis is a pseudovector
-    return Motion(motion.translation * (-1, 1, 1), rotations, motion.grid, motion.skeleton)
+    return Motion(motion.translation * (-1, 1, 1), rotations, motion.grid, motion.skeleton, motion.trim_start)
 
 
 def random_signal(seconds: float, sample_rate: int) -> AudioSignal:

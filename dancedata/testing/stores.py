@@ -61,9 +61,9 @@ class RandomStore:
         rows = slice(int(start * ratio), int((start + length) * ratio))
         if self.header.scope == "window":
             k = clip.starts.index(start)
-            array = clip.motion[field] if f.kind == "motion" else clip.audio[field][k].array
-            found = np.asarray(array)[k] if f.kind == "motion" else np.asarray(array)
-        elif f.kind == "motion":
+            array = clip.motion[field] if f.per_clip else clip.audio[field][k].array
+            found = np.asarray(array)[k] if f.per_clip else np.asarray(array)
+        elif f.per_clip:
             found = np.asarray(clip.motion[field])[rows]
         else:
             block = clip.audio[field][0]
@@ -195,7 +195,7 @@ def _song(
 def _motion(rng: np.random.Generator, header: StoreHeader, n: int, n_windows: int) -> dict[str, Array]:
     arrays: dict[str, Array] = {}
     for f in header.fields:
-        if f.kind == "motion":
+        if f.per_clip:
             windowed = (n_windows, _rows(f, header, header.length))
             arrays[f.name] = _random(rng, f, windowed if header.scope == "window" else (_rows(f, header, n),))
     return arrays

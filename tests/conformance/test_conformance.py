@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from dancedata.core.columns import Columns, Mirror
-from dancedata.core.registry import CONTACTS, DATASETS, FEATURES, REPRESENTATIONS, Registry
+from dancedata.core.registry import CONTACTS, DATASETS, FEATURES, KEYMOTIONS, REPRESENTATIONS, Registry
 from dancedata.testing import conformance
 
 
@@ -35,12 +35,23 @@ def test_audio_feature(name: str):
     conformance.check_audio_feature(FEATURES.get(name))
 
 
-@pytest.mark.parametrize("registry", [DATASETS, REPRESENTATIONS, CONTACTS, FEATURES], ids=lambda r: r.kind)
+@pytest.mark.parametrize("name", KEYMOTIONS.names())
+def test_key_motion(name: str):
+    conformance.check_key_motion(KEYMOTIONS.get(name))
+
+
+@pytest.mark.parametrize("registry", [DATASETS, REPRESENTATIONS, CONTACTS, FEATURES, KEYMOTIONS], ids=lambda r: r.kind)
 def test_there_is_a_plugin_of_every_kind(registry: Registry):
     assert registry.names()
 
 
 # The suite itself: a plug-in with one thing wrong does not pass.
+
+
+def _first(registry: Registry) -> type[Any]:
+    """The first plug-in of a kind; of representations the first that decodes."""
+    classes = [registry.get(name) for name in registry.names()]
+    return next(cls for cls in classes if registry is not REPRESENTATIONS or hasattr(cls, "decode"))
 
 
 def _register(monkeypatch: pytest.MonkeyPatch, registry: Registry, cls: type[Any]) -> type[Any]:
@@ -52,7 +63,7 @@ def _register(monkeypatch: pytest.MonkeyPatch, registry: Registry, cls: type[Any
 
 def _subclass(registry: Registry, **members: Any) -> type[Any]:
     """The first plug-in of a kind with some members replaced."""
-    base = registry.get(registry.names()[0])
+    base = _first(registry)
     return dataclass(frozen=True)(type("Broken", (base,), {"__doc__": base.__doc__, **members}))
 
 
@@ -90,7 +101,7 @@ def test_a_rule_that_looks_at_the_place_fails(monkeypatch: pytest.MonkeyPatch):
 
 
 def test_a_mirror_that_is_not_the_motions_fails(monkeypatch: pytest.MonkeyPatch):
-    base = REPRESENTATIONS.get(REPRESENTATIONS.names()[0])
+    base = _first(REPRESENTATIONS)
 
     def columns(self: Any) -> Columns:
         right = base().columns

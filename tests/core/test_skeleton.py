@@ -80,3 +80,11 @@ def test_offsets_are_copied() -> None:
 def test_no_tree(change: dict[str, object]) -> None:
     with pytest.raises(UsageError, match="smpl24"):
         replace(SMPL24, **change)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"feet": (7, 8, 10, 24)}, {"pairs": ((1, 24),)}, {"pairs": ((1, 2), (2, 4))}, {"feet": (-1, 8, 10, 11)}]
+)
+def test_pairs_and_feet_are_joints(wrong: dict[str, object]) -> None:
+    with pytest.raises(UsageError, match="pairs and feet are joints"):
+        replace(SMPL24, **wrong)  # type: ignore[arg-type]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import pickle
 import wave
 from collections.abc import Callable
@@ -94,3 +95,68 @@ def unpickled_marker(tmp_path: Path) -> tuple[Path, Callable[[], bytes]]:
             return os.system, (f"touch '{marker}'",)
 
     return marker, lambda: pickle.dumps({"smpl_poses": Attack()})
+
+
+class FineCopy:
+    """A folder in FineDance's layout, built file by file."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+
+    def columns(self, n_frames: int = 90) -> np.ndarray[Any, Any]:
+        """What a motion file holds: (T, 315) float32, random rotations."""
+        from scipy.spatial.transform import Rotation
+
+        rng = np.random.default_rng(SEED)
+        matrices = Rotation.from_rotvec(rng.normal(0, 1, (n_frames * 52, 3))).as_matrix()
+        rows = matrices[:, :2].reshape(n_frames, 312)
+        return np.concatenate([rng.normal(0, 1, (n_frames, 3)), rows], axis=1).astype(np.float32)
+
+    def motion(self, clip: str, array: Any = None, *, root: str = "") -> Path:
+        """Write one motion file."""
+        path = self.write(f"{root}motion/{clip}.npy", b"")
+        np.save(path, self.columns() if array is None else array, allow_pickle=True)
+        return path
+
+    def song(self, file: str, seconds: float = 3.0) -> Path:
+        """Write an audio file below the root: a real wav, or a stand-in, which a scan cannot open."""
+        path = self.write(file, b"stand-in")
+        if path.suffix.lower() == ".wav":
+            with wave.open(str(path), "wb") as out:
+                out.setnchannels(1)
+                out.setsampwidth(2)
+                out.setframerate(8_000)
+                out.writeframes(bytes(2 * round(8_000 * seconds)))
+        return path
+
+    def label(self, clip: str, content: Any) -> Path:
+        """Write one label: JSON of anything, or bytes as they are."""
+        data = content if isinstance(content, bytes) else json.dumps(content).encode()
+        return self.write(f"label_json/{clip}.json", data)
+
+    def sequence(self, clip: str, style: str = "Popping") -> None:
+        """Write motion, music and label of one sequence."""
+        self.motion(clip)
+        self.song(f"music_wav/{clip}.wav")
+        self.label(clip, {"name": "a song", "style1": "Street", "style2": style})
+
+    def write(self, file: str, data: bytes) -> Path:
+        """Write any file below the root."""
+        path = self.root / file
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(data)
+        return path
+
+
+@pytest.fixture
+def fine(tmp_path: Path) -> FineCopy:
+    """FineDance's layout, nothing there yet; the path has a space and letters beyond ASCII."""
+    return FineCopy(tmp_path / "мой dänce 舞")
+
+
+@pytest.fixture
+def finedance(fine: FineCopy) -> FineCopy:
+    """Train, a cut beginning, test, ignored, ignored and test, on FineNet's list alone, cross-dancer's 159."""
+    for clip in ("001", "004", "063", "116", "120", "130", "159"):
+        fine.sequence(clip)
+    return fine

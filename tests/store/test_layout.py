@@ -48,7 +48,7 @@ def test_data_is_aligned_contiguous_and_little_endian(make_store: Any, scope: st
 def test_names_are_the_documented_ones(make_store: Any, scope: str) -> None:
     made = make_store(scope=scope)
     wanted = {f"clips/{n}" for n in ("id", "genre", "music", "dancer", "tempo_bpm", "source", "n_frames", "n_flags")}
-    wanted |= {"clips/trim_start", "clips/lists"}
+    wanted |= {"clips/trim_start", "clips/lists", "clips/height_m", "clips/source_rate"}
     wanted |= {f"windows/{n}" for n in ("clip", "start", "length", "index")}
     wanted |= {f"windows/rows/{n}" for n in ("pose", "fast", "music", "layer")}
     wanted |= {"motion/pose", "motion/fast", "audio/music", "audio/layer"}

@@ -1,0 +1,1 @@
+"""Copies of clips that a dance allows: its mirror image."""

@@ -1,0 +1,61 @@
+"""Contacts by height, as Lodge labels them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.errors import UsageError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.registry import CONTACTS
+from dancedata.core.rotations import Float64Array
+from dancedata.core.skeleton import Skeleton
+
+
+@CONTACTS.register("height")
+@dataclass(frozen=True)
+class Height:
+    """A foot joint is in contact while it is lower than a limit, however fast it moves (Lodge, Li et al. 2024).
+
+    Heights count from y = 0 of the joints as they come: `lodge139` and `lodge319` ground the motion first. On
+    a representation that does not (`edge151`, `finedance319`) y = 0 is wherever the source has it.
+
+    Attributes
+    ----------
+    ankle_m
+        Limit of both ankles in metres, exclusive.
+    toe_m
+        Limit of both toes in metres, exclusive.
+    """
+
+    version: ClassVar[int] = 1
+
+    ankle_m: float = 0.12
+    toe_m: float = 0.05
+
+    def __post_init__(self) -> None:
+        """Check the limits."""
+        for name in ("ankle_m", "toe_m"):
+            limit = getattr(self, name)
+            if not (limit > 0 and math.isfinite(limit)):
+                raise UsageError(f"{name} must be above 0", found=limit, allowed="metres above the floor, > 0")
+
+    def __call__(self, joints: Float64Array, grid: FrameGrid, skeleton: Skeleton) -> npt.NDArray[np.float32]:
+        """Label contacts.
+
+        Parameters
+        ----------
+        joints
+            (T, J, 3) positions, metres, +Y up, the floor at y = 0.
+
+        Returns
+        -------
+        (T, 4) float32
+            1 where left ankle, right ankle, left toe, right toe (`skeleton.feet`) are in contact, else 0.
+        """
+        heights = joints[:, list(skeleton.feet), 1]
+        return (heights < (self.ankle_m, self.ankle_m, self.toe_m, self.toe_m)).astype(np.float32)

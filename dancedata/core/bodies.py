@@ -1,0 +1,152 @@
+"""SMPL-X's skeleton and its parts, and carrying a motion over between the joint sets of one family of bodies."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dancedata.core.errors import UsageError
+from dancedata.core.motion import Motion
+from dancedata.core.skeleton import SMPL24, SMPL24_EDGE, Skeleton
+
+_FINGERS = ("index", "middle", "pinky", "ring", "thumb")
+
+#: The 22 joints that SMPL, SMPL-H and SMPL-X share, in their common order.
+BODY_JOINTS = SMPL24.joints[:22]
+_FACE = ("jaw", "left_eye", "right_eye")
+_HANDS = tuple(f"{side}_{finger}{k}" for side in ("left", "right") for finger in _FINGERS for k in (1, 2, 3))
+
+#: Rest positions of the neutral SMPL-X body as Lodge and FineDance publish them (five decimals), metres.
+_SMPLX_REST = np.array(
+    (
+        (0.00312, -0.35141, 0.01204),
+        (0.06131, -0.44417, -0.01396),
+        (-0.06014, -0.45532, -0.00921),
+        (0.00036, -0.24152, -0.01558),
+        (0.11601, -0.82292, -0.02336),
+        (-0.10435, -0.81770, -0.02604),
+        (0.00981, -0.10966, -0.02152),
+        (0.07255, -1.22598, -0.05524),
+        (-0.08894, -1.22842, -0.04623),
+        (-0.00152, -0.05743, 0.00693),
+        (0.11981, -1.28398, 0.06298),
+        (-0.12775, -1.28675, 0.07282),
+        (-0.01369, 0.10774, -0.02469),
+        (0.04484, 0.02752, -0.00029),
+        (-0.04922, 0.02691, -0.00647),
+        (0.01110, 0.26819, -0.00395),
+        (0.16408, 0.08524, -0.01576),
+        (-0.15179, 0.08043, -0.01914),
+        (0.41820, 0.01309, -0.05821),
+        (-0.42294, 0.04394, -0.04561),
+        (0.67019, 0.03631, -0.06069),
+        (-0.67221, 0.03941, -0.06093),
+        (-0.00467, 0.26767, -0.00959),
+        (0.03160, 0.31083, 0.06220),
+        (-0.03160, 0.31083, 0.06219),
+        (0.77209, 0.02763, -0.04134),
+        (0.80404, 0.02984, -0.03832),
+        (0.82659, 0.02749, -0.03827),
+        (0.77959, 0.02999, -0.06467),
+        (0.81020, 0.03079, -0.06869),
+        (0.83371, 0.02879, -0.07280),
+        (0.75424, 0.02177, -0.10444),
+        (0.76971, 0.02064, -0.11644),
+        (0.78524, 0.01898, -0.12765),
+        (0.76763, 0.02705, -0.08803),
+        (0.79568, 0.02853, -0.09330),
+        (0.81850, 0.02707, -0.10039),
+        (0.71083, 0.01834, -0.03508),
+        (0.72784, 0.01931, -0.01010),
+        (0.74837, 0.01415, 0.00543),
+        (-0.77209, 0.02763, -0.04133),
+        (-0.80404, 0.02984, -0.03832),
+        (-0.82659, 0.02750, -0.03827),
+        (-0.77959, 0.02999, -0.06467),
+        (-0.81020, 0.03080, -0.06869),
+        (-0.83371, 0.02879, -0.07281),
+        (-0.75424, 0.02178, -0.10444),
+        (-0.76971, 0.02064, -0.11644),
+        (-0.78524, 0.01898, -0.12765),
+        (-0.76764, 0.02705, -0.08803),
+        (-0.79568, 0.02853, -0.09330),
+        (-0.81850, 0.02707, -0.10039),
+        (-0.71082, 0.01834, -0.03507),
+        (-0.72784, 0.01931, -0.01010),
+        (-0.74837, 0.01415, 0.00543),
+    )
+)
+
+
+def _smplx55() -> Skeleton:
+    joints = (*BODY_JOINTS, *_FACE, *_HANDS)
+    parents = [*SMPL24.parents[:22], 15, 15, 15]
+    for wrist, first in ((20, 25), (21, 40)):
+        for finger in range(5):
+            begin = first + 3 * finger
+            parents += [wrist, begin, begin + 1]
+    offsets = _SMPLX_REST.copy()
+    offsets[1:] -= _SMPLX_REST[parents[1:]]
+    pairs = [*SMPL24.pairs[:8], (23, 24), *((j, j + 15) for j in range(25, 40))]
+    return Skeleton("smplx55", joints, tuple(parents), offsets, tuple(pairs), SMPL24.feet)
+
+
+#: The neutral SMPL-X body, whose kinematics keep joint 0's rest position.
+SMPLX55 = _smplx55()
+#: The same without jaw and eyes: FineDance's 52 joints, SMPL-H's order.
+SMPLX52 = SMPLX55.subset("smplx52", (*BODY_JOINTS, *_HANDS))
+#: The body alone, as in Lodge's 139 columns.
+SMPLX22 = SMPLX55.subset("smplx22", BODY_JOINTS)
+
+#: Skeletons that come with the package, by name.
+SKELETONS = {s.name: s for s in (SMPL24, SMPL24_EDGE, SMPLX22, SMPLX52, SMPLX55)}
+
+
+def has_body(skeleton: Skeleton) -> bool:
+    """Tell whether a skeleton begins with the 22 body joints that SMPL, SMPL-H and SMPL-X share."""
+    return skeleton.joints[:22] == BODY_JOINTS
+
+
+def carried_over(motion: Motion, target: Skeleton) -> Motion:
+    """Put a motion on another body of the SMPL family: parameters are carried over, joint by joint.
+
+    Rotations go by name; a joint that the motion lacks does not turn, one that the target lacks is left out
+    (fingers on SMPL's 24 joints). The translation is kept as it is, as Lodge does with AIST++, so the
+    pelvis moves by the difference of the two bodies' rest positions. The bones are the target's, save where
+    the motion's skeleton has all of the target's joints and is not SMPL's 24: then it keeps its own (a body
+    model with betas), as it does where the joints are the same.
+
+    Parameters
+    ----------
+    motion
+        On a skeleton that begins with the 22 body joints, in their order.
+    target
+        The skeleton whose joints are wanted.
+
+    Returns
+    -------
+    Motion
+        The same frames on the joints of `target`.
+
+    Raises
+    ------
+    UsageError
+        If either skeleton is of another family.
+    """
+    own = motion.skeleton
+    if own.joints == target.joints:
+        return motion
+    if not has_body(own) or not has_body(target):
+        raise UsageError(
+            f"a motion on skeleton {own.name} cannot be put on {target.name}",
+            found=f"joints {', '.join(own.joints[:4])}, ...",
+            allowed=f"bodies of the SMPL family, whose first joints are {', '.join(BODY_JOINTS[:4])}, ...",
+        )
+    rotations = np.zeros((motion.n_frames, target.n_joints, 3))
+    for j, joint in enumerate(target.joints):
+        if joint in own.joints:
+            rotations[:, j] = motion.rotations[:, own.joints.index(joint)]
+    bones = target
+    if own.joints != SMPL24.joints and set(target.joints) <= set(own.joints):
+        part = own.subset(f"{own.name}-{target.n_joints}", target.joints)
+        bones = target if np.array_equal(part.offsets, target.offsets) else part
+    return Motion(motion.translation, rotations, motion.grid, bones, motion.trim_start)

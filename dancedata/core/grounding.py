@@ -1,0 +1,63 @@
+"""Grounding: putting a motion on the floor y = 0, as Lodge does."""
+
+from __future__ import annotations
+
+from dancedata.core.errors import UsageError
+from dancedata.core.motion import Motion
+from dancedata.core.rotations import FloatArray
+from dancedata.core.skeleton import Skeleton
+
+#: Toes whose heights differ by less are taken to stand on one floor, metres (Lodge, `set_on_ground`).
+LEVEL_TOES_M = 0.02
+
+
+def ground_height(joints: FloatArray, skeleton: Skeleton, frame: int = 0) -> float:
+    """Return the height of the floor as Lodge finds it (Li et al., CVPR 2024; `set_on_ground` of its code).
+
+    The mean of the toes' heights in one frame if they differ by less than 2 cm, else the lower one.
+
+    Parameters
+    ----------
+    joints
+        (T, J, 3) positions, metres, +Y up.
+    skeleton
+        Whose toes (`feet[2:]`) are looked at.
+    frame
+        The frame that is looked at. Lodge cuts a still beginning first, so this is the motion's `trim_start`.
+
+    Returns
+    -------
+    float
+        Metres.
+
+    Raises
+    ------
+    UsageError
+        If there is no such frame.
+    """
+    if not 0 <= frame < len(joints):
+        raise UsageError("no such frame to find the floor in", found=f"frame {frame} of {len(joints)}")
+    left, right = (float(joints[frame, toe, 1]) for toe in skeleton.feet[2:])
+    return (left + right) / 2 if abs(left - right) < LEVEL_TOES_M else min(left, right)
+
+
+def grounded(motion: Motion, skeleton: Skeleton | None = None) -> Motion:
+    """Put a motion on the floor y = 0: every frame is lowered or raised by one height.
+
+    Parameters
+    ----------
+    motion
+        +Y up. The floor is where `ground_height` finds it in frame `motion.trim_start`.
+    skeleton
+        Bones to find the toes with, of as many joints; default: the motion's own.
+
+    Returns
+    -------
+    Motion
+        On the motion's own skeleton.
+    """
+    frame = motion.trim_start
+    standing = motion.part(frame, frame + 1).on(skeleton or motion.skeleton)
+    height = ground_height(standing.joints(), standing.skeleton)
+    translation = motion.translation - (0.0, height, 0.0)
+    return Motion(translation, motion.rotations, motion.grid, motion.skeleton, motion.trim_start)

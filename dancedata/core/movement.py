@@ -1,0 +1,59 @@
+"""The movement filter: windows in which hardly anything moves are left out of training."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.clip import Reject
+from dancedata.core.errors import UsageError
+
+#: Lodge's and FineDance's threshold.
+MIN_STD = 0.07
+
+
+@dataclass(frozen=True)
+class Movement:
+    """Keeps a window if the mean over columns of their standard deviation in time is above a limit.
+
+    As Lodge and FineDance choose training windows, on columns that are not normalised, contacts included;
+    test windows they keep all.
+
+    Attributes
+    ----------
+    min_std
+        Limit, exclusive.
+    field
+        Motion field that is looked at: lodge139 in Lodge, finedance319 in FineDance.
+    splits
+        Splits that are filtered.
+    """
+
+    min_std: float = MIN_STD
+    field: str = "lodge139"
+    splits: tuple[Literal["train", "val", "test", "all"], ...] = ("train",)
+
+    def __post_init__(self) -> None:
+        """Check the limit."""
+        if not self.min_std >= 0 or not np.isfinite(self.min_std):
+            raise UsageError("min_std must be a number of at least 0", found=self.min_std)
+
+    def keeps(self, std: float) -> bool:
+        """Tell whether a window of this mean standard deviation is kept."""
+        return std > self.min_std
+
+    def reject(self, clip: str, start: int, std: float) -> Reject:
+        """Say that the window of a clip from frame `start` on is left out for want of movement."""
+        detail = f"{self.field} hardly moves: mean standard deviation {std:.5g}, wanted above {self.min_std:g}"
+        return Reject("still", clip, "", start, detail, {"std": std})
+
+
+def movement_std(rows: npt.NDArray[Any]) -> float:
+    """Return the mean over columns of the standard deviation (ddof 0) over time of rows (L, D).
+
+    In the rows' own dtype, float32, as the references compute it: windows near the limit fall on their side.
+    """
+    return float(rows.std(axis=0).mean())

@@ -1,0 +1,153 @@
+"""Units of work on music: functions that worker processes run. Each takes and returns small, picklable things."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.clip import Reject
+from dancedata.core.errors import DataError
+from dancedata.core.hashing import sha256_bytes
+from dancedata.pipeline.cache import Cache, CachedArray, package_version
+from dancedata.pipeline.recipe import Recipe
+from dancedata.pipeline.rejects import BUILD_AGAIN, CHANGED, reject_of
+from dancedata.pipeline.slots import document_of
+
+#: Raised by hand when a stage here gives other numbers for the same input.
+FEATURE_STAGE = 1
+
+
+@dataclass(frozen=True)
+class SignalId:
+    """What an audio file decodes to; `windows` are the hashes of its windows (window scope)."""
+
+    path: Path
+    sha256: str
+    sample_rate: int
+    n_samples: int
+    windows: tuple[str, ...] = ()
+
+
+def window_samples(recipe: Recipe, n_samples: int, sample_rate: int) -> tuple[npt.NDArray[np.int64], int]:
+    """Return the first samples (W,) of a signal's whole windows, and their length in samples.
+
+    Every window starts at its own exact time, rounded down, so that music never drifts away from motion. EDGE
+    adds up a truncated stride, which is the same wherever a stride is a whole number of samples (0.5 s at any
+    even rate).
+    """
+    length = int(recipe.windows.length / recipe.fps * sample_rate)
+    stride = recipe.windows.stride / recipe.fps * sample_rate
+    if n_samples < length or length < 1:
+        return np.empty(0, dtype=np.int64), length
+    # Start k is floor(k * stride), so the last k that fits is the last with k * stride < n - length + 1.
+    count = math.ceil((n_samples - length + 1) / stride)
+    starts = [k * stride.numerator // stride.denominator for k in range(count)]
+    return np.array(starts, dtype=np.int64), length
+
+
+def identify_audio(cache: Cache, recipe: Recipe, path: Path) -> SignalId | Reject:
+    """Decode a file and hash its samples, and its windows' in window scope; remembered until the file changes."""
+    from dancedata.audio.signal import load_audio
+
+    windows = [str(recipe.fps), recipe.windows.length, recipe.windows.stride] if recipe.scope == "window" else None
+    packages = {"soundfile": package_version("soundfile"), "libsndfile": libsndfile_version()}
+    try:
+        key = Cache.key("signal", file=Cache.stat_key("signal", path), windows=windows, packages=packages)
+        known = cache.json("signals", key)
+        if known is None:
+            signal = load_audio(path)
+            hashes = []
+            if windows is not None:
+                starts, length = window_samples(recipe, signal.n_samples, signal.sample_rate)
+                for start in starts:
+                    part = np.ascontiguousarray(signal.samples[start : start + length], dtype="<f4")
+                    hashes.append(sha256_bytes(f"{signal.sample_rate} ".encode(), part.data))
+            known = [signal.sha256, signal.sample_rate, signal.n_samples, hashes]
+            cache.put_json("signals", key, known)
+    except DataError as error:
+        return reject_of(error, file=path)
+    except FileNotFoundError:
+        return Reject("missing_music", file=str(path), detail=f"{path}: the file vanished during the build")
+    return SignalId(path, known[0], known[1], known[2], tuple(known[3]))
+
+
+def libsndfile_version() -> str:
+    """Return the version of the library that decodes music."""
+    import soundfile
+
+    return str(soundfile.__libsndfile_version__)
+
+
+def extract_track(cache: Cache, recipe: Recipe, feature: Any, signal: SignalId, bpm: float | None) -> Any:
+    """Compute a feature of a whole signal; returns (key, CachedArray) or a Reject."""
+    key = _feature_key(recipe, feature, bpm, signal=signal.sha256)
+    array = cache.array("features", key)
+    if array is None:
+        try:
+            rows = feature.extract(_decoded(signal), recipe.grid, start_bpm=bpm)
+        except DataError as error:
+            return reject_of(error, file=signal.path)
+        array = cache.put_array("features", key, rows)
+    return key, array
+
+
+def extract_windows(
+    cache: Cache, recipe: Recipe, feature: Any, signal: SignalId, bpm: float | None, numbers: Sequence[int]
+) -> Any:
+    """Compute a feature of windows, each by itself; returns {number: (key, CachedArray)} or a Reject."""
+    found: dict[int, tuple[str, CachedArray]] = {}
+    decoded = None
+    starts, length = window_samples(recipe, signal.n_samples, signal.sample_rate)
+    for number in numbers:
+        key = window_key(recipe, feature, bpm, signal.windows[number])
+        array = cache.array("features", key)
+        if array is None:
+            try:
+                decoded = decoded or _decoded(signal)
+                rows = feature.extract_windows(
+                    decoded, starts[number : number + 1], length, recipe.grid, recipe.windows.length, start_bpm=bpm
+                )[0]
+            except DataError as error:
+                return reject_of(error, file=signal.path)
+            array = cache.put_array("features", key, rows)
+        found[number] = key, array
+    return found
+
+
+def window_key(recipe: Recipe, feature: Any, bpm: float | None, window: str) -> str:
+    """Return the cache key of a window's features; `window` is the hash of its samples."""
+    return _feature_key(recipe, feature, bpm, window=window, rows=recipe.windows.length)
+
+
+def _decoded(signal: SignalId) -> AudioSignal:
+    """Decode a signal again; DataError "changed" if the file holds another one by now.
+
+    Without this a file that is replaced during a build would leave its features under the old one's key, and
+    every later build would take them.
+    """
+    from dancedata.audio.signal import load_audio
+
+    decoded = load_audio(signal.path)
+    if decoded.sha256 != signal.sha256:
+        raise DataError(CHANGED, reason="changed", where=signal.path, fix=BUILD_AGAIN)
+    return decoded
+
+
+def _feature_key(recipe: Recipe, feature: Any, bpm: float | None, **content: Any) -> str:
+    return Cache.key(
+        "feature",
+        version=[FEATURE_STAGE, feature.version],
+        feature={feature.name: document_of(feature)},
+        fps=str(recipe.grid),
+        scope=recipe.scope,
+        start_bpm=bpm,
+        packages={name: package_version(name) for name in feature.packages},
+        **content,
+    )

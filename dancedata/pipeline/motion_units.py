@@ -1,0 +1,231 @@
+"""Units of work on motion: functions that worker processes run. Each takes and returns small, picklable things."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from fractions import Fraction
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.clip import ClipRef, Reject
+from dancedata.core.errors import DataError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.hashing import sha256_file
+from dancedata.core.motion import Motion
+from dancedata.core.quality import MAX_ROOT_SPEED_M_S, MAX_TURN_DEG_S, quality_flags
+from dancedata.core.windows import count_windows
+from dancedata.pipeline.cache import Cache, CachedArray, package_version
+from dancedata.pipeline.recipe import Recipe
+from dancedata.pipeline.rejects import changed, reject_of
+from dancedata.pipeline.slots import document_of
+
+#: Raised by hand when a stage here gives other numbers for the same input.
+MOTION_STAGE = 2
+
+
+@dataclass(frozen=True)
+class MotionResult:
+    """A clip's motion, encoded.
+
+    Attributes
+    ----------
+    n_source, source_rate
+        Frames and rate of the source.
+    n_frames, trim_start
+        Frames at the recipe's rate; the first that belongs to the dance.
+    height_m
+        Vertical extent of the joints, median over frames, metres.
+    arrays
+        Per motion and key motion field: (T, D) in track scope, (W, L, D) in window scope.
+    """
+
+    n_source: int
+    source_rate: Fraction
+    n_frames: int
+    trim_start: int
+    height_m: float
+    flags: tuple[dict[str, Any], ...] = ()
+    arrays: dict[str, CachedArray] = field(default_factory=dict)
+
+
+def hash_motion(cache: Cache, ref: ClipRef) -> str | Reject:
+    """Return the hash of a motion file."""
+    try:
+        return cache.file_sha256(ref.motion_path)
+    except OSError as error:
+        return Reject("broken_file", clip=ref.id, file=str(ref.motion_path), detail=f"{ref.motion_path}: {error}")
+
+
+def encode_motion(cache: Cache, recipe: Recipe, ref: ClipRef, sha256: str) -> MotionResult | Reject:
+    """Load, check, resample and encode one clip, for every motion and key motion field of the recipe."""
+    loading = _loading(cache, recipe, ref)
+    encoders = _encoders(recipe)
+    keys = {e.name: _motion_key(recipe, e, loading, sha256) for e in encoders}
+    info_key = _info_key(loading, sha256)
+    info = cache.json("clips", info_key)
+    arrays = {name: cache.array("motion", key) for name, key in keys.items()}
+    if info is None or any(a is None for a in arrays.values()):
+        try:
+            motion = recipe.dataset.load(ref)
+            made = {e.name: _encode(recipe, e, motion) for e in encoders if arrays[e.name] is None}
+        except DataError as error:
+            return reject_of(error, clip=ref.id, file=ref.motion_path)
+        if sha256_file(ref.motion_path) != sha256:
+            return changed(ref.motion_path, ref.id)
+        flags = [f.to_json() for f in quality_flags(motion)]
+        info = [motion.n_frames, str(motion.grid), flags, motion.trim_start, vertical_extent(motion)]
+        cache.put_json("clips", info_key, info)
+        for name, array in made.items():
+            arrays[name] = cache.put_array("motion", keys[name], array)
+    n_source, rate, trim = int(info[0]), Fraction(info[1]), int(info[3])
+    found = {name: array for name, array in arrays.items() if array is not None}
+    grid = FrameGrid(rate)
+    n_frames = grid.resampled_length(n_source, recipe.grid)
+    first = min(grid.first_frame_from(trim, recipe.grid), n_frames - 1)
+    return MotionResult(n_source, rate, n_frames, first, float(info[4]), tuple(info[2]), found)
+
+
+def usable_frames(recipe: Recipe, n_source: int, source_rate: Fraction) -> int:
+    """Return how many frames, at the recipe's rate, every motion field of a clip covers."""
+    source = FrameGrid(source_rate)
+    frames = [source.resampled_length(n_source, recipe.grid)]
+    for slot in recipe.motion:
+        grid = recipe.grid_of(slot)
+        if grid != recipe.grid:
+            ratio = recipe.fps / grid.rate
+            frames.append(math.floor(source.resampled_length(n_source, grid) * ratio))
+    return min(frames)
+
+
+def motion_window_count(recipe: Recipe, n_source: int, source_rate: Fraction) -> int:
+    """Return how many windows a motion of `n_source` frames has.
+
+    Track scope counts on the recipe's grid. Window scope counts as EDGE does, before decimation, where the
+    source's rate is a whole multiple: 1,919 frames at 60 FPS have 54 windows there, 55 on the grid.
+    """
+    length, stride = recipe.windows.length, recipe.windows.stride
+    step = FrameGrid(source_rate).step_to(recipe.grid)
+    count = count_windows(usable_frames(recipe, n_source, source_rate), length, stride)
+    if recipe.scope == "window" and step is not None:
+        count = min(count, count_windows(n_source, length * step, stride * step))
+    return count
+
+
+@dataclass(frozen=True)
+class _Encoder:
+    """One field of the store that comes of a motion: what makes it, and at which rate."""
+
+    name: str
+    grid: FrameGrid
+    document: dict[str, Any]
+    version: tuple[int, int]
+    width: int
+    encode: Callable[[Motion], npt.NDArray[np.float32]]
+
+
+def _encoders(recipe: Recipe) -> list[_Encoder]:
+    found = []
+    for slot in recipe.motion:
+        rule = slot.contacts
+        version = (slot.representation.version, rule.version if rule is not None else 0)
+        encode = partial(slot.representation.encode, contacts=rule)
+        found.append(
+            _Encoder(
+                slot.name, recipe.grid_of(slot), slot.document(), version, slot.representation.columns.width, encode
+            )
+        )
+    for plugin in recipe.keymotion:
+        version = (plugin.version, 0)
+        found.append(
+            _Encoder(plugin.name, recipe.grid, document_of(plugin), version, plugin.columns.width, plugin.analyse)
+        )
+    return found
+
+
+def _encode(recipe: Recipe, encoder: _Encoder, motion: Motion) -> npt.NDArray[np.float32]:
+    if recipe.scope == "track":
+        return np.asarray(encoder.encode(motion.resampled(encoder.grid)))
+    length, stride = recipe.windows.length, recipe.windows.stride
+    count = motion_window_count(recipe, motion.n_frames, motion.grid.rate)
+    # EDGE cuts at the source's rate and decimates after that; frames k * step are the same either way, but
+    # where rates are no whole multiples windows can only be cut on the new grid.
+    whole = motion.grid.step_to(recipe.grid) is not None and motion.grid.step_to(encoder.grid) is not None
+    source = motion if whole else motion.resampled(encoder.grid)
+    ratio = source.grid.rate / recipe.fps
+    windows = [
+        encoder.encode(
+            source.part(int(k * stride * ratio), int((k * stride + length) * ratio)).resampled(encoder.grid)
+        )
+        for k in range(count)
+    ]
+    rows = int(length * encoder.grid.rate / recipe.fps)
+    return np.stack(windows) if windows else np.empty((0, rows, encoder.width), np.float32)
+
+
+def vertical_extent(motion: Motion) -> float:
+    """Return the distance of the highest joint from the lowest along y, median over frames, metres.
+
+    It shows at a glance whether axis and unit are right: a dancer who stands measures 1.4 to 1.7 m from the
+    toes to the head joint.
+    """
+    heights = motion.joints()[..., 1]
+    return round(float(np.median(heights.max(axis=1) - heights.min(axis=1))), 4)
+
+
+def _numeric_packages() -> dict[str, str]:
+    return {name: package_version(name) for name in ("numpy", "scipy")}
+
+
+def _loading(cache: Cache, recipe: Recipe, ref: ClipRef) -> list[Any]:
+    """Return all of the dataset that shapes what `load` makes of a file.
+
+    The clip's id is a part of it: what is cut from FineDance's 004 goes by its name.
+    """
+    dataset = recipe.dataset
+    parameters = document_of(dataset, loading=True)
+    return [dataset.name, dataset.version, parameters, content_hashes(cache, dataset), ref.id, ref.declared]
+
+
+def content_hashes(cache: Cache, dataset: Any) -> dict[str, str]:
+    """Return the hash of every file that a dataset's parameters name, such as a body model.
+
+    Those are the fields whose metadata say ``{"content": True}``. Of a folder, all files count.
+    """
+    hashes: dict[str, str] = {}
+    for f in dataclasses.fields(dataset):
+        path = getattr(dataset, f.name)
+        if f.metadata.get("content") and path is not None:
+            files = sorted(p for p in Path(path).rglob("*") if p.is_file()) if Path(path).is_dir() else [Path(path)]
+            hashes |= {f"{f.name}/{file.name}": cache.file_sha256(file) for file in files if file.exists()}
+    return hashes
+
+
+def _info_key(loading: list[Any], sha256: str) -> str:
+    limits = [MAX_TURN_DEG_S, MAX_ROOT_SPEED_M_S]
+    return Cache.key("clip", version=MOTION_STAGE, dataset=loading, file=sha256, limits=limits)
+
+
+def _motion_key(recipe: Recipe, encoder: _Encoder, loading: list[Any], sha256: str) -> str:
+    return Cache.key(
+        "motion",
+        version=[MOTION_STAGE, *encoder.version],
+        dataset=loading,
+        file=sha256,
+        representation={encoder.name: encoder.document},
+        fps=str(encoder.grid),
+        windows=_window_cut(recipe) if recipe.scope == "window" else None,
+        packages=_numeric_packages(),
+    )
+
+
+def _window_cut(recipe: Recipe) -> list[Any]:
+    # The fields together decide how many windows there are, see usable_frames.
+    rates = sorted({str(recipe.grid_of(slot)) for slot in recipe.motion})
+    return [recipe.windows.length, recipe.windows.stride, str(recipe.grid), rates]

@@ -1,0 +1,21 @@
+"""What worker processes say of files that are broken, or change under a build."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from dancedata.core.clip import Reject
+from dancedata.core.errors import DataError
+
+CHANGED = "the file changed while the build was running"
+BUILD_AGAIN = "run the build again when the source is at rest"
+
+
+def reject_of(error: DataError, clip: str = "", file: Path | None = None) -> Reject:
+    """Say in rejects.jsonl what an error says."""
+    return Reject(reason=error.reason, clip=clip, file=str(file) if file else "", detail=str(error))
+
+
+def changed(path: Path, clip: str) -> Reject:
+    """Say that a clip's file changed during the build."""
+    return reject_of(DataError(CHANGED, reason="changed", where=path, fix=BUILD_AGAIN), clip=clip, file=path)

@@ -1,0 +1,125 @@
+"""Presets: what one trainer reads, by its name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from dancedata.core.errors import UsageError, did_you_mean
+from dancedata.core.movement import Movement
+from dancedata.store.dataset import Store
+
+
+@dataclass(frozen=True)
+class Preset:
+    """What one trainer reads.
+
+    Attributes
+    ----------
+    fields, optional
+        Fields it cannot do without; fields it takes if they are stored.
+    fps
+        Frames a second of the store.
+    cut
+        Length and stride of windows, as `Store.windows` takes them.
+    trim
+        Whether windows begin where the source says the dance does.
+    ignore
+        Lists whose clips are left out.
+    protocol
+        Of lists such as "cross_genre.train": these, and not the stored splits, then say which clips a split has.
+    filter
+        Which windows are kept.
+    relative_root
+        Whether the root's translation is relative to the window's first frame.
+    normalize
+        Whether motion is scaled to [-1, 1].
+    """
+
+    fields: tuple[str, ...]
+    optional: tuple[str, ...]
+    fps: int
+    cut: Mapping[str, Any]
+    trim: bool = False
+    ignore: tuple[str, ...] = ()
+    protocol: str | None = None
+    filter: Movement | None = None
+    relative_root: bool = False
+    normalize: bool = True
+
+
+def _lodge(length: int, stride: int) -> Preset:
+    """Lodge (Li et al., CVPR 2024): trimmed tracks of the cross-genre split, still training windows left out."""
+    return Preset(
+        fields=("lodge139",),
+        optional=("librosa35",),
+        fps=30,
+        cut={"length_frames": length, "stride_frames": stride},
+        trim=True,
+        ignore=("ignored",),
+        protocol="cross_genre",
+        filter=Movement(field="lodge139"),
+    )
+
+
+PRESETS = {
+    # EDGE (Tseng et al. 2023, data/slice.py): 5 s every 0.5 s.
+    "edge": Preset(("edge151",), ("librosa35",), 30, {"length_s": 5, "stride_s": 0.5}),
+    "lodge-global": _lodge(1024, 1024 // 10),
+    "lodge-local": _lodge(256, 256 // 8),
+    # FineDance (Li et al. 2023): whole tracks, 130 ignored as well, the root relative to each window's first frame.
+    "finenet": Preset(
+        fields=("finedance319",),
+        optional=("librosa35",),
+        fps=30,
+        cut={"length_frames": 120, "stride_frames": 12},
+        ignore=("ignored", "ignored.finenet"),
+        protocol="cross_genre",
+        filter=Movement(field="finedance319"),
+        relative_root=True,
+        normalize=False,
+    ),
+}
+
+
+def find_preset(store: Store, name: str | None) -> Preset | None:
+    """Return a preset by name, if the store has its frame rate."""
+    if name is None:
+        return None
+    preset = PRESETS.get(name)
+    if preset is None:
+        raise UsageError(f"there is no preset {name!r}", fix=did_you_mean(name, PRESETS))
+    if store.fps != preset.fps:
+        raise UsageError(
+            f"preset {name!r} is for {preset.fps} frames a second",
+            where=str(store.path),
+            found=f"{store.fps} frames a second",
+            fix=f"build with fps: {preset.fps}, or name fields and windows instead of a preset",
+        )
+    return preset
+
+
+def preset_fields(store: Store, preset: Preset) -> tuple[str, ...]:
+    """Return the fields that a preset reads from a store."""
+    return (*preset.fields, *(field for field in preset.optional if field in store.fields))
+
+
+def preset_cut(preset: Preset | None, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return length and stride as given, and the preset's where they are not."""
+    filled = dict(given)
+    for key, value in (preset.cut if preset is not None else {}).items():
+        what = key.split("_")[0]
+        if given[f"{what}_s"] is None and given[f"{what}_frames"] is None:
+            filled[key] = value
+    return filled
+
+
+def field_names(store: Store, fields: Sequence[str] | str) -> tuple[str, ...]:
+    """Check that the store has the fields, each named once."""
+    names = (fields,) if isinstance(fields, str) else tuple(fields)
+    if not names or len(set(names)) != len(names):
+        raise UsageError("fields must name at least one field, each once", found=", ".join(names) or "none")
+    for name in names:
+        store.field(name)
+    return names

@@ -1,0 +1,109 @@
+"""Which fields a reader scales and mirrors, and with what."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.clip import Window
+from dancedata.core.columns import Mirror
+from dancedata.core.errors import UsageError, did_you_mean
+from dancedata.core.normalize import MinMax
+from dancedata.readers.selection import Choice, clips_of, select
+from dancedata.store.dataset import Store
+
+
+def normalized_fields(store: Store, fields: tuple[str, ...], normalize: bool | Sequence[str]) -> tuple[str, ...]:
+    """Return the fields to normalise: motion if `normalize` is True, else those it names."""
+    if isinstance(normalize, bool):
+        return tuple(name for name in fields if normalize and store.field(name).kind == "motion")
+    wanted = (normalize,) if isinstance(normalize, str) else tuple(normalize)
+    for name in wanted:
+        if name not in fields:
+            raise UsageError(
+                f"normalize names a field that is not read: {name!r}",
+                allowed=", ".join(fields),
+                fix=did_you_mean(name, fields),
+            )
+    return wanted
+
+
+def mirrors_of(store: Store, fields: tuple[str, ...]) -> dict[str, Mirror]:
+    """Return the mirror of every motion field; audio has none and is left as it is."""
+    found: dict[str, Mirror] = {}
+    for field in map(store.field, fields):
+        if field.kind == "motion":
+            if field.columns.mirror is None:
+                raise _no_mirror(store, field.name)
+            found[field.name] = field.columns.mirror
+    return found
+
+
+def scaler_of(store: Store, name: str, choice: Choice, *, covers_mirror: bool, over: str) -> MinMax:
+    """Return the scaler of a field.
+
+    Parameters
+    ----------
+    choice
+        Which windows are read: its protocol says what train is.
+    covers_mirror
+        Whether a motion field's range covers mirrored motion.
+    over
+        "train": the rows of train windows. "all": every row of every clip of the store, from the trim on if
+        windows are trimmed, as Lodge's released scaler was fitted (test included).
+    """
+    field = store.field(name)
+    covers = covers_mirror and field.kind == "motion"
+    if covers and field.columns.mirror is None:
+        raise _no_mirror(store, name)
+    if over == "all":
+        plain = _fit(_all_rows(store, name, choice.trim), field.columns.width)
+    elif over != "train":
+        raise UsageError(
+            "a scaler is fitted over train or over all", found=over, fix=did_you_mean(over, ("train", "all"))
+        )
+    elif _train_differs(store, choice):
+        windows: Sequence[Window] = select(store, "train", choice).windows
+        plain = _fit((store.read(window, name) for window in windows), field.columns.width)
+    else:
+        plain = store.normalizer(name)
+    return plain.with_mirror(field.columns.mirror) if covers and field.columns.mirror else plain
+
+
+def _train_differs(store: Store, choice: Choice) -> bool:
+    """Whether the protocol's train clips are others than those the stored statistics were taken from."""
+    if choice.protocol is None:
+        return False
+    return any(record.split != "train" for record in clips_of(store, "train", choice.protocol).values())
+
+
+def _all_rows(store: Store, name: str, trim: bool) -> Iterable[npt.NDArray[Any]]:
+    for split in store.splits:
+        if store.scope == "window":
+            for window in store.windows(split):
+                yield store.read(window, name)
+    if store.scope == "track":
+        rate = store.field(name).rate / store.fps
+        for record in store.clips:
+            yield store.read_clip(record.id, name)[int(record.trim_start * rate) if trim else 0 :]
+
+
+def _fit(pieces: Iterable[npt.NDArray[Any]], width: int) -> MinMax:
+    low, high = np.full(width, np.inf), np.full(width, -np.inf)
+    for rows in pieces:
+        if len(rows):
+            low, high = np.minimum(low, rows.min(axis=0)), np.maximum(high, rows.max(axis=0))
+    if not np.isfinite(low).all():
+        raise UsageError("there is nothing to fit a scaler on", found="no rows", fix="pass normalize=False")
+    return MinMax(low, high)
+
+
+def _no_mirror(store: Store, field: str) -> UsageError:
+    return UsageError(
+        f"field {field!r} cannot be mirrored: its columns name no mirror image",
+        where=str(store.path),
+        fix="read it with mirror=0 (and normalizer_covers_mirror=False), or leave the field out",
+    )

@@ -1,0 +1,140 @@
+"""Which windows of a store a reader gives: split, lists, trim, cut, movement; and what that leaves out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.clip import Reject
+from dancedata.core.errors import UsageError, did_you_mean
+from dancedata.core.movement import Movement, movement_std
+from dancedata.store.dataset import Store
+from dancedata.store.schema import ClipRecord
+from dancedata.store.window_list import WindowList
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What is asked for.
+
+    Attributes
+    ----------
+    fields
+        Fields that windows must lie within.
+    cut
+        Length and stride as `Store.windows` takes them.
+    trim
+        Whether windows begin at their clip's trim_start.
+    ignore
+        Lists whose clips are left out; with a protocol its own list, "ignored.<protocol>", as well.
+    protocol
+        Where clips are in lists "<protocol>.<split>", those say which clips a split has, else the stored splits do.
+    filter
+        Which windows are kept.
+    """
+
+    fields: tuple[str, ...]
+    cut: Mapping[str, Any] = field(default_factory=dict)
+    trim: bool = False
+    ignore: tuple[str, ...] = ()
+    protocol: str | None = None
+    filter: Movement | None = None
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Windows in the store's order, and what was left out."""
+
+    windows: WindowList
+    rejects: tuple[Reject, ...]
+
+
+def select(store: Store, split: str, choice: Choice) -> Selection:
+    """Choose the windows of a split.
+
+    Raises
+    ------
+    UsageError
+        For a split that neither the lists nor the store know, or windows that the store cannot give.
+    """
+    clips = clips_of(store, split, choice.protocol)
+    rejects = [_ignored(c, choice) for c in clips.values() if _is_ignored(c, choice)]
+    kept = {clip for clip, record in clips.items() if not _is_ignored(record, choice)}
+    homes = sorted({record.split for record in clips.values()}, key=store.splits.index) or [split]
+    lists = [store.windows(home, fields=choice.fields, trim=choice.trim, **choice.cut) for home in homes]
+    windows = WindowList.joined(split, lists)
+    windows = windows.take(np.isin(windows.clip, [k for k, clip in enumerate(windows.clip_ids) if clip in kept]))
+    with_window = {windows.clip_ids[k] for k in np.unique(windows.clip)}
+    rejects += [_too_short(clips[clip], choice) for clip in sorted(kept - with_window)]
+    if choice.filter is not None and split in choice.filter.splits:
+        moving, still = _moving(store, windows, choice.filter)
+        windows, rejects = windows.take(moving), rejects + still
+    return Selection(windows, tuple(rejects))
+
+
+def clips_of(store: Store, split: str, protocol: str | None) -> dict[str, ClipRecord]:
+    """Return the clips of a split by id: as the protocol's lists say, where the store has them."""
+    prefix = f"{protocol}."
+    listed = [c for c in store.clips if any(name.startswith(prefix) for name in c.lists)] if protocol else []
+    if not listed:
+        return {c.id: c for c in store.clips if c.split == split}
+    known = {name.removeprefix(prefix) for c in listed for name in c.lists if name.startswith(prefix)}
+    if split not in known:
+        raise UsageError(
+            f"{protocol} has no split {split!r}", where=str(store.path), fix=did_you_mean(split, sorted(known))
+        )
+    return {c.id: c for c in listed if prefix + split in c.lists}
+
+
+def _is_ignored(record: ClipRecord, choice: Choice) -> bool:
+    return bool(_ignoring(record, choice))
+
+
+def _ignoring(record: ClipRecord, choice: Choice) -> list[str]:
+    lists = {*choice.ignore, f"ignored.{choice.protocol}"} if choice.ignore else set()
+    return [name for name in record.lists if name in lists]
+
+
+def _ignored(record: ClipRecord, choice: Choice) -> Reject:
+    return Reject("ignored", record.id, detail=f"on the list {', '.join(_ignoring(record, choice))}")
+
+
+def _too_short(record: ClipRecord, choice: Choice) -> Reject:
+    trimmed = f", {record.trim_start} of them trimmed" if choice.trim and record.trim_start else ""
+    detail = f"{record.n_frames} frames{trimmed}: no whole window of fields {', '.join(choice.fields)}"
+    return Reject("too_short", record.id, detail=detail, numbers={"frames": record.n_frames})
+
+
+def _moving(store: Store, windows: WindowList, chosen: Movement) -> tuple[npt.NDArray[np.bool_], list[Reject]]:
+    """Tell which windows move, (W,), and say why each of the others is left out."""
+    moving = np.ones(len(windows), dtype=np.bool_)
+    rejects: list[Reject] = []
+    for k, window in enumerate(windows):
+        std = movement_std(store.read(window, chosen.field))
+        if not chosen.keeps(std):
+            moving[k] = False
+            rejects.append(chosen.reject(window.clip, window.start, std))
+    return moving, rejects
+
+
+def movement_filter(given: Movement | Mapping[str, Any] | Literal[False] | None) -> Movement | None:
+    """Make a filter of what a caller gave: one, or its parameters under "movement", as in a recipe."""
+    if given is None or given is False:
+        return None
+    if isinstance(given, Movement):
+        return given
+    if list(given) != ["movement"]:
+        raise UsageError("the filter is called movement", found=given, allowed='{"movement": {"min_std": 0.07}}')
+    parameters = dict(given["movement"] or {})
+    unknown = sorted(set(parameters) - set(Movement.__dataclass_fields__))
+    if unknown:
+        raise UsageError(
+            f"the movement filter has no parameter {unknown[0]!r}",
+            fix=did_you_mean(unknown[0], Movement.__dataclass_fields__),
+        )
+    splits: Sequence[str] = parameters.get("splits", Movement.splits)
+    return Movement(**{**parameters, "splits": tuple(splits)})

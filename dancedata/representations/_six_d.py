@@ -1,0 +1,98 @@
+"""The layout that EDGE, Lodge and FineDance share: contacts 4, root translation 3, J joint rotations in 6D."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.columns import Columns
+from dancedata.core.grid import FrameGrid
+from dancedata.core.motion import Motion
+from dancedata.core.plugins import ContactRule
+from dancedata.core.rotations import (
+    Float64Array,
+    matrix_from_6d,
+    matrix_from_rotvec,
+    rotation_6d,
+    rotvec_from_matrix,
+)
+from dancedata.core.skeleton import Skeleton
+from dancedata.representations import _columns as parts
+
+#: What dataset.json says of the 6D convention (Zhou et al. 2019, by rows as in pytorch3d).
+CONVENTION = "first two rows of the matrix, flattened (pytorch3d)"
+
+
+@dataclass(frozen=True)
+class SixD:
+    """Contacts 4, root translation 3, J x 6D, for the joints of a skeleton.
+
+    Attributes
+    ----------
+    name
+        Of the representation, for messages.
+    skeleton
+        J joints.
+    """
+
+    name: str
+    skeleton: Skeleton
+
+    @property
+    def width(self) -> int:
+        """Number of columns."""
+        return 7 + 6 * self.skeleton.n_joints
+
+    @property
+    def columns(self) -> Columns:
+        """The columns and their mirror."""
+        return parts.columns_of(
+            parts.contacts(self.skeleton), parts.translation(), parts.rotations(self.skeleton, n_rows=2)
+        )
+
+    def pack(
+        self, labels: npt.NDArray[np.float32], translation: Float64Array, matrices: Float64Array
+    ) -> npt.NDArray[np.float32]:
+        """Lay out contacts (T, 4), translation (T, 3) and matrices (T, J, 3, 3) as (T, D)."""
+        out = np.empty((len(matrices), self.width), dtype=np.float32)
+        out[:, :4] = labels
+        out[:, 4:7] = translation
+        out[:, 7:] = rotation_6d(matrices).reshape(len(matrices), -1)
+        return out
+
+    def unpack(self, array: npt.NDArray[Any]) -> tuple[Float64Array, Float64Array]:
+        """Return translation (T, 3) and matrices (T, J, 3, 3) of (T, D) columns, not normalised.
+
+        Six columns need not be orthonormal: Gram-Schmidt makes a rotation of them.
+
+        Raises
+        ------
+        UsageError
+            For another shape.
+        DataError
+            "nan", or "bad_rotation" where six columns span no plane.
+        """
+        numbers = parts.checked(array, self.width, self.name, first=4)
+        rows = numbers[:, 3:].reshape(len(numbers), self.skeleton.n_joints, 6)
+        parts.refuse_rotations(
+            np.linalg.norm(np.cross(rows[..., :3], rows[..., 3:]), axis=-1) < 1e-6,
+            rows,
+            "six rotation columns span no plane, so they are no rotation",
+            "decode columns that are not normalised: call the normaliser's unnormalize first",
+            self.name,
+            self.skeleton,
+        )
+        return numbers[:, :3], matrix_from_6d(rows)
+
+    def encode(self, motion: Motion, rule: ContactRule) -> npt.NDArray[np.float32]:
+        """Encode a motion on the layout's joints as it is, +Y up; contacts from its own bones."""
+        labels = rule(motion.joints(), motion.grid, motion.skeleton)
+        return self.pack(labels, motion.translation, matrix_from_rotvec(motion.rotations))
+
+    def decode(self, array: npt.NDArray[Any], grid: FrameGrid) -> Motion:
+        """Decode what `encode` gave; raises what `unpack` raises."""
+        translation, matrices = self.unpack(array)
+        return Motion(translation, rotvec_from_matrix(matrices), grid, self.skeleton)

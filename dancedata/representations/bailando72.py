@@ -1,0 +1,63 @@
+"""Bailando's 72 columns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.bodies import carried_over
+from dancedata.core.columns import Columns
+from dancedata.core.motion import Motion
+from dancedata.core.plugins import ContactRule
+from dancedata.core.registry import REPRESENTATIONS
+from dancedata.core.skeleton import SMPL24, Skeleton
+from dancedata.representations import _columns as parts
+
+
+@REPRESENTATIONS.register("bailando72")
+@dataclass(frozen=True)
+class Bailando72:
+    """Positions of SMPL's 24 joints, metres, +Y up, 60 a second (Bailando, Siyao et al. 2022).
+
+    The pelvis is SMPL's: its rest position plus the translation, not EDGE's. Nothing decodes them: positions do
+    not say how a bone turns about itself. Mirroring reflects across the plane x = 0.
+    """
+
+    version: ClassVar[int] = 1
+    default_contacts: ClassVar[str | None] = None
+    skeleton: ClassVar[Skeleton] = SMPL24
+    axes: ClassVar[str] = "right-handed, +Y up, metres"
+    rotation_6d: ClassVar[str | None] = None
+    rate: ClassVar[Fraction | None] = Fraction(60)
+    grounded: ClassVar[bool] = False
+
+    @property
+    def columns(self) -> Columns:
+        """The 72 columns."""
+        return parts.columns_of(parts.positions(SMPL24))
+
+    def encode(self, motion: Motion, contacts: ContactRule | None = None) -> npt.NDArray[np.float32]:
+        """Encode a motion, at the rate that it has.
+
+        Parameters
+        ----------
+        motion
+            On a body of the SMPL family, +Y up; joints beyond SMPL's 24 are left out.
+        contacts
+            None: the columns hold no contacts.
+
+        Returns
+        -------
+        (T, 72) float32
+
+        Raises
+        ------
+        UsageError
+            For another family of bodies, or with a rule.
+        """
+        parts.refuse_rule(contacts, "bailando72")
+        return parts.packed_positions(carried_over(motion, self.skeleton))

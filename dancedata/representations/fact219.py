@@ -1,0 +1,100 @@
+"""FACT's 219 columns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.bodies import carried_over
+from dancedata.core.columns import Columns
+from dancedata.core.grid import FrameGrid
+from dancedata.core.motion import Motion
+from dancedata.core.plugins import ContactRule
+from dancedata.core.registry import REPRESENTATIONS
+from dancedata.core.rotations import matrix_from_rotvec, rotvec_from_matrix
+from dancedata.core.skeleton import SMPL24, Skeleton
+from dancedata.representations import _columns as parts
+
+_WIDTH = 3 + 9 * SMPL24.n_joints
+#: How far R R^T may be from the identity, entry by entry: float32 columns are within 1e-6.
+_TOLERANCE = 1e-4
+
+
+@REPRESENTATIONS.register("fact219")
+@dataclass(frozen=True)
+class Fact219:
+    """Root translation 3 and 24 rotation matrices, row by row, +Y up, 60 a second (FACT, Li et al. 2021).
+
+    The translation is SMPL's, in metres. FACT puts six zeros in front before it trains (225 columns); they are
+    left out here. Mirroring reflects across the plane x = 0.
+    """
+
+    version: ClassVar[int] = 1
+    default_contacts: ClassVar[str | None] = None
+    skeleton: ClassVar[Skeleton] = SMPL24
+    axes: ClassVar[str] = "right-handed, +Y up, metres"
+    rotation_6d: ClassVar[str | None] = None
+    rate: ClassVar[Fraction | None] = Fraction(60)
+    grounded: ClassVar[bool] = False
+
+    @property
+    def columns(self) -> Columns:
+        """The 219 columns."""
+        return parts.columns_of(parts.translation(), parts.rotations(SMPL24, n_rows=3))
+
+    def encode(self, motion: Motion, contacts: ContactRule | None = None) -> npt.NDArray[np.float32]:
+        """Encode a motion, at the rate that it has.
+
+        Parameters
+        ----------
+        motion
+            On a body of the SMPL family, +Y up; joints beyond SMPL's 24 are left out.
+        contacts
+            None: the columns hold no contacts.
+
+        Returns
+        -------
+        (T, 219) float32
+
+        Raises
+        ------
+        UsageError
+            For another family of bodies, or with a rule.
+        """
+        parts.refuse_rule(contacts, "fact219")
+        motion = carried_over(motion, self.skeleton)
+        out = np.empty((motion.n_frames, _WIDTH), dtype=np.float32)
+        out[:, :3] = motion.translation
+        out[:, 3:] = matrix_from_rotvec(motion.rotations).reshape(motion.n_frames, -1)
+        return out
+
+    def decode(self, array: npt.NDArray[Any], grid: FrameGrid) -> Motion:
+        """Decode columns (T, 219), not normalised, into a motion at the rate of `grid`.
+
+        Axis-angle vectors come back with a length of at most pi. Matrices are taken as they are: what a network
+        makes has to be brought to the nearest rotations first, as FACT does it by singular value decomposition.
+
+        Raises
+        ------
+        UsageError
+            For another shape.
+        DataError
+            "nan", or "bad_rotation" where nine columns are no rotation.
+        """
+        numbers = parts.checked(array, _WIDTH, "fact219")
+        rows = numbers[:, 3:].reshape(len(numbers), SMPL24.n_joints, 9)
+        matrices = rows.reshape(*rows.shape[:2], 3, 3)
+        off = np.abs(matrices @ matrices.swapaxes(-1, -2) - np.eye(3)).max(axis=(-2, -1))
+        parts.refuse_rotations(
+            (off > _TOLERANCE) | (np.linalg.det(matrices) < 0),
+            rows,
+            "nine rotation columns are no rotation matrix",
+            "decode columns that are not normalised, and bring a network's output to the nearest rotations first",
+            "fact219",
+            SMPL24,
+        )
+        return Motion(numbers[:, :3], rotvec_from_matrix(matrices), grid, SMPL24)

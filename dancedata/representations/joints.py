@@ -1,0 +1,98 @@
+"""Joint positions of any skeleton."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.bodies import SKELETONS, carried_over
+from dancedata.core.columns import Columns
+from dancedata.core.errors import UsageError, did_you_mean
+from dancedata.core.motion import Motion
+from dancedata.core.plugins import ContactRule
+from dancedata.core.registry import REPRESENTATIONS
+from dancedata.core.skeleton import Skeleton
+from dancedata.representations import _columns as parts
+
+
+@REPRESENTATIONS.register("joints")
+@dataclass(frozen=True)
+class Joints:
+    """Positions of a skeleton's joints, metres, +Y up.
+
+    They come from the motion's own bones where it has all of these joints (a body model with betas), else, and
+    where SMPL's 24 are put on SMPL-X, from those of the skeleton named here. Nothing decodes them: positions do
+    not say how a bone turns about itself. Mirroring reflects across the plane x = 0.
+
+    Attributes
+    ----------
+    body
+        Whose joints: the name of a skeleton that comes with the package, or one spelled out as `Skeleton.to_json`
+        gives it.
+    """
+
+    version: ClassVar[int] = 1
+    default_contacts: ClassVar[str | None] = None
+    axes: ClassVar[str] = "right-handed, +Y up, metres"
+    rotation_6d: ClassVar[str | None] = None
+    rate: ClassVar[Fraction | None] = None
+    grounded: ClassVar[bool] = False
+
+    body: str | Mapping[str, Any] = "smpl24"
+
+    def __post_init__(self) -> None:
+        """Check the skeleton and its pairs."""
+        object.__setattr__(self, "_skeleton", _skeleton(self.body))
+
+    @property
+    def skeleton(self) -> Skeleton:
+        """The skeleton whose joints are encoded."""
+        found: Skeleton = self.__dict__["_skeleton"]
+        return found
+
+    @property
+    def columns(self) -> Columns:
+        """Three columns a joint."""
+        return parts.columns_of(parts.positions(self.skeleton))
+
+    def encode(self, motion: Motion, contacts: ContactRule | None = None) -> npt.NDArray[np.float32]:
+        """Encode a motion, at the rate that it has.
+
+        Parameters
+        ----------
+        motion
+            On the same joints, or, where both are of the SMPL family, on others of it.
+        contacts
+            None: the columns hold no contacts.
+
+        Returns
+        -------
+        (T, 3 J) float32
+
+        Raises
+        ------
+        UsageError
+            For another family of skeletons, or with a rule.
+        """
+        parts.refuse_rule(contacts, "joints")
+        return parts.packed_positions(carried_over(motion, self.skeleton))
+
+
+def _skeleton(body: str | Mapping[str, Any]) -> Skeleton:
+    if isinstance(body, str):
+        if body not in SKELETONS:
+            raise UsageError(f"no skeleton {body!r} comes with the package", fix=did_you_mean(body, SKELETONS))
+        return SKELETONS[body]
+    try:
+        return Skeleton.from_json(body)
+    except (LookupError, TypeError, ValueError) as error:
+        raise UsageError(
+            "body is no skeleton",
+            found=f"{type(error).__name__}: {error}",
+            allowed="a name, or a mapping with name, joints, parents, offsets, pairs and feet, as Skeleton.to_json",
+        ) from error

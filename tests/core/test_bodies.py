@@ -1,0 +1,145 @@
+"""SMPL-X's joints, and motions carried over between the bodies of the SMPL family."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dancedata.core.bodies import (
+    BODY_JOINTS,
+    SKELETONS,
+    SMPLX22,
+    SMPLX52,
+    SMPLX55,
+    carried_over,
+    has_body,
+)
+from dancedata.core.errors import UsageError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.motion import Motion
+from dancedata.core.skeleton import SMPL24, SMPL24_EDGE, Skeleton
+
+THIRTY = FrameGrid.of(30)
+
+
+def rest(skeleton: Skeleton) -> np.ndarray:
+    """Joints (J, 3) at rest, by walking up the tree."""
+    positions = np.zeros((skeleton.n_joints, 3))
+    for joint in range(skeleton.n_joints):
+        at = joint
+        while at != -1:
+            positions[joint] += skeleton.offsets[at]
+            at = skeleton.parents[at]
+    return positions
+
+
+def motion_on(skeleton: Skeleton, trim: int = 0) -> Motion:
+    rng = np.random.default_rng(5)
+    return Motion(rng.normal(size=(4, 3)), rng.normal(size=(4, skeleton.n_joints, 3)), THIRTY, skeleton, trim)
+
+
+def test_smplx55_is_as_published() -> None:
+    # Order, parents and some rest positions of FACTS 7, typed anew.
+    assert SMPLX55.n_joints == 55
+    assert SMPLX55.joints[:22] == SMPL24.joints[:22] == BODY_JOINTS
+    assert SMPLX55.parents[:22] == SMPL24.parents[:22]
+    for index, name, parent in (
+        (22, "jaw", 15), (23, "left_eye", 15), (24, "right_eye", 15), (25, "left_index1", 20),
+        (26, "left_index2", 25), (28, "left_middle1", 20), (31, "left_pinky1", 20), (34, "left_ring1", 20),
+        (39, "left_thumb3", 38), (40, "right_index1", 21), (46, "right_pinky1", 21), (52, "right_thumb1", 21),
+        (54, "right_thumb3", 53),
+    ):  # fmt: skip
+        assert (SMPLX55.joints[index], SMPLX55.parents[index]) == (name, parent)
+    positions = rest(SMPLX55)
+    for index, position in (
+        (0, (0.00312, -0.35141, 0.01204)),
+        (7, (0.07255, -1.22598, -0.05524)),
+        (24, (-0.03160, 0.31083, 0.06219)),
+        (39, (0.74837, 0.01415, 0.00543)),
+        (54, (-0.74837, 0.01415, 0.00543)),
+    ):
+        np.testing.assert_allclose(positions[index], position, atol=1e-12)
+    assert SMPLX55.feet == (7, 8, 10, 11)
+
+
+def test_52_and_22_joints() -> None:
+    positions = rest(SMPLX55)
+    np.testing.assert_allclose(rest(SMPLX52), np.delete(positions, [22, 23, 24], axis=0), atol=1e-12)
+    np.testing.assert_allclose(rest(SMPLX22), positions[:22], atol=1e-12)
+    assert SMPLX52.joints == (*SMPLX55.joints[:22], *SMPLX55.joints[25:])
+    assert SMPLX22.joints == BODY_JOINTS
+    # Fingers of the 52: 22..36 left, 37..51 right.
+    assert set(SMPLX52.pairs[-15:]) == {(j, j + 15) for j in range(22, 37)}
+
+
+@pytest.mark.parametrize("skeleton", SKELETONS.values(), ids=lambda s: s.name)
+def test_sides_are_swapped_by_name(skeleton: Skeleton) -> None:
+    assert SKELETONS[skeleton.name] is skeleton
+    for left, right in skeleton.pairs:
+        assert skeleton.joints[left].replace("left", "right") == skeleton.joints[right]
+    sides = [name for name in skeleton.joints if name.startswith(("left", "right"))]
+    assert len(sides) == 2 * len(skeleton.pairs)
+    assert has_body(skeleton)
+
+
+def test_a_part_joins_bones_across_joints_left_out() -> None:
+    without_spine = SMPLX22.subset("bent", tuple(j for j in BODY_JOINTS if j not in ("spine2", "neck")))
+    by_name = dict(zip(SMPLX22.joints, rest(SMPLX22), strict=True))
+    np.testing.assert_allclose(rest(without_spine), [by_name[j] for j in without_spine.joints], atol=1e-12)
+    assert without_spine.joints[without_spine.parents[without_spine.index("head")]] == "spine3"
+    for joints in (BODY_JOINTS[1:], BODY_JOINTS[:11], BODY_JOINTS[::-1]):
+        with pytest.raises(UsageError, match="keeps the order, the root and the feet"):
+            SMPLX22.subset("bad", joints)
+    with pytest.raises(UsageError, match=r"left_hip'\?"):
+        SMPLX22.subset("bad", ("pelvis", "left_hipp"))
+
+
+@pytest.mark.parametrize("target", SKELETONS.values(), ids=lambda s: s.name)
+@pytest.mark.parametrize("source", SKELETONS.values(), ids=lambda s: s.name)
+def test_parameters_are_carried_over_by_name(source: Skeleton, target: Skeleton) -> None:
+    motion = motion_on(source, trim=2)
+    found = carried_over(motion, target)
+    assert found.skeleton.joints == target.joints
+    assert (found.grid, found.trim_start) == (THIRTY, 2)
+    np.testing.assert_array_equal(found.translation, motion.translation)
+    for j, joint in enumerate(target.joints):
+        there = motion.rotations[:, source.joints.index(joint)] if joint in source.joints else np.zeros((4, 3))
+        np.testing.assert_array_equal(found.rotations[:, j], there)
+    if source.joints == target.joints:
+        assert found is motion
+    else:
+        assert found.skeleton is target
+
+
+def test_a_body_of_ones_own_keeps_its_bones() -> None:
+    tall = replace(SMPLX55, name="tall", offsets=SMPLX55.offsets * 1.2)
+    for target in (SMPLX52, SMPLX22):
+        found = carried_over(motion_on(tall), target)
+        np.testing.assert_allclose(rest(found.skeleton), 1.2 * rest(target), atol=1e-12)
+        assert found.skeleton.name == f"tall-{target.n_joints}"
+        # The joints stand where the whole body's do.
+        np.testing.assert_allclose(found.joints()[:, :22], motion_on(tall).joints()[:, :22], atol=1e-12)
+    # SMPL's hands are no joints of SMPL-X, so the bones are SMPL's; the other way round, SMPL-X's.
+    assert carried_over(motion_on(tall), SMPL24).skeleton is SMPL24
+    assert (
+        carried_over(motion_on(replace(SMPL24, name="mine", offsets=SMPL24.offsets * 1.2)), SMPLX22).skeleton
+        is SMPLX22
+    )
+
+
+def test_other_families_are_refused() -> None:
+    other = replace(SMPL24, name="other", joints=("hips", *SMPL24.joints[1:]))
+    assert not has_body(other)
+    for motion, target in ((motion_on(other), SMPLX22), (motion_on(SMPLX22), other)):
+        with pytest.raises(UsageError, match=f"{motion.skeleton.name} cannot be put on {target.name}.*SMPL family"):
+            carried_over(motion, target)
+    # Its own joints are fine, whatever the family.
+    same = replace(other, offsets=other.offsets * 2)
+    motion = motion_on(other)
+    assert carried_over(motion, same) is motion
+
+
+def test_edges_root_is_kept() -> None:
+    assert carried_over(motion_on(SMPL24_EDGE), SMPL24).skeleton is SMPL24_EDGE

@@ -1,0 +1,86 @@
+"""Grounding by the toes of one frame, as Lodge does."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dancedata.core.bodies import SMPLX22, SMPLX52
+from dancedata.core.errors import DataError, UsageError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.grounding import ground_height, grounded
+from dancedata.core.motion import Motion
+from dancedata.core.skeleton import SMPL24, SMPL24_EDGE, Skeleton
+
+THIRTY = FrameGrid.of(30)
+
+
+def feet(left: float, right: float) -> np.ndarray:
+    """Joints (1, 24, 3) at y = -5 (ankles, hands and all), but for the two toes."""
+    joints = np.full((1, 24, 3), -5.0)
+    joints[0, 10, 1], joints[0, 11, 1] = left, right
+    return joints
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "floor"),
+    [
+        (0.3, 0.3, 0.3),
+        (0.3, 0.319, 0.3095),
+        (0.319, 0.3, 0.3095),
+        (0.3, 0.321, 0.3),
+        (0.321, 0.3, 0.3),
+        (-0.5, 0.5, -0.5),
+        (0.0, 0.02, 0.0),  # 2 cm are not "less than 2 cm"
+    ],
+)
+def test_mean_of_level_toes_else_the_lower(left: float, right: float, floor: float) -> None:
+    assert ground_height(feet(left, right), SMPL24) == pytest.approx(floor, abs=1e-12)
+
+
+def test_the_frame_that_is_asked_for() -> None:
+    joints = np.concatenate([feet(0, 0), feet(1, 1), feet(2, 3)])
+    assert [ground_height(joints, SMPL24, frame) for frame in range(3)] == [0, 1, 2]
+    for frame in (-1, 3):
+        with pytest.raises(UsageError, match=f"frame {frame} of 3"):
+            ground_height(joints, SMPL24, frame)
+
+
+def random_motion(seed: int, skeleton: Skeleton, trim: int = 0) -> Motion:
+    rng = np.random.default_rng(seed)
+    rotations = rng.normal(0, 0.4, (6, skeleton.n_joints, 3))
+    return Motion(rng.normal(size=(6, 3)), rotations, THIRTY, skeleton, trim)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 9999), st.integers(0, 5), st.sampled_from([SMPL24, SMPLX22, SMPLX52]))
+def test_the_lower_toe_stands_on_the_floor_once_the_beginning_is_cut(
+    seed: int, trim: int, skeleton: Skeleton
+) -> None:
+    motion = random_motion(seed, skeleton, trim)
+    found = grounded(motion)
+    toes = found.joints()[trim, [10, 11], 1]
+    level = abs(toes[0] - toes[1]) < 0.02
+    assert (toes.mean() if level else toes.min()) == pytest.approx(0, abs=1e-12)
+    # Nothing else changed: one height for all frames, those before the cut too.
+    shift = motion.translation - found.translation
+    np.testing.assert_allclose(shift, np.broadcast_to([0, shift[0, 1], 0], (6, 3)), atol=1e-12)
+    np.testing.assert_array_equal(found.rotations, motion.rotations)
+    assert (found.grid, found.skeleton, found.trim_start) == (motion.grid, motion.skeleton, trim)
+
+
+def test_grounding_twice_changes_nothing() -> None:
+    once = grounded(random_motion(3, SMPLX22))
+    np.testing.assert_allclose(grounded(once).translation, once.translation, atol=1e-12)
+
+
+def test_another_bodys_toes() -> None:
+    motion = random_motion(1, SMPL24)
+    found = grounded(motion, SMPL24_EDGE)
+    assert found.skeleton is SMPL24
+    # EDGE leaves out the pelvis's rest height of -0.24 m, so its toes are that much higher.
+    np.testing.assert_allclose(grounded(motion).translation - found.translation, [[0, 0.24078918, 0]] * 6, atol=1e-12)
+    with pytest.raises(DataError, match="smplx52"):
+        grounded(motion, SMPLX52)

@@ -1,0 +1,366 @@
+"""The dataset reader finedance: layout, lists, genres, what is left out and why."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dancedata.core.clip import ClipRef, Scan
+from dancedata.core.errors import SourceError, UsageError
+from dancedata.core.registry import DATASETS
+from dancedata.datasets._finedance_facts import SPLITS, facts
+from dancedata.datasets.aistpp import AistPP
+from dancedata.datasets.finedance import FineDance
+
+
+def splits(scan: Scan) -> dict[str, str]:
+    return {clip.id: clip.split for clip in scan.clips}
+
+
+def rejects(scan: Scan, reason: str) -> list[str]:
+    return sorted(r.clip or r.file for r in scan.rejects if r.reason == reason)
+
+
+def detail(scan: Scan, clip: str) -> str:
+    (found,) = (r.detail for r in scan.rejects if r.clip == clip)
+    return found
+
+
+def notes(scan: Scan) -> str:
+    return "\n".join(scan.notes)
+
+
+# ---- layout
+
+
+def test_registered_and_described() -> None:
+    assert DATASETS.get("finedance") is FineDance
+    assert FineDance.licence == facts().licence
+    assert FineDance.citation == facts().citation
+
+
+def test_layout(finedance: Any) -> None:
+    finedance.write("music_npy/001.npy", b"x")
+    finedance.write("mofea319/001.npy", b"x")
+    scan = FineDance().scan(finedance.root)
+    assert scan.layout == "finedance"
+    assert splits(scan) == {"001": "train", "004": "train", "063": "test", "130": "test", "159": "train"}
+    assert scan.clips[0] == ClipRef(
+        id="001",
+        motion_path=finedance.root / "motion" / "001.npy",
+        audio_path=finedance.root / "music_wav" / "001.wav",
+        split="train",
+        music="001",
+        genre="Popping",
+        lists=("cross_genre.train", "cross_dancer.test"),
+    )
+    assert rejects(scan, "ignored") == ["116", "120"]
+    assert len(rejects(scan, "missing_motion")) == 211 - 7 - 7, "not those of the ignore list"
+    assert len(scan.rejects) == 2 + 197
+    assert "motion/001.npy and so on; music_wav/ (7 files) and label_json/ (7 files)" in scan.notes[0]
+    assert "Not read: mofea319/, music_npy/. Music features are computed from the music." in scan.notes
+    assert "7 files found; FineDance has 211 sequences, 204 of which have no file here" in notes(scan)
+    assert "Clips: 3 train, 0 val, 2 test; left out: 2 ignored." in scan.notes
+
+
+def test_folder_above(fine: Any) -> None:
+    fine.motion("001", root="FineDance/")
+    fine.motion("001", root="old copy/")
+    scan = FineDance(labels="optional").scan(fine.root)
+    assert scan.clips[0].motion_path.parent.parent.name == "FineDance"
+    assert "Layout: FineDance, by FineDance/motion/001.npy" in scan.notes[0]
+    assert "Not read: old copy/ (motion/ too)." in scan.notes
+    fine.motion("001", root="finedance/")
+    with pytest.raises(SourceError, match="FineDance/motion/, finedance/motion/"):
+        FineDance().scan(fine.root)
+
+
+# ---- splits and ignore lists
+
+
+def test_the_manifest_is_consistent() -> None:
+    import yaml
+
+    from dancedata.core.resources import resource
+
+    raw = yaml.safe_load(resource("manifests", "finedance.yaml").read_text(encoding="utf-8"))
+    for name, protocol in raw["splits"].items():
+        ignored = facts().ignored(name)
+        listed = [*protocol["val"], *protocol["test"]]
+        assert len(set(listed)) == len(listed), "an id is in one split at most"
+        assert set(listed) | ignored <= set(facts().ids)
+        found = Counter(facts().listed(name, clip) or "train" for clip in facts().ids if clip not in ignored)
+        counts = {split: found[split] for split in SPLITS} | {"ignored": len(ignored)}
+        assert counts == protocol["counts"]
+        assert sum(counts.values()) == raw["sequences"] == len(facts().ids) == 211
+    assert {clip: trim.frames for clip, trim in facts().trims.items()} == {
+        "010": 3, "014": 3, "004": 240, "005": 300, "067": 180, "105": 570, "110": 420, "113": 870, "153": 1560,
+        "211": 660,
+    }  # fmt: skip
+    assert all(trim.reason and trim.source for trim in facts().trims.values())
+    assert all(listed.source for listed in facts().ignore_lists.values())
+
+
+def test_ids_in_two_lists(finedance: Any) -> None:
+    scan = FineDance().scan(finedance.root)
+    assert detail(scan, "116") == "on the list ignored; keep: ['116'] keeps it"
+    assert "in cross_genre.test; the ignore list wins" in detail(scan, "120")
+    assert "In two lists: 120 (test) and ignored; the ignore list wins" in notes(scan)
+    assert "cross_genre has no val" in notes(scan)
+    assert "130 (test) stays; left out by the trainer in FineDance's repository" in notes(scan)
+    lists = {clip.id: clip.lists for clip in scan.clips}
+    assert lists["130"] == ("cross_genre.test", "cross_dancer.test", "ignored.finenet")
+    assert lists["159"] == ("cross_genre.train", "ignored.cross_dancer")
+
+
+def test_cross_dancer(finedance: Any) -> None:
+    finedance.sequence("117")
+    finedance.sequence("135")
+    scan = FineDance(split="cross_dancer").scan(finedance.root)
+    assert splits(scan) == {"001": "test", "004": "test", "063": "train", "130": "test", "135": "val"}
+    assert rejects(scan, "ignored") == ["116", "117", "120", "159"]
+    assert "in cross_dancer.val" in detail(scan, "117")
+    assert "117 (val), 119 (val), 121 (val), 122 (val) and ignored; the ignore list wins" in notes(scan)
+    assert "no val" not in notes(scan)
+
+
+@pytest.mark.parametrize(("keep", "there"), [(("120",), {"120": "test"}), ("all", {"116": "train", "120": "test"})])
+def test_keep_by_name(finedance: Any, keep: Any, there: dict[str, str]) -> None:
+    scan = FineDance(keep=keep).scan(finedance.root)
+    assert {clip: split for clip, split in splits(scan).items() if clip in ("116", "120")} == there
+    assert rejects(scan, "ignored") == sorted({"116", "120"} - set(there))
+    assert "120 kept as asked for" in notes(scan)
+    lists = {clip.id: clip.lists for clip in scan.clips}
+    assert lists["120"] == ("cross_genre.test", "ignored"), "a reader can still leave it out"
+
+
+def test_some_of_several_in_two_lists_are_kept(finedance: Any) -> None:
+    scan = FineDance(split="cross_dancer", keep=("117", "130")).scan(finedance.root)
+    assert "117 kept as asked for; for the others the ignore list wins" in notes(scan)
+    assert rejects(scan, "missing_motion").count("117") == 1
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"split": "crossgenre"}, "did you mean 'cross_genre'"),
+        ({"labels": "no"}, "optional"),
+        ({"keep": ("001",)}, "'001'"),
+        ({"keep": (120,)}, "write ids as text"),
+        ({"keep": "120"}, "all, or a list"),
+    ],
+)
+def test_wrong_parameters(fields: dict[str, Any], words: str) -> None:
+    with pytest.raises(UsageError) as error:
+        FineDance(**fields)
+    assert words.lower() in str(error.value).lower()
+
+
+def test_ids_that_finedance_does_not_have(finedance: Any) -> None:
+    for clip in ("000", "212"):
+        finedance.sequence(clip)
+    scan = FineDance().scan(finedance.root)
+    assert rejects(scan, "unassigned") == ["000", "212"]
+    assert "2 more have ids that it does not have" in notes(scan)
+
+
+# ---- music
+
+
+def test_motion_without_music(finedance: Any) -> None:
+    (finedance.root / "music_wav" / "001.wav").unlink()
+    scan = FineDance().scan(finedance.root)
+    assert scan.clips[0].audio_path is None
+    assert "1 clip without a file in music_wav/ (001)" in notes(scan)
+
+
+def test_no_music_folder(fine: Any) -> None:
+    fine.motion("001")
+    fine.label("001", {"style2": "Kun"})
+    scan = FineDance().scan(fine.root)
+    assert [clip.audio_path for clip in scan.clips] == [None]
+    assert "music_wav/ (not there)" in scan.notes[0]
+
+
+def test_several_files_of_one_song_and_unused_music(finedance: Any) -> None:
+    for file in ("music_wav/001.mp3", "music_wav/004.FLAC", "music_wav/200.ogg"):
+        finedance.song(file)
+    (finedance.root / "music_wav" / "004.wav").unlink()
+    scan = FineDance().scan(finedance.root)
+    assert [clip.audio_path.name for clip in scan.clips[:2] if clip.audio_path] == ["001.wav", "004.FLAC"]
+    assert rejects(scan, "unused_music") == ["music_wav/001.mp3", "music_wav/200.ogg"]
+    assert "several files of one id; wav is preferred to flac" in notes(scan)
+
+
+def test_lengths_that_differ(finedance: Any) -> None:
+    finedance.song("music_wav/001.wav", seconds=2.0)
+    finedance.song("music_wav/004.wav", seconds=3.0 + 2 / 30)
+    finedance.song("music_wav/063.wav", seconds=3.2)
+    finedance.song("music_wav/116.wav", seconds=1.0)
+    scan = FineDance().scan(finedance.root)
+    (found,) = (note for note in scan.notes if note.startswith("Lengths"))
+    assert "in 2 clips: 001 (motion 3.00 s, music 2.00 s), 063 (motion 3.00 s, music 3.20 s)" in found
+    finedance.write("music_wav/001.wav", b"no music")
+    finedance.write("motion/063.npy", b"no motion")
+    assert "Lengths" not in notes(FineDance().scan(finedance.root)), "broken files are found when they are loaded"
+
+
+# ---- genres
+
+
+def test_genres_and_their_numbers() -> None:
+    ids = FineDance().genre_ids
+    assert ids == {
+        "Breaking": 0, "Popping": 1, "Locking": 2, "Hiphop": 3, "Urban": 4, "Jazz": 5, "Tai": 6, "Uighur": 7,
+        "Hmong": 8, "HanTang": 9, "ShenYun": 10, "Kun": 11, "DunHuang": 12, "Korean": 13, "Choreography": 14,
+        "Chinese": 15,
+    }  # fmt: skip
+    synonyms = {"jazz": "Jazz", "Dai": "Tai", "Wei": "Uighur", "Miao": "Hmong", " hiphop ": "Hiphop", "Waltz": ""}
+    assert {name: facts().genre(name) for name in synonyms} == synonyms
+    aist = ("gBR", "gPO", "gLO", "gMH", "gLH", "gHO", "gWA", "gKR", "gJS", "gJB")
+    assert dict(AistPP().genre_ids) == {genre: k for k, genre in enumerate(aist)}
+
+
+BAD_LABELS = [
+    (None, "missing_label", "there is no label_json/001.json"),
+    ({}, "missing_label", "no style2; keys found: none"),
+    ({"style1": "Street"}, "missing_label", "keys found: 'style1'"),
+    ({"style2": ""}, "missing_label", "no style2"),
+    ({"style2": "Waltz"}, "unknown_genre", "'Waltz', none of Breaking, Popping"),
+    ({"style2": 3}, "unknown_genre", "style2 is 3"),
+    ({"style2": "\ud800" * 99}, "unknown_genre", "..."),
+    ([], "broken_label", "a list, not an object"),
+    (b"", "broken_label", "cannot be read"),
+    (b"style2: Popping", "broken_label", "cannot be read"),
+    (b'{"style2": "\xff"}', "broken_label", "utf-8"),
+    (b"[" * 100_000, "broken_label", "cannot be read"),
+    (b" " * 2_000_000, "broken_label", "bigger than"),
+]
+
+
+@pytest.mark.parametrize(("content", "reason", "words"), BAD_LABELS)
+def test_bad_label(fine: Any, content: Any, reason: str, words: str) -> None:
+    fine.motion("001")
+    fine.motion("004")
+    fine.label("004", {"style2": "Urban"})
+    if content is not None:
+        fine.label("001", content)
+    scan = FineDance().scan(fine.root)
+    assert splits(scan) == {"004": "train"}
+    assert rejects(scan, reason) == ["001"]
+    assert words in detail(scan, "001")
+    assert detail(scan, "001").isascii()
+    kept = FineDance(labels="optional").scan(fine.root)
+    assert [clip.genre for clip in kept.clips] == ["", "Urban"]
+    assert words in kept.clips[0].notes[0]
+    assert "1 clip kept without, as asked for: 001" in notes(kept)
+
+
+def test_label_with_a_byte_order_mark(fine: Any) -> None:
+    fine.motion("001")
+    fine.label("001", b"\xef\xbb\xbf" + json.dumps({"style2": "Dai"}).encode())
+    assert FineDance().scan(fine.root).clips[0].genre == "Tai"
+
+
+# ---- what does not belong
+
+
+def test_extra_files_by_name(finedance: Any) -> None:
+    odd = [
+        "motion/1.npy", "motion/0001.npy", "motion/M001.npy", "motion/٠٠١.npy", "motion/001.txt", "motion/001.NPY",
+        "music_wav/mein lied ü.wav", "music_wav/001.txt", "label_json/labels.json", "label_json/200.json",
+    ]  # fmt: skip
+    for file in odd:
+        finedance.write(file, b"x")
+    for file in ("motion/.DS_Store", "music_wav/._001.wav", "__MACOSX/motion/x"):
+        finedance.write(file, b"x")
+    (finedance.root / "motion" / "more").mkdir()
+    scan = FineDance().scan(finedance.root)
+    assert rejects(scan, "extra_file") == sorted([*odd, "motion/more/"])
+    (mirrored,) = (r for r in scan.rejects if r.file == "motion/M001.npy")
+    assert "mirrored" in mirrored.detail
+    assert all(reject.detail for reject in scan.rejects)
+    assert len(scan.clips) == 5
+
+
+def test_links(finedance: Any) -> None:
+    root = finedance.root
+    (root / "motion" / "200.npy").symlink_to("nowhere")
+    (root / "motion" / "loop").symlink_to(root, target_is_directory=True)
+    (root / "music_wav" / "200.wav").symlink_to("200.wav")
+    (root / "motion" / "201.npy").symlink_to("001.npy")
+    (root / "music_wav" / "201.wav").symlink_to("001.wav")
+    (root / "label_json" / "201.json").symlink_to(root / "label_json" / "001.json")
+    scan = FineDance().scan(root)
+    assert rejects(scan, "extra_file") == ["motion/200.npy", "motion/loop/", "music_wav/200.wav"]
+    assert splits(scan)["201"] == "train"
+
+
+@pytest.mark.parametrize(
+    ("file", "words"),
+    [
+        ("001.npy", "the motion folder itself"),
+        ("motions/gBR_sBM_cAll_d04_mBR2_ch08.pkl", "AIST++"),
+        ("mofea319/001.npy", "no source: get motion/"),
+        ("finedance.rar", "Unpack"),
+        ("readme.md", "the folder that holds motion/"),
+        ("motion/dance.npy", "dance.npy"),
+    ],
+)
+def test_wrong_folder_says_what_is_there(fine: Any, file: str, words: str) -> None:
+    fine.write(file, b"x")
+    with pytest.raises(SourceError) as error:
+        FineDance().scan(fine.root)
+    assert words in str(error.value)
+    assert str(fine.root) in str(error.value)
+
+
+def test_folders_that_are_no_source(tmp_path: Path) -> None:
+    with pytest.raises(SourceError, match="does not exist"):
+        FineDance().scan(tmp_path / "no where")
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(SourceError, match="not a folder"):
+        FineDance().scan(tmp_path / "file")
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(SourceError, match=r"motion/001\.npy"):
+        FineDance().scan(tmp_path / "empty")
+    (tmp_path / "empty" / "motion").mkdir()
+    with pytest.raises(SourceError, match="holds no FineDance sequence"):
+        FineDance().scan(tmp_path / "empty")
+
+
+# ---- reference corpus, real data, example
+
+
+def test_reference_corpus(shared: Path) -> None:
+    reader = FineDance()
+    scan = reader.scan(shared / "golden" / "peers" / "inputs" / "finedance")
+    assert splits(scan) == {"001": "train", "004": "train", "063": "test"}
+    assert [clip.genre for clip in scan.clips] == ["Popping", "Urban", "Hiphop"]
+    assert {r.reason for r in scan.rejects} == {"missing_motion"}
+    assert "Lengths" not in notes(scan)
+    assert [reader.load(clip).trim_start for clip in scan.clips] == [0, 240, 0]
+    with np.load(shared / "golden" / "peers" / "lodge_mofea319.npz") as lodge:
+        for clip in scan.clips:
+            motion = reader.load(clip)
+            assert motion.n_frames - motion.trim_start == len(lodge[clip.id])
+
+
+def test_example(tmp_path: Path) -> None:
+    reader = FineDance()
+    reader.make_example(tmp_path / "example")
+    scan = reader.scan(tmp_path / "example")
+    assert splits(scan) == {"001": "train", "010": "train", "063": "test", "150": "train"}
+    assert {r.reason for r in scan.rejects} == {"missing_motion"}
+    assert "Lengths" not in notes(scan)
+    motions = {clip.id: reader.load(clip) for clip in scan.clips}
+    assert [motion.trim_start for motion in motions.values()] == [0, 3, 0, 0]
+    for motion in motions.values():
+        heights = motion.joints()[..., 1]
+        assert 1.2 < np.median(heights.max(axis=1)) < 2.2
+        assert abs(heights.min() - 0.02) < 0.1

@@ -1,0 +1,159 @@
+"""One FineDance store, three trainers: reader presets alone give what each original's loader gives."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch")
+
+import dancedata
+from dancedata.core.clip import Window
+from dancedata.pipeline.build import build
+from dancedata.pipeline.recipe import load_recipe
+from dancedata.readers import WindowDataset
+from dancedata.store import Store, verify_store
+
+# Gates of the reference outputs' README.
+MOTION = 1e-5
+ENVELOPE, MFCC, CHROMA = 1e-4, 1e-3, 1e-6
+
+
+@pytest.fixture(scope="module")
+def peers(shared: Path) -> Path:
+    return shared / "golden" / "peers"
+
+
+@pytest.fixture(scope="module")
+def store(peers: Path, tmp_path_factory: pytest.TempPathFactory) -> Store:
+    folder = tmp_path_factory.mktemp("finedance")
+    build(load_recipe("finedance"), peers / "inputs" / "finedance", folder / "out", cache=folder / "cache")
+    return dancedata.open(folder / "out")
+
+
+@pytest.fixture(scope="module")
+def lodge(peers: Path) -> dict[str, np.ndarray[Any, Any]]:
+    with np.load(peers / "lodge_mofea319.npz") as file:
+        return {name: file[name] for name in file.files}
+
+
+def test_the_store_is_sound_and_says_what_it_left_out(store: Store) -> None:
+    assert [p for p in verify_store(store.path) if p.severity == "error"] == []
+    assert {c.id: (c.split, c.genre, c.trim_start) for c in store.clips} == {
+        "001": ("train", "Popping", 0),
+        "004": ("train", "Urban", 240),
+        "063": ("test", "Hiphop", 0),
+    }
+    assert {"cross_genre.train", "cross_dancer.test"} <= set(store.clip("001").record.lists)
+
+
+@pytest.mark.parametrize(("preset", "length", "parts"), [("lodge-local", 256, 8), ("lodge-global", 1024, 10)])
+@pytest.mark.parametrize("split", ["train", "test"])
+def test_lodge_sees_its_own_windows(
+    store: Store, peers: Path, lodge: dict[str, Any], split: str, preset: str, length: int, parts: int
+) -> None:
+    with np.load(peers / "lodge_dataset_index.npz") as file:
+        index, tracks, genres = (file[f"L{length}_w{parts}_{split}.{k}"] for k in ("index", "tracks", "genre"))
+    dataset = WindowDataset(store, split, preset=preset, normalize=False)
+    # Lodge joins the tracks, each cut to the shorter of motion and music, and counts frames through.
+    music = {c.id: len(store.clip(c.id).read("librosa35")) - c.trim_start for c in store.clips}
+    before = np.cumsum([0, *(min(len(lodge[t]), music[t]) for t in tracks)])
+    found = []
+    for k in range(len(dataset)):
+        item = dataset[k]
+        record = store.clip(item["clip"]).record
+        start = item["start"] - record.trim_start
+        found.append(before[list(tracks).index(item["clip"])] + start)
+        expected = lodge[item["clip"]][start : start + length, :139]
+        np.testing.assert_allclose(item["lodge139"].numpy(), expected, rtol=0, atol=MOTION)
+        np.testing.assert_array_equal(item["lodge139"][:, :4].numpy(), expected[:, :4])
+        assert item["librosa35"].shape == (length, 35)
+        assert item["genre_id"] == genres[k]
+    assert found == list(index)
+
+
+def test_lodges_scaler_by_name(store: Store, peers: Path, lodge: dict[str, Any]) -> None:
+    dataset = WindowDataset(store, preset="lodge-local", normalizer_over="all")
+    with np.load(peers / "lodge_normalizer.npz") as file:
+        known = {name: file[name] for name in file.files}
+    scaler = dataset.normalizer("lodge139")
+    np.testing.assert_allclose(scaler.data_min, known["data_min"], rtol=0, atol=MOTION)
+    np.testing.assert_allclose(scaler.data_max, known["data_max"], rtol=0, atol=MOTION)
+    rows = store.clip("001").read("lodge139")[:300]
+    # A value's error is that of the columns, and what an error of the range makes of it.
+    allowed = 1e-5 + 4e-5 / np.where(scaler.data_range > 1e-5, scaler.data_range, 1)
+    assert (np.abs(scaler.normalize(rows) - known["normalized_first300"]) <= allowed).all()
+    # By default the scaler knows train alone.
+    assert not np.allclose(
+        WindowDataset(store, preset="lodge-local").normalizer("lodge139").data_max, scaler.data_max
+    )
+
+
+@pytest.mark.parametrize("split", ["train", "test"])
+def test_finenet_sees_its_own_windows(store: Store, peers: Path, split: str) -> None:
+    # FineDance's rule by hand, from the files: contacts, raw columns, windows of 120 every 12, the filter on train,
+    # the root relative to a copy of the window.
+    dataset = WindowDataset(store, split, preset="finenet")
+    with np.load(peers / "finedance_contacts.npz") as file:
+        contacts = {name.split(".")[0]: file[name] for name in file.files}
+    expected = []
+    for clip in ("001", "004") if split == "train" else ("063",):
+        raw = np.load(peers / "inputs" / "finedance" / "motion" / f"{clip}.npy")
+        rows = np.concatenate([contacts[clip], raw], axis=1).astype(np.float32)
+        rows = rows[: min(len(rows), len(store.clip(clip).read("librosa35")))]
+        for start in range(0, len(rows) - 120 + 1, 12):
+            window = rows[start : start + 120].copy()
+            if split == "test" or window.std(axis=0).mean() > 0.07:
+                window[:, 4:7] -= window[:1, 4:7].copy()
+                expected.append((clip, start, window))
+    assert [(w.clip, w.start) for w in dataset.windows] == [(clip, start) for clip, start, _ in expected]
+    for item, (_, _, window) in zip((dataset[k] for k in range(len(dataset))), expected, strict=True):
+        np.testing.assert_allclose(item["finedance319"].numpy(), window, rtol=0, atol=MOTION)
+        np.testing.assert_array_equal(item["finedance319"][:, :4].numpy(), window[:, :4])
+
+
+def test_overlapping_windows_do_not_spoil_each_other(store: Store) -> None:
+    # FineDance's loader subtracts the root in a view of the corpus; here a window reads the same twice.
+    dataset = WindowDataset(store, preset="finenet")
+    first = dataset[1]["finedance319"].clone()
+    dataset[0], dataset[2]
+    assert (dataset[1]["finedance319"] == first).all()
+    np.testing.assert_array_equal(dataset[1]["finedance319"][0, 4:7].numpy(), np.zeros(3))
+
+
+def test_the_music_is_lodges(store: Store, peers: Path) -> None:
+    with np.load(peers / "lodge_music35.npz") as file:
+        known = {name: file[name] for name in file.files}
+    for clip, rows in known.items():
+        window = Window(clip, 0, store.clip(clip).n_frames)
+        found = store.read(window, "librosa35")
+        wanted = rows[: len(found)]
+        np.testing.assert_allclose(found[:, 0], wanted[:, 0], rtol=0, atol=ENVELOPE)
+        np.testing.assert_allclose(found[:, 1:21], wanted[:, 1:21], rtol=0, atol=MFCC)
+        np.testing.assert_allclose(found[:, 21:33], wanted[:, 21:33], rtol=0, atol=CHROMA)
+        np.testing.assert_array_equal(found[:, 33:], wanted[:, 33:])
+
+
+def test_primitives_beside_the_window(store: Store) -> None:
+    fields = ("lodge139", "librosa35", "primitives")
+    item = WindowDataset(store, preset="lodge-global", fields=fields)[0]
+    assert item["primitives"].shape == (13, 8, 139)
+    assert int(item["primitive_hard"].sum()) == 5
+    for k, start in enumerate(item["primitive_start"].tolist()):
+        assert (item["primitives"][k] == item["lodge139"][start : start + 8]).all()
+    local = WindowDataset(store, preset="lodge-local", fields=fields)[0]
+    rows = local["lodge139"]
+    assert (local["primitives"][:4] == rows[:4]).all()
+    assert (local["primitives"][4:] == rows[-4:]).all()
+
+
+def test_lodges_released_key_motion_through_the_reader(store: Store, peers: Path) -> None:
+    dataset = WindowDataset(
+        store, preset="lodge-global", fields=("lodge139", "primitives"), normalize=False, primitive_variant="code"
+    )
+    a, b = dataset[0], dataset[0]
+    assert (a["primitives"] == b["primitives"]).all()
+    assert a["primitives"].shape == (13, 8, 139)

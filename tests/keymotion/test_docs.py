@@ -1,0 +1,43 @@
+"""The code of docs/key-motions.md runs, on a store built for it."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from dancedata.pipeline.build import build
+from dancedata.pipeline.recipe import parse_recipe
+
+PAGE = Path(__file__).parents[2] / "docs" / "key-motions.md"
+
+
+def test_code_of_the_page_runs(tmp_path: Path) -> None:
+    recipe = parse_recipe(
+        {
+            "recipe": 1,
+            "name": "page",
+            "dataset": {"synthetic": {"songs": 2, "clips_per_song": 2, "clip_s": 36, "split": "all"}},
+            "fps": 30,
+            "windows": {"length_frames": 1024, "stride_frames": 102},
+            "motion": {"lodge139": {}},
+            "audio": {"librosa35": {}},
+            "keymotion": {"lodge": {}},
+        }
+    )
+    build(recipe, tmp_path / "source", tmp_path / "out", jobs=1, cache=tmp_path / "cache")
+    text = PAGE.read_text(encoding="utf-8").replace('windows("train"', 'windows("all"')
+    blocks = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
+    assert len(blocks) >= 4
+    names: dict[str, object] = {"OUT": tmp_path / "out"}
+    for block in blocks:
+        exec(compile(block, str(PAGE), "exec"), names)
+    cues, placed, window = names["cues"], names["placed"], names["motion"]
+    assert cues.frames.shape == (13, 8, 139)
+    assert np.shares_memory(cues.frames, window) is False
+    assert not cues.filled.all()
+    assert (names["relative"][1:, 0][:, [4, 6]] == 0).all()
+    assert len(placed.frames) == 16
+    assert placed.on_beat.any()
+    assert names["given"].sum() == 16 * 8 * 136

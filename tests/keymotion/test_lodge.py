@@ -1,0 +1,121 @@
+"""The plug-in: Lodge's joints, whole clips, other bodies."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dancedata.core.bodies import SMPLX22, SMPLX52, SMPLX55, carried_over
+from dancedata.core.errors import DataError, UsageError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.key_motion import KeyMotion, key_motion
+from dancedata.core.motion import Motion
+from dancedata.core.primitives import joints_of
+from dancedata.core.registry import KEYMOTIONS
+from dancedata.core.skeleton import SMPL24, Skeleton
+from dancedata.keymotion.lodge import Lodge
+from dancedata.testing.conformance import check_plugin
+
+
+def test_is_a_plug_in() -> None:
+    assert KEYMOTIONS.get("lodge") is Lodge
+    check_plugin(Lodge)
+    columns = Lodge().columns
+    assert columns.labels == ("speed", "minimum", "prominence")
+    assert columns.mirror.permutation == (0, 1, 2)
+    assert set(columns.mirror.signs) == {1}
+
+
+@pytest.mark.parametrize("sigma", [0, -1, math.nan, math.inf])
+def test_bad_sigma(sigma: float) -> None:
+    with pytest.raises(UsageError, match="sigma_frames"):
+        Lodge(sigma_frames=sigma)
+
+
+# Lodge's joints come from rest positions with more than the five decimals that are published.
+REST_DECIMALS = 3e-5
+
+
+@pytest.mark.parametrize("track", ["001", "004", "063"])
+def test_joints_are_lodges(peers: Path, track: str) -> None:
+    window = np.load(peers / "lodge_mofea319.npz")[track][:300]
+    golden = np.load(peers / "lodge_fk55.npz")[f"{track}.fk139"]
+    for width in (139, 319):
+        assert np.abs(joints_of(window[:, :width]) - golden).max() <= REST_DECIMALS
+
+
+def test_rows_are_those_of_55_joints(dance) -> None:
+    motion = dance(300)
+    assert motion.skeleton is SMPLX22
+    joints = carried_over(motion, SMPLX55).joints()
+    assert joints.shape == (300, 55, 3)
+    rows = Lodge().analyse(motion)
+    np.testing.assert_array_equal(rows, key_motion(joints).to_rows())
+    assert rows[:, 1].sum() >= 3
+
+
+def test_minima_found_in_columns_are_the_clips(dance, columns) -> None:
+    motion = dance(400)
+    found = KeyMotion.from_rows(Lodge().analyse(motion))
+    again = key_motion(joints_of(columns(motion)))
+    assert again.minima.tolist() == found.minima.tolist()
+    np.testing.assert_allclose(again.prominence, found.prominence, atol=1e-7)
+
+
+def test_fingers_jaw_and_eyes_are_at_rest(dance) -> None:
+    body = dance(200)
+    with_hands = carried_over(body, SMPLX52)
+    rng = np.random.default_rng(1)
+    turns = with_hands.rotations.copy()
+    turns[:, 22:] = rng.normal(size=turns[:, 22:].shape)
+    moving = Motion(body.translation, turns, body.grid, SMPLX52)
+    np.testing.assert_array_equal(Lodge().analyse(moving), Lodge().analyse(body))
+
+
+def test_other_bodies_of_the_family(dance) -> None:
+    motion = dance(200, skeleton=SMPL24)
+    np.testing.assert_array_equal(Lodge().analyse(motion), Lodge().analyse(carried_over(motion, SMPLX22)))
+
+
+def test_frames_before_the_trim_are_looked_at(dance) -> None:
+    motion = dance(200)
+    trimmed = Motion(motion.translation, motion.rotations, motion.grid, motion.skeleton, trim_start=90)
+    np.testing.assert_array_equal(Lodge().analyse(trimmed), Lodge().analyse(motion))
+
+
+def test_wider_gaussian_leaves_fewer_minima(dance) -> None:
+    motion = dance(600)
+    counts = [int(Lodge(sigma_frames=s).analyse(motion)[:, 1].sum()) for s in (1, 5, 15)]
+    assert counts[0] > counts[1] > counts[2]
+
+
+def test_another_family_is_refused() -> None:
+    odd = Skeleton("odd", ("root", "tail"), (-1, 0), np.zeros((2, 3)), (), (0, 0, 1, 1))
+    motion = Motion(np.zeros((5, 3)), np.zeros((5, 2, 3)), FrameGrid.of(30), odd)
+    with pytest.raises(UsageError, match="odd"):
+        Lodge().analyse(motion)
+
+
+def test_columns_that_are_no_rotations(dance, columns) -> None:
+    window = columns(dance(60))
+    scaled = window * 0.5
+    with pytest.raises(DataError, match="not normalised") as caught:
+        joints_of(scaled)
+    assert caught.value.reason == "bad_rotation"
+    parallel = window.copy()
+    parallel[7, 10:13] = parallel[7, 7:10]
+    with pytest.raises(DataError, match="frame 7, pelvis"):
+        joints_of(parallel)
+    window[5, 30] = np.nan
+    with pytest.raises(DataError) as caught:
+        joints_of(window)
+    assert caught.value.reason == "nan"
+
+
+@pytest.mark.parametrize("shape", [(60, 151), (60, 138), (139,)])
+def test_columns_of_another_representation(shape: tuple[int, ...]) -> None:
+    with pytest.raises(UsageError, match="lodge139"):
+        joints_of(np.zeros(shape))

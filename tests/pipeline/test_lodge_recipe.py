@@ -1,0 +1,192 @@
+"""The recipe aist++-lodge, key motions, the movement filter, mirrored copies and fields at 60 a second."""
+
+from __future__ import annotations
+
+import pickle
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dancedata
+from dancedata.core.errors import RecipeError
+from dancedata.core.kinematics import forward_kinematics
+from dancedata.core.registry import DATASETS, KEYMOTIONS, REPRESENTATIONS
+from dancedata.datasets.synthetic import write_synthetic
+from dancedata.pipeline.plan import make_plan
+from dancedata.pipeline.recipe import load_recipe, parse_recipe
+from dancedata.store import verify_store
+
+
+@pytest.fixture(scope="module")
+def corpus(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Clips of 10 s; the first train clip stands still in its second half, the next one throughout."""
+    source = write_synthetic(tmp_path_factory.mktemp("lodge") / "source", songs=3, clips_per_song=2, clip_s=10)
+    names = (source / "splits" / "crossmodal_train.txt").read_text().split()
+    for name, begin in ((names[0], 300), (names[1], 0)):
+        path = source / "motions" / f"{name}.pkl"
+        with path.open("rb") as file:
+            clip = pickle.load(file)
+        for key in ("smpl_poses", "smpl_trans"):
+            clip[key][begin:] = clip[key][begin]
+        with path.open("wb") as file:
+            pickle.dump(clip, file)
+    return source
+
+
+@pytest.fixture(scope="module")
+def names(corpus: Path) -> list[str]:
+    return (corpus / "splits" / "crossmodal_train.txt").read_text().split()
+
+
+SHORT = ("windows.length_frames=64", "windows.stride_frames=32")
+
+
+@pytest.fixture(scope="module")
+def lodge(corpus: Path, run_build, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("lodge") / "out"
+    run_build(corpus, out, "aist++-lodge", SHORT)
+    return out
+
+
+def test_still_windows_are_rejects_and_the_rest_is_as_the_reference_chooses(lodge: Path, names: list[str]) -> None:
+    store = dancedata.open(lodge)
+    assert [p for p in verify_store(lodge) if p.severity == "error"] == []
+    rows = store.clip(names[0]).read("lodge139")
+    starts = range(0, len(rows) - 63, 32)
+    wanted = [k for k in starts if rows[k : k + 64].std(axis=0).mean() > 0.07]
+    assert [w.start for w in store.windows("train") if w.clip == names[0]] == wanted
+    assert 0 < len(wanted) < len(starts)
+    still = [r for r in store.rejects if r["reason"] == "still" and r["clip"] == names[0]]
+    assert [r["window"] for r in still] == [k for k in starts if k not in wanted]
+    assert all(r["numbers"]["std"] <= 0.07 for r in still)
+
+
+def test_a_clip_that_only_stands_is_set_aside(lodge: Path, names: list[str]) -> None:
+    store = dancedata.open(lodge)
+    assert names[1] not in [c.id for c in store.clips]
+    assert any(r["clip"] == names[1] and "window" not in r for r in store.rejects)
+
+
+def test_test_windows_are_all_kept(lodge: Path) -> None:
+    store = dancedata.open(lodge)
+    clips = [c for c in store.clips if c.split == "test"]
+    counts = {c.id: sum(w.clip == c.id for w in store.windows("test")) for c in clips}
+    assert counts == {c.id: (c.n_frames - 64) // 32 + 1 for c in clips}
+
+
+def test_key_motions_are_stored_for_every_clip(lodge: Path) -> None:
+    store = dancedata.open(lodge)
+    finder = KEYMOTIONS.get("lodge")()
+    for record in store.clips:
+        rows = store.clip(record.id).read("lodge")
+        assert rows.shape == (record.n_frames, finder.columns.width)
+        motion = dancedata.decode(store.clip(record.id).read("lodge139"), "lodge139")
+        # float32 columns move the curve by about 1e-7 m; the minima are those of the clip.
+        np.testing.assert_allclose(finder.analyse(motion)[:, 0], rows[:, 0], atol=1e-6)
+
+
+def test_the_filter_in_window_scope(corpus: Path, run_build, names: list[str], tmp_path: Path) -> None:
+    run_build(corpus, tmp_path / "out", "aist++-lodge", (*SHORT, "scope=window", "audio={}", "augment.mirror=true"))
+    store = dancedata.open(tmp_path / "out")
+    assert [p for p in verify_store(tmp_path / "out") if p.severity == "error"] == []
+    mine = [w for w in store.windows("train") if w.clip == names[0]]
+    assert mine
+    for window in mine:
+        assert store.read(window, "lodge139").std(axis=0).mean() > 0.07
+
+
+def test_mirrored_copies(corpus: Path, run_build, tmp_path: Path) -> None:
+    recipe = ("augment.mirror=true", "motion={edge151: {}, lodge139: {}}", "keymotion=lodge", "windows.length_s=3")
+    run_build(corpus, tmp_path / "out", "aist++", recipe)
+    store = dancedata.open(tmp_path / "out")
+    assert [p for p in verify_store(tmp_path / "out") if p.severity == "error"] == []
+    train = {c.id: c for c in store.clips if c.split == "train"}
+    plain = [c for c in train.values() if not c.source]
+    assert sorted(train) == sorted([c.id for c in plain] + [f"{c.id}__mirror" for c in plain])
+    assert all(not c.source for c in store.clips if c.split != "train")
+    for record in plain:
+        one, two = store.clip(record.id), store.clip(f"{record.id}__mirror")
+        assert two.record.source == record.id
+        for field in ("edge151", "lodge139", "lodge"):
+            mirror = store.fields[field].mirror
+            assert mirror is not None
+            np.testing.assert_array_equal(two.read(field), mirror.apply(one.read(field)))
+        np.testing.assert_array_equal(two.read("librosa35"), one.read("librosa35"))
+    plan = make_plan(load_recipe("aist++", recipe), corpus)
+    assert plan.to_json()["splits"]["train"]["clips"] == len(train)
+    assert plan.to_json()["splits"]["train"]["windows"] == len(store.windows("train"))
+
+
+@pytest.mark.parametrize("scope", ["track", "window"])
+def test_fields_with_a_rate_of_their_own(corpus: Path, run_build, tmp_path: Path, scope: str) -> None:
+    run_build(
+        corpus,
+        tmp_path / "out",
+        "aist++",
+        ("motion={edge151: {}, bailando72: {}, fact219: {}}", "audio={}", f"scope={scope}"),
+    )
+    store = dancedata.open(tmp_path / "out")
+    assert [p for p in verify_store(tmp_path / "out") if p.severity == "error"] == []
+    assert {f: str(store.field(f).rate) for f in store.fields} == {
+        "bailando72": "60",
+        "edge151": "30",
+        "fact219": "60",
+    }
+    window = store.windows("train")[1]
+    slow, fast = store.read(window, "edge151"), store.read(window, "fact219")
+    assert (len(slow), len(fast)) == (150, 300)
+    # Every second row is at the instant of a row at 30 a second, in EDGE's axes.
+    np.testing.assert_allclose(fast[::2, :3] @ [[1, 0, 0], [0, 0, 1], [0, -1, 0]], slow[:, 4:7], atol=1e-6)
+    motion = dancedata.decode(fast, "fact219", fps=60)
+    joints = forward_kinematics(motion.skeleton, motion.rotations, motion.translation)
+    np.testing.assert_allclose(store.read(window, "bailando72").reshape(-1, 24, 3), joints, atol=1e-5)
+
+
+def test_what_a_recipe_may_not_say() -> None:
+    document = {
+        "recipe": 1,
+        "name": "x",
+        "dataset": "aist++",
+        "windows": {"length_s": 5, "stride_s": 1, "filter": {"movement": {"field": "lodge39", "min_sdt": 0.1}}},
+        "motion": "lodge139",
+        "keymotion": "lodgee",
+        "augment": {"miror": True},
+    }
+    with pytest.raises(RecipeError) as error:
+        parse_recipe(document)
+    text = str(error.value)
+    for said in ("min_sdt", "did you mean 'min_std'", "known: lodge", "did you mean 'mirror'"):
+        assert said in text
+    document["windows"]["filter"] = {"movement": {"field": "lodge39"}}
+    with pytest.raises(RecipeError, match="did you mean 'lodge139'"):
+        parse_recipe({**document, "keymotion": {}, "augment": {}})
+    with pytest.raises(RecipeError, match="name the filter"):
+        parse_recipe(
+            {
+                **document,
+                "windows": {"length_s": 5, "stride_s": 1, "filter": {"still": {}}},
+                "keymotion": {},
+                "augment": {},
+            }
+        )
+
+
+def test_every_representation_can_be_built_from_aistpp(corpus: Path, run_build, tmp_path: Path) -> None:
+    every = ", ".join(f"{name}: {{}}" for name in REPRESENTATIONS.names())
+    run_build(corpus, tmp_path / "out", "aist++", (f"motion={{{every}}}", "audio={}", "windows.length_s=4"))
+    store = dancedata.open(tmp_path / "out")
+    assert set(store.fields) == set(REPRESENTATIONS.names())
+    assert [p for p in verify_store(tmp_path / "out") if p.severity == "error"] == []
+
+
+def test_equal_files_of_two_names_are_cut_by_their_names(run_build, tmp_path: Path) -> None:
+    source = tmp_path / "source"
+    DATASETS.get("finedance")().make_example(source)
+    # 010 and 014 begin with three frames that Lodge cuts.
+    for folder, suffix in (("motion", "npy"), ("music_wav", "wav"), ("label_json", "json")):
+        shutil.copy(source / folder / f"001.{suffix}", source / folder / f"010.{suffix}")
+    run_build(source, tmp_path / "out", "finedance", ("audio={}", "windows.length_frames=30"))
+    store = dancedata.open(tmp_path / "out")
+    assert {c.id: c.trim_start for c in store.clips if c.id in ("001", "010")} == {"001": 0, "010": 3}

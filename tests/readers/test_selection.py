@@ -1,0 +1,233 @@
+"""Which windows a reader gives: lists, protocols, trims, movement, presets; and what it says it left out."""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch")
+
+from dancedata.core.columns import Columns, Group, Mirror
+from dancedata.core.errors import StoreError, UsageError
+from dancedata.core.movement import Movement
+from dancedata.core.normalize import MinMax
+from dancedata.readers import WindowDataset
+from dancedata.store import Store, open_store
+from dancedata.store.schema import Field
+from dancedata.store.writer import write_store
+from dancedata.testing.stores import random_fields, write_random_store
+
+N, LENGTH = 600, 120
+
+
+def _fields() -> tuple[Field, ...]:
+    (plain,) = random_fields({"lodge139": 139}, {})
+    groups = (Group("contact", 4, "1"), Group("translation", 3, "m"), Group("rotation_6d", 132, "1"))
+    key = Columns(
+        (Group("speed", 1, "m"), Group("minimum", 1, "1"), Group("prominence", 1, "m")), Mirror((0, 1, 2), (1,) * 3)
+    )
+    return (
+        replace(plain, columns=Columns(groups, plain.columns.mirror)),
+        Field("lodge", "keymotion", key, Fraction(30)),
+        *random_fields({}, {"librosa35": 35}),
+    )
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory: pytest.TempPathFactory) -> Store:
+    """Eight clips of 600 frames: lists, trims, one that stands still from frame 300 on, one too short to cut."""
+    folder = tmp_path_factory.mktemp("selection")
+    made = write_random_store(
+        folder / "plain", clips={"train": 6, "test": 2}, n_frames=(N, N), length=LENGTH, stride=60, fields=_fields()
+    )
+    clips = []
+    for number, clip in enumerate(made.clips):
+        home = clip.split
+        lists = [f"one.{home}", f"other.{'val' if number in (0, 7) else 'train'}"]
+        if number == 1:
+            lists.append("ignored")
+        if number == 2:
+            lists += ["ignored.finenet", "ignored.one"]
+        rows = {name: np.array(array) for name, array in clip.motion.items()}
+        if number == 3:
+            rows["lodge139"][300:] = rows["lodge139"][300]
+        rows["lodge"][:, 1] = np.arange(len(rows["lodge"])) % 25 == 20
+        rows["lodge"][:, 2] = rows["lodge"][:, 1] * (1 + np.arange(len(rows["lodge"])) % 7)
+        trim = 130 if number == 4 else 0
+        clips.append(replace(clip, lists=tuple(lists), motion=rows, trim_start=trim, genre="Popping"))
+    meta = {"recipe": {"name": "random"}, "licence": "CC0-1.0", "genre_ids": {"Popping": 1}}
+    (folder / "out").mkdir()
+    write_store(folder / "out", replace(made.header, meta=meta), clips)
+    return open_store(folder / "out")
+
+
+def _ids(dataset: WindowDataset) -> list[str]:
+    return list(dict.fromkeys(w.clip for w in dataset.windows))
+
+
+def _read(store: Store, **options: object) -> WindowDataset:
+    return WindowDataset(store, **{"fields": ("lodge139",), "normalize": False, **options})  # type: ignore[arg-type]
+
+
+def test_lists_that_are_ignored_are_named_in_rejects(store: Store) -> None:
+    dataset = _read(store, ignore=("ignored", "ignored.finenet"))
+    assert _ids(dataset) == ["train_c00", "train_c03", "train_c04", "train_c05"]
+    assert [(r.reason, r.clip, r.detail) for r in dataset.rejects] == [
+        ("ignored", "train_c01", "on the list ignored"),
+        ("ignored", "train_c02", "on the list ignored.finenet"),
+    ]
+
+
+def test_a_protocol_says_which_clips_a_split_has(store: Store) -> None:
+    assert _ids(_read(store, protocol="other")) == [*(f"train_c{k:02d}" for k in range(1, 6)), "test_c00"]
+    assert _ids(_read(store, split="val", protocol="other")) == ["train_c00", "test_c01"]
+    with pytest.raises(UsageError, match="other has no split 'test'"):
+        _read(store, split="test", protocol="other")
+    # A store without such lists falls back on its own splits.
+    assert _ids(_read(store, protocol="third")) == _ids(_read(store))
+
+
+def test_a_protocols_own_ignore_list(store: Store) -> None:
+    assert "train_c02" in _ids(_read(store, protocol="one"))
+    assert "train_c02" not in _ids(_read(store, protocol="one", ignore=("ignored",)))
+
+
+def test_windows_begin_after_the_trim(store: Store) -> None:
+    dataset = _read(store, trim=True)
+    assert [w.start for w in dataset.windows if w.clip == "train_c04"] == list(range(130, N - LENGTH + 1, 60))
+    assert [w.start for w in dataset.windows if w.clip == "train_c03"] == list(range(0, N - LENGTH + 1, 60))
+    index = next(k for k, w in enumerate(dataset.windows) if w.clip == "train_c04")
+    np.testing.assert_array_equal(
+        dataset[index]["lodge139"].numpy(), store.clip("train_c04").read("lodge139")[130:250]
+    )
+
+
+def test_still_windows_are_left_out_of_train_alone(store: Store) -> None:
+    dataset = _read(store, filter=Movement(field="lodge139"))
+    still = [r for r in dataset.rejects if r.reason == "still"]
+    rows = store.clip("train_c03").read("lodge139")
+    wanted = [k for k in range(0, N - LENGTH + 1, 60) if not rows[k : k + LENGTH].std(axis=0).mean() > 0.07]
+    assert [(r.clip, r.window) for r in still] == [("train_c03", k) for k in wanted]
+    assert len(dataset) + len(still) == len(_read(store))
+    given = {"movement": {"field": "lodge139", "min_std": 1e9}}
+    assert not _read(store, split="test", filter=given).rejects
+    with pytest.raises(UsageError, match="left out: still"):
+        _read(store, filter=given)
+    with pytest.raises(UsageError, match="no parameter 'min_sdt'"):
+        _read(store, filter={"movement": {"min_sdt": 1}})
+    with pytest.raises(UsageError, match="movement"):
+        _read(store, filter={"still": {}})
+
+
+def test_clips_shorter_than_the_windows_are_named(store: Store) -> None:
+    dataset = _read(store, length_frames=500, trim=True)
+    assert [(r.reason, r.clip) for r in dataset.rejects] == [("too_short", "train_c04")]
+    assert "130 of them trimmed" in dataset.rejects[0].detail
+
+
+def test_a_preset_sets_it_all_and_what_is_given_beside_it_wins(store: Store) -> None:
+    local = WindowDataset(store, preset="lodge-local")
+    assert local.fields == ("lodge139", "librosa35")
+    assert {w.length for w in local.windows} == {256}
+    assert {(r.reason, r.clip) for r in local.rejects} >= {("ignored", "train_c01"), ("still", "train_c03")}
+    assert local[0]["genre_id"] == 1
+    assert float(local[0]["lodge139"].abs().max()) <= 1
+    other = WindowDataset(
+        store, preset="lodge-local", length_frames=120, trim=False, ignore=(), filter=False, normalize=False
+    )
+    assert not other.rejects
+    assert {w.length for w in other.windows} == {120}
+    assert _ids(other) == [f"train_c{k:02d}" for k in range(6)]
+
+
+def test_relative_root(store: Store) -> None:
+    dataset = _read(store, relative_root=True, mirror=1.0)
+    window = dataset.windows[5]
+    mirror = store.fields["lodge139"].mirror
+    assert mirror is not None
+    rows = mirror.apply(store.read(window, "lodge139"))
+    rows[:, 4:7] -= rows[0, 4:7].copy()
+    np.testing.assert_array_equal(dataset[5]["lodge139"].numpy(), rows)
+    with pytest.raises(UsageError, match="cannot be normalised"):
+        _read(store, relative_root=True, normalize=True)
+
+
+def test_a_scaler_of_the_protocols_own_train_clips(store: Store) -> None:
+    dataset = WindowDataset(store, fields=("lodge139",), protocol="other", split="val")
+    train = _read(store, protocol="other")
+    rows = np.concatenate([store.read(w, "lodge139") for w in train.windows])
+    wanted = MinMax(rows.min(axis=0), rows.max(axis=0))
+    np.testing.assert_array_equal(dataset.normalizer("lodge139").data_min, wanted.data_min)
+    np.testing.assert_array_equal(dataset.normalizer("lodge139").data_max, wanted.data_max)
+    everything = WindowDataset(store, fields=("lodge139",), normalizer_over="all").normalizer("lodge139")
+    rows = np.concatenate([store.clip(c.id).read("lodge139") for c in store.clips])
+    np.testing.assert_array_equal(everything.data_max, rows.max(axis=0))
+    with pytest.raises(UsageError, match="train or over all"):
+        WindowDataset(store, fields=("lodge139",), normalizer_over="alll")  # type: ignore[arg-type]
+
+
+def test_primitives_of_stored_minima(store: Store) -> None:
+    dataset = WindowDataset(
+        store, fields=("lodge139", "primitives"), length_frames=480, stride_frames=60, primitive_n=120, mirror=0.5
+    )
+    for k in range(0, len(dataset), 7):
+        item = dataset[k]
+        assert item["primitives"].shape == (13, 8, 139)
+        starts = item["primitive_start"].tolist()
+        for piece, start in zip(item["primitives"], starts, strict=True):
+            # Mirrored and normalised with the window.
+            assert (piece == item["lodge139"][start : start + 8]).all()
+        soft = [
+            s
+            for s, hard, filled in zip(starts, item["primitive_hard"], item["primitive_filled"], strict=True)
+            if not (hard or filled)
+        ]
+        assert soft
+        assert all((item["start"] + s + 4) % 25 == 20 for s in soft)
+
+
+def test_the_codes_bias_is_a_function_of_seed_epoch_and_index(store: Store) -> None:
+    options = {
+        "fields": ("lodge139", "primitives"),
+        "length_frames": 512,
+        "stride_frames": 40,
+        "primitive_variant": "code",
+    }
+    # Rows that are rotations, which the code's joints need.
+    with pytest.raises(Exception, match=r"rotation|bad"):
+        _ = [WindowDataset(store, normalize=False, **options)[k] for k in range(3)]  # type: ignore[arg-type]
+    dataset = _read(store)
+    biases = [[dataset._bias(k) for k in range(200)] for _ in range(2)]
+    assert biases[0] == biases[1]
+    assert set(biases[0]) == {-2, -1, 0, 1, 2}
+    dataset.set_epoch(1)
+    assert [dataset._bias(k) for k in range(200)] != biases[0]
+
+
+def test_what_primitives_need(store: Store, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="motion field"):
+        WindowDataset(store, fields=("librosa35", "primitives"))
+    with pytest.raises(UsageError, match="whole number of local segments"):
+        WindowDataset(store, fields=("lodge139", "primitives"), primitive_n=100)
+    made = write_random_store(tmp_path / "none", length=30)
+    with pytest.raises(UsageError, match="holds no key motions"):
+        WindowDataset(made.path, fields=("edge151", "primitives"), primitive_n=15)
+
+
+def test_a_copy_reads_the_same(store: Store) -> None:
+    dataset = WindowDataset(store, preset="lodge-local", fields=("lodge139", "primitives"))
+    again = pickle.loads(pickle.dumps(dataset))
+    assert again.rejects == dataset.rejects
+    for key, value in dataset[3].items():
+        assert (again[3][key] == value).all() if hasattr(value, "shape") else again[3][key] == value
+
+
+def test_window_scope_has_no_trim(tmp_path: Path) -> None:
+    made = write_random_store(tmp_path / "window", scope="window")
+    with pytest.raises(StoreError, match="trimmed"):
+        open_store(made.path).windows("train", trim=True)

@@ -1,0 +1,155 @@
+"""Properties that every registered representation has to have; none is named here."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from dancedata.core.grid import FrameGrid
+from dancedata.core.grounding import grounded
+from dancedata.core.motion import Motion
+from dancedata.core.registry import CONTACTS, REPRESENTATIONS
+from dancedata.core.skeleton import Skeleton
+
+THIRTY = FrameGrid.of(30)
+NAMES = REPRESENTATIONS.names()
+DECODED = [name for name in NAMES if hasattr(REPRESENTATIONS.get(name), "decode")]
+FLIP = np.array([-1.0, 1.0, 1.0])
+#: Turns where axis-angle is delicate.
+TURNS = (0.0, 1e-9, 1e-5, np.pi - 1e-7, np.pi, np.pi + 1e-7, 2 * np.pi, 3 * np.pi, 4 * np.pi)
+
+seeds = st.integers(0, 2**31)
+
+
+def rule_of(made: Any) -> Any:
+    return None if made.default_contacts is None else CONTACTS.get(made.default_contacts)()
+
+
+def random_motion(seed: int, skeleton: Skeleton, n: int = 4, trim: int = 0) -> Motion:
+    """Any rotations at all, wrapped ones too, within 10 m of the origin."""
+    rng = np.random.default_rng(seed)
+    axes = rng.normal(size=(n, skeleton.n_joints, 3))
+    axes /= np.linalg.norm(axes, axis=-1, keepdims=True)
+    turns = rng.uniform(0, 4 * np.pi, axes.shape[:2])
+    special = rng.random(turns.shape) < 0.3
+    turns[special] = rng.choice(TURNS, special.sum())
+    return Motion(rng.uniform(-10, 10, (n, 3)), axes * turns[..., None], THIRTY, skeleton, trim)
+
+
+def other_side(skeleton: Skeleton) -> list[int]:
+    order = list(range(skeleton.n_joints))
+    for left, right in skeleton.pairs:
+        order[left], order[right] = right, left
+    return order
+
+
+def reflected(motion: Motion) -> Motion:
+    """The reflection across x = 0, danced by the mirrored body: an axis of rotation is a pseudovector."""
+    rotations = motion.rotations[:, other_side(motion.skeleton)] * -FLIP
+    return Motion(motion.translation * FLIP, rotations, motion.grid, motion.skeleton.mirrored(), motion.trim_start)
+
+
+def test_there_are_some_that_decode() -> None:
+    assert DECODED
+
+
+@pytest.mark.parametrize("name", DECODED)
+@settings(max_examples=20, deadline=None)
+@given(seeds, st.integers(0, 3))
+def test_decoding_undoes_encoding(name: str, seed: int, trim: int) -> None:
+    made = REPRESENTATIONS.get(name)()
+    motion = random_motion(seed, made.skeleton, trim=trim)
+    array = made.encode(motion, rule_of(made))
+    back = made.decode(array, THIRTY)
+    assert (back.grid, back.skeleton) == (THIRTY, made.skeleton)
+    # A representation that grounds gives back the grounded motion.
+    wanted = grounded(motion) if made.grounded else motion
+    angle = (
+        Rotation.from_rotvec(back.rotations.copy()).inv() * Rotation.from_rotvec(wanted.rotations.copy())
+    ).magnitude()
+    assert angle.max() < 1e-6
+    np.testing.assert_allclose(back.translation, wanted.translation, atol=2e-6)  # float32 at 20 m
+    assert np.linalg.norm(back.rotations, axis=-1).max() <= np.pi + 1e-9
+    again = made.encode(Motion(back.translation, back.rotations, THIRTY, made.skeleton, trim), rule_of(made))
+    motion_columns = [j for j, label in enumerate(made.columns.labels) if not label.startswith("contact.")]
+    np.testing.assert_allclose(again[:, motion_columns], array[:, motion_columns], atol=4e-6)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@settings(max_examples=10, deadline=None)
+@given(seeds)
+def test_mirroring_twice_gives_the_same_bytes(name: str, seed: int) -> None:
+    made = REPRESENTATIONS.get(name)()
+    mirror = made.columns.mirror
+    assert mirror is not None
+    array = made.encode(random_motion(seed, made.skeleton), rule_of(made))
+    image = mirror.apply(array)
+    assert image.dtype == np.float32
+    np.testing.assert_array_equal(mirror.apply(image), array)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@settings(max_examples=20, deadline=None)
+@given(seeds)
+def test_mirrored_columns_on_the_mirrored_body_are_the_reflection(name: str, seed: int) -> None:
+    made = REPRESENTATIONS.get(name)()
+    array = made.encode(random_motion(seed, made.skeleton), rule_of(made))
+    image = made.columns.mirror.apply(array)
+    if hasattr(made, "decode"):
+        plain = made.decode(array, THIRTY).joints()
+        mirrored = made.decode(image, THIRTY).on(made.skeleton.mirrored()).joints()
+    else:
+        # What cannot be decoded has to hold the positions themselves, or its mirror is proved by nothing.
+        plain, mirrored = (x[:, made.columns.slice("position")].reshape(len(x), -1, 3) for x in (array, image))
+    np.testing.assert_allclose(mirrored, plain[:, other_side(made.skeleton)] * FLIP, atol=1e-5)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@settings(max_examples=20, deadline=None)
+@given(seeds, st.integers(0, 3))
+def test_mirroring_columns_is_encoding_the_reflection(name: str, seed: int, trim: int) -> None:
+    """The same from the other end: no decoder is trusted."""
+    made = REPRESENTATIONS.get(name)()
+    motion = random_motion(seed, made.skeleton, trim=trim)
+    image = made.columns.mirror.apply(made.encode(motion, rule_of(made)))
+    wanted = made.encode(reflected(motion), rule_of(made))
+    # Contacts of another body's feet: the next test.
+    motion_columns = [j for j, label in enumerate(made.columns.labels) if not label.startswith("contact.")]
+    np.testing.assert_allclose(image[:, motion_columns], wanted[:, motion_columns], atol=1e-5)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_contacts_change_sides_and_nothing_else(name: str) -> None:
+    made = REPRESENTATIONS.get(name)()
+    if "contact" not in made.columns.names:
+        assert made.default_contacts is None
+        return
+    feet = made.columns.slice("contact")
+    labels = made.columns.labels[feet]
+    # All sixteen combinations.
+    array = np.zeros((16, made.columns.width), np.float32)
+    array[:, feet] = (np.arange(16)[:, None] >> np.arange(4)) & 1
+    image = made.columns.mirror.apply(array)
+    for j, label in enumerate(labels):
+        there = label.replace("left", "LEFT").replace("right", "left").replace("LEFT", "right")
+        assert there != label
+        np.testing.assert_array_equal(image[:, feet][:, j], array[:, feet][:, labels.index(there)])
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_rate_belongs_to_the_motion(name: str) -> None:
+    """A representation with a rate of its own encodes whatever grid it is given: others resample."""
+    made = REPRESENTATIONS.get(name)()
+    assert made.rate is None or made.rate > 0
+    for rate in (24, 30, 60):
+        motion = random_motion(1, made.skeleton)
+        at_rate = Motion(motion.translation, motion.rotations, FrameGrid.of(rate), motion.skeleton)
+        array = made.encode(at_rate, rule_of(made))
+        assert len(array) == 4
+        if hasattr(made, "decode"):
+            assert made.decode(array, at_rate.grid).grid == at_rate.grid

@@ -1,0 +1,98 @@
+"""fact219: FACT's own numbers, whole matrices, exact decoding."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dancedata.contacts.velocity import Velocity
+from dancedata.core.bodies import SMPLX52
+from dancedata.core.errors import DataError, UsageError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.motion import Motion
+from dancedata.core.skeleton import SMPL24
+from dancedata.datasets.aistpp import AistPP
+from dancedata.representations.fact219 import Fact219
+
+SIXTY = FrameGrid.of(60)
+FACT = Fact219()
+
+
+def random_motion() -> Motion:
+    rng = np.random.default_rng(7)
+    return Motion(rng.normal(size=(5, 3)), rng.normal(size=(5, 24, 3)) * 1.5, SIXTY, SMPL24)
+
+
+def test_facts_columns(shared: Path) -> None:
+    peers = shared / "golden" / "peers"
+    golden = np.load(peers / "fact_motion.npz")
+    dataset = AistPP(ignore="none")
+    refs = dataset.scan(peers / "inputs" / "edge_aistpp").clips
+    assert {f"{ref.id}.219" for ref in refs} == {key for key in golden if key.endswith(".219")}
+    for ref in refs:
+        motion = dataset.load(ref)
+        assert motion.grid.rate == FACT.rate == Fraction(60)
+        array = FACT.encode(motion)
+        wanted = golden[f"{ref.id}.219"]
+        np.testing.assert_allclose(array[: len(wanted)], wanted, rtol=0, atol=1e-5)
+        padded = golden[f"{ref.id}.225"]
+        np.testing.assert_allclose(array[: len(padded)], padded[:, 6:], rtol=0, atol=1e-5)
+        np.testing.assert_array_equal(padded[:, :6], 0)
+
+
+def test_layout() -> None:
+    assert FACT.columns.names == ("translation", "rotation_matrix")
+    assert FACT.columns.width == 219
+    assert FACT.columns.labels[3 + 9 * 4 + 5] == "rotation_matrix.left_knee.1z"
+    # A quarter turn about z of the left knee takes x to y: entry (0, 1) is -1, (1, 0) is 1.
+    rotations = np.zeros((1, 24, 3))
+    rotations[0, 4, 2] = np.pi / 2
+    row = FACT.encode(Motion(np.array([[1.0, 2.0, 3.0]]), rotations, SIXTY, SMPL24))[0]
+    assert row[:3].tolist() == [1, 2, 3]
+    np.testing.assert_allclose(row[39:48], [0, -1, 0, 1, 0, 0, 0, 0, 1], atol=1e-7)
+
+
+def test_it_holds_no_contacts() -> None:
+    with pytest.raises(UsageError, match=r"fact219 holds no contacts.*velocity"):
+        FACT.encode(random_motion(), Velocity())
+
+
+def test_fingers_are_left_out() -> None:
+    rng = np.random.default_rng(8)
+    rotations = rng.normal(size=(2, 52, 3))
+    array = FACT.encode(Motion(np.zeros((2, 3)), rotations, SIXTY, SMPLX52))
+    np.testing.assert_array_equal(array[:, 3 + 9 * 22 :], np.tile(np.eye(3).ravel(), (2, 2)))
+
+
+def test_decoding_what_is_no_rotation() -> None:
+    array = FACT.encode(random_motion())
+    with pytest.raises(UsageError, match=r"fact219 decodes \(T, 219\)"):
+        FACT.decode(np.pad(array, [(0, 0), (6, 0)]), SIXTY)
+    knee = slice(3 + 9 * 4, 3 + 9 * 5)
+    for change, reason in (
+        (lambda m: m * 0, "bad_rotation"),
+        (lambda m: m * 1.001, "bad_rotation"),
+        (lambda m: m * -1, "bad_rotation"),  # a reflection
+        (lambda m: m[[1, 0, 2, 3, 4, 5, 6, 7, 8]], "bad_rotation"),
+        (lambda m: m * np.nan, "nan"),
+    ):
+        broken = array.copy()
+        broken[3, knee] = change(broken[3, knee])
+        with pytest.raises(DataError) as error:
+            FACT.decode(broken, SIXTY)
+        assert error.value.reason == reason
+        if reason == "bad_rotation":
+            assert "fact219, frame 3, left_knee" in str(error.value)
+    broken = array.copy()
+    broken[0, 0] = np.inf
+    with pytest.raises(DataError, match="NaN or infinity"):
+        FACT.decode(broken, SIXTY)
+
+
+def test_matrices_need_not_be_better_than_float32() -> None:
+    array = FACT.encode(random_motion())
+    rounded = np.round(array, 5)
+    np.testing.assert_allclose(FACT.encode(FACT.decode(rounded, SIXTY)), array, atol=2e-5)

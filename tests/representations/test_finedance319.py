@@ -1,0 +1,74 @@
+"""finedance319: the source's heights, speeds on SMPL-X's joints."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dancedata.contacts.height import Height
+from dancedata.contacts.velocity import Velocity
+from dancedata.core.bodies import SMPLX52, SMPLX55
+from dancedata.core.errors import DataError, UsageError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.motion import Motion
+from dancedata.core.registry import CONTACTS
+from dancedata.representations.finedance319 import FineDance319
+from dancedata.representations.lodge319 import Lodge319
+
+THIRTY = FrameGrid.of(30)
+FINE = FineDance319()
+
+
+def random_motion(n: int = 8, trim: int = 0) -> Motion:
+    rng = np.random.default_rng(6)
+    rotations = rng.normal(0, 0.3, (1, 52, 3)) + rng.normal(0, 0.003, (n, 52, 3)).cumsum(axis=0)
+    translation = np.add(rng.normal(0, 0.003, (n, 3)).cumsum(axis=0), (0, 1.2, 0))
+    return Motion(translation, rotations, THIRTY, SMPLX52, trim)
+
+
+def test_not_grounded() -> None:
+    motion = random_motion(trim=3)
+    array = FINE.encode(motion, Velocity())
+    np.testing.assert_array_equal(array[:, 4:7], motion.translation.astype(np.float32))
+    assert FINE.columns.width == 319
+
+
+def test_contacts_are_speeds_over_the_whole_clip() -> None:
+    """The default rule on SMPL-X's joints: only the clip's last frame has no next."""
+    assert FINE.default_contacts == "velocity"
+    assert CONTACTS.get("velocity")().max_speed_m_s == 0.3
+    motion = random_motion()
+    feet = motion.joints()[:, [7, 8, 10, 11]]
+    slow = np.linalg.norm(np.diff(feet, axis=0), axis=-1) < 0.01
+    assert 0 < slow.mean() < 1
+    array = FINE.encode(motion, Velocity())
+    np.testing.assert_array_equal(array[:-1, :4], slow)
+    np.testing.assert_array_equal(array[-1, :4], 1)
+
+
+def test_lodges_layout_is_the_same_and_its_numbers_are_not() -> None:
+    motion = random_motion()
+    mine, lodges = FINE.encode(motion, Velocity()), Lodge319().encode(motion, Height())
+    assert FINE.columns == Lodge319().columns
+    np.testing.assert_array_equal(mine[:, 7:], lodges[:, 7:])
+    assert np.ptp(mine[:, 5] - lodges[:, 5]) < 1e-6
+    assert np.abs(mine[:, 5] - lodges[:, 5]).min() > 0.01
+    assert (mine[:, :4] != lodges[:, :4]).any()
+
+
+def test_jaw_and_eyes_are_left_out() -> None:
+    motion = random_motion()
+    with_face = np.insert(motion.rotations, [22, 22, 22], 0.7, axis=1)
+    whole = Motion(motion.translation, with_face, THIRTY, SMPLX55)
+    np.testing.assert_array_equal(FINE.encode(whole, Velocity()), FINE.encode(motion, Velocity()))
+
+
+def test_errors() -> None:
+    array = FINE.encode(random_motion(), Velocity())
+    with pytest.raises(UsageError, match=r"finedance319 decodes \(T, 319\)"):
+        FINE.decode(array[:, :315], THIRTY)
+    with pytest.raises(UsageError, match="finedance319 needs a contact rule"):
+        FINE.encode(random_motion())
+    array[2, 7 + 6 * 51 :] = 0
+    with pytest.raises(DataError, match="finedance319, frame 2, right_thumb3"):
+        FINE.decode(array, THIRTY)

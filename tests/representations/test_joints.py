@@ -1,0 +1,136 @@
+"""joints and bailando72: positions."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import dancedata
+from dancedata.contacts.height import Height
+from dancedata.core.bodies import SKELETONS, SMPLX22, SMPLX52, SMPLX55
+from dancedata.core.errors import UsageError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.motion import Motion
+from dancedata.core.skeleton import SMPL24, Skeleton
+from dancedata.datasets.aistpp import AistPP
+from dancedata.representations.bailando72 import Bailando72
+from dancedata.representations.joints import Joints
+
+THIRTY = FrameGrid.of(30)
+#: Nobody's body: a root, two arms and a tail.
+ANIMAL = Skeleton(
+    "animal",
+    ("root", "arm_l", "arm_r", "tail"),
+    (-1, 0, 0, 0),
+    np.array([[0.1, 0.9, 0.0], [0.3, 0.1, 0.0], [-0.2, 0.1, 0.05], [0.0, -0.2, -0.5]]),
+    ((1, 2),),
+    (1, 2, 1, 2),
+)
+
+
+def random_motion(skeleton: Skeleton) -> Motion:
+    rng = np.random.default_rng(9)
+    return Motion(rng.normal(size=(4, 3)), rng.normal(size=(4, skeleton.n_joints, 3)), THIRTY, skeleton)
+
+
+@pytest.mark.parametrize("body", [*SKELETONS, ANIMAL.to_json()], ids=lambda b: b if isinstance(b, str) else b["name"])
+def test_positions_of_any_skeleton(body: Any) -> None:
+    made = Joints(body)
+    motion = random_motion(made.skeleton)
+    array = made.encode(motion)
+    assert array.dtype == np.float32
+    np.testing.assert_allclose(array.reshape(4, -1, 3), motion.joints(), atol=1e-6)
+    labels = made.columns.labels
+    assert labels[3:6] == tuple(f"position.{made.skeleton.joints[1]}.{axis}" for axis in "xyz")
+    # The mirror image is the reflection, sides swapped.
+    order = list(range(made.skeleton.n_joints))
+    for left, right in made.skeleton.pairs:
+        order[left], order[right] = right, left
+    image = made.columns.mirror.apply(array).reshape(4, -1, 3)
+    np.testing.assert_array_equal(image, array.reshape(4, -1, 3)[:, order] * np.float32([-1, 1, 1]))
+    assert not hasattr(made, "decode")
+
+
+def test_the_motions_own_bones() -> None:
+    tall = replace(SMPLX55, name="tall", offsets=SMPLX55.offsets * 1.2)
+    motion = random_motion(tall)
+    np.testing.assert_allclose(Joints("smplx55").encode(motion).reshape(4, 55, 3), motion.joints(), atol=1e-6)
+    np.testing.assert_allclose(Joints("smplx22").encode(motion).reshape(4, 22, 3), motion.joints()[:, :22], atol=1e-6)
+    # SMPL's 24 put on SMPL-X take SMPL-X's bones.
+    motion = random_motion(SMPL24)
+    wanted = Motion(motion.translation, motion.rotations[:, :22], THIRTY, SMPLX22).joints()
+    np.testing.assert_allclose(Joints("smplx22").encode(motion).reshape(4, 22, 3), wanted, atol=1e-6)
+
+
+def test_a_skeleton_spelled_out_survives_json() -> None:
+    body = json.loads(json.dumps(ANIMAL.to_json()))
+    made = Joints(body)
+    np.testing.assert_array_equal(made.skeleton.offsets, ANIMAL.offsets)
+    assert made == Joints(ANIMAL.to_json())
+    assert made != Joints()
+    array = dancedata.encode(random_motion(ANIMAL), "joints", body=body)
+    np.testing.assert_array_equal(array, made.encode(random_motion(ANIMAL)))
+    np.testing.assert_array_equal(
+        dancedata.encode(random_motion(SMPLX52), "joints", body="smplx52"),
+        Joints("smplx52").encode(random_motion(SMPLX52)),
+    )
+
+
+def broken(**changes: Any) -> dict[str, Any]:
+    return {**ANIMAL.to_json(), **changes}
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        ("smplx2", r"'smplx2'.*Did you mean 'smplx\d\d'"),
+        ({}, "body is no skeleton.*'feet'"),
+        (broken(offsets=[[0, 0, 0], [1]]), "body is no skeleton"),
+        (broken(offsets=[[0, 0, 0]]), "differ in number"),
+        (broken(parents=[-1, 2, 0, 0]), "a parent must come before"),
+        (broken(pairs=[[1, 9]]), "pairs and feet are joints"),
+        (broken(pairs=[[1]]), "body is no skeleton"),
+        (broken(pairs=[[1, 2], [2, 3]]), "pairs and feet are joints"),
+        (broken(feet=[1]), "body is no skeleton"),
+    ],
+)
+def test_what_is_no_skeleton(body: Any, message: str) -> None:
+    with pytest.raises(UsageError, match=message):
+        Joints(body)
+
+
+def test_what_cannot_be_encoded() -> None:
+    with pytest.raises(UsageError, match="animal cannot be put on smpl24"):
+        Joints().encode(random_motion(ANIMAL))
+    for made in (Joints(), Bailando72()):
+        with pytest.raises(UsageError, match=f"{made.name} holds no contacts.*height"):
+            made.encode(random_motion(SMPL24), Height())
+
+
+def test_bailando_has_smpls_pelvis() -> None:
+    made = Bailando72()
+    assert made.columns.width == 72
+    assert made.rate == Fraction(60)
+    still = Motion(np.array([[1.0, 2.0, 3.0]]), np.zeros((1, 24, 3)), THIRTY, SMPL24)
+    np.testing.assert_allclose(made.encode(still)[0, :3], [1 - 0.00217368, 2 - 0.24078918, 3 + 0.02858379], atol=1e-6)
+    # From another body as well: SMPL's bones and pelvis.
+    other = Motion(still.translation, np.zeros((1, 52, 3)), THIRTY, SMPLX52)
+    np.testing.assert_array_equal(made.encode(other), made.encode(still))
+    motion = random_motion(SMPL24)
+    np.testing.assert_array_equal(made.encode(motion), Joints("smpl24").encode(motion))
+
+
+def test_bailandos_joints_are_edges_with_the_true_pelvis(shared: Path) -> None:
+    """The forward kinematics of the reference outputs are EDGE's, with the pelvis at the translation itself."""
+    peers = shared / "golden" / "peers"
+    golden = np.load(peers / "fk_smpl24.npz")
+    dataset = AistPP(ignore="none")
+    for ref in dataset.scan(peers / "inputs" / "edge_aistpp").clips:
+        found = Bailando72().encode(dataset.load(ref)).reshape(-1, 24, 3) - SMPL24.offsets[0]
+        np.testing.assert_allclose(found, golden[f"{ref.id}.yup60"], rtol=0, atol=1e-5)
