@@ -29,6 +29,9 @@ class Dataset(Protocol):
         Raised by hand whenever `load` gives other numbers for the same file.
     generates
         Whether `scan` writes the source where there is none; False where it is left out.
+    generic
+        Whether it takes files of many layouts, so that `check` must not choose it by itself; False where it is
+        left out.
     """
 
     name: ClassVar[str]

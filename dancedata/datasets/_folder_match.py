@@ -1,0 +1,108 @@
+"""Folders without a manifest: motion and music that belong together have the same name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from dancedata.core.clip import Reject
+from dancedata.core.errors import SourceError
+from dancedata.datasets._folder_load import SUFFIXES
+from dancedata.datasets._layout import counted, describe, few, list_folder, relative
+
+__all__ = ["Matched", "match_names"]
+
+MOTION_FOLDERS = ("motions", "motion")
+MUSIC_FOLDERS = ("music", "wavs", "audio", "musics")
+MUSIC = (".wav", ".flac", ".mp3", ".ogg")  # in order of preference: lossless first
+LOOKED_FOR = (
+    "manifest.csv or manifest.jsonl; or motions/NAME.npz (.npy, .pkl, .bvh) with music/NAME.wav (.flac, .mp3, .ogg); "
+    "or NAME.npz beside NAME.wav"
+)
+
+
+@dataclass(frozen=True)
+class Matched:
+    """What was found: motion and music by name."""
+
+    layout: str
+    motions: dict[str, Path]
+    music: dict[str, Path]
+    rejects: tuple[Reject, ...]
+    notes: tuple[str, ...]
+
+
+def match_names(source: Path) -> Matched:
+    """List motion and music by their names.
+
+    Raises
+    ------
+    SourceError
+        If there is no motion where it is looked for.
+    """
+    folders = [source / name for name in MOTION_FOLDERS if (source / name).is_dir()]
+    apart = bool(folders)
+    motion_folder = folders[0] if apart else source
+    music_folders = [source / n for n in MUSIC_FOLDERS if (source / n).is_dir()] if apart else [source]
+    rejects: list[Reject] = []
+    motions = _by_name(source, [motion_folder], SUFFIXES, rejects)
+    music = _by_name(source, music_folders, MUSIC, rejects)
+    if not motions and not any(r.reason == "ambiguous_name" for r in rejects):
+        raise SourceError(
+            "folder: no motion found",
+            where=str(source),
+            found=describe(motion_folder),
+            allowed=LOOKED_FOR,
+            fix="give --source the folder with the files, or write a manifest (docs/own-data.md)",
+        )
+    rejects += _rest(source, {motion_folder, *music_folders}, motions, music)
+    both = sorted(set(motions) & set(music))
+    places = (
+        f"{relative(motion_folder, source)}/ and {few([f'{p.name}/' for p in music_folders]) or 'no music folder'}"
+    )
+    notes = [
+        f"No manifest: motion and music were matched by file name, {places if apart else 'side by side'}; "
+        f"{counted(len(both), 'pair')}, {len(motions) - len(both)} motions without music."
+    ]
+    return Matched("names" if apart else "names, side by side", motions, music, tuple(rejects), tuple(notes))
+
+
+def _by_name(source: Path, folders: list[Path], suffixes: tuple[str, ...], rejects: list[Reject]) -> dict[str, Path]:
+    """Files by stem; of equal names the better kind of music is taken, of motion none."""
+    found: dict[str, list[Path]] = {}
+    for folder in folders:
+        for path in list_folder(folder):
+            if path.suffix.lower() in suffixes and path.is_file():
+                found.setdefault(path.stem, []).append(path)
+    chosen = {}
+    for stem, paths in sorted(found.items()):
+        best, *others = sorted(paths, key=lambda path: suffixes.index(path.suffix.lower()))
+        if others and suffixes == SUFFIXES:
+            names = ", ".join(path.name for path in paths)
+            detail = f"{names}: nothing says which is meant; rename or take away, or write a manifest"
+            rejects.append(Reject("ambiguous_name", clip=stem, file=relative(best, source), detail=detail))
+            continue
+        chosen[stem] = best
+        rejects += [
+            Reject("extra_file", file=relative(path, source), detail=f"{relative(best, source)} is read for {stem}")
+            for path in others
+        ]
+    return chosen
+
+
+def _rest(source: Path, folders: set[Path], motions: dict[str, Path], music: dict[str, Path]) -> list[Reject]:
+    """Return what lies there and is not read, by name."""
+    known = {*MUSIC, *SUFFIXES}
+    rejects = [
+        Reject("unused_music", file=relative(path, source), detail="no motion of that name")
+        for stem, path in music.items()
+        if stem not in motions
+    ]
+    for folder in sorted({source, *folders}):
+        for path in list_folder(folder):
+            strange = path.is_file() and (path.suffix.lower() not in known or folder not in folders)
+            below = path.is_dir() and path not in folders
+            if strange or below:
+                detail = "a folder, which is not searched" if below else "neither motion nor music"
+                rejects.append(Reject("extra_file", file=relative(path, source), detail=detail))
+    return rejects

@@ -1,0 +1,219 @@
+"""Skeletons from a user's body model: the published joints through both doors, betas, genders, what is refused."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dancedata.core.bodies import SMPLX52, SMPLX55
+from dancedata.core.clip import ClipRef
+from dancedata.core.errors import DataError, SourceError, UsageError
+from dancedata.core.motion import Motion
+from dancedata.core.skeleton import SMPL24, Skeleton
+from dancedata.datasets._body_model import SMPLH52, body_model_skeleton
+from dancedata.datasets.folder import Folder
+
+N = 20
+
+
+def rest(skeleton: Skeleton) -> Any:
+    """Rest positions (J, 3)."""
+    places = np.array(skeleton.offsets)
+    for j in range(1, skeleton.n_joints):
+        places[j] += places[skeleton.parents[j]]
+    return places
+
+
+def model(path: Path, skeleton: Skeleton, *, shapes: int = 20, taller: float = 0.0, **changes: Any) -> Path:
+    """Write a tiny model in the published layout, a few vertices a joint; its mean body has the skeleton's joints."""
+    joints, n = rest(skeleton) * (1 + taller), skeleton.n_joints
+    vertices = np.repeat(joints, 2, axis=0) + np.tile([[0.01, 0, 0], [-0.01, 0, 0]], (n, 1))
+    directions = np.zeros((2 * n, 3, shapes))
+    directions[:, 1, 0] = 0.1 * vertices[:, 1]  # the first beta is height
+    directions[:, 0, 1] = 0.1 * vertices[:, 0]
+    directions[..., 10:] = 7.0  # the face's: of no effect on the body
+    tree = np.zeros((2, n), dtype=np.int64)
+    tree[0], tree[1] = skeleton.parents, np.arange(n)
+    content = {
+        "v_template": vertices,
+        "shapedirs": directions,
+        "J_regressor": np.repeat(np.eye(n), 2, axis=1) / 2,
+        "kintree_table": tree.astype(np.uint32),
+        **changes,
+    }
+    path.parent.mkdir(parents=True, exist_ok=True)
+    np.savez(path, **{key: value for key, value in content.items() if value is not None})
+    return path
+
+
+def test_neutral_is_the_same_through_both_doors(tmp_path: Path) -> None:
+    path = model(tmp_path / "SMPLX_NEUTRAL.npz", SMPLX55)
+    rng = np.random.default_rng(0)
+    poses, trans = rng.normal(0, 0.3, (N, 165)), rng.normal(0, 1, (N, 3))
+    file = tmp_path / "a.npz"
+    np.savez(file, poses=poses, trans=trans, mocap_frame_rate=60.0, gender="neutral", betas=np.zeros(10))
+    default, own = load(file), load(file, body_model=path)
+    assert np.abs(default.joints() - own.joints()).max() < 1e-5
+    assert np.array_equal(default.rotations, own.rotations)
+    assert own.skeleton.name.startswith("smplx55:")
+    assert np.abs(own.skeleton.offsets - SMPLX55.offsets).max() < 1e-9
+
+
+def load(path: Path, declared: dict[str, str] | None = None, **parameters: Any) -> Motion:
+    clip = ClipRef("x", path, None, "train", declared=tuple((declared or {}).items()))
+    return Folder(**parameters).load(clip)
+
+
+def test_parts_and_betas(tmp_path: Path) -> None:
+    path = model(tmp_path / "m.npz", SMPLX55)
+    part = body_model_skeleton(path, joints=SMPLX52)
+    assert part.joints == SMPLX52.joints
+    assert np.abs(part.offsets - SMPLX52.offsets).max() < 1e-9
+    assert part.name.startswith("smplx52:")
+    tall = body_model_skeleton(path, betas=[2.0])
+    assert np.allclose(tall.offsets[:, 1], SMPLX55.offsets[:, 1] * 1.2)
+    assert np.allclose(tall.offsets[:, [0, 2]], SMPLX55.offsets[:, [0, 2]])
+    assert tall.name != body_model_skeleton(path).name == body_model_skeleton(path, betas=np.zeros(300)).name
+
+
+def test_the_library_gives_the_same_joints(tmp_path: Path) -> None:
+    """smplx itself, on a model with all that it asks for."""
+    pytest.importorskip("smplx")
+    torch = pytest.importorskip("torch")
+    from smplx.body_models import SMPLX
+
+    # It picks vertices by their number in the real model, so there have to be as many.
+    n = 10_475
+    few = model(tmp_path / "few.npz", SMPLX55)
+    content = dict(np.load(few))
+    for name, axis in (("v_template", 0), ("shapedirs", 0), ("J_regressor", 1)):
+        array = content[name]
+        room = [(0, n - array.shape[k] if k == axis else 0) for k in range(array.ndim)]
+        content[name] = np.pad(array, room)
+    content |= {f"hands_components{side}": np.eye(45) for side in "lr"}
+    content |= {f"hands_mean{side}": np.zeros(45) for side in "lr"}
+    content |= {
+        "posedirs": np.zeros((n, 3, 54 * 9), np.int8),
+        "weights": np.eye(55)[np.arange(n) % 55],
+        "f": np.array([[0, 1, 2]]),
+        "lmk_faces_idx": np.zeros(51, np.int64),
+        "lmk_bary_coords": np.full((51, 3), 1 / 3),
+        "dynamic_lmk_faces_idx": np.zeros((79, 17), np.int64),
+        "dynamic_lmk_bary_coords": np.full((79, 17, 3), 1 / 3),
+    }
+    path = tmp_path / "SMPLX_NEUTRAL.npz"
+    np.savez(path, **content)
+    betas = np.linspace(-1, 1, 10)
+    peer = SMPLX(str(path), num_betas=10, use_pca=False, flat_hand_mean=True, ext="npz", dtype=torch.float64)
+    found = peer(betas=torch.tensor(betas[None], dtype=torch.float64)).joints[0, :55].detach().numpy()
+    ours = rest(body_model_skeleton(path, betas=betas))
+    assert np.abs(ours - found).max() < 1e-5
+
+
+@pytest.mark.parametrize(
+    ("file", "skeleton", "width"),
+    [
+        ("SMPLX_MALE.npz", SMPLX55, 165),
+        ("smplx/SMPLX_MALE.npz", SMPLX55, 165),
+        ("smplh/male/model.npz", SMPLH52, 156),
+        ("SMPLH_MALE.npz", SMPLH52, 156),
+        ("smpl/SMPL_MALE.npz", SMPL24, 72),
+    ],
+)
+def test_folders_of_models(tmp_path: Path, file: str, skeleton: Skeleton, width: int) -> None:
+    model(tmp_path / "models" / file, skeleton, taller=0.1)
+    model(tmp_path / "models" / file.replace("MALE", "NEUTRAL").replace("male", "neutral"), skeleton)
+    motion = tmp_path / "a.npz"
+    content = {"poses": np.zeros((N, width)), "trans": np.zeros((N, 3)), "betas": np.zeros(10)}
+    np.savez(motion, **content, gender="male", mocap_framerate=60)
+    given = {"body_model": tmp_path / "models", "up": "y", "unit": "m"}
+    assert np.allclose(load(motion, **given).skeleton.offsets, skeleton.offsets * 1.1)
+    assert np.allclose(load(motion, {"gender": "neutral"}, **given).skeleton.offsets, skeleton.offsets)
+    np.savez(motion, **content, gender="female", mocap_framerate=60)
+    with pytest.raises(DataError, match="FEMALE") as error:
+        load(motion, **given)
+    assert error.value.reason == "bad_body_model"
+
+
+def test_betas_of_the_file_are_used(tmp_path: Path) -> None:
+    path = model(tmp_path / "SMPLX_NEUTRAL.npz", SMPLX55)
+    motion = tmp_path / "a.npz"
+    content = {"poses": np.zeros((N, 165)), "trans": np.zeros((N, 3)), "mocap_framerate": 60, "gender": "neutral"}
+    betas = np.zeros(16)
+    betas[0] = 1.0
+    for given in (betas, betas[:10], np.tile(betas, (N, 1))):
+        np.savez(motion, betas=given, **content)
+        assert np.allclose(load(motion, body_model=path).skeleton.offsets[:, 1], SMPLX55.offsets[:, 1] * 1.1)
+    np.savez(motion, betas=np.arange(2 * N).reshape(N, 2), **content)
+    with pytest.raises(DataError, match="one body"):
+        load(motion, body_model=path)
+    np.savez(motion, betas=np.ones(16), **content)
+    with pytest.raises(DataError, match="16 betas") as error:
+        load(motion, body_model=path)
+    assert error.value.reason == "bad_body_model"
+
+
+def test_betas_of_another_gender_are_not_believed(tmp_path: Path) -> None:
+    path = model(tmp_path / "SMPLX_NEUTRAL.npz", SMPLX55)
+    motion = tmp_path / "a.npz"
+    content = {"poses": np.zeros((N, 165)), "trans": np.zeros((N, 3)), "mocap_framerate": 60, "gender": "female"}
+    np.savez(motion, betas=np.ones(10), **content)
+    with pytest.raises(DataError, match="female body, and the body model is neutral") as error:
+        load(motion, body_model=path)
+    assert error.value.reason == "bad_declaration"
+    assert load(motion, {"gender": "neutral"}, body_model=path).n_frames == N
+
+
+def test_a_model_of_another_body(tmp_path: Path) -> None:
+    path = model(tmp_path / "SMPLX_NEUTRAL.npz", SMPLX55)
+    with pytest.raises(UsageError, match="left_hand"):
+        body_model_skeleton(path, joints=SMPL24)
+    with pytest.raises(UsageError, match="22 joints"):
+        body_model_skeleton(model(tmp_path / "b.npz", SMPLX55, J_regressor=np.zeros((22, 110))))
+
+
+@pytest.mark.parametrize(
+    ("changes", "word"),
+    [
+        ({"J_regressor": None}, "no J_regressor"),
+        ({"v_template": np.zeros((7, 3))}, r"\(7, 3\)"),
+        ({"shapedirs": np.zeros((110, 3))}, "shapedirs"),
+        ({"v_template": np.full((110, 3), np.nan)}, "NaN"),
+        ({"kintree_table": np.zeros((2, 55))}, "other parents"),
+        ({"J_regressor": np.array({"sparse": 1}, dtype=object)}, "pickled Python objects"),
+    ],
+)
+def test_files_that_are_no_model(tmp_path: Path, changes: dict[str, Any], word: str) -> None:
+    with pytest.raises(UsageError, match=word) as error:
+        body_model_skeleton(model(tmp_path / "m.npz", SMPLX55, **changes))
+    assert "m.npz" in str(error.value)
+
+
+def test_pickled_models_are_not_opened(tmp_path: Path) -> None:
+    (tmp_path / "SMPL_NEUTRAL.pkl").write_bytes(b"cos\nsystem\n(S'false'\ntR.")
+    with pytest.raises(UsageError, match="run foreign code"):
+        body_model_skeleton(tmp_path / "SMPL_NEUTRAL.pkl")
+
+
+def test_no_model(tmp_path: Path) -> None:
+    for path in (tmp_path / "gone.npz", tmp_path):
+        with pytest.raises(UsageError, match="body model"):
+            body_model_skeleton(path)
+    with pytest.raises(UsageError, match="neutral, male, female"):
+        body_model_skeleton(tmp_path, gender="any")
+    (tmp_path / "source").mkdir()
+    np.save(tmp_path / "source" / "a.npy", np.zeros((3, 315)))
+    with pytest.raises(SourceError, match="body_model"):
+        Folder(body_model=tmp_path / "gone.npz", music="optional").scan(tmp_path / "source")
+
+
+def test_a_model_that_is_replaced_is_read_again(tmp_path: Path) -> None:
+    path = model(tmp_path / "m.npz", SMPLX55)
+    before = body_model_skeleton(path)
+    model(path, SMPLX55, taller=0.1)
+    os.utime(path, ns=(1, 1))
+    assert not np.allclose(body_model_skeleton(path).offsets, before.offsets)

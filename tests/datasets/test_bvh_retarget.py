@@ -1,0 +1,435 @@
+"""BVH skeletons on SMPL's joints: names, positions and rotations that survive, on synthetic and on real files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from dancedata.core.clip import ClipRef
+from dancedata.core.errors import DataError, UsageError
+from dancedata.core.kinematics import forward_kinematics
+from dancedata.core.motion import Motion
+from dancedata.core.skeleton import SMPL24, Skeleton
+from dancedata.datasets._bvh import read_bvh
+from dancedata.datasets._bvh_kinematics import world
+from dancedata.datasets._bvh_names import REQUIRED, map_joints
+from dancedata.datasets._bvh_write import write_bvh
+from dancedata.datasets._folder_facts import UPRIGHT
+from dancedata.datasets.folder import Folder
+from dancedata.datasets.synthetic import synthesise_motion
+
+Floats = NDArray[np.float64]
+
+MIXAMO = """mixamorig:Hips mixamorig:LeftUpLeg mixamorig:RightUpLeg mixamorig:Spine mixamorig:LeftLeg
+    mixamorig:RightLeg mixamorig:Spine1 mixamorig:LeftFoot mixamorig:RightFoot mixamorig:Spine2
+    mixamorig:LeftToeBase mixamorig:RightToeBase mixamorig:Neck mixamorig:LeftShoulder mixamorig:RightShoulder
+    mixamorig:Head mixamorig:LeftArm mixamorig:RightArm mixamorig:LeftForeArm mixamorig:RightForeArm
+    mixamorig:LeftHand mixamorig:RightHand mixamorig:LeftHandMiddle1 mixamorig:RightHandMiddle1"""
+XSENS = """Hips LeftHip RightHip Chest LeftKnee RightKnee Chest2 LeftAnkle RightAnkle Chest3 LeftToe RightToe Neck
+    LeftCollar RightCollar Head LeftShoulder RightShoulder LeftElbow RightElbow LeftWrist RightWrist LeftHand
+    RightHand"""
+SEGMENTS = """Pelvis LeftUpperLeg RightUpperLeg L5 LeftLowerLeg RightLowerLeg L3 LeftFoot RightFoot T12 LeftToe
+    RightToe
+    Neck LeftShoulder RightShoulder Head LeftUpperArm RightUpperArm LeftForeArm RightForeArm LeftHand RightHand
+    LeftFinger RightFinger"""
+SMPL_SHORT = """Pelvis L_Hip R_Hip Spine1 L_Knee R_Knee Spine2 L_Ankle R_Ankle Spine3 L_Foot R_Foot Neck L_Collar
+    R_Collar Head L_Shoulder R_Shoulder L_Elbow R_Elbow L_Wrist R_Wrist L_Hand R_Hand"""
+SMPL_NAMES = " ".join(SMPL24.joints)
+
+
+def load(path: Path, **parameters: Any) -> Motion:
+    return Folder(**parameters).load(ClipRef("x", path, None, "train"))
+
+
+@pytest.fixture(scope="module")
+def danced() -> Motion:
+    return synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=150)[0]
+
+
+def odd_bones(seed: int) -> Skeleton:
+    """SMPL's tree with bones of other lengths, as another dancer has them."""
+    scale = np.random.default_rng(seed).uniform(0.7, 1.3, (24, 1))
+    offsets = np.array(SMPL24.offsets) * scale
+    return Skeleton("odd", SMPL24.joints, SMPL24.parents, offsets, SMPL24.pairs, SMPL24.feet)
+
+
+def write_as(
+    path: Path,
+    motion: Motion,
+    bones: Skeleton,
+    frames: Rotation,
+    *,
+    names: Sequence[str] = tuple(MIXAMO.split()),
+    orders: Any = "ZYX",
+) -> Floats:
+    """Write a motion on `bones` with every joint's own axes turned by `frames`; returns joint positions, metres."""
+    q = frames.as_matrix()
+    local = Rotation.from_rotvec(np.array(motion.rotations.reshape(-1, 3))).as_matrix().reshape(-1, 24, 3, 3)
+    offsets, turns = np.zeros((24, 3)), np.empty_like(local)
+    turns[:, 0] = local[:, 0] @ q[0]
+    for j in range(1, 24):
+        parent = SMPL24.parents[j]
+        offsets[j] = q[parent].T @ bones.offsets[j]
+        turns[:, j] = q[parent].T @ local[:, j] @ q[j]
+    pelvis = motion.translation + bones.offsets[0]
+    write_bvh(path, names, SMPL24.parents, offsets * 100, turns, pelvis * 100, "0.0166667", orders)
+    return forward_kinematics(bones, motion.rotations, motion.translation)
+
+
+def angles(one: Floats, other: Floats) -> Floats:
+    """Degrees between rotations (T, J, 3)."""
+    a, b = (Rotation.from_rotvec(np.array(r.reshape(-1, 3))) for r in (one, other))
+    return np.degrees((a.inv() * b).magnitude()).reshape(one.shape[:2])
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_positions_survive_any_skeleton(tmp_path: Path, danced: Motion, seed: int) -> None:
+    """Random bones, random axes of every joint (the rest pose is a heap), random orders of rotation."""
+    rng = np.random.default_rng(seed)
+    orders = [str(rng.choice(["XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX"])) for _ in range(24)]
+    wanted = write_as(tmp_path / "a.bvh", danced, odd_bones(seed), Rotation.random(24, rng), orders=orders)
+    motion = load(tmp_path / "a.bvh", unit="cm")
+    assert motion.grid.rate == 60
+    assert np.abs(motion.joints() - wanted).max() < 1e-5  # metres; the file has six decimals
+
+
+def test_a_rest_pose_like_smpls_gives_the_rotations_back(tmp_path: Path, danced: Motion) -> None:
+    """Up to where a skeleton's maker put the joints: SMPL's own hips, neck and head lie askew by a few degrees."""
+    wanted = write_as(tmp_path / "a.bvh", danced, SMPL24, Rotation.identity(24))
+    motion = load(tmp_path / "a.bvh", unit="cm")
+    off = angles(motion.rotations, danced.rotations)
+    assert np.abs(motion.joints() - wanted).max() < 1e-5
+    assert off.mean() < 4
+    assert off.max() < 13
+
+
+def test_axes_turned_by_quarters_give_the_rotations_back(tmp_path: Path, danced: Motion) -> None:
+    """As in Rokoko's files, whose rest pose is no body's: feet, head and limbs are turned back."""
+    rng = np.random.default_rng(5)
+    quarters = Rotation.create_group("O")
+    frames = Rotation.concatenate([quarters[int(k)] for k in rng.integers(0, 24, 24)])
+    frames = Rotation.concatenate([Rotation.identity(1), frames[1:]])
+    write_as(tmp_path / "a.bvh", danced, SMPL24, frames)
+    off = angles(load(tmp_path / "a.bvh", unit="cm").rotations, danced.rotations).mean(axis=0)
+    body = [SMPL24.index(j) for j in ("pelvis", "left_hip", "right_hip", "left_knee", "right_knee", "head", "neck")]
+    assert off[body].max() < 15
+
+
+def test_arms_hanging_at_rest(tmp_path: Path, danced: Motion) -> None:
+    """An A-pose: shoulders are turned by 50 degrees at rest, and rotations still are SMPL's."""
+    down = np.zeros((24, 3))
+    for joint, sign in (("left_shoulder", -1), ("right_shoulder", 1)):
+        down[SMPL24.index(joint)] = (0, 0, sign * np.radians(50))
+    chains = {16: 16, 18: 16, 20: 16, 22: 16, 17: 17, 19: 17, 21: 17, 23: 17}
+    # The file's arms hang where its own angles are 0: a joint's axes are SMPL's, seen from the arm at rest.
+    frames = Rotation.from_rotvec([-down[chains.get(j, 0)] for j in range(24)])
+    wanted = write_as(tmp_path / "a.bvh", danced, SMPL24, frames)
+    motion = load(tmp_path / "a.bvh", unit="cm")
+    assert np.abs(motion.joints() - wanted).max() < 1e-5
+    assert angles(motion.rotations, danced.rotations)[:, 16:20].mean() < 7
+
+
+@pytest.mark.parametrize(
+    ("names", "style"),
+    [
+        (MIXAMO, "UpLeg/ForeArm"),
+        (XSENS, "Xsens joints"),
+        (SEGMENTS, "Xsens segments"),
+        (SMPL_NAMES, "SMPL"),
+        (SMPL_SHORT, "SMPL"),
+    ],
+)
+def test_names_of_many_makers(tmp_path: Path, danced: Motion, names: str, style: str) -> None:
+    write_as(tmp_path / "a.bvh", danced, SMPL24, Rotation.identity(24), names=names.split())
+    joints = read_bvh(tmp_path / "a.bvh").joints
+    found = map_joints(tmp_path, joints, None)
+    assert style in found.style
+    of = {SMPL24.joints[s]: joints[b].name for s, b in found.of.items()}
+    right = dict(zip(SMPL24.joints, names.split(), strict=True))
+    for name in set(right) - {"left_hand", "right_hand"}:
+        assert of[name] == right[name]
+
+
+def test_spines_of_any_number() -> None:
+    from dancedata.datasets._bvh_hierarchy import BvhJoint
+
+    for n, expected in [(0, []), (1, [1]), (2, [1, 2]), (3, [1, 2, 3]), (4, [1, 3, 4]), (5, [1, 3, 5])]:
+        names, parents = ["Hips"] + [f"s{k}" for k in range(1, n + 1)], [-1, *range(n)]
+        for side in ("Left", "Right"):
+            for chain, root in ((("UpLeg", "Leg", "Foot"), 0), (("Arm", "ForeArm", "Hand"), n)):
+                for k, part in enumerate(chain):
+                    parents.append(root if k == 0 else len(names) - 1)
+                    names.append(side + part)
+        names, parents = [*names, "Head"], [*parents, n]
+        joints = [BvhJoint(a, p, (0, 1, 0), (), 0, 1) for a, p in zip(names, parents, strict=True)]
+        of = map_joints(Path("x"), joints, None).of
+        spines = [of[s] for s in (3, 6, 9) if s in of]
+        assert spines == expected
+
+
+def test_four_joints_of_a_back_bend_as_one_line(tmp_path: Path, danced: Motion) -> None:
+    """A joint between two mapped ones bends: the joint above looks at the one below, positions agree."""
+    tree = [*SMPL24.parents]
+    names = [*MIXAMO.split(), "Extra"]
+    # Extra lies between Spine1 (6) and Spine2 (9), half way.
+    order = [0, 1, 2, 3, 4, 5, 6, 24, *range(7, 24)]
+    offsets = np.array([*SMPL24.offsets, SMPL24.offsets[9] / 2])
+    offsets[9] /= 2
+    tree.append(6)
+    tree[9] = 24
+    rank = {old: new for new, old in enumerate(order)}
+    turns = Rotation.from_rotvec(np.array(danced.rotations.reshape(-1, 3))).as_matrix().reshape(-1, 24, 3, 3)
+    bend = Rotation.from_rotvec(np.linspace(-0.4, 0.4, len(turns))[:, None] * [1.0, 0.0, 0.0]).as_matrix()
+    turns = np.concatenate([turns, bend[:, None]], axis=1)
+    write_bvh(
+        tmp_path / "a.bvh",
+        [names[k] for k in order],
+        [rank.get(tree[k], -1) for k in order],
+        offsets[order] * 100,
+        turns[:, order],
+        danced.translation * 100,
+        "0.0166667",
+    )
+    motion = load(tmp_path / "a.bvh", unit="cm")
+    assert agreement_cm(tmp_path / "a.bvh", motion, 0.01, "y").max() < 0.15
+
+
+def agreement_cm(path: Path, motion: Motion, metres: float, up: str) -> Floats:
+    """Largest distance in cm, for each required joint, between the motion and the file's own kinematics."""
+    bvh = read_bvh(path)
+    of = map_joints(path, bvh.joints, None).of
+    wanted = [SMPL24.index(name) for name in REQUIRED]
+    _, places = world(bvh, [of[s] for s in wanted], slice(None))
+    places = places @ UPRIGHT[up].T * metres
+    return np.linalg.norm(motion.joints()[:, wanted] - places, axis=-1).max(axis=0) * 100
+
+
+REAL = [
+    ("rokoko_jesse_dance", "cm", "y", 100, 0.001),
+    ("cmu_01_01", "cmu", "y", 120, 0.001),
+    # Four joints in the back: one of them is left out. Its unit is none of the usual ones.
+    ("fair1_dab", "0.0381", "z", 30, 0.1),
+]
+
+
+@pytest.mark.parametrize(("name", "unit", "up", "rate", "tolerance_cm"), REAL)
+def test_real_files(shared: Path, name: str, unit: str, up: str, rate: int, tolerance_cm: float) -> None:
+    path = shared / "realdata" / "bvh" / f"{name}.bvh"
+    motion = load(path, unit=unit, up=up)
+    metres = {"cm": 0.01, "cmu": 0.0254 / 0.45}.get(unit) or float(unit)
+    assert motion.grid.rate == rate
+    assert agreement_cm(path, motion, metres, up).max() < tolerance_cm
+    joints = motion.joints()
+    assert 1.2 < np.median(np.ptp(joints[..., 1], axis=1)) < 2.2
+    # Upright: the head is above the feet in nearly every frame.
+    assert np.mean(joints[:, 15, 1] > joints[:, 7, 1] + 0.5) > 0.9
+
+
+@pytest.mark.parametrize(("name", "unit", "up", "rate", "tolerance_cm"), REAL)
+def test_knees_and_elbows_of_real_files_bend_as_smpls_do(
+    shared: Path, name: str, unit: str, up: str, rate: int, tolerance_cm: float
+) -> None:
+    """SMPL's knees bend about +x, its left elbow about -y and its right one about +y; nothing is wrung out."""
+    motion = load(shared / "realdata" / "bvh" / f"{name}.bvh", unit=unit, up=up)
+    mean = {
+        j: Rotation.from_rotvec(np.array(motion.rotations[:, k])).mean().as_rotvec(degrees=True)
+        for k, j in enumerate(SMPL24.joints)
+    }
+    for side, sign in (("left", -1), ("right", 1)):
+        knee, elbow = mean[f"{side}_knee"], mean[f"{side}_elbow"] * sign
+        assert knee[0] > 5
+        assert knee[0] > 2 * np.abs(knee[1:]).min()
+        assert elbow[1] > 15
+    for joint in ("left_ankle", "right_ankle", "left_collar", "right_collar", "spine1", "spine2", "head", "neck"):
+        assert np.linalg.norm(mean[joint]) < 50
+
+
+def test_guessed_units_of_real_files(shared: Path) -> None:
+    heights = {}
+    for name, _, up, _, _ in REAL:
+        path = shared / "realdata" / "bvh" / f"{name}.bvh"
+        joints = load(path, unit="guess", up=up).joints()
+        heights[name] = float(np.median(np.ptp(joints[..., 1], axis=1)))
+    assert all(1.2 < height < 2.2 for height in heights.values())
+
+
+def test_a_file_with_z_up_says_so_when_nothing_is_declared(shared: Path) -> None:
+    with pytest.raises(DataError, match=r"(?i)declare up: z") as error:
+        load(shared / "realdata" / "bvh" / "fair1_dab.bvh", unit="0.0381")
+    assert error.value.reason == "undeclared"
+
+
+@pytest.fixture
+def own(tmp_path: Path, danced: Motion) -> Path:
+    write_as(tmp_path / "own.bvh", danced, SMPL24, Rotation.identity(24))
+    return tmp_path / "own.bvh"
+
+
+def test_unit_is_never_guessed_unasked(own: Path) -> None:
+    with pytest.raises(DataError) as error:
+        load(own)
+    assert error.value.reason == "undeclared"
+    assert "cm: 1.5" in str(error.value)
+    assert "unit: as a column" in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("unit", "metres"),
+    [("m", 1.0), ("mm", 0.001), ("inch", 0.0254), ("cmu", 0.0254 / 0.45), (0.5, 0.5), ("0.02", 0.02)],
+)
+def test_units(own: Path, unit: float | str, metres: float) -> None:
+    expected = load(own, unit="cm").joints() * metres / 0.01
+    assert np.abs(load(own, unit=unit).joints() - expected).max() < 1e-9 * metres / 0.01
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1.0, "cm"), (0.01, "m"), (10.0, "mm"), (0.4, "inch"), (0.18, "cmu")])
+def test_guess_finds_the_unit(own: Path, factor: float, unit: str) -> None:
+    bvh = read_bvh(own)
+    places = np.array([joint.offset for joint in bvh.joints]) * factor
+    turns = Rotation.identity(48).as_matrix().reshape(2, 24, 3, 3)
+    write_bvh(own, bvh.names, [j.parent for j in bvh.joints], places, turns, np.zeros((2, 3)), "0.01")
+    motion = load(own, unit="guess")
+    assert np.array_equal(motion.rotations, load(own, unit=unit).rotations)
+    assert 1.2 < np.median(np.ptp(motion.joints()[..., 1], axis=1)) < 2.2
+    assert motion.skeleton.name == load(own, unit=unit).skeleton.name
+
+
+def test_up_axis(tmp_path: Path, danced: Motion) -> None:
+    expected = write_as(tmp_path / "a.bvh", danced, SMPL24, Rotation.identity(24))
+    lines = (tmp_path / "a.bvh").read_text().splitlines()
+    # A root above the hips that turns the whole take to +Z up.
+    turned = ["HIERARCHY", "ROOT World", "{", "OFFSET 0 0 0", f"CHANNELS 6 Xposition Yposition Zposition {ZYX}"]
+    motion_at = lines.index("MOTION")
+    body = [line.replace("ROOT", "JOINT") for line in lines[1:motion_at]]
+    rows = ["0 0 0 0 0 90 " + line for line in lines[motion_at + 3 :]]
+    text = [*turned, *body, "}", *lines[motion_at : motion_at + 3], *rows]
+    (tmp_path / "b.bvh").write_text("\n".join(text))
+    with pytest.raises(DataError, match=r"(?i)declare up: z"):
+        load(tmp_path / "b.bvh", unit="cm")
+    assert np.abs(load(tmp_path / "b.bvh", unit="cm", up="z").joints() - expected).max() < 1e-5
+
+
+ZYX = "Zrotation Yrotation Xrotation"
+
+
+def test_joint_map(tmp_path: Path, danced: Motion) -> None:
+    names = [f"Knochen {k}" for k in range(24)]
+    expected = write_as(tmp_path / "a.bvh", danced, SMPL24, Rotation.identity(24), names=names)
+    with pytest.raises(DataError) as error:
+        load(tmp_path / "a.bvh", unit="cm")
+    assert error.value.reason == "unknown_joints"
+    assert "pelvis, left_hip" in str(error.value)
+    given = dict(zip(SMPL24.joints, names, strict=True))
+    assert np.abs(load(tmp_path / "a.bvh", unit="cm", joint_map=given).joints() - expected).max() < 1e-5
+    without = {**given, "spine2": "", "left_hand": ""}
+    part = load(tmp_path / "a.bvh", unit="cm", joint_map=without).joints()
+    assert np.abs(part - expected)[:, [7, 8]].max() < 1e-5
+
+
+def test_a_missing_joint_is_named_with_its_like(own: Path) -> None:
+    own.write_text(own.read_text().replace("mixamorig:LeftForeArm", "mixamorig:LeftForearmm"))
+    with pytest.raises(DataError) as error:
+        load(own, unit="cm")
+    assert error.value.reason == "unknown_joints"
+    for word in ("own.bvh", "left_elbow", "did you mean 'mixamorig:LeftForearmm'", "joint_map"):
+        assert word in str(error.value)
+    named = load(own, unit="cm", joint_map={"left_elbow": "mixamorig:LeftForearmm"})
+    assert named.n_frames == 150
+
+
+@pytest.mark.parametrize(
+    ("given", "reason", "word"),
+    [
+        ({"left_knee": "mixamorig:LeftLeq"}, "unknown_joints", "did you mean 'mixamorig:LeftLeg'"),
+        ({"left_knee": "mixamorig:RightLeg", "right_knee": "mixamorig:LeftLeg"}, "bad_joint_map", "hang below"),
+        ({"left_knee": ""}, "unknown_joints", "left_knee"),
+        ({"left_knee": "mixamorig:LeftFoot"}, "unknown_joints", "left_ankle"),
+    ],
+)
+def test_wrong_joint_maps(own: Path, given: dict[str, str], reason: str, word: str) -> None:
+    with pytest.raises(DataError, match=word) as error:
+        load(own, unit="cm", joint_map=given)
+    assert error.value.reason == reason
+
+
+def test_joint_map_of_no_joint() -> None:
+    with pytest.raises(UsageError, match="did you mean 'left_knee'"):
+        Folder(joint_map={"left_nee": "x"})
+
+
+def test_optional_joints_may_be_missing(tmp_path: Path, danced: Motion) -> None:
+    """No spine, collars, toes, hands or head: the joints that are there lie where the file has them."""
+    kept = [0, 1, 2, 4, 5, 7, 8, 12, 16, 17, 18, 19, 20, 21]
+    world_offsets = np.zeros((24, 3))
+    for j in range(1, 24):
+        world_offsets[j] = world_offsets[SMPL24.parents[j]] + SMPL24.offsets[j]
+    parents = []
+    for j in kept:
+        parent = SMPL24.parents[j]
+        while parent not in kept and parent != -1:
+            parent = SMPL24.parents[parent]
+        parents.append(-1 if parent == -1 else kept.index(parent))
+    offsets = np.array(
+        [world_offsets[j] - world_offsets[kept[p]] * (p >= 0) for j, p in zip(kept, parents, strict=True)]
+    )
+    turns = Rotation.from_rotvec(np.array(danced.rotations[:, kept].reshape(-1, 3))).as_matrix().reshape(-1, 14, 3, 3)
+    names = [MIXAMO.split()[j] for j in kept]
+    write_bvh(tmp_path / "a.bvh", names, parents, offsets * 100, turns, danced.translation * 100, "0.0166667")
+    motion = load(tmp_path / "a.bvh", unit="cm")
+    assert agreement_cm(tmp_path / "a.bvh", motion, 0.01, "y").max() < 0.001
+    toes = motion.joints()[:, 10] - motion.joints()[:, 7]
+    assert np.allclose(np.linalg.norm(toes, axis=1), np.linalg.norm(SMPL24.offsets[10]), rtol=0.05)
+
+
+def test_skeletons_that_are_none(own: Path) -> None:
+    lines = own.read_text().splitlines()
+    at = next(k for k, line in enumerate(lines) if "LeftFoot" in line) + 2
+    lines[at] = "OFFSET 0 0 0"
+    own.write_text("\n".join(lines))
+    with pytest.raises(DataError, match="lie in one place") as error:
+        load(own, unit="cm")
+    assert error.value.reason == "bad_skeleton"
+
+
+def test_bones_that_change_their_length(own: Path) -> None:
+    text = own.read_text()
+    # Six channels for the last joint of the file, whose position wanders by 30 cm.
+    head, _, tail = text.rpartition("CHANNELS 3 Z")
+    bent = head + "CHANNELS 6 Xposition Yposition Zposition Z" + tail
+    lines = bent.splitlines()
+    first = lines.index("MOTION") + 3
+    for k, line in enumerate(lines[first:], start=first):
+        words = line.split()
+        lines[k] = " ".join([*words[:-3], str(8.0 + k % 30), "0", "0", *words[-3:]])
+    own.write_text("\n".join(lines))
+    with pytest.raises(DataError, match="changes its length") as error:
+        load(own, unit="cm")
+    assert error.value.reason == "bad_skeleton"
+
+
+def test_position_channels_stand_in_place_of_offsets(own: Path) -> None:
+    text = own.read_text()
+    expected = load(own, unit="cm").joints()
+    head, _, tail = text.rpartition("CHANNELS 3 Z")
+    before, _, offset = head.rpartition("OFFSET ")
+    lines = f"{before}OFFSET 1 2 3\n\t\tCHANNELS 6 Xposition Yposition Zposition Z{tail}".splitlines()
+    first = lines.index("MOTION") + 3
+    for k, line in enumerate(lines[first:], start=first):
+        words = line.split()
+        lines[k] = " ".join([*words[:-3], *offset.split(), *words[-3:]])
+    own.write_text("\n".join(lines))
+    assert np.abs(load(own, unit="cm").joints() - expected).max() < 1e-9
+
+
+def test_equal_bones_have_one_name(tmp_path: Path, danced: Motion, own: Path) -> None:
+    write_as(tmp_path / "b.bvh", danced.part(0, 20), SMPL24, Rotation.identity(24))
+    write_as(tmp_path / "c.bvh", danced, odd_bones(1), Rotation.identity(24))
+    names = [load(tmp_path / file, unit="cm").skeleton.name for file in ("own.bvh", "b.bvh", "c.bvh")]
+    assert names[0] == names[1] != names[2]
+    assert names[0].startswith("smpl24:bvh-")

@@ -1,0 +1,407 @@
+"""The dataset reader folder: manifests, matching names, what the notes say, and builds from end to end."""
+
+from __future__ import annotations
+
+import json
+import wave
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from dancedata.core.clip import Scan
+from dancedata.core.errors import DataError, SourceError, StoreError, UsageError
+from dancedata.core.registry import DATASETS
+from dancedata.datasets._bvh_names import STYLES
+from dancedata.datasets._folder_manifest import COLUMNS, read_manifest
+from dancedata.datasets.folder import Folder
+
+
+def put(source: Path, file: str, data: bytes = b"stand-in") -> Path:
+    path = source / file
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(data)
+    return path
+
+
+def put_wav(source: Path, file: str) -> None:
+    with wave.open(str(put(source, file)), "wb") as out:
+        out.setnchannels(1)
+        out.setsampwidth(2)
+        out.setframerate(8000)
+        out.writeframes(bytes(2 * 8000 * 4))
+
+
+def put_motion(source: Path, file: str, **more: Any) -> None:
+    put(source, file)
+    arrays = {"poses": np.zeros((90, 72)), "trans": np.zeros((90, 3)), **more}
+    np.savez(source / file, **arrays)
+
+
+@pytest.fixture
+def source(tmp_path: Path) -> Path:
+    """Two motions and two songs; the path has a blank and letters beyond ASCII."""
+    source = tmp_path / "мой dänce 舞"
+    for name in ("a", "b"):
+        put_motion(source, f"takes/{name}.npz")
+        put_wav(source, f"songs/{name}.wav")
+    return source
+
+
+def manifest(source: Path, text: str, name: str = "manifest.csv") -> Path:
+    return put(source, name, text.encode())
+
+
+def by_id(scan: Scan) -> dict[str, Any]:
+    return {clip.id: clip for clip in scan.clips}
+
+
+FULL = """id,motion,audio,split,genre,music,dancer,tempo_bpm,fps,up,unit,layout
+two,takes/b.npz,songs/a.wav,test,waltz,,ben,,30000/1001,z,cm,smpl
+one,takes/a.npz,songs/b.wav,train,"waltz, slow",Blue,anna,92.5,60,y,m,
+"""
+
+
+def test_a_manifest(source: Path) -> None:
+    manifest(source, FULL)
+    scan = Folder().scan(source)
+    assert [clip.id for clip in scan.clips] == ["one", "two"]
+    one, two = scan.clips
+    assert (one.split, one.genre, one.music, one.dancer, one.tempo_bpm) == (
+        "train",
+        "waltz, slow",
+        "Blue",
+        "anna",
+        92.5,
+    )
+    assert (two.split, two.music, two.tempo_bpm) == ("test", "a", None)
+    assert two.declared == (("fps", "30000/1001"), ("layout", "smpl"), ("unit", "cm"), ("up", "z"))
+    assert str(Folder().load(two).grid) == "30000/1001"
+    assert Folder().load(one).grid.rate == 60
+    notes = "\n".join(scan.notes)
+    for words in (
+        "manifest.csv, 2 clips",
+        "1 test, 1 train",
+        "60 FPS (declared in the manifest)",
+        "+Z up",
+        "turned to +Y",
+    ):
+        assert words in notes
+    assert not scan.rejects
+
+
+def test_the_same_in_jsonl_and_in_other_hands(source: Path) -> None:
+    manifest(source, FULL)
+    expected = Folder().scan(source)
+    same = [FULL.replace("\n", "\r\n"), "\ufeff" + FULL, "# mine\n\n" + FULL]
+    same += [FULL.replace('"waltz, slow"', "waltz| slow").replace(",", ";").replace("|", ",")]
+    for text in same:
+        manifest(source, text)
+        assert Folder().scan(source) == expected
+    (source / "manifest.csv").unlink()
+    two = {"id": "two", "motion": "takes/b.npz", "audio": "songs/a.wav", "split": "test", "genre": "waltz"}
+    two |= {"dancer": "ben", "fps": "30000/1001", "up": "z", "unit": "cm", "layout": "smpl", "music": None}
+    one = {"id": "one", "motion": "takes/a.npz", "audio": "songs/b.wav", "split": "train", "genre": "waltz, slow"}
+    one |= {"music": "Blue", "dancer": "anna", "tempo_bpm": 92.5, "fps": 60, "up": "y", "unit": "m"}
+    rows = [two, one]
+    manifest(source, "\n".join(json.dumps(row) for row in rows) + "\n\n", "manifest.jsonl")
+    assert Folder().scan(source).clips == expected.clips
+
+
+def test_defaults_of_a_manifest(source: Path) -> None:
+    manifest(source, "motion,audio\ntakes/a.npz,songs/a.wav\ntakes/b.npz,songs/a.wav\n")
+    scan = Folder(fps=30, up="y", unit="m", split="val").scan(source)
+    assert [(c.id, c.split, c.music) for c in scan.clips] == [("a", "val", "a"), ("b", "val", "a")]
+    assert any("none is given, so all 2 clips are in 'val'" in note for note in scan.notes)
+    assert any("declared in the recipe" in note for note in scan.notes)
+
+
+def test_songs_of_one_name_in_two_folders_are_two_songs(source: Path) -> None:
+    put_wav(source, "other/a.wav")
+    manifest(source, "motion,audio\ntakes/a.npz,songs/a.wav\ntakes/b.npz,other/a.wav\n")
+    assert [clip.music for clip in Folder().scan(source).clips] == ["songs/a", "other/a"]
+
+
+def test_what_is_listed_and_not_there(source: Path) -> None:
+    manifest(source, "motion,audio\ntakes/a.npz,songs/no.wav\ntakes/no.npz,songs/a.wav\ntakes/b.npz,\n")
+    scan = Folder().scan(source)
+    assert {(r.clip, r.reason) for r in scan.rejects} == {
+        ("a", "missing_music"),
+        ("no", "missing_motion"),
+        ("b", "missing_music"),
+    }
+    assert not scan.clips
+    kept = Folder(music="optional").scan(source)
+    assert [(clip.id, clip.audio_path, clip.music) for clip in kept.clips] == [("b", None, "")]
+
+
+HEAD = "motion,audio,fps\n"
+ROW = "takes/a.npz,songs/a.wav,30\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", ["lists no clip"]),
+        (HEAD, ["lists no clip"]),
+        ("motoin,audio\n" + ROW, ["line 1", "'motoin'", "did you mean 'motion'"]),
+        ("motion,audio,frames_per_second\n" + ROW, ["'frames_per_second'"]),
+        ("motion,motion,fps\n" + ROW, ["twice"]),
+        ("audio,fps\nsongs/a.wav,30\n", ["no column motion"]),
+        (HEAD + "takes/a.npz,songs/a.wav\n", ["line 2", "2 cells"]),
+        (HEAD + ROW + ROW, ["line 3", "two clips are named 'a'", "lines 2 and 3"]),
+        (HEAD + ",songs/a.wav,30\n", ["line 2", "without motion"]),
+        (HEAD + "takes/a.npz,songs/a.wav,0\n", ["line 2", "fps", "found 0"]),
+        (HEAD + "takes/a.npz,songs/a.wav,1e999999999\n", ["fps"]),
+        (HEAD + "takes/a.npz,songs/a.wav,fast\n", ["found fast"]),
+        ("motion,up\ntakes/a.npz,x\n", ["up", "known: y, z"]),
+        ("motion,unit\ntakes/a.npz,km\n", ["unit", "cmu"]),
+        ("motion,unit\ntakes/a.npz,nan\n", ["unit"]),
+        ("motion,layout\ntakes/a.npz,smplxx\n", ["did you mean 'smplx'"]),
+        ("motion,gender\ntakes/a.npz,x\n", ["gender"]),
+        ("motion,tempo_bpm\ntakes/a.npz,0\n", ["tempo_bpm"]),
+        ("motion,tempo_bpm\ntakes/a.npz,nan\n", ["tempo_bpm"]),
+        ("motion,split\ntakes/a.npz,my split\n", ["line 2", "'my split'"]),
+        ("motion,split\ntakes/a.npz,../x\n", ["line 2"]),
+        ("motion\nnotes.txt\n", ["line 2", "notes.txt", ".bvh"]),
+        ("motion,audio\ntakes/a.npz,song.mid\n", ["song.mid", ".flac"]),
+        ('motion,audio\n"takes/a.npz,songs/a.wav\n', ["no CSV"]),
+        ("motion,audio\ntakes/a.npz,a\x00b.wav\n", ["readable text"]),
+        ("motion\n" + "x" * 5000 + ".npz\n", ["readable text"]),
+        ("motion\n" + "x" * 500 + ".npz\n", ["line 2"]),
+    ],
+)
+def test_mistakes_in_a_manifest(source: Path, text: str, words: list[str]) -> None:
+    manifest(source, text)
+    with pytest.raises(SourceError) as error:
+        Folder().scan(source)
+    for word in ("manifest.csv", *words):
+        assert word in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("nonsense", ["line 1", "no JSON"]),
+        ("[" * 100_000, ["line 1", "no JSON"]),
+        ('{"motion": NaN}', ["NaN"]),
+        ('{"motion": "a.npz", "motion": "b.npz"}', ["twice"]),
+        ("[1]", ["list"]),
+        ('{"motion": ["a.npz"]}', ["motion", "list"]),
+        ('{"motion": true}', ["bool"]),
+        ('{"motion": "a.npz", "split": {}}', ["split"]),
+        ('{"motion": "takes/a.npz"}\n\n{"motoin": 1}', ["line 3", "did you mean 'motion'"]),
+        ("9" * 5000, ["line 1"]),
+    ],
+)
+def test_mistakes_in_jsonl(source: Path, text: str, words: list[str]) -> None:
+    manifest(source, text, "manifest.jsonl")
+    with pytest.raises(SourceError) as error:
+        Folder().scan(source)
+    for word in ("manifest.jsonl", *words):
+        assert word in str(error.value)
+
+
+def test_a_manifest_that_is_no_text(source: Path) -> None:
+    put(source, "manifest.csv", b"motion\n\xff\xfe.npz")
+    with pytest.raises(SourceError, match="UTF-8"):
+        Folder().scan(source)
+
+
+def test_two_manifests(source: Path) -> None:
+    manifest(source, FULL)
+    manifest(source, "{}", "manifest.jsonl")
+    with pytest.raises(SourceError, match="two manifests"):
+        Folder().scan(source)
+
+
+def test_no_path_leads_out_of_the_source(source: Path) -> None:
+    outside = source.parent / "outside"
+    put_motion(outside, "x.npz")
+    (source / "link").symlink_to(outside)
+    (source / "file.npz").symlink_to(outside / "x.npz")
+    (source / "round.npz").symlink_to(source / "round.npz")
+    bad = ["../outside/x.npz", "takes/../../outside/x.npz", "takes/../takes/a.npz", str(outside / "x.npz")]
+    bad += ["link/x.npz", "file.npz", str(source / "takes" / "a.npz")]
+    for path in bad:
+        for text in (
+            f"motion,audio\n{path},songs/a.wav\n",
+            f"motion,audio\ntakes/a.npz,{path.replace('npz', 'wav')}\n",
+        ):
+            manifest(source, text)
+            if path == "file.npz" and "file.wav" in text:
+                continue
+            with pytest.raises(SourceError, match=r"line 2: folder: (motion|audio) leads out") as error:
+                Folder().scan(source)
+            assert "below the source folder" in str(error.value)
+    manifest(source, "motion,audio\nround.npz,songs/a.wav\n")
+    try:
+        assert [r.reason for r in Folder().scan(source).rejects] == ["missing_motion"]
+    except SourceError as error:  # what Python says of links in a circle differs by version
+        assert "no usable path" in str(error)  # noqa: PT017
+    # A link within the source is fine, and so is a source that is a link itself.
+    (source / "again.npz").symlink_to(source / "takes" / "a.npz")
+    manifest(source, "motion,audio\nagain.npz,songs/a.wav\n")
+    (source.parent / "source").symlink_to(source)
+    assert [clip.id for clip in Folder().scan(source.parent / "source").clips] == ["again"]
+
+
+# --- without a manifest -----------------------------------------------------------------------------------------
+
+
+def test_matching_names_in_two_folders(tmp_path: Path) -> None:
+    for name in ("a", "b", "c"):
+        put_motion(tmp_path, f"motions/{name}.npz")
+    for file in (
+        "music/a.wav",
+        "music/a.mp3",
+        "audio/b.FLAC",
+        "music/z.ogg",
+        "music/notes.txt",
+        "README.md",
+        "old/x.npz",
+    ):
+        put(tmp_path, file)
+    scan = Folder(fps=30, up="y", unit="m").scan(tmp_path)
+    assert scan.layout == "names"
+    assert {c.id: c.audio_path.name for c in scan.clips if c.audio_path} == {"a": "a.wav", "b": "b.FLAC"}
+    assert {clip.split for clip in scan.clips} == {"train"}
+    found = {(r.reason, r.clip or r.file) for r in scan.rejects}
+    assert found == {
+        ("missing_music", "c"),
+        ("unused_music", "music/z.ogg"),
+        ("extra_file", "music/a.mp3"),
+        ("extra_file", "music/notes.txt"),
+        ("extra_file", "README.md"),
+        ("extra_file", "old"),
+    }
+    notes = "\n".join(scan.notes)
+    assert "No manifest: motion and music were matched by file name, motions/ and music/, audio/" in notes
+    assert "2 pairs, 1 motions without music" in notes
+    assert "none is given, so all 2 clips are in 'train'" in notes
+
+
+def test_matching_names_side_by_side(tmp_path: Path) -> None:
+    put_motion(tmp_path, "a.npz")
+    put_motion(tmp_path, "b.npz")
+    put(tmp_path, "b.bvh")
+    for file in ("a.wav", "b.wav"):
+        put(tmp_path, file)
+    scan = Folder().scan(tmp_path)
+    assert [clip.id for clip in scan.clips] == ["a"]
+    assert [(r.reason, r.clip) for r in scan.rejects if r.clip] == [("ambiguous_name", "b")]
+    assert any("side by side" in note for note in scan.notes)
+
+
+def test_folders_without_motion(tmp_path: Path) -> None:
+    put(tmp_path, "music/a.wav")
+    with pytest.raises(SourceError, match="no motion found") as error:
+        Folder().scan(tmp_path)
+    assert "manifest.csv" in str(error.value)
+
+
+def test_what_cannot_be_used_is_said_once_and_named_by_load(tmp_path: Path) -> None:
+    put_motion(tmp_path, "a.npz")
+    put(tmp_path, "b.bvh")
+    scan = Folder(music="optional").scan(tmp_path)
+    notes = "\n".join(scan.notes)
+    assert "1 file: not usable (undeclared)" in notes
+    assert "1 file: not usable (broken_file)" in notes
+    for clip, reason in (("a", "undeclared"), ("b", "broken_file")):
+        with pytest.raises(DataError) as error:
+            Folder(music="optional").load(by_id(scan)[clip])
+        assert error.value.reason == reason
+
+
+# --- parameters -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("wrong", "word"),
+    [
+        ({"fps": 0}, "fps"),
+        ({"fps": "fast"}, "fps"),
+        ({"fps": -30.0}, "fps"),
+        ({"fps": "1e999999999"}, "fps"),
+        ({"up": "x"}, "up"),
+        ({"unit": "yard"}, "unit"),
+        ({"unit": 0}, "unit"),
+        ({"layout": "smlp"}, "did you mean 'smpl'"),
+        ({"gender": "x"}, "gender"),
+        ({"joint_map": {"left_nee": "x"}}, "did you mean 'left_knee'"),
+    ],
+)
+def test_wrong_parameters(wrong: dict[str, Any], word: str) -> None:
+    with pytest.raises(UsageError, match=word):
+        Folder(**wrong)
+
+
+def test_a_split_that_is_no_name() -> None:
+    with pytest.raises(StoreError, match="split"):
+        Folder(split="../x")
+
+
+def test_numbers_have_one_form() -> None:
+    assert Folder(fps=30) == Folder(fps=30.0) == Folder(fps="30")
+    assert Folder(fps=29.97).fps == "2997/100"
+    assert Folder(unit=0.0254) == Folder(unit="0.0254")
+
+
+def test_registered() -> None:
+    assert DATASETS.get("folder") is Folder
+
+
+def test_refs_survive_the_way_to_a_worker(source: Path) -> None:
+    import pickle
+
+    manifest(source, FULL)
+    scan = Folder().scan(source)
+    assert pickle.loads(pickle.dumps(scan)) == scan
+
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "own-data.md"
+
+
+def test_the_page_lists_every_column_and_every_name() -> None:
+    text = PAGE.read_text(encoding="utf-8")
+    for column in COLUMNS:
+        assert f"`{column}`" in text
+    for table in STYLES.values():
+        for joint, names in table.items():
+            if not joint.startswith("right_"):
+                assert all(f"{name}" in text for name in names), (joint, names)
+
+
+# --- anything at all --------------------------------------------------------------------------------------------
+
+PIECES = st.sampled_from(
+    [",", "\n", '"', ";", "{", "}", ":", "motion", "audio", "../", "takes/a.npz", "fps", "0", "\x00", "é"]
+)
+
+
+@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    name=st.sampled_from(["manifest.csv", "manifest.jsonl"]),
+    head=st.sampled_from(["", "motion,audio\n", "motion\n", '{"motion": ']),
+    text=st.one_of(st.lists(PIECES, max_size=20).map("".join), st.text(max_size=60)),
+    raw=st.binary(max_size=8),
+)
+def test_any_manifest_is_read_or_a_source_error(tmp_path: Path, name: str, head: str, text: str, raw: bytes) -> None:
+    path = tmp_path / name
+    path.write_bytes((head + text).encode("utf-8", "surrogatepass") + raw)
+    try:
+        rows = read_manifest(path)
+    except SourceError as error:
+        assert name in str(error)  # noqa: PT017
+        return
+    assert rows
+    for other in ("manifest.csv", "manifest.jsonl"):
+        if other != name:
+            (tmp_path / other).unlink(missing_ok=True)
+    try:
+        Folder().scan(tmp_path)
+    except SourceError as error:
+        assert name in str(error)  # noqa: PT017

@@ -1,0 +1,448 @@
+"""The dataset reader folder: motion in .npz, .npy and .pkl, good and bad in every known way."""
+
+from __future__ import annotations
+
+import io
+import os
+import pickle
+import struct
+import zipfile
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from dancedata.core.bodies import SMPLX52, SMPLX55
+from dancedata.core.clip import ClipRef
+from dancedata.core.errors import DataError
+from dancedata.core.kinematics import forward_kinematics
+from dancedata.core.motion import Motion
+from dancedata.core.skeleton import SMPL24, Skeleton
+from dancedata.datasets import _folder_arrays
+from dancedata.datasets._body_model import SMPLH52
+from dancedata.datasets._folder_facts import UPRIGHT
+from dancedata.datasets.folder import Folder
+
+Floats = NDArray[np.float64]
+
+N = 50
+
+
+def load(path: Path, declared: dict[str, str] | None = None, **parameters: Any) -> Motion:
+    clip = ClipRef("x", path, None, "train", declared=tuple((declared or {}).items()))
+    return Folder(**parameters).load(clip)
+
+
+def standing(joints: int, n: int = N) -> tuple[Floats, Floats]:
+    """Poses (n, joints, 3) of somebody who stands and sways, and translation, +Y up."""
+    rng = np.random.default_rng(4)
+    poses = rng.normal(0, 0.1, (n, joints, 3))
+    return poses, np.add(rng.normal(0, 0.05, (n, 3)), (0, 1.15, 0))
+
+
+def z_up(poses: Floats, trans: Floats, skeleton: Skeleton) -> tuple[Floats, Floats]:
+    """The same motion in a world with +Z up, as AMASS stores it."""
+    turn, root = UPRIGHT["z"].T, skeleton.offsets[0]
+    poses = poses.copy()
+    poses[:, 0] = (Rotation.from_matrix(turn) * Rotation.from_rotvec(poses[:, 0])).as_rotvec()
+    return poses, (trans + root) @ turn.T - root
+
+
+def height(motion: Motion) -> float:
+    return float(np.median(np.ptp(motion.joints()[..., 1], axis=1)))
+
+
+# --- AMASS ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("skeleton", "rate_key"), [(SMPLH52, "mocap_framerate"), (SMPLX55, "mocap_frame_rate")], ids=["smplh", "smplx"]
+)
+@pytest.mark.parametrize("suffix", [".npz", ".pkl"])
+def test_amass(tmp_path: Path, skeleton: Skeleton, rate_key: str, suffix: str) -> None:
+    poses, trans = standing(skeleton.n_joints)
+    turned, moved = z_up(poses, trans, skeleton)
+    content = {
+        "poses": turned.reshape(N, -1),
+        "trans": moved,
+        "betas": np.zeros(16),
+        "gender": np.array("male"),
+        "dmpls": np.zeros((N, 8)),
+        rate_key: np.array(120.0, np.float32),
+    }
+    path = tmp_path / f"a_poses{suffix}"
+    if suffix == ".npz":
+        np.savez_compressed(path, **content)
+    else:
+        path.write_bytes(pickle.dumps(content))
+    motion = load(path)
+    assert motion.grid.rate == 120
+    assert motion.skeleton.name == skeleton.name
+    assert np.allclose(motion.joints(), forward_kinematics(skeleton, poses, trans), atol=1e-9)
+    # The same in the file's own axes: nothing but the axes was changed.
+    raw = forward_kinematics(skeleton, turned, moved)
+    assert np.allclose(motion.joints(), raw @ UPRIGHT["z"].T, atol=1e-9)
+    assert 1.2 < height(motion) < 2.2
+
+
+def test_amass_in_parts_with_objects_beside(tmp_path: Path) -> None:
+    """SMPL-X "stageii" files: what is pickled in them is not touched."""
+    poses, trans = standing(55)
+    turned, moved = z_up(poses, trans, SMPLX55)
+    flat = turned.reshape(N, 165)
+    path = tmp_path / "a_stageii.npz"
+    np.savez(
+        path,
+        trans=moved,
+        root_orient=flat[:, :3],
+        pose_body=flat[:, 3:66],
+        pose_jaw=flat[:, 66:69],
+        pose_eye=flat[:, 69:75],
+        pose_hand=flat[:, 75:],
+        gender=np.array("neutral"),
+        mocap_frame_rate=np.array(59.940059661865234),
+        markers=np.array({"an": "object"}, dtype=object),
+    )
+    motion = load(path)
+    assert motion.grid.rate == Fraction(60000, 1001)
+    assert motion.skeleton is SMPLX55
+    assert np.allclose(motion.joints(), forward_kinematics(SMPLX55, poses, trans), atol=1e-9)
+
+
+def test_the_manifest_has_the_last_word_on_amass(tmp_path: Path) -> None:
+    poses, trans = standing(52)
+    path = tmp_path / "a.npz"
+    np.savez(path, poses=poses.reshape(N, 156), trans=trans * 100, mocap_framerate=120.0)
+    motion = load(path, {"fps": "30000/1001", "up": "y", "unit": "cm"}, fps=50, up="z", unit="mm")
+    assert motion.grid.rate == Fraction(30000, 1001)
+    assert np.allclose(motion.joints(), forward_kinematics(SMPLH52, poses, trans))
+    # What a recipe declares is for files that say nothing.
+    assert load(path, fps=50, up="y", unit="mm").grid.rate == 120
+    assert np.allclose(load(path, fps=50, up="y", unit="mm").translation, load(path).translation)
+
+
+def test_aist_pickles(tmp_path: Path) -> None:
+    poses, trans = standing(24)
+    path = tmp_path / "a.pkl"
+    for shape in ((N, 72), (N, 24, 3)):
+        content = {"smpl_poses": poses.reshape(shape), "smpl_trans": trans * 93.5, "smpl_scaling": np.array([93.5])}
+        path.write_bytes(pickle.dumps(content))
+        motion = load(path, fps=60)
+        assert np.allclose(motion.translation, trans)
+        assert np.array_equal(motion.rotations, poses)
+        assert motion.skeleton is SMPL24
+
+
+def test_smpl_needs_to_be_told_everything(tmp_path: Path) -> None:
+    poses, trans = standing(24)
+    path = tmp_path / "a.npz"
+    np.savez(path, poses=poses.reshape(N, 72), trans=trans)
+    said: dict[str, Any] = {}
+    for key, value in (("fps", 60), ("up", "y"), ("unit", "m")):
+        with pytest.raises(DataError) as error:
+            load(path, **said)
+        assert error.value.reason == "undeclared"
+        assert f"declare {key}:" in str(error.value).lower()
+        said[key] = value
+    assert np.allclose(load(path, **said).joints(), forward_kinematics(SMPL24, poses, trans))
+    with pytest.raises(DataError, match="unit"):
+        load(path, **{**said, "unit": "guess"})
+
+
+def test_smplx_in_parts(tmp_path: Path) -> None:
+    poses, trans = standing(55)
+    poses[:, 22:25] = 0
+    path = tmp_path / "a.npz"
+    parts = {
+        "global_orient": poses[:, :1],
+        "body_pose": poses[:, 1:22],
+        "left_hand_pose": poses[:, 25:40].reshape(N, 45),
+        "right_hand_pose": poses[:, 40:].reshape(N, 45),
+        "transl": trans,
+        "fps": np.array([25]),
+    }
+    np.savez(path, **parts)
+    motion = load(path, up="y")
+    assert motion.grid.rate == 25
+    assert np.allclose(motion.joints(), forward_kinematics(SMPLX55, poses, trans))
+    # The body alone, and as SMPL-H.
+    np.savez(path, **{k: v for k, v in parts.items() if "hand" not in k})
+    assert not load(path, up="y").rotations[:, 22:].any()
+    assert load(path, up="y", layout="smplh").skeleton is SMPLH52
+    np.savez(path, **{**parts, "left_hand_pose": np.zeros((N, 12))})
+    with pytest.raises(DataError, match="use_pca=False") as error:
+        load(path, up="y")
+    assert error.value.reason == "bad_shape"
+
+
+def test_smpl_in_parts(tmp_path: Path) -> None:
+    poses, trans = standing(24)
+    path = tmp_path / "a.npz"
+    np.savez(path, global_orient=poses[:, 0], body_pose=poses[:, 1:].reshape(N, 69), transl=trans)
+    motion = load(path, up="y", unit="m", fps=30)
+    assert np.allclose(motion.joints(), forward_kinematics(SMPL24, poses, trans))
+
+
+def finedance(poses: Floats, trans: Floats) -> Floats:
+    rows = Rotation.from_rotvec(poses.reshape(-1, 3)).as_matrix()[:, :2].reshape(len(poses), -1)
+    return np.concatenate([trans, rows], axis=1)
+
+
+@pytest.mark.parametrize("dtype", ["f4", "f8", ">f4"])
+def test_finedance_arrays(tmp_path: Path, dtype: str) -> None:
+    poses, trans = standing(52)
+    path = tmp_path / "001.npy"
+    np.save(path, finedance(poses, trans).astype(dtype))
+    with pytest.raises(DataError, match="frame rate") as error:
+        load(path)
+    assert error.value.reason == "undeclared"
+    motion = load(path, fps=30)
+    assert motion.skeleton is SMPLX55
+    assert not motion.rotations[:, 22:25].any()
+    of = [SMPLX55.index(joint) for joint in SMPLX52.joints]
+    assert np.abs(motion.rotations[:, of] - poses).max() < 1e-5
+    assert np.abs(motion.translation - trans).max() < 1e-6
+
+
+def test_real_finedance_array(shared: Path) -> None:
+    (path,) = (shared / "realdata" / "finedance").glob("derived_315_*.npy")
+    motion = load(path, fps=30)
+    assert motion.n_frames == 960
+    assert 1.2 < height(motion) < 2.2
+
+
+def test_real_aist_pickles(shared: Path) -> None:
+    from dancedata.datasets.aistpp import AistPP
+
+    for path in (shared / "realdata" / "aistpp" / "motions").glob("*.pkl"):
+        motion, same = load(path, fps=60), AistPP().load(ClipRef("x", path, None, "train"))
+        assert np.array_equal(motion.translation, same.translation)
+        assert np.array_equal(motion.rotations, same.rotations)
+
+
+# --- bad input --------------------------------------------------------------------------------------------------
+
+POSES, TRANS = (array.reshape(N, -1) for array in standing(24))
+GOOD = {"poses": POSES, "trans": TRANS}
+NAN = np.where(np.arange(N)[:, None] == 7, np.nan, TRANS)
+
+
+@pytest.mark.parametrize(
+    ("content", "reason", "words"),
+    [
+        ({"poses": POSES}, "missing_key", ["'poses'", "poses and trans"]),
+        ({"dance": POSES}, "missing_key", ["'dance'"]),
+        ({}, "missing_key", ["none"]),
+        ({**GOOD, "poses": POSES[:, :69]}, "bad_shape", ["(50, 69)", "(T, 72)"]),
+        ({**GOOD, "poses": POSES[0]}, "bad_shape", ["(72,)"]),
+        ({**GOOD, "poses": np.float64(1)}, "bad_shape", ["()"]),
+        ({**GOOD, "poses": POSES.astype(complex)}, "bad_shape", ["complex"]),
+        ({**GOOD, "poses": POSES.astype(str)}, "bad_shape", ["<U"]),
+        ({**GOOD, "trans": TRANS[:, :2]}, "bad_shape", ["(50, 2)"]),
+        ({**GOOD, "trans": TRANS[:-1]}, "length_mismatch", ["50 and 49"]),
+        ({"poses": POSES[:0], "trans": TRANS[:0]}, "empty", ["(0, 3)"]),
+        ({**GOOD, "trans": NAN}, "nan", ["frame 7", "1 of 50"]),
+        ({**GOOD, "trans": TRANS * 1e200}, "out_of_range", ["trans", "1e+07"]),
+        ({**GOOD, "fps": np.array(0)}, "bad_rate", ["fps", "[0.0]"]),
+        ({**GOOD, "mocap_framerate": np.array(np.nan)}, "bad_rate", ["mocap_framerate"]),
+        ({**GOOD, "mocap_framerate": np.array([30, 60])}, "bad_rate", ["60"]),
+        ({"smpl_poses": POSES, "smpl_trans": TRANS, "smpl_scaling": np.zeros(1)}, "bad_scaling", ["[0.0]"]),
+    ],
+)
+@pytest.mark.parametrize("suffix", [".npz", ".pkl"])
+def test_bad_content(tmp_path: Path, content: dict[str, Any], reason: str, words: list[str], suffix: str) -> None:
+    path = tmp_path / f"bad ü{suffix}"
+    if suffix == ".npz":
+        np.savez(path, **content)
+    else:
+        path.write_bytes(pickle.dumps(content))
+    declared = {"up": "y", "unit": "m"} | ({} if reason == "bad_rate" else {"fps": "30"})
+    with pytest.raises(DataError) as error:
+        load(path, declared)
+    assert error.value.reason == reason
+    for word in ("bad ü", *words):
+        assert word in str(error.value)
+
+
+@pytest.mark.parametrize("width", [72, 165, 319, 3])
+def test_plain_arrays_of_other_widths(tmp_path: Path, width: int) -> None:
+    np.save(tmp_path / "a.npy", np.zeros((5, width)))
+    with pytest.raises(DataError) as error:
+        load(tmp_path / "a.npy", fps=30)
+    assert error.value.reason == "bad_shape"
+    assert str((5, width)) in str(error.value)
+
+
+def test_columns_that_are_no_rotations(tmp_path: Path) -> None:
+    array = finedance(*standing(52))
+    array[3, 9:15] = 0
+    np.save(tmp_path / "a.npy", array)
+    with pytest.raises(DataError, match="frame 3") as error:
+        load(tmp_path / "a.npy", fps=30)
+    assert error.value.reason == "bad_rotation"
+
+
+def test_a_layout_that_is_not_the_declared_one(tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", **GOOD)
+    with pytest.raises(DataError, match="layout amass") as error:
+        load(tmp_path / "a.npz", {"layout": "amass"}, fps=30, up="y", unit="m")
+    assert error.value.reason == "bad_declaration"
+
+
+def test_layouts_by_declaration(tmp_path: Path) -> None:
+    poses, trans = standing(52)
+    np.savez(tmp_path / "a.npz", poses=poses.reshape(N, -1), trans=trans)
+    with pytest.raises(DataError, match="up axis"):
+        load(tmp_path / "a.npz", fps=30)
+    amass = load(tmp_path / "a.npz", fps=30, layout="amass")
+    assert np.array_equal(amass.joints(), load(tmp_path / "a.npz", fps=30, up="z").joints())
+    np.savez(tmp_path / "a.npz", poses=poses.reshape(N, -1), trans=trans, mocap_framerate=60)
+    with pytest.raises(DataError, match="up axis"):
+        load(tmp_path / "a.npz", layout="smplh")
+
+
+# --- hostile input ----------------------------------------------------------------------------------------------
+
+
+def npy(header: str, data: bytes = b"") -> bytes:
+    text = header.encode().ljust(117) + b"\n"
+    return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(text)) + text + data
+
+
+HEADERS = {
+    "absurd": "{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000000, 315), }",
+    "overflow": "{'descr': '<f8', 'fortran_order': False, 'shape': (0, 1" + "0" * 30 + "), }",
+    "negative": "{'descr': '<f8', 'fortran_order': False, 'shape': (-5, 315), }",
+    "short": "{'descr': '<f8', 'fortran_order': False, 'shape': (5, 315), }",
+    "true": "{'descr': '<f8', 'fortran_order': False, 'shape': (True, 315), }",
+    "records": "{'descr': [('a', '<f8')], 'fortran_order': False, 'shape': (5, 315), }",
+    "nested": "(" * 100,
+    "code": "__import__('os').system('false')",
+}
+
+
+@pytest.mark.parametrize("name", HEADERS)
+@pytest.mark.parametrize("packed", [False, True])
+def test_headers_made_up_to_hurt(tmp_path: Path, name: str, packed: bool) -> None:
+    data = npy(HEADERS[name])
+    path = tmp_path / ("a.npz" if packed else "a.npy")
+    if packed:
+        with zipfile.ZipFile(path, "w") as archive:
+            archive.writestr("poses.npy", data)
+            archive.writestr("trans.npy", data)
+    else:
+        path.write_bytes(data)
+    with pytest.raises(DataError) as error:
+        load(path, fps=30)
+    assert error.value.reason in ("broken_file", "too_large", "bad_shape")
+
+
+def test_objects_are_not_unpickled(tmp_path: Path) -> None:
+    marker = tmp_path / "executed"
+
+    class Attack:
+        def __reduce__(self) -> Any:
+            return os.system, (f"touch '{marker}'",)
+
+    array = np.array([Attack()] * 3, dtype=object)
+    np.save(tmp_path / "a.npy", array, allow_pickle=True)
+    np.savez(tmp_path / "a.npz", poses=array, trans=array, allow_pickle=True)
+    (tmp_path / "a.pkl").write_bytes(pickle.dumps({"poses": Attack(), "trans": TRANS}))
+    for suffix in (".npy", ".npz", ".pkl"):
+        with pytest.raises(DataError) as error:
+            load(tmp_path / f"a{suffix}", fps=30)
+        assert error.value.reason == "unsafe_pickle"
+    assert not marker.exists()
+
+
+def test_lists_in_lists_are_not_unfolded(tmp_path: Path) -> None:
+    """Ten lists of ten lists of ... : 10^40 numbers in a few hundred bytes."""
+    value: Any = [0.0]
+    for _ in range(40):
+        value = [value] * 10
+    (tmp_path / "a.pkl").write_bytes(pickle.dumps({"poses": value, "trans": value}))
+    with pytest.raises(DataError) as error:
+        load(tmp_path / "a.pkl", fps=30)
+    assert error.value.reason == "bad_shape"
+
+
+def test_bombs_are_refused_before_they_are_unpacked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(_folder_arrays, "BOMB_BYTES", 1 << 16)
+    np.savez_compressed(tmp_path / "a.npz", poses=np.zeros((5000, 72)), trans=np.zeros((5000, 3)))
+    with pytest.raises(DataError, match="packed into") as error:
+        load(tmp_path / "a.npz", fps=30, up="y", unit="m")
+    assert error.value.reason == "too_large"
+
+
+def test_limits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(_folder_arrays, "MAX_ARRAY_BYTES", 1000)
+    monkeypatch.setattr(_folder_arrays, "MAX_PICKLE_BYTES", 1000)
+    monkeypatch.setattr(_folder_arrays, "MAX_MEMBERS", 1)
+    np.save(tmp_path / "a.npy", np.zeros((5, 315)))
+    np.savez(tmp_path / "a.npz", **GOOD)
+    (tmp_path / "a.pkl").write_bytes(pickle.dumps(GOOD))
+    for suffix in (".npy", ".npz", ".pkl"):
+        with pytest.raises(DataError) as error:
+            load(tmp_path / f"a{suffix}", fps=30)
+        assert error.value.reason == "too_large"
+
+
+def test_other_ways_to_pack_an_archive(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "a.npz", "w", zipfile.ZIP_LZMA) as archive:
+        for name, array in GOOD.items():
+            file = io.BytesIO()
+            np.save(file, array)
+            archive.writestr(f"{name}.npy", file.getvalue())
+    with pytest.raises(DataError, match="numpy never writes") as error:
+        load(tmp_path / "a.npz", fps=30)
+    assert error.value.reason == "broken_file"
+
+
+def test_no_file(tmp_path: Path) -> None:
+    (tmp_path / "folder.npz").mkdir()
+    for name in ("gone.npz", "gone.npy", "gone.pkl", "folder.npz"):
+        with pytest.raises(DataError) as error:
+            load(tmp_path / name)
+        assert error.value.reason == "broken_file"
+
+
+def _small(suffix: str) -> bytes:
+    file = io.BytesIO()
+    if suffix == ".npz":
+        np.savez_compressed(file, poses=POSES[:3], trans=TRANS[:3], mocap_framerate=np.array(30.0))
+    elif suffix == ".npy":
+        np.save(file, finedance(*standing(52, 2)))
+    else:
+        pickle.dump({"smpl_poses": POSES[:3], "smpl_trans": TRANS[:3], "smpl_scaling": np.ones(1)}, file)
+    return file.getvalue()
+
+
+SMALL = {suffix: _small(suffix) for suffix in (".npz", ".npy", ".pkl")}
+
+
+@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    suffix=st.sampled_from(sorted(SMALL)),
+    changes=st.lists(st.tuples(st.floats(0, 1), st.binary(max_size=6), st.integers(0, 8)), min_size=1, max_size=4),
+    keep=st.one_of(st.just(1.0), st.floats(0, 1)),
+)
+def test_any_damage_is_a_data_error_or_a_motion(
+    tmp_path: Path, suffix: str, changes: list[tuple[float, bytes, int]], keep: float
+) -> None:
+    data = SMALL[suffix]
+    for where, new, length in changes:
+        at = int(where * len(data))
+        data = data[:at] + new + data[at + length :]
+    path = tmp_path / f"a{suffix}"
+    path.write_bytes(data[: int(keep * len(data))])
+    try:
+        motion = load(path, fps=30, up="y", unit="m")
+    except DataError:
+        return
+    assert motion.n_frames > 0
