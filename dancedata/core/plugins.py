@@ -130,6 +130,18 @@ class AudioFeature(Protocol):
     ----------
     packages
         Distributions whose version shapes the numbers; they are part of the cache key.
+    windows_a_call
+        Windows that `extract_windows` takes at once, after which they are published; all of a song where it is
+        left out.
+    resolved
+        ``resolved(hash_file) -> feature``, where a build has to fix something first, such as a precision or the hash
+        of weights. Left out by most.
+    workers
+        ``workers(jobs) -> int``: processes it is worth running in, if that is not `jobs`.
+    reads_ahead
+        True if it computes on a device, so that the next song may be decoded meanwhile.
+    make_example
+        ``make_example(folder) -> feature``, a class method for tests, where it needs files to run.
     """
 
     name: ClassVar[str]

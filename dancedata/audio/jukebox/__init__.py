@@ -1,0 +1,41 @@
+"""Jukebox embeddings: an independent, memory-efficient implementation of inference with OpenAI's 5b model.
+
+Dhariwal et al. 2020, "Jukebox: A Generative Model for Music"; EDGE (Tseng et al. 2023) uses the residual stream
+after the 66th block of its top-level prior as music features. The weights are OpenAI's, under a Noncommercial Use
+License, and no part of this package.
+
+The names below are loaded when they are asked for: importing this package needs no torch.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from dancedata.audio.jukebox.config import JukeboxConfig as JukeboxConfig
+    from dancedata.audio.jukebox.conversion import checkpoint_sha256 as checkpoint_sha256
+    from dancedata.audio.jukebox.conversion import convert as convert
+    from dancedata.audio.jukebox.download import fetch as fetch
+    from dancedata.audio.jukebox.encoder import JukeboxEncoder as JukeboxEncoder
+    from dancedata.audio.jukebox.overflow import JukeboxOverflowError as JukeboxOverflowError
+
+# No name is that of a module: importing that would put the module in its place.
+_HOMES = {
+    "JukeboxConfig": "config",
+    "JukeboxEncoder": "encoder",
+    "JukeboxOverflowError": "overflow",
+    "checkpoint_sha256": "conversion",
+    "convert": "conversion",
+    "fetch": "download",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *_HOMES])

@@ -1,0 +1,68 @@
+"""Computes in batches, which become smaller when the device has too little memory for them."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from typing import TypeVar
+
+import torch
+
+from dancedata.core.errors import DanceDataError, UsageError
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+
+class Batches:
+    """Remembers how many items the device was found to have room for."""
+
+    def __init__(self) -> None:
+        self.limit = sys.maxsize
+
+    def run(
+        self, items: Sequence[Item], size: int, compute: Callable[[Sequence[Item]], list[Result]]
+    ) -> Iterator[list[Result]]:
+        """Compute items in order, `size` at once, half as many whenever the device runs out of memory.
+
+        Yields
+        ------
+        list
+            Results of the next items.
+
+        Raises
+        ------
+        UsageError
+            `size` is below 1.
+        DanceDataError
+            The memory is too little for a single item.
+        """
+        if size < 1:
+            raise UsageError("jukebox: bad batch_size", found=size, allowed="1 or more")
+        start = 0
+        while start < len(items):
+            part = items[start : start + min(size, self.limit)]
+            results = self._attempt(part, compute)
+            if results is None:
+                # Not within the handling of the error, whose traceback holds the tensors of the batch.
+                torch.cuda.empty_cache()
+                continue
+            start += len(part)
+            yield results
+
+    def _attempt(
+        self, part: Sequence[Item], compute: Callable[[Sequence[Item]], list[Result]]
+    ) -> list[Result] | None:
+        """Compute one batch; None, and a lower limit, if the device ran out of memory."""
+        try:
+            return compute(part)
+        except torch.cuda.OutOfMemoryError as error:
+            if len(part) > 1:
+                self.limit = len(part) // 2
+                return None
+            raise DanceDataError(
+                "jukebox: the device has too little free memory for a single clip",
+                found=str(error).split(". ")[0],
+                fix="end other programs on the device, or load with a smaller memory_budget, which leaves blocks on "
+                "the host",
+            ) from error

@@ -1,0 +1,117 @@
+"""What a clip has to be, and what the VQ-VAE hears of it."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dancedata.audio.jukebox.config import JukeboxConfig
+from dancedata.audio.signal import resample
+from dancedata.core.errors import DataError, UsageError, did_you_mean
+
+TooLong = Literal["error", "truncate"]
+_MAX_CHANNELS = 64
+# Of a cut clip the VQ-VAE hears so much more than is used: twice what a code depends on.
+_MARGIN_S = 1
+
+
+def prepare(samples: ArrayLike, sample_rate: int, config: JukeboxConfig) -> NDArray[np.float32]:
+    """Average the channels, resample to the config's rate (soxr HQ, as librosa does), divide by the largest value.
+
+    Parameters
+    ----------
+    samples
+        (m,) or (channels, m), floating point.
+    sample_rate
+        Samples a second.
+
+    Returns
+    -------
+    NDArray[np.float32]
+        (n,) at the config's rate, between -1 and 1; silence stays zero. One gain for the clip, no DC removal.
+
+    Raises
+    ------
+    UsageError
+        Another shape or type, or a sample rate below 1.
+    DataError
+        "empty_audio", "nan", or "short_audio" (less than one code, 128 samples).
+    """
+    given = np.asarray(samples)
+    shaped = given.ndim == 1 or (given.ndim == 2 and 1 <= len(given) <= _MAX_CHANNELS)
+    if not (shaped and np.issubdtype(given.dtype, np.floating)):
+        raise UsageError(
+            "jukebox: these are no samples",
+            found=f"{given.dtype} of shape {given.shape}",
+            allowed="floating-point samples, (m,) or (channels, m)",
+        )
+    if sample_rate < 1:
+        raise UsageError("jukebox: a sample rate must be above 0", found=sample_rate)
+    mono = given.astype(np.float32, copy=False)
+    if mono.ndim == 2:
+        mono = np.mean(mono, axis=0)
+    if not mono.size:
+        raise DataError("jukebox: the clip has no samples", reason="empty_audio", found="0 samples")
+    bad = np.flatnonzero(~np.isfinite(mono))
+    if bad.size:
+        raise DataError(
+            "jukebox: the clip has samples that are no numbers",
+            reason="nan",
+            found=f"{bad.size} samples, the first at {bad[0] / sample_rate:.3f} s",
+            allowed="finite samples",
+        )
+    audio = resample(np.ascontiguousarray(mono), sample_rate, config.sample_rate)
+    require_audio(len(audio), config)
+    peak = np.max(np.abs(audio))
+    return audio / peak if peak > 0 else audio
+
+
+def require_audio(n_samples: int, config: JukeboxConfig) -> None:
+    """Raise DataError "short_audio" for less than one code."""
+    if n_samples < config.hop:
+        raise DataError(
+            "jukebox: the clip is too short",
+            reason="short_audio",
+            found=f"{n_samples} samples at {config.sample_rate} Hz",
+            allowed=f"at least {config.hop}, which make one code",
+        )
+
+
+def require_length(n_codes: int, max_codes: int, config: JukeboxConfig) -> None:
+    """Raise DataError "long_audio" for more codes than the network takes, or than tables were loaded for."""
+    if n_codes <= max_codes:
+        return
+    limit = f"{max_codes} codes, which is {max_codes / float(config.code_rate):.2f} s"
+    if max_codes < config.n_ctx:
+        limit += f" (of {config.n_ctx}: the encoder was loaded with max_codes={max_codes})"
+    raise DataError(
+        "jukebox: the clip is too long",
+        reason="long_audio",
+        found=f"{n_codes} codes, which is {n_codes / float(config.code_rate):.2f} s",
+        allowed=f"at most {limit}",
+        fix='cut it into shorter clips, or give too_long="truncate": what lies behind the limit is then dropped, as '
+        "the reference does",
+    )
+
+
+def fitted(audio: NDArray[np.float32], max_codes: int, config: JukeboxConfig, too_long: str) -> NDArray[np.float32]:
+    """Return as much of a prepared clip as the VQ-VAE should hear.
+
+    Raises
+    ------
+    DataError
+        "long_audio" for a clip of more than `max_codes` codes, unless `too_long` is "truncate".
+    UsageError
+        Another value of `too_long`.
+    """
+    if too_long not in ("error", "truncate"):
+        raise UsageError(
+            "jukebox: unknown way with clips that are too long",
+            found=too_long,
+            fix=did_you_mean(too_long, ("error", "truncate")),
+        )
+    if too_long == "error":
+        require_length(len(audio) // config.hop, max_codes, config)
+    return audio[: max_codes * config.hop + _MARGIN_S * config.sample_rate]

@@ -1,0 +1,240 @@
+"""A checkpoint of only what a layer needs, as safetensors: 9.3 GB for layer 66, of 10.3.
+
+The folder::
+
+    jukebox.json            format, config, layer, size and sha256 of every file, sha256 of the files it came from
+    vqvae.safetensors       the level-2 encoder and its codebook
+    tables.safetensors      embedding tables, the rows that clips look up
+    block-000.safetensors   one file a transformer block, 138 MB
+    ...
+
+Names and types are those of OpenAI's files, so any safetensors reader can use them. One file a block: whoever reads
+or writes the folder holds one block in memory, and a part of it is enough for a lower layer.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from dancedata.audio.jukebox import names
+from dancedata.audio.jukebox.config import JukeboxConfig
+from dancedata.audio.jukebox.licence import LICENCE
+from dancedata.audio.jukebox.loading import Checkpoint, open_openai
+from dancedata.audio.jukebox.sources import SafetensorsSource, TensorSource, require_tensors
+from dancedata.core.atomic import atomic_file, write_json
+from dancedata.core.errors import DanceDataError, SourceError, UsageError
+from dancedata.core.hashing import sha256_file
+
+DESCRIPTION_FILE = "jukebox.json"
+FORMAT = 1
+_VQVAE, _TABLES = "vqvae.safetensors", "tables.safetensors"
+
+
+@dataclass(frozen=True)
+class Description:
+    """What a converted folder says of itself.
+
+    Attributes
+    ----------
+    config : the network.
+    layer : the highest layer that can be computed.
+    files : (bytes, sha256) by file name.
+    source : sha256 of OpenAI's files, by file name.
+    """
+
+    config: JukeboxConfig
+    layer: int
+    files: Mapping[str, tuple[int, str]]
+    source: Mapping[str, str]
+
+
+def convert(
+    folder: Path | str, out: Path | str, layer: int = 66, *, config: JukeboxConfig | None = None
+) -> Description:
+    """Write what `layer` needs of OpenAI's files as a folder of safetensors files.
+
+    Memory: one block. Files appear whole or not at all, jukebox.json last: without it the folder does not load.
+
+    Parameters
+    ----------
+    folder
+        OpenAI's two files.
+    out
+        Is made. If it holds the finished conversion of the same files, to this layer, nothing is done.
+    layer
+        The highest layer that will be asked for, from 1.
+    config
+        Sizes; None: the real 5b model.
+
+    Raises
+    ------
+    SourceError
+        As `JukeboxEncoder.from_openai`.
+    UsageError
+        `layer` is out of range, or `out` holds another conversion.
+    """
+    folder, out, config = Path(folder), Path(out), config or JukeboxConfig()
+    if not 1 <= layer <= config.depth:
+        raise UsageError("jukebox: bad layer", found=layer, allowed=f"1 to {config.depth}")
+    checkpoint = open_openai(folder, config)
+    try:
+        require_tensors(checkpoint.vqvae, names.vqvae_tensors(config))
+        require_tensors(checkpoint.prior, names.prior_tensors(config, layer))
+        source = checkpoint_sha256(folder)
+        if (out / DESCRIPTION_FILE).exists():
+            return _finished(out, config, layer, source)
+        return write_converted(checkpoint, out, config, layer, source)
+    finally:
+        checkpoint.close()
+
+
+def write_converted(
+    checkpoint: Checkpoint, out: Path, config: JukeboxConfig, layer: int, source: Mapping[str, str]
+) -> Description:
+    """Write a converted folder from open sources; `source` is what `Description.source` says of them."""
+    out.mkdir(parents=True, exist_ok=True)
+    files = {}
+    for name, tensors, specs in _parts(checkpoint, config, layer):
+        _write(out / name, tensors, specs)
+        files[name] = ((out / name).stat().st_size, sha256_file(out / name))
+    description = Description(config, layer, files, source)
+    write_json(
+        out / DESCRIPTION_FILE,
+        {
+            "format": FORMAT,
+            "config": config.to_json(),
+            "layer": layer,
+            "files": {name: {"bytes": size, "sha256": digest} for name, (size, digest) in files.items()},
+            "source": dict(source),
+            "licence": LICENCE,
+        },
+    )
+    return description
+
+
+def checkpoint_sha256(folder: Path | str) -> dict[str, str]:
+    """Return what identifies the weights: SHA-256 of OpenAI's two files, also for a folder converted from them."""
+    folder = Path(folder)
+    if (folder / DESCRIPTION_FILE).exists():
+        return dict(read_description(folder).source)
+    return {name: sha256_file(folder / name) for name in (names.VQVAE_FILE, names.PRIOR_FILE)}
+
+
+def read_description(folder: Path) -> Description:
+    """Read jukebox.json; SourceError if it is missing, damaged, or of another format version."""
+    path = folder / DESCRIPTION_FILE
+    try:
+        data: Any = json.loads(path.read_text(encoding="utf-8"))
+        if data["format"] != FORMAT:
+            raise SourceError(
+                "the converted checkpoint is of another format", where=path, found=data["format"], allowed=FORMAT
+            )
+        files = {name: (int(what["bytes"]), str(what["sha256"])) for name, what in data["files"].items()}
+        config = JukeboxConfig.from_json(data["config"])
+        return Description(config, int(data["layer"]), files, {str(k): str(v) for k, v in data["source"].items()})
+    except OSError as error:
+        raise SourceError(
+            "this is no finished conversion of a Jukebox checkpoint",
+            where=folder,
+            found=f"no readable {DESCRIPTION_FILE}",
+            fix="dancedata jukebox convert makes one; it goes last, so an interrupted conversion lacks it",
+        ) from error
+    except (ValueError, KeyError, TypeError, AttributeError, UsageError) as error:
+        raise SourceError(
+            "the description of a converted checkpoint is damaged",
+            where=path,
+            found=f"{type(error).__name__}: {error}",
+            fix="convert again",
+        ) from error
+
+
+def open_converted(folder: Path, description: Description, layer: int, *, verify: bool = False) -> Checkpoint:
+    """Open the files that `layer` needs.
+
+    Parameters
+    ----------
+    verify
+        Compare every file's SHA-256 as well, not its size alone.
+
+    Raises
+    ------
+    SourceError
+        A file is missing, or has another size or hash than jukebox.json says.
+    """
+    files = [_VQVAE, _TABLES, *(_block_file(index) for index in range(layer))]
+    for name in files:
+        size, digest = description.files.get(name, (None, ""))
+        path = folder / name
+        found = path.stat().st_size if path.is_file() else None
+        if found is None or found != size:
+            raise SourceError(
+                "a file of the converted checkpoint is missing"
+                if found is None
+                else "a file of the converted checkpoint is truncated or another",
+                where=path,
+                found=None if found is None else f"{found} bytes",
+                allowed=f"{size} bytes, as {DESCRIPTION_FILE} says" if size is not None else None,
+                fix="copy the folder again, or convert again",
+            )
+        if verify and sha256_file(path) != digest:
+            raise SourceError(
+                "a file of the converted checkpoint is damaged: its SHA-256 is not that of jukebox.json",
+                where=path,
+                fix="copy the folder again, or convert again",
+            )
+    source = SafetensorsSource(folder, files)
+    return Checkpoint(source, source, trimmed=True)
+
+
+def verify_converted(folder: Path | str) -> None:
+    """Compare every file of a converted folder with its SHA-256; SourceError names one that differs."""
+    description = read_description(Path(folder))
+    open_converted(Path(folder), description, description.layer, verify=True).close()
+
+
+def _parts(
+    checkpoint: Checkpoint, config: JukeboxConfig, layer: int
+) -> list[tuple[str, TensorSource, tuple[names.TensorSpec, ...]]]:
+    blocks = [(_block_file(i), checkpoint.prior, names.block_tensors(config, i)) for i in range(layer)]
+    return [
+        (_VQVAE, checkpoint.vqvae, names.vqvae_tensors(config)),
+        (_TABLES, checkpoint.prior, names.table_tensors(config, config.n_ctx)),
+        *blocks,
+    ]
+
+
+def _block_file(index: int) -> str:
+    return f"block-{index:03d}.safetensors"
+
+
+def _write(path: Path, source: TensorSource, specs: tuple[names.TensorSpec, ...]) -> None:
+    from safetensors.torch import save_file
+
+    tensors = {spec.name: source.read(spec.name, spec.rows) for spec in specs}
+    try:
+        with atomic_file(path) as temporary:
+            save_file(tensors, temporary, metadata={"format": "pt"})
+    except OSError as error:
+        raise DanceDataError(
+            "jukebox: the converted checkpoint cannot be written",
+            where=path,
+            found=str(error),
+            fix="it needs about 9.4 GB of free disk for layer 66; the conversion can be started again",
+        ) from error
+
+
+def _finished(out: Path, config: JukeboxConfig, layer: int, source: Mapping[str, str]) -> Description:
+    there = read_description(out)
+    if (there.config, there.layer, dict(there.source)) != (config, layer, dict(source)):
+        raise UsageError(
+            "jukebox: the output folder holds another conversion",
+            where=out,
+            found=f"layer {there.layer}, of files {dict(there.source)}",
+            allowed=f"layer {layer}, of files {dict(source)}",
+            fix="give another folder, or remove this one",
+        )
+    return there

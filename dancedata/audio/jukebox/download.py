@@ -1,0 +1,262 @@
+"""Gets OpenAI's two files from their server, a mirror or another folder. Downloads go on where they stopped."""
+
+from __future__ import annotations
+
+import shutil
+import ssl
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from http.client import HTTPException, HTTPResponse
+from pathlib import Path
+
+from filelock import FileLock, Timeout
+
+from dancedata.audio.jukebox.licence import LICENCE
+from dancedata.audio.jukebox.names import PRIOR_FILE, VQVAE_FILE
+from dancedata.core.atomic import atomic_file
+from dancedata.core.errors import DanceDataError, SourceError, UsageError
+from dancedata.core.hashing import sha256_file
+
+OPENAI_URL = "https://openaipublic.azureedge.net/jukebox/models/5b"
+
+_BLOCK = 1 << 20
+_TIMEOUT_S = 60
+# Other OSErrors are of the disk.
+_NETWORK_ERRORS = (urllib.error.URLError, HTTPException, ConnectionError, TimeoutError, ssl.SSLError)
+
+
+@dataclass(frozen=True)
+class RemoteFile:
+    """One file of the checkpoint.
+
+    Attributes
+    ----------
+    name : file name, and the last part of its URL.
+    size : bytes; None where it is not known.
+    sha256 : hex; None where it is not known.
+    """
+
+    name: str
+    size: int | None
+    sha256: str | None
+
+
+# Sizes and hashes as other projects report them.
+FILES = (
+    RemoteFile(VQVAE_FILE, None, "69745413a48e887f8a3fe91b972a6f7f434021a1ce911a99187b331eb48c059a"),
+    RemoteFile(PRIOR_FILE, 10_288_727_721, "89a1dd14f5b2f9b16b3e73b53fa2138cc89fd96bb13249b4267fea471de92672"),
+)
+
+Progress = Callable[[str, int, int | None], None]
+
+
+def fetch(
+    out: Path | str,
+    source: str | Path = OPENAI_URL,
+    *,
+    accept_licence: bool | Callable[[str], bool],
+    files: Sequence[RemoteFile] = FILES,
+    progress: Progress | None = None,
+    attempts: int = 8,
+    wait_s: float = 2.0,
+) -> list[Path]:
+    """Get the files that are not there yet; size and SHA-256 are checked, files appear whole or not at all.
+
+    Parameters
+    ----------
+    out
+        Folder; is made.
+    source
+        URL of a folder with the files (OpenAI's, or a mirror's), or a local folder.
+    accept_licence
+        True if the user has agreed to the licence of the weights; or a function that shows its text and asks.
+    files
+        What to get; of a mirror with other files, their sizes and hashes (None: not checked).
+    progress
+        Called with file name, bytes so far, bytes in all or None.
+    attempts
+        How often in a row a server may fail without sending anything new.
+    wait_s
+        Pause after the first failure; it doubles with each further one.
+
+    Returns
+    -------
+    list[Path]
+        The files.
+
+    Raises
+    ------
+    UsageError
+        The licence was not agreed to, or `source` is neither http(s) nor a folder.
+    SourceError
+        A file is not there, has another size or hash, or the server keeps failing; what was downloaded stays, as
+        "name.part", and the next call goes on from there.
+    """
+    agreed = accept_licence(LICENCE) if callable(accept_licence) else accept_licence
+    if not agreed:
+        raise UsageError("jukebox: the licence of the weights was not agreed to", found=LICENCE)
+    out, url = Path(out), str(source)
+    remote = url.startswith(("http://", "https://"))
+    if not remote and not Path(url).is_dir():
+        raise UsageError(
+            "jukebox: nothing to fetch from", found=url, allowed="an http or https URL of a folder, or a local folder"
+        )
+    out.mkdir(parents=True, exist_ok=True)
+    report = progress or (lambda *_: None)
+    paths = []
+    for file in files:
+        path = out / file.name
+        paths.append(path)
+        try:
+            with FileLock(out / f".{file.name}.lock", timeout=0):
+                if path.exists():
+                    _check(path, file, keep=True)
+                elif remote:
+                    _Download(f"{url.rstrip('/')}/{file.name}", path, file, report).run(attempts, wait_s)
+                else:
+                    _copy(Path(url) / file.name, path, file, report)
+        except Timeout as error:
+            raise UsageError("jukebox: another program is fetching this file", where=path) from error
+        except OSError as error:
+            raise DanceDataError(
+                "jukebox: the file cannot be written",
+                where=path,
+                found=f"{error}; {shutil.disk_usage(out).free / 1e9:.1f} GB are free",
+                fix="the two files need 10.3 GB",
+            ) from error
+    return paths
+
+
+class _Download:
+    """One file, over as many connections as it takes."""
+
+    def __init__(self, url: str, path: Path, file: RemoteFile, report: Progress) -> None:
+        self._url = url
+        self._path = path
+        self._part = path.with_name(f"{path.name}.part")
+        # Which version of the file the part belongs to, as the server names it (ETag).
+        self._tag = path.with_name(f"{path.name}.part-etag")
+        self._file = file
+        self._report = report
+
+    def run(self, attempts: int, wait_s: float) -> None:
+        failures = 0
+        while True:
+            before = self._have()
+            try:
+                complete = self._connect(before)
+            except _NETWORK_ERRORS as error:
+                if isinstance(error, urllib.error.HTTPError) and error.code in (401, 403, 404, 410):
+                    raise self._failed(error) from error
+                complete, problem = False, error
+            else:
+                problem = ConnectionError("the connection ended early")
+            if complete:
+                break
+            failures = 1 if self._have() > before else failures + 1
+            if failures >= attempts:
+                raise self._failed(problem) from problem
+            time.sleep(wait_s * 2 ** (failures - 1))
+        _check(self._part, self._file, keep=False, tag=self._tag)
+        with atomic_file(self._path) as temporary:
+            # Same folder: a rename, after which the part is on disk under its own name.
+            self._part.replace(temporary)
+        self._tag.unlink(missing_ok=True)
+
+    def _have(self) -> int:
+        return self._part.stat().st_size if self._part.exists() else 0
+
+    def _connect(self, have: int) -> bool:
+        """Append what the server sends; True if the file is complete."""
+        request = urllib.request.Request(self._url)  # noqa: S310  (the scheme was checked)
+        if have:
+            request.add_header("Range", f"bytes={have}-")
+            if self._tag.exists():
+                # Another version of the file is sent from its start.
+                request.add_header("If-Range", self._tag.read_text(encoding="ascii"))
+        try:
+            response = urllib.request.urlopen(request, timeout=_TIMEOUT_S)  # noqa: S310
+        except urllib.error.HTTPError as error:
+            if error.code != 416 or not have:
+                raise
+            # Nothing follows what is there: it is the whole file, or a part of another one, which the hash tells.
+            error.close()
+            return True
+        with response:
+            resumed = response.status == 206
+            if resumed and not str(response.headers.get("Content-Range", "")).startswith(f"bytes {have}-"):
+                raise HTTPException(f"asked for bytes from {have}, got {response.headers.get('Content-Range')!r}")
+            return self._receive(response, have if resumed else 0)
+
+    def _receive(self, response: HTTPResponse, have: int) -> bool:
+        length = response.headers.get("Content-Length")
+        total = have + int(length) if length is not None else None
+        if total is not None and self._file.size is not None and total != self._file.size:
+            raise SourceError(
+                "the server has another file",
+                where=self._url,
+                found=f"{total} bytes",
+                allowed=f"{self._file.size} bytes",
+                fix="give another mirror or folder",
+            )
+        tag = response.headers.get("ETag")
+        if tag and not tag.startswith("W/"):
+            self._tag.write_text(tag, encoding="ascii")
+        with self._part.open("ab" if have else "wb") as part:
+            while block := response.read1(_BLOCK):
+                part.write(block)
+                have += len(block)
+                self._report(self._file.name, have, total)
+        # A server that states no length ends the file by closing; only the hash tells whether that was the end.
+        return have == total if total is not None else True
+
+    def _failed(self, error: Exception) -> SourceError:
+        return SourceError(
+            "jukebox: the download failed",
+            where=self._url,
+            found=f"{error}; {self._have()} bytes are there",
+            fix="start again: it goes on from there. If the server is gone, give a mirror or a folder that has the "
+            "files",
+        )
+
+
+def _copy(source: Path, path: Path, file: RemoteFile, report: Progress) -> None:
+    """Copy from another folder."""
+    if not source.is_file():
+        raise SourceError(
+            "the folder has no such file",
+            where=source,
+            found=sorted(p.name for p in source.parent.iterdir())[:10],
+            allowed=file.name,
+        )
+    _check(source, file, keep=True)
+    total = source.stat().st_size
+    with atomic_file(path) as temporary, source.open("rb") as read, temporary.open("wb") as write:
+        while block := read.read(_BLOCK):
+            write.write(block)
+            report(file.name, write.tell(), total)
+
+
+def _check(path: Path, file: RemoteFile, *, keep: bool, tag: Path | None = None) -> None:
+    """Compare size and hash; a wrong download is removed, for nothing can be made of it."""
+    size = path.stat().st_size
+    if file.size is not None and size != file.size:
+        what, found, allowed = "size", f"{size} bytes", f"{file.size} bytes"
+    elif file.sha256 is not None and (digest := sha256_file(path)) != file.sha256:
+        what, found, allowed = "SHA-256", digest, file.sha256
+    else:
+        return
+    if not keep:
+        path.unlink()
+        if tag is not None:
+            tag.unlink(missing_ok=True)
+    raise SourceError(
+        f"jukebox: the file has another {what} than the checkpoint's",
+        where=path,
+        found=found,
+        allowed=allowed,
+        fix="remove it and fetch again" if keep else "it was removed; fetch again, or from another mirror or folder",
+    )

@@ -1,0 +1,399 @@
+"""Jukebox embeddings of clips."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from itertools import groupby
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import ArrayLike, NDArray
+
+from dancedata.audio.jukebox import memory
+from dancedata.audio.jukebox.arguments import require_codes, require_device, require_layers, require_max_codes
+from dancedata.audio.jukebox.batching import Batches
+from dancedata.audio.jukebox.clips import TooLong, fitted, prepare, require_audio, require_length
+from dancedata.audio.jukebox.config import JukeboxConfig
+from dancedata.audio.jukebox.conversion import open_converted, read_description
+from dancedata.audio.jukebox.loading import Checkpoint, load_encoder, load_prior, open_openai
+from dancedata.audio.jukebox.overflow import overflow
+from dancedata.audio.jukebox.precision import compute_dtype, exact_float32, resolve_precision
+from dancedata.audio.jukebox.prior import Prior
+from dancedata.audio.jukebox.resampling import n_frames, resampling_matrix
+from dancedata.audio.jukebox.vqvae import VqEncoder
+from dancedata.core.errors import UsageError
+
+Features = dict[int, NDArray[np.float32]]
+
+DEFAULT_LAYER = 66
+MAX_MATRICES = 4
+
+
+class JukeboxEncoder:
+    """Turns clips of music into activations of Jukebox's 5b prior. Made by `from_openai` or `from_converted`.
+
+    Every clip is encoded by itself: its own gain, its own time from 0. Clips do not influence each other, in whatever
+    batch they are computed.
+
+    Attributes
+    ----------
+    config : sizes of the network.
+    layers : layers that are returned, in this order; layer n is the residual stream after the n-th block.
+    device : where it computes.
+    precision : "fp32", "fp16" or "bf16": what "auto" became.
+    max_codes : the longest clip, in codes (344.53125 a second).
+    placement : which blocks are on the device; the others wait on the host for their turn.
+    """
+
+    def __init__(
+        self,
+        config: JukeboxConfig,
+        vqvae: VqEncoder,
+        prior: Prior,
+        *,
+        layers: tuple[int, ...],
+        device: torch.device,
+        precision: str,
+        max_codes: int,
+        placement: memory.Placement,
+        budget: int | None,
+    ) -> None:
+        self.config = config
+        self.layers = layers
+        self.device = device
+        self.precision = precision
+        self.max_codes = max_codes
+        self.placement = placement
+        self._vqvae = vqvae
+        self._prior = prior
+        self._budget = budget
+        self._batches = Batches()
+        self._matrices: dict[tuple[int, int], torch.Tensor] = {}
+
+    @classmethod
+    def from_openai(
+        cls,
+        folder: Path | str,
+        *,
+        config: JukeboxConfig | None = None,
+        layers: Iterable[int] = (DEFAULT_LAYER,),
+        device: str | torch.device | None = None,
+        precision: str = "auto",
+        max_codes: int | None = None,
+        memory_budget: int | None = None,
+    ) -> JukeboxEncoder:
+        """Load OpenAI's own files.
+
+        Parameters
+        ----------
+        folder
+            Has vqvae.pth.tar and prior_level_2.pth.tar. Only the tensors that the layers need are read.
+        config
+            Sizes; None: the real 5b model.
+        layers
+            1 to depth, any subset in any order.
+        device
+            Such as "cuda:1"; None: CUDA if there is a card, else the CPU.
+        precision
+            "auto" (fp16 on CUDA, fp32 elsewhere), "fp32", "fp16" or "bf16": type of weights and matrix products. The
+            residual stream, norms and softmax are fp32 in all of them.
+        max_codes
+            The longest clip, in codes; position tables are loaded for so many only. None: the whole context, 8192.
+        memory_budget
+            Bytes that may be used on the device. Blocks that do not fit stay on the host and come for their turn.
+            None: what is free on a card, no limit on a CPU.
+
+        Raises
+        ------
+        SourceError
+            A file or tensor is missing, truncated, of another shape, or of another network.
+        UsageError
+            A parameter is out of range, or the device too small.
+        """
+        config = config or JukeboxConfig()
+        chosen = require_layers(layers, config.depth)
+        checkpoint = open_openai(Path(folder), config)
+        return cls._load(checkpoint, config, chosen, device, precision, max_codes, memory_budget)
+
+    @classmethod
+    def from_converted(
+        cls,
+        folder: Path | str,
+        *,
+        config: JukeboxConfig | None = None,
+        layers: Iterable[int] | None = None,
+        device: str | torch.device | None = None,
+        precision: str = "auto",
+        max_codes: int | None = None,
+        memory_budget: int | None = None,
+    ) -> JukeboxEncoder:
+        """Load a folder that `convert` made. As `from_openai`, but for the two parameters below.
+
+        Parameters
+        ----------
+        config
+            None: what the folder says; another one is an error.
+        layers
+            None: the highest layer that was converted.
+        """
+        folder = Path(folder)
+        description = read_description(folder)
+        if config is not None and config != description.config:
+            raise UsageError(
+                "jukebox: the folder was converted from another network",
+                where=folder,
+                found=description.config,
+                allowed=config,
+            )
+        chosen = require_layers((description.layer,) if layers is None else layers, description.layer)
+        checkpoint = open_converted(folder, description, max(chosen))
+        return cls._load(checkpoint, description.config, chosen, device, precision, max_codes, memory_budget)
+
+    @classmethod
+    def _load(
+        cls,
+        checkpoint: Checkpoint,
+        config: JukeboxConfig,
+        layers: tuple[int, ...],
+        device: str | torch.device | None,
+        precision: str,
+        max_codes: int | None,
+        budget: int | None,
+    ) -> JukeboxEncoder:
+        try:
+            target = require_device(device)
+            name = resolve_precision(precision, target)
+            dtype = compute_dtype(name)
+            longest = require_max_codes(max_codes, config)
+            budget = memory.free_memory(target) if budget is None else budget
+            placement = memory.place(config, max(layers), dtype, longest, budget)
+            vqvae = load_encoder(checkpoint, config, target)
+            prior = load_prior(checkpoint, config, placement, max_codes=longest, precision=dtype, device=target)
+        finally:
+            checkpoint.close()
+        return cls(
+            config,
+            vqvae,
+            prior,
+            layers=layers,
+            device=target,
+            precision=name,
+            max_codes=longest,
+            placement=placement,
+            budget=budget,
+        )
+
+    def encode(self, samples: ArrayLike, sample_rate: int) -> NDArray[np.int64]:
+        """Encode a clip of any length as VQ-VAE codes.
+
+        Parameters
+        ----------
+        samples
+            (m,) or (channels, m) floating point; averaged, resampled to 44.1 kHz and divided by the largest value.
+        sample_rate
+            Samples a second.
+
+        Returns
+        -------
+        NDArray[np.int64]
+            (n,), one code per 128 samples at 44.1 kHz.
+
+        Raises
+        ------
+        DataError
+            "empty_audio", "nan", or "short_audio" (under 128 samples).
+        """
+        return self._encode_prepared([prepare(samples, sample_rate, self.config)])[0]
+
+    def encode_batch(
+        self, clips: Sequence[ArrayLike], sample_rate: int, *, batch_size: int | None = None
+    ) -> list[NDArray[np.int64]]:
+        """Encode several clips as `encode` does; those of equal length that follow each other at once.
+
+        Parameters
+        ----------
+        batch_size
+            Most clips at once; None: from the free memory (1 on a CPU).
+        """
+        return self._encode_prepared([prepare(clip, sample_rate, self.config) for clip in clips], batch_size)
+
+    def activations(self, codes: ArrayLike) -> Features:
+        """Compute the residual stream of one clip after each of `layers`.
+
+        Parameters
+        ----------
+        codes
+            (n,) integers, n up to `max_codes`.
+
+        Returns
+        -------
+        dict[int, NDArray[np.float32]]
+            (n, W) by layer.
+
+        Raises
+        ------
+        DataError
+            "short_audio" (no code) or "long_audio" (more than `max_codes`).
+        JukeboxOverflowError
+            In fp16, a value left the range of its type; says how to go on.
+        """
+        return self.activations_batch([codes])[0]
+
+    def activations_batch(self, codes: Sequence[ArrayLike], *, batch_size: int | None = None) -> list[Features]:
+        """Compute `activations` of several clips of any lengths, `batch_size` at once (None: from free memory)."""
+        checked = [require_codes(one, self.config) for one in codes]
+        for one in checked:
+            require_length(len(one), self.max_codes, self.config)
+        return self._in_batches(checked, None, batch_size)
+
+    def __call__(
+        self, samples: ArrayLike, sample_rate: int, fps: float = 30, *, too_long: TooLong = "error"
+    ) -> Features:
+        """Embed one clip: encode, compute the layers, resample them to `fps`.
+
+        Parameters
+        ----------
+        samples, sample_rate
+            As for `encode`.
+        fps
+            Frames a second.
+        too_long
+            What becomes of a clip of more than `max_codes` codes (23.78 s): "error", or "truncate": what lies behind
+            is dropped, as the reference does silently.
+
+        Returns
+        -------
+        dict[int, NDArray[np.float32]]
+            (T, W) by layer; T = ceil(n fps / 344.53125) for n codes: 150 for 5 s at 30.
+        """
+        return self.embed_batch([samples], sample_rate, fps, too_long=too_long)[0]
+
+    def embed_batch(
+        self,
+        clips: Sequence[ArrayLike],
+        sample_rate: int,
+        fps: float = 30,
+        *,
+        batch_size: int | None = None,
+        too_long: TooLong = "error",
+    ) -> list[Features]:
+        """Embed several clips of any lengths as `__call__` does.
+
+        Parameters
+        ----------
+        batch_size
+            Most clips at once; None: from the free memory (1 on a CPU). Halved when the device runs out of memory.
+        """
+        prepared = [
+            fitted(prepare(clip, sample_rate, self.config), self.max_codes, self.config, too_long) for clip in clips
+        ]
+        return self._embed_prepared(prepared, fps, batch_size)
+
+    def embed_prepared(
+        self, clips: Sequence[NDArray[np.float32]], fps: float = 30, *, batch_size: int | None = None
+    ) -> list[Features]:
+        """Embed clips as they are, such as parts of a song that was prepared as a whole and has one gain.
+
+        Parameters
+        ----------
+        clips
+            Each (n,) float32 at the config's sample rate, as `clips.prepare` gives it.
+        fps, batch_size
+            As for `embed_batch`.
+
+        Raises
+        ------
+        DataError
+            "short_audio" for a clip of less than one code, "long_audio" for one of more than `max_codes`.
+        """
+        for clip in clips:
+            require_audio(len(clip), self.config)
+            require_length(len(clip) // self.config.hop, self.max_codes, self.config)
+        return self._embed_prepared(clips, fps, batch_size)
+
+    def _embed_prepared(
+        self, clips: Sequence[NDArray[np.float32]], fps: float, batch_size: int | None
+    ) -> list[Features]:
+        if not fps > 0:
+            raise UsageError("jukebox: bad fps", found=fps, allowed="a number above 0")
+        codes = [one[: self.max_codes] for one in self._encode_prepared(clips, batch_size)]
+        return self._in_batches(codes, fps, batch_size)
+
+    def batch_size(self, n_codes: int) -> int:
+        """Clips of `n_codes` codes that fit on the device at once; 1 on a CPU, where more are no faster."""
+        free = None if self._budget is None else self._budget - self.placement.weight_bytes
+        if self.device.type != "cuda":
+            free = None
+        return memory.batch_size(self.config, compute_dtype(self.precision), n_codes, free)
+
+    def _encode_prepared(
+        self, clips: Sequence[NDArray[np.float32]], batch_size: int | None = None
+    ) -> list[NDArray[np.int64]]:
+        codes: list[NDArray[np.int64]] = []
+        for length, group in groupby(clips, len):
+            size = self.batch_size(length // self.config.hop) if batch_size is None else batch_size
+            for part in self._batches.run(list(group), size, self._encode_equal):
+                codes.extend(part)
+        return codes
+
+    @torch.inference_mode()
+    def _encode_equal(self, clips: Sequence[NDArray[np.float32]]) -> list[NDArray[np.int64]]:
+        audio = torch.from_numpy(np.stack(clips)).to(self.device)
+        return list(self._vqvae(audio).cpu().numpy())
+
+    def _in_batches(
+        self, codes: Sequence[NDArray[np.int64]], fps: float | None, batch_size: int | None
+    ) -> list[Features]:
+        """Compute the layers of all clips, at `fps` or (None) at one row a code."""
+        if not codes:
+            return []
+        # Clips of about equal length together: the least padding.
+        order = sorted(range(len(codes)), key=lambda i: len(codes[i]))
+        results: dict[int, Features] = {}
+        in_order = [codes[i] for i in order]
+        size = self.batch_size(len(in_order[-1])) if batch_size is None else batch_size
+        for features in self._batches.run(in_order, size, lambda part: self._compute(part, fps)):
+            results.update(zip(order[len(results) :], features, strict=False))
+        return [results[i] for i in range(len(codes))]
+
+    @torch.inference_mode()
+    def _compute(self, codes: Sequence[NDArray[np.int64]], fps: float | None) -> list[Features]:
+        """One batch."""
+        lengths = [len(one) for one in codes]
+        padded = np.zeros((len(codes), max(lengths)), dtype=np.int64)
+        for row, one in zip(padded, codes, strict=True):
+            row[: len(one)] = one
+        found: dict[int, list[NDArray[np.float32]]] = {}
+        with exact_float32():
+            for layer, h, largest_key in self._prior.run(torch.from_numpy(padded).to(self.device)):
+                if layer in self.layers:
+                    self._require_finite(layer, h, lengths, largest_key)
+                    found[layer] = [self._rows(h[i, :n], fps) for i, n in enumerate(lengths)]
+        return [{layer: found[layer][i] for layer in self.layers} for i in range(len(codes))]
+
+    def _rows(self, h: torch.Tensor, fps: float | None) -> NDArray[np.float32]:
+        """(n, W) of one clip on the device -> (n, W) or (T, W), a copy of its own on the host."""
+        if fps is None:
+            return h.cpu().numpy().copy()
+        n_codes = len(h)
+        frames = n_frames(n_codes, fps, self.config.code_rate)
+        return (self._matrix(n_codes, frames) @ h).cpu().numpy()
+
+    def _matrix(self, n_codes: int, frames: int) -> torch.Tensor:
+        """Return the resampling matrix on the device; the last ones are kept there, 1 MB for a 5-s clip."""
+        key = (n_codes, frames)
+        if key not in self._matrices:
+            if len(self._matrices) == MAX_MATRICES:
+                self._matrices.pop(next(iter(self._matrices)))
+            self._matrices[key] = torch.tensor(resampling_matrix(n_codes, frames), device=self.device)
+        return self._matrices[key]
+
+    def _require_finite(
+        self, layer: int, h: torch.Tensor, lengths: Sequence[int], largest_key: torch.Tensor | None
+    ) -> None:
+        finite = torch.stack([torch.isfinite(h[i, :n]).all() for i, n in enumerate(lengths)])
+        if largest_key is not None:
+            finite &= torch.isfinite(largest_key)
+        if not finite.all():
+            raise overflow(layer, self.precision)

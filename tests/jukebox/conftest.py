@@ -1,0 +1,60 @@
+"""Fixtures of the Jukebox tests: the reference's outputs, and a tiny random checkpoint that needs no reference."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+
+@pytest.fixture(scope="session")
+def golden(shared: Path) -> SimpleNamespace:
+    """The reference's tiny checkpoint, its config, its clips and outputs."""
+    import soundfile
+
+    from dancedata.audio.jukebox import JukeboxConfig
+
+    folder = shared / "golden" / "jukebox"
+    manifest = json.loads((folder / "manifest.json").read_text())
+    names = [name for name in manifest if not name.startswith("_")]
+
+    def audio(name: str) -> tuple[np.ndarray, int]:
+        samples, rate = soundfile.read(folder / manifest[name]["wav"], dtype="float32", always_2d=True)
+        return (samples[:, 0] if samples.shape[1] == 1 else samples.T), rate
+
+    return SimpleNamespace(
+        folder=folder,
+        manifest=manifest,
+        clips=names,
+        audio=audio,
+        expected={name: dict(np.load(folder / f"expect_{name}.npz")) for name in names},
+        conditioning=dict(np.load(folder / "expect_cond.npz")),
+        config=JukeboxConfig.from_hparams(json.loads((folder / "hparams.json").read_text())),
+    )
+
+
+@pytest.fixture(scope="session")
+def tiny(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
+    """A tiny random checkpoint in OpenAI's layout, its config and its tensors by file and name."""
+    from dancedata.testing.jukebox import TINY, random_checkpoint
+
+    folder = tmp_path_factory.mktemp("jukebox")
+    return SimpleNamespace(folder=folder, config=TINY, tensors=random_checkpoint(folder))
+
+
+@pytest.fixture(scope="session")
+def tiny_encoder(tiny: SimpleNamespace) -> Any:
+    """An fp32 encoder of the tiny checkpoint, layers 2 and 6, on the CPU."""
+    from dancedata.audio.jukebox import JukeboxEncoder
+
+    return JukeboxEncoder.from_openai(tiny.folder, config=tiny.config, layers=(2, 6), device="cpu")
+
+
+@pytest.fixture(scope="session")
+def noise() -> np.ndarray:
+    """One second of noise, (44100,) float32."""
+    return (0.1 * np.random.default_rng(0).standard_normal(44100)).astype(np.float32)

@@ -1,0 +1,164 @@
+"""Builds with a tiny checkpoint in the real layout: both scopes, killed and gone on with, and one's own song."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch")
+
+import dancedata
+from dancedata.audio.jukebox_feature import ENVIRONMENT, Jukebox
+from dancedata.audio.signal import load_audio
+from dancedata.core.errors import StoreError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.hashing import sha256_file
+from dancedata.datasets.synthetic import write_synthetic
+from dancedata.pipeline.build import build
+from dancedata.pipeline.recipe import load_recipe
+from dancedata.store import Store, verify_store
+
+SET = ("audio={jukebox: {layer: 6, device: cpu}}", "windows.stride_s=1", "motion={edge151: {}}")
+
+
+@pytest.fixture(scope="module")
+def corpus(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Four clips of 6 s to two songs."""
+    return write_synthetic(tmp_path_factory.mktemp("corpus") / "source", songs=2, clips_per_song=2, clip_s=6)
+
+
+@pytest.fixture(autouse=True)
+def _weights(tiny: SimpleNamespace, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(ENVIRONMENT, str(tiny.folder))
+
+
+def _build(corpus: Path, folder: Path, scope: str) -> Store:
+    build(load_recipe("aist++", (*SET, f"scope={scope}")), corpus, folder / "out", cache=folder / "cache")
+    assert [p for p in verify_store(folder / "out") if p.severity == "error"] == []
+    return dancedata.open(folder / "out")
+
+
+@pytest.mark.parametrize("scope", ["track", "window"])
+def test_both_scopes(corpus: Path, tmp_path: Path, scope: str) -> None:
+    store = _build(corpus, tmp_path, scope)
+    assert store.field("jukebox").dtype == "float16"
+    recipe = store.meta["recipe"]["audio"]["jukebox"]
+    assert recipe["precision"] == "fp32"
+    assert len(recipe["weights_sha256"]) == 64
+    feature = Jukebox(layer=6, device="cpu").resolved(sha256_file)
+    for split in store.splits:
+        for window in store.windows(split):
+            song = load_audio(next((corpus / "wavs").glob(f"{store.clip(window.clip).music}.*")))
+            found = store.read(window, "jukebox")
+            assert found.shape == (150, 40)
+            if scope == "window":
+                start = np.array([window.start * song.sample_rate // 30])
+                wanted = feature.extract_windows(song, start, 5 * song.sample_rate, FrameGrid.of(30), 150)[0]
+            else:
+                wanted = feature.extract(song, FrameGrid.of(30))[window.start : window.start + 150]
+            np.testing.assert_array_equal(found, wanted)
+
+
+def test_other_weights_are_another_dataset(corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from dancedata.testing.jukebox import random_checkpoint
+
+    _build(corpus, tmp_path, "track")
+    random_checkpoint(tmp_path / "other", seed=1)
+    monkeypatch.setenv(ENVIRONMENT, str(tmp_path / "other"))
+    with pytest.raises(StoreError, match="weights_sha256"):
+        _build(corpus, tmp_path, "track")
+
+
+def test_interrupted_after_any_window_it_goes_on(
+    corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    computed: list[tuple[str, int]] = []
+    plain = Jukebox.extract_windows
+
+    def counted(self: Jukebox, song: object, starts: np.ndarray, *rest: object, **named: object) -> np.ndarray:
+        if len(computed) in (2, 3):
+            computed.append(("killed", 0))
+            raise KeyboardInterrupt
+        rows = plain(self, song, starts, *rest, **named)  # type: ignore[arg-type]
+        computed.extend((song.sha256, int(start)) for start in starts)  # type: ignore[attr-defined]
+        return rows
+
+    monkeypatch.setattr(Jukebox, "extract_windows", counted)
+    for _ in range(2):
+        with pytest.raises(KeyboardInterrupt):
+            _build(corpus, tmp_path, "window")
+    store = _build(corpus, tmp_path, "window")
+    done = [unit for unit in computed if unit[0] != "killed"]
+    # Clips share their songs' windows.
+    wanted = {(store.clip(w.clip).music, w.start) for split in store.splits for w in store.windows(split)}
+    assert len(done) == len(set(done)) == len(wanted)
+
+
+def test_killed_from_outside_and_resumed_gives_the_same_bytes(
+    corpus: Path, tmp_path: Path, tiny: SimpleNamespace
+) -> None:
+    whole = _build(corpus, tmp_path / "whole", "window")
+    folder = tmp_path / "killed"
+    command = [
+        sys.executable,
+        "-m",
+        "dancedata",
+        "build",
+        "aist++",
+        "--source",
+        str(corpus),
+        "--out",
+        str(folder / "out"),
+    ]
+    for setting in (*SET, "scope=window"):
+        command += ["--set", setting]
+    command += ["--cache", str(folder / "cache"), "--jobs", "1", "--quiet"]
+    environment = {**os.environ, ENVIRONMENT: str(tiny.folder)}
+    running = subprocess.Popen(command, env=environment, start_new_session=True)
+    features = folder / "cache" / "features"
+    deadline = time.monotonic() + 120
+    while not list(features.rglob("*.npy")) and running.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.02)
+    os.killpg(running.pid, signal.SIGKILL)
+    running.wait()
+    subprocess.run(command, env=environment, check=True)
+    shards = sorted(p.name for p in (tmp_path / "whole" / "out").glob("*.h5"))
+    assert shards
+    for name in shards:
+        assert sha256_file(folder / "out" / name) == sha256_file(whole.path / name)
+
+
+@pytest.mark.parametrize("scope", ["track", "window"])
+def test_ones_own_song_like_a_dataset(corpus: Path, tmp_path: Path, tiny: SimpleNamespace, scope: str) -> None:
+    store = _build(corpus, tmp_path, scope)
+    song = next((corpus / "wavs").glob("*.wav"))
+    command = [
+        sys.executable,
+        "-m",
+        "dancedata",
+        "features",
+        str(song),
+        "--feature",
+        "jukebox",
+        "--out",
+        str(tmp_path),
+    ]
+    command += ["--like", str(store.path), "--weights", str(tiny.folder), "--json"]
+    environment = {k: v for k, v in os.environ.items() if k != ENVIRONMENT}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    (about,) = json.loads(done.stdout)
+    rows = np.load(tmp_path / about["file"])
+    window = next(w for split in store.splits for w in store.windows(split) if store.clip(w.clip).music == song.stem)
+    wanted = store.read(window, "jukebox")
+    np.testing.assert_array_equal(
+        rows[window.start : window.start + 150] if scope == "track" else rows[window.start // 30], wanted
+    )

@@ -1,0 +1,168 @@
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch")
+pytest.importorskip("accelerate")
+pytest.importorskip("safetensors")
+
+import torch
+from safetensors.torch import load_file
+
+from dancedata.audio.jukebox import JukeboxConfig, JukeboxEncoder, checkpoint_sha256, conversion, convert
+from dancedata.audio.jukebox.names import PRIOR_FILE, VQVAE_FILE
+from dancedata.core.errors import SourceError, UsageError
+from dancedata.core.hashing import sha256_file
+
+
+@pytest.fixture(scope="module")
+def converted(tiny: SimpleNamespace, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("converted")
+    convert(tiny.folder, folder, 4, config=tiny.config)
+    return folder
+
+
+@pytest.fixture
+def copy(converted: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(converted, tmp_path / "copy"))
+
+
+def test_files_and_description(tiny: SimpleNamespace, converted: Path) -> None:
+    blocks = [f"block-00{i}.safetensors" for i in range(4)]
+    assert sorted(p.name for p in converted.iterdir()) == [
+        *blocks,
+        "jukebox.json",
+        "tables.safetensors",
+        "vqvae.safetensors",
+    ]
+    description = json.loads((converted / "jukebox.json").read_text())
+    assert description["layer"] == 4
+    assert "Noncommercial" in description["licence"]
+    for name, what in description["files"].items():
+        assert what == {"bytes": (converted / name).stat().st_size, "sha256": sha256_file(converted / name)}
+    assert description["source"] == {f: sha256_file(tiny.folder / f) for f in (VQVAE_FILE, PRIOR_FILE)}
+    assert checkpoint_sha256(converted) == checkpoint_sha256(tiny.folder) == description["source"]
+
+
+def test_tensors_are_the_originals_with_the_needed_rows(tiny: SimpleNamespace, converted: Path) -> None:
+    originals = {**tiny.tensors[VQVAE_FILE], **tiny.tensors[PRIOR_FILE]}
+    tensors = {k: v for path in converted.glob("*.safetensors") for k, v in load_file(path).items()}
+    assert len(tensors) == 4 * 12 + 7 + 133
+    for name, tensor in tensors.items():
+        assert tensor.dtype == originals[name].dtype
+        assert torch.equal(tensor, originals[name][: len(tensor)])
+    assert tensors["y_emb.artist_emb.emb.weight"].shape == (1, 40)
+    assert not [name for name in tensors if "_attn_mods.4" in name or "x_out" in name]
+
+
+def test_same_features(tiny: SimpleNamespace, converted: Path, noise: np.ndarray) -> None:
+    direct = JukeboxEncoder.from_openai(tiny.folder, config=tiny.config, layers=(4, 2), device="cpu")(noise, 44100)
+    again = JukeboxEncoder.from_converted(converted, layers=(4, 2), device="cpu")(noise, 44100)
+    assert tuple(again) == (4, 2)
+    for layer, expected in direct.items():
+        np.testing.assert_array_equal(again[layer], expected)
+    assert JukeboxEncoder.from_converted(converted, device="cpu", max_codes=64).layers == (4,)
+
+
+def test_a_part_of_the_folder_is_enough_for_a_lower_layer(copy: Path) -> None:
+    (copy / "block-003.safetensors").unlink()
+    JukeboxEncoder.from_converted(copy, layers=(3,), device="cpu", max_codes=64)
+    with pytest.raises(SourceError, match=r"block-003\.safetensors: a file .* is missing"):
+        JukeboxEncoder.from_converted(copy, device="cpu")
+
+
+def test_layers_beyond_the_conversion(converted: Path) -> None:
+    with pytest.raises(UsageError, match="1 to 4"):
+        JukeboxEncoder.from_converted(converted, layers=(5,), device="cpu")
+    with pytest.raises(UsageError, match="another network"):
+        JukeboxEncoder.from_converted(converted, config=JukeboxConfig(), device="cpu")
+
+
+def test_second_time_does_nothing(tiny: SimpleNamespace, copy: Path) -> None:
+    before = {p.name: p.stat().st_mtime_ns for p in copy.iterdir()}
+    convert(tiny.folder, copy, 4, config=tiny.config)
+    assert before == {p.name: p.stat().st_mtime_ns for p in copy.iterdir()}
+    with pytest.raises(UsageError, match="holds another conversion; found layer 4"):
+        convert(tiny.folder, copy, 5, config=tiny.config)
+    with pytest.raises(UsageError, match="1 to 6"):
+        convert(tiny.folder, copy, 7, config=tiny.config)
+
+
+def test_interrupted_conversion_does_not_load_and_can_be_repeated(
+    tiny: SimpleNamespace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    original = conversion._write
+
+    def stops(path: Path, *rest: object) -> None:
+        if path.name == "block-002.safetensors":
+            raise KeyboardInterrupt
+        original(path, *rest)
+
+    monkeypatch.setattr(conversion, "_write", stops)
+    with pytest.raises(KeyboardInterrupt):
+        convert(tiny.folder, tmp_path / "out", 4, config=tiny.config)
+    with pytest.raises(SourceError, match="no finished conversion"):
+        JukeboxEncoder.from_converted(tmp_path / "out", device="cpu")
+    monkeypatch.undo()
+    convert(tiny.folder, tmp_path / "out", 4, config=tiny.config)
+    JukeboxEncoder.from_converted(tmp_path / "out", device="cpu", max_codes=64)
+
+
+def test_truncated_file(copy: Path) -> None:
+    path = copy / "block-001.safetensors"
+    os.truncate(path, path.stat().st_size - 100)
+    with pytest.raises(SourceError, match=r"block-001\.safetensors: .* truncated"):
+        JukeboxEncoder.from_converted(copy, device="cpu")
+
+
+def test_flipped_bit_is_found_by_the_hash(copy: Path) -> None:
+    conversion.verify_converted(copy)
+    data = bytearray((copy / "tables.safetensors").read_bytes())
+    data[-1] ^= 1
+    (copy / "tables.safetensors").write_bytes(data)
+    with pytest.raises(SourceError, match=r"tables\.safetensors: .* SHA-256"):
+        conversion.verify_converted(copy)
+
+
+def test_damaged_header(copy: Path) -> None:
+    data = bytearray((copy / "tables.safetensors").read_bytes())
+    data[:8] = b"\xff" * 8
+    (copy / "tables.safetensors").write_bytes(data)
+    with pytest.raises(SourceError, match=r"tables\.safetensors: .* cannot be read"):
+        JukeboxEncoder.from_converted(copy, device="cpu")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"format": 2}, "another format; found 2; allowed: 1"),
+        ({"config": {}}, "damaged"),
+        ({"files": []}, "damaged"),
+        ({"layer": "x"}, "damaged"),
+    ],
+)
+def test_damaged_description(copy: Path, change: dict[str, object], message: str) -> None:
+    description = json.loads((copy / "jukebox.json").read_text())
+    (copy / "jukebox.json").write_text(json.dumps({**description, **change}))
+    with pytest.raises(SourceError, match=message):
+        JukeboxEncoder.from_converted(copy, device="cpu")
+
+
+def test_full_disk_leaves_nothing_half(
+    tiny: SimpleNamespace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(tensors: object, path: Path, metadata: object) -> None:
+        Path(path).write_bytes(b"half")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("safetensors.torch.save_file", full)
+    with pytest.raises(Exception, match=r"vqvae\.safetensors: .* cannot be written; found .*No space left"):
+        convert(tiny.folder, tmp_path / "out", 1, config=tiny.config)
+    assert list((tmp_path / "out").iterdir()) == []

@@ -1,0 +1,206 @@
+"""What is wrong in the reference implementations (jukemirlib, transformers), and right here."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch")
+pytest.importorskip("accelerate")
+
+import scipy.signal
+
+from dancedata.audio.jukebox import JukeboxEncoder
+from dancedata.audio.jukebox.clips import prepare
+from dancedata.core.errors import DataError, UsageError
+
+TOLERANCE = 2e-5
+
+
+def _resampled(encoder: Any, codes: np.ndarray, n: int) -> np.ndarray:
+    return scipy.signal.resample(encoder.activations(codes)[6], n)
+
+
+@pytest.fixture(scope="module")
+def clips() -> list[np.ndarray]:
+    rng = np.random.default_rng(1)
+    return [(0.1 * rng.standard_normal(n)).astype(np.float32) for n in (9000, 9000, 9000, 20001, 12345, 128, 9000)]
+
+
+@pytest.fixture(scope="module")
+def one_by_one(tiny_encoder: Any, clips: list[np.ndarray]) -> list[dict[int, np.ndarray]]:
+    return [tiny_encoder(clip, 44100) for clip in clips]
+
+
+@pytest.mark.parametrize("sizes", [(2, 5, 1, 3), (7,), (1, 1)])
+def test_batch_size_may_change_and_lengths_may_differ(
+    tiny_encoder: Any, clips: list[np.ndarray], one_by_one: list[dict[int, np.ndarray]], sizes: tuple[int, ...]
+) -> None:
+    # jukemirlib keeps the conditioning of the first batch and fails with the next size, and for unequal lengths.
+    for size in sizes:
+        together = tiny_encoder.embed_batch(clips, 44100, batch_size=size)
+        assert len(together) == len(clips)
+        for found, expected in zip(together, one_by_one, strict=True):
+            for layer in (2, 6):
+                np.testing.assert_allclose(found[layer], expected[layer], rtol=0, atol=TOLERANCE)
+
+
+def test_on_a_cpu_neighbours_do_not_matter_to_the_bit(
+    tiny_encoder: Any, clips: list[np.ndarray], one_by_one: list[dict[int, np.ndarray]]
+) -> None:
+    for found, expected in zip(tiny_encoder.embed_batch(clips[::-1], 44100), one_by_one[::-1], strict=True):
+        np.testing.assert_array_equal(found[6], expected[6])
+
+
+def test_batches_of_codes(tiny_encoder: Any, clips: list[np.ndarray]) -> None:
+    codes = tiny_encoder.encode_batch(clips, 44100, batch_size=3)
+    for clip, found in zip(clips, codes, strict=True):
+        np.testing.assert_array_equal(found, tiny_encoder.encode(clip, 44100))
+    for one, found in zip(codes, tiny_encoder.activations_batch(codes, batch_size=4), strict=True):
+        np.testing.assert_allclose(found[6], tiny_encoder.activations(one)[6], rtol=0, atol=TOLERANCE)
+    assert tiny_encoder.embed_batch([], 44100) == []
+    with pytest.raises(UsageError, match="bad batch_size"):
+        tiny_encoder.embed_batch(clips, 44100, batch_size=0)
+
+
+@pytest.mark.parametrize("layers", [(3, 1), (1, 3), (6,), (5, 6, 2)])
+def test_layers_in_any_order(tiny: SimpleNamespace, layers: tuple[int, ...]) -> None:
+    # jukemirlib returns only the first of layers that do not ascend.
+    everything = JukeboxEncoder.from_openai(tiny.folder, config=tiny.config, layers=range(1, 7), device="cpu")
+    encoder = JukeboxEncoder.from_openai(tiny.folder, config=tiny.config, layers=layers, device="cpu")
+    codes = np.arange(100) % 64
+    found, expected = encoder.activations(codes), everything.activations(codes)
+    assert tuple(found) == layers
+    for layer in layers:
+        np.testing.assert_array_equal(found[layer], expected[layer])
+
+
+@pytest.mark.parametrize("n", [1, 64, 127])
+def test_under_one_code(tiny_encoder: Any, n: int) -> None:
+    for call in (tiny_encoder, tiny_encoder.encode):
+        with pytest.raises(DataError, match=r"too short; found .* allowed: at least 128") as caught:
+            call(np.ones(n, dtype=np.float32), 44100)
+        assert caught.value.reason == "short_audio"
+    with pytest.raises(DataError) as caught:
+        tiny_encoder.activations(np.zeros(0, dtype=np.int64))
+    assert caught.value.reason == "short_audio"
+
+
+@pytest.mark.parametrize("n", [128, 255, 256])
+def test_one_code_or_two(tiny_encoder: Any, n: int) -> None:
+    # jukemirlib squeezes one code to (W,) and resamples along the columns.
+    samples = np.linspace(-1, 1, n, dtype=np.float32)
+    codes = tiny_encoder.encode(samples, 44100)
+    assert codes.shape == (n // 128,)
+    activations = tiny_encoder.activations(codes)[6]
+    assert activations.shape == (n // 128, 40)
+    features = tiny_encoder(samples, 44100)[6]
+    assert features.shape == (1, 40)
+    np.testing.assert_allclose(features, scipy.signal.resample(activations, 1), atol=1e-6)
+
+
+def test_beyond_the_limit(tiny_encoder: Any, tiny: SimpleNamespace) -> None:
+    # The reference drops everything after 23.78 s without a word.
+    long = (0.1 * np.random.default_rng(2).standard_normal(8193 * 128)).astype(np.float32)
+    with pytest.raises(DataError, match=r"found 8193 codes, which is 23\.78 s; allowed: at most 8192") as caught:
+        tiny_encoder(long, 44100)
+    assert caught.value.reason == "long_audio"
+    with pytest.raises(DataError, match="truncate"):
+        tiny_encoder.activations(np.zeros(8193, dtype=np.int64))
+    codes = tiny_encoder.encode(long, 44100)
+    assert codes.shape == (8193,)
+    with pytest.raises(UsageError, match="Did you mean 'truncate'"):
+        tiny_encoder(long, 44100, too_long="truncated")
+
+
+def test_limit_of_its_own(tiny: SimpleNamespace, noise: np.ndarray, tiny_encoder: Any) -> None:
+    encoder = JukeboxEncoder.from_openai(tiny.folder, config=tiny.config, layers=(6,), device="cpu", max_codes=100)
+    with pytest.raises(DataError, match=r"at most 100 codes, which is 0\.29 s \(of 8192: .* max_codes=100\)"):
+        encoder(noise, 44100)
+    cut = encoder(noise, 44100, too_long="truncate")[6]
+    assert cut.shape == (9, 40)
+    # Codes near the cut hear what lies behind it, as in the reference.
+    codes = tiny_encoder.encode(noise, 44100)[:100]
+    expected = scipy.signal.resample(tiny_encoder.activations(codes)[6], 9)
+    np.testing.assert_allclose(cut, expected, rtol=0, atol=TOLERANCE)
+
+
+def test_parts_of_a_prepared_song_keep_its_gain(tiny_encoder: Any, noise: np.ndarray) -> None:
+    song = prepare(np.concatenate([noise, 4 * noise]), 44100, tiny_encoder.config)
+    found = tiny_encoder.embed_prepared([song[:22050], song[44100:66150]])
+    codes = tiny_encoder._encode_prepared([song[:22050]])[0]
+    np.testing.assert_allclose(found[0][6], _resampled(tiny_encoder, codes, 15), rtol=0, atol=TOLERANCE)
+    assert np.abs(found[0][6] - tiny_encoder(noise[:22050], 44100)[6]).max() > 0.1
+    for n, reason in ((127, "short_audio"), (8193 * 128, "long_audio")):
+        with pytest.raises(DataError) as caught:
+            tiny_encoder.embed_prepared([np.zeros(n, dtype=np.float32)])
+        assert caught.value.reason == reason
+
+
+def test_silence_stays_silence(tiny_encoder: Any) -> None:
+    silence = np.zeros(22050, dtype=np.float32)
+    codes = tiny_encoder.encode(silence, 44100)
+    assert len(set(codes[90:-90].tolist())) <= 1
+    assert np.isfinite(tiny_encoder(silence, 44100)[6]).all()
+    assert np.isfinite(tiny_encoder(np.full(22050, 1e-42, dtype=np.float32), 44100)[6]).all()
+
+
+def test_gain_of_the_clip_does_not_matter(tiny_encoder: Any, noise: np.ndarray) -> None:
+    # A power of two, so that the division by the largest sample gives the same bits.
+    np.testing.assert_array_equal(tiny_encoder.encode(noise, 44100), tiny_encoder.encode(noise / 4, 44100))
+
+
+def test_channels_are_averaged(tiny_encoder: Any, noise: np.ndarray) -> None:
+    stereo = np.stack([noise, np.zeros_like(noise)])
+    np.testing.assert_array_equal(tiny_encoder.encode(stereo, 44100), tiny_encoder.encode(noise, 44100))
+    np.testing.assert_array_equal(tiny_encoder.encode(noise[None], 44100), tiny_encoder.encode(noise, 44100))
+
+
+@pytest.mark.parametrize(
+    ("samples", "rate", "error", "message"),
+    [
+        (np.zeros(0, np.float32), 44100, DataError, "no samples"),
+        (np.array([0, np.nan] * 100, np.float32), 44100, DataError, "no numbers; found 100 samples"),
+        (np.zeros(1000, np.int16), 44100, UsageError, "floating-point"),
+        (np.zeros((44100, 2), np.float32), 44100, UsageError, r"\(channels, m\)"),
+        (np.zeros((1, 2, 3), np.float32), 44100, UsageError, "no samples"),
+        (np.zeros(1000, np.float32), 0, UsageError, "sample rate"),
+    ],
+)
+def test_bad_samples(tiny_encoder: Any, samples: np.ndarray, rate: int, error: type[Exception], message: str) -> None:
+    with pytest.raises(error, match=message):
+        tiny_encoder(samples, rate)
+
+
+@pytest.mark.parametrize(
+    ("codes", "message"),
+    [([0, 64], "0 to 64; allowed: 0 to 63"), ([-1], "-1 to -1"), ([0.5], "integers"), ([[1]], r"\(n,\) integers")],
+)
+def test_bad_codes(tiny_encoder: Any, codes: list[Any], message: str) -> None:
+    with pytest.raises(UsageError, match=message):
+        tiny_encoder.activations(codes)
+
+
+def test_a_prefix_has_the_activations_of_the_whole(tiny_encoder: Any) -> None:
+    # Nothing sees the padding, or the future; the last code of a clip is never seen at all.
+    codes = np.random.default_rng(3).integers(0, 64, 300)
+    whole = tiny_encoder.activations(codes)[6]
+    for n in (1, 63, 64, 65, 200):
+        np.testing.assert_allclose(tiny_encoder.activations(codes[:n])[6], whole[:n], rtol=0, atol=TOLERANCE)
+    changed = codes.copy()
+    changed[199] = (changed[199] + 1) % 64
+    np.testing.assert_allclose(tiny_encoder.activations(changed)[6][:200], whole[:200], rtol=0, atol=TOLERANCE)
+    assert np.abs(tiny_encoder.activations(changed)[6][200:] - whole[200:]).max() > 0.1
+
+
+@pytest.mark.parametrize("fps", [30, 60, 29.97, 344.53125])
+def test_frame_rates(tiny_encoder: Any, noise: np.ndarray, fps: float) -> None:
+    activations = tiny_encoder.activations(tiny_encoder.encode(noise, 44100))[6]
+    found = tiny_encoder(noise, 44100, fps=fps)[6]
+    expected = scipy.signal.resample(activations, int(np.ceil(len(activations) * fps / 344.53125)))
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-5)
+    with pytest.raises(UsageError, match="fps"):
+        tiny_encoder(noise, 44100, fps=0)

@@ -1,0 +1,253 @@
+"""Downloads from a server on localhost that cuts connections, lacks ranges, changes the file, or lies."""
+
+from __future__ import annotations
+
+import hashlib
+import threading
+from collections.abc import Iterator
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dancedata.audio.jukebox import fetch
+from dancedata.audio.jukebox.download import FILES, RemoteFile
+from dancedata.core.errors import DanceDataError, SourceError, UsageError
+
+DATA = np.random.default_rng(0).bytes(3_000_000)
+
+
+def _remote(name: str = "a.bin", data: bytes = DATA) -> RemoteFile:
+    return RemoteFile(name, len(data), hashlib.sha256(data).hexdigest())
+
+
+class _Server(ThreadingHTTPServer):
+    """Serves DATA under every name; what it does wrong is set by its attributes."""
+
+    daemon_threads = True
+
+    def __init__(self) -> None:
+        super().__init__(("127.0.0.1", 0), _Handler)
+        self.data = DATA
+        self.cut_after: list[int] = []  # bytes of the body of the next answers, each followed by a closed connection
+        self.ranges = True
+        self.shift = 0
+        self.length = True
+        self.status: list[int] = []
+        self.asked: list[str | None] = []
+
+    def handle_error(self, *_: object) -> None:
+        """Clients that go away are what is tested."""
+
+    @property
+    def url(self) -> str:
+        return f"http://127.0.0.1:{self.server_address[1]}/models/"
+
+    @property
+    def etag(self) -> str:
+        return f'"{hashlib.md5(self.data).hexdigest()}"'
+
+
+class _Handler(BaseHTTPRequestHandler):
+    server: _Server
+
+    def log_message(self, *_: object) -> None:
+        pass
+
+    def do_GET(self) -> None:
+        server, wanted = self.server, self.headers.get("Range")
+        server.asked.append(wanted)
+        if server.status:
+            self.send_error(server.status.pop(0))
+            return
+        start = int(wanted.removeprefix("bytes=").removesuffix("-")) if wanted and server.ranges else 0
+        if self.headers.get("If-Range", server.etag) != server.etag:
+            start = 0
+        if start >= len(server.data):
+            self.send_error(416)
+            return
+        self.send_response(206 if start else 200)
+        if start:
+            start -= server.shift
+            self.send_header("Content-Range", f"bytes {start}-{len(server.data) - 1}/{len(server.data)}")
+        body = server.data[start:]
+        if server.length:
+            self.send_header("Content-Length", str(len(body)))
+        self.send_header("ETag", server.etag)
+        self.end_headers()
+        self.wfile.write(body[: server.cut_after.pop(0)] if server.cut_after else body)
+        self.close_connection = True
+
+
+@pytest.fixture
+def server() -> Iterator[_Server]:
+    with _Server() as running:
+        thread = threading.Thread(target=running.serve_forever, args=(0.01,))
+        thread.start()
+        yield running
+        running.shutdown()
+        thread.join()
+
+
+def _fetch(out: Path, source: object, file: RemoteFile | None = None, **more: Any) -> Path:
+    (path,) = fetch(out, str(source), accept_licence=True, files=[file or _remote()], wait_s=0, **more)
+    return path
+
+
+def _left(out: Path) -> list[str]:
+    return sorted(p.name for p in out.iterdir() if not p.name.endswith(".lock"))
+
+
+def test_whole_file_with_progress(server: _Server, tmp_path: Path) -> None:
+    seen: list[tuple[str, int, int | None]] = []
+    path = _fetch(tmp_path / "new", server.url, progress=lambda *what: seen.append(what))
+    assert path.read_bytes() == DATA
+    assert _left(tmp_path / "new") == ["a.bin"]
+    assert seen[-1] == ("a.bin", len(DATA), len(DATA))
+    # The second time the file is checked and nothing is asked for.
+    _fetch(tmp_path / "new", server.url)
+    assert len(server.asked) == 1
+
+
+def test_goes_on_where_the_connection_was_cut(server: _Server, tmp_path: Path) -> None:
+    server.cut_after = [1_000_000, 0, 500_000]
+    assert _fetch(tmp_path, server.url).read_bytes() == DATA
+    assert server.asked == [None, "bytes=1000000-", "bytes=1000000-", "bytes=1500000-"]
+
+
+def test_gives_up_but_keeps_what_is_there(server: _Server, tmp_path: Path) -> None:
+    server.cut_after = [700_000, 0, 0, 0, 0]
+    with pytest.raises(SourceError, match="failed; found the connection ended early; 700000 bytes are there"):
+        _fetch(tmp_path, server.url, attempts=3)
+    assert _left(tmp_path) == ["a.bin.part", "a.bin.part-etag"]
+    server.cut_after = []
+    assert _fetch(tmp_path, server.url).read_bytes() == DATA
+    assert server.asked[-1] == "bytes=700000-"
+    assert _left(tmp_path) == ["a.bin"]
+
+
+def test_temporary_failures_of_the_server(server: _Server, tmp_path: Path) -> None:
+    server.status = [503, 500]
+    assert _fetch(tmp_path, server.url).read_bytes() == DATA
+
+
+def test_missing_on_the_server(server: _Server, tmp_path: Path) -> None:
+    server.status = [404]
+    with pytest.raises(SourceError, match=r"models/a\.bin: .* found HTTP Error 404"):
+        _fetch(tmp_path, server.url)
+    assert len(server.asked) == 1
+
+
+def test_server_that_cannot_resume(server: _Server, tmp_path: Path) -> None:
+    server.ranges = False
+    server.cut_after = [1_000_000]
+    assert _fetch(tmp_path, server.url).read_bytes() == DATA
+
+
+def test_server_that_resumes_elsewhere(server: _Server, tmp_path: Path) -> None:
+    server.shift = 5
+    server.cut_after = [1_000_000]
+    with pytest.raises(SourceError, match="asked for bytes from 1000000, got 'bytes 999995-"):
+        _fetch(tmp_path, server.url, attempts=2)
+
+
+def test_file_that_changes_in_between_is_taken_from_its_start(server: _Server, tmp_path: Path) -> None:
+    server.cut_after = [1_000_000, 0]
+    old = RemoteFile("a.bin", None, None)
+    with pytest.raises(SourceError):
+        _fetch(tmp_path, server.url, old, attempts=1)
+    server.cut_after = []
+    server.data = DATA[::-1]
+    assert _fetch(tmp_path, server.url, _remote(data=server.data)).read_bytes() == server.data
+
+
+def test_complete_part_is_only_checked(server: _Server, tmp_path: Path) -> None:
+    (tmp_path / "a.bin.part").write_bytes(DATA)
+    assert _fetch(tmp_path, server.url).read_bytes() == DATA
+
+
+def test_other_size_on_the_server(server: _Server, tmp_path: Path) -> None:
+    with pytest.raises(SourceError, match=r"another file; found 3000000 bytes; allowed: 7 bytes"):
+        _fetch(tmp_path, server.url, RemoteFile("a.bin", 7, None))
+    assert _left(tmp_path) == []
+
+
+def test_wrong_hash_leaves_nothing(server: _Server, tmp_path: Path) -> None:
+    with pytest.raises(SourceError, match="another SHA-256"):
+        _fetch(tmp_path, server.url, RemoteFile("a.bin", len(DATA), "0" * 64))
+    assert _left(tmp_path) == []
+
+
+def test_without_a_stated_length_the_hash_tells(server: _Server, tmp_path: Path) -> None:
+    server.length = False
+    assert _fetch(tmp_path, server.url).read_bytes() == DATA
+    server.cut_after = [1000]
+    with pytest.raises(SourceError, match="another size"):
+        _fetch(tmp_path / "cut", server.url)
+    assert _left(tmp_path / "cut") == []
+
+
+def test_nobody_listens(tmp_path: Path) -> None:
+    with pytest.raises(SourceError, match="download failed"):
+        _fetch(tmp_path, "http://127.0.0.1:9/", attempts=2)
+
+
+def test_from_a_folder(tmp_path: Path) -> None:
+    (tmp_path / "from").mkdir()
+    (tmp_path / "from" / "a.bin").write_bytes(DATA)
+    assert _fetch(tmp_path / "to", tmp_path / "from").read_bytes() == DATA
+    (tmp_path / "from" / "a.bin").write_bytes(DATA[:-1])
+    with pytest.raises(SourceError, match=r"from/a\.bin: .* another size"):
+        _fetch(tmp_path / "to2", tmp_path / "from")
+    assert (tmp_path / "from" / "a.bin").exists()
+    with pytest.raises(SourceError, match="no such file"):
+        _fetch(tmp_path / "to2", tmp_path / "from", _remote("b.bin"))
+
+
+def test_damaged_file_that_is_already_there(server: _Server, tmp_path: Path) -> None:
+    (tmp_path / "a.bin").write_bytes(b"x")
+    with pytest.raises(SourceError, match=r"another size.*Remove it"):
+        _fetch(tmp_path, server.url)
+
+
+@pytest.mark.parametrize("source", ["ftp://example.org/x", "/no/such/folder", "file:///etc"])
+def test_other_sources(tmp_path: Path, source: str) -> None:
+    with pytest.raises(UsageError, match="http or https"):
+        _fetch(tmp_path, source)
+
+
+def test_licence_comes_first(server: _Server, tmp_path: Path) -> None:
+    shown: list[str] = []
+
+    def ask(text: str) -> bool:
+        shown.append(text)
+        return False
+
+    for answer in (ask, False):
+        with pytest.raises(UsageError, match="was not agreed to"):
+            fetch(tmp_path / "out", server.url, accept_licence=answer, files=[_remote()])
+    assert "Noncommercial" in shown[0]
+    assert server.asked == []
+    assert not (tmp_path / "out").exists()
+
+
+def test_two_programs_at_once(server: _Server, tmp_path: Path) -> None:
+    from filelock import FileLock
+
+    with FileLock(tmp_path / ".a.bin.lock"), pytest.raises(UsageError, match="another program"):
+        _fetch(tmp_path, server.url)
+
+
+def test_disk_that_cannot_be_written(server: _Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    with pytest.raises(DanceDataError, match=r"a\.bin: .* cannot be written; found .*No space left.* GB are free"):
+        _fetch(tmp_path, server.url, progress=full)
+
+
+def test_the_real_files() -> None:
+    assert [f.name for f in FILES] == ["vqvae.pth.tar", "prior_level_2.pth.tar"]
+    assert all(len(f.sha256 or "") == 64 for f in FILES)

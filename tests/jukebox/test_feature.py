@@ -1,0 +1,129 @@
+"""The recipe feature: EDGE's windows, whole songs, precision and weights fixed by a build."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch")
+
+import dancedata
+from dancedata.audio.jukebox import JukeboxEncoder
+from dancedata.audio.jukebox_feature import ENVIRONMENT, Jukebox
+from dancedata.audio.signal import pcm16
+from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.errors import DanceDataError, DataError, SourceError, UsageError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.hashing import sha256_file
+
+FPS = FrameGrid.of(30)
+LAYER = 6
+
+
+@pytest.fixture(scope="module")
+def feature(tiny: SimpleNamespace) -> Jukebox:
+    return Jukebox(weights=tiny.folder, layer=LAYER, device="cpu").resolved(sha256_file)
+
+
+@pytest.fixture(scope="module")
+def song() -> AudioSignal:
+    """31 s of bursts and tones at 22,050 Hz: two contexts."""
+    time_s = np.arange(31 * 22050) / 22050
+    noise = np.random.default_rng(0).normal(0, 0.2, len(time_s)) * np.exp(-8 * (time_s % 0.5))
+    return AudioSignal((noise + 0.1 * np.sin(2 * np.pi * 220 * time_s * (1 + time_s / 60))).astype(np.float32), 22050)
+
+
+def _same(rows: np.ndarray, wanted: np.ndarray) -> None:
+    """Equal but for a step of float16: on another number of threads float32 sums end in other last digits."""
+    np.testing.assert_allclose(rows.astype(np.float32), wanted, rtol=2**-10, atol=2**-12)
+
+
+def test_windows_are_clips_by_themselves(feature: Jukebox, song: AudioSignal, tiny_encoder: JukeboxEncoder) -> None:
+    starts = np.array([0, 11_025, 33_333])
+    rows = feature.extract_windows(song, starts, 5 * 22050, FPS, 150)
+    assert rows.shape == (3, 150, 40)
+    assert rows.dtype == np.float16
+    for own, start in zip(rows, starts, strict=True):
+        clip = pcm16(song.samples[start : start + 5 * 22050])
+        wanted = tiny_encoder(clip, 22050)[LAYER]
+        _same(own, wanted)
+
+
+def test_a_song_within_one_context_is_one_clip(
+    feature: Jukebox, song: AudioSignal, tiny_encoder: JukeboxEncoder
+) -> None:
+    short = song.part(0, 20 * 22050)
+    rows = feature.extract(short, FPS)
+    assert len(rows) == feature.n_rows(short.n_samples, 22050, FPS) == 600
+    _same(rows, tiny_encoder(short.samples, 22050)[LAYER])
+
+
+def test_a_longer_song_joins_contexts_without_a_gap(
+    feature: Jukebox, song: AudioSignal, tiny_encoder: JukeboxEncoder
+) -> None:
+    rows = feature.extract(song, FPS)
+    assert len(rows) == feature.n_rows(song.n_samples, 22050, FPS) == 930
+    # Contexts of 704 rows overlap by 128, of which the last 16 of the first and 112 of the second are dropped.
+    audio = song.samples
+    first = tiny_encoder(audio[: 704 * 735], 22050)[LAYER]
+    assert first.shape[0] == 704
+    gain = np.abs(dancedata.audio.signal.resample(audio, 22050, 44100)).max()
+    own = np.abs(dancedata.audio.signal.resample(audio[: 704 * 735], 22050, 44100)).max()
+    if np.isclose(gain, own, rtol=1e-3):
+        # One gain for the song: a context alone differs where its own peak is another.
+        assert np.corrcoef(rows[:600].ravel().astype(float), first[:600].ravel())[0, 1] > 0.9
+    assert np.isfinite(rows).all()
+
+
+def test_rows_before_a_context_ends_do_not_depend_on_what_follows(feature: Jukebox, song: AudioSignal) -> None:
+    # The transformer is causal; what follows a context is heard by neither its codes nor its rows.
+    loud = song.samples.copy()
+    loud[28 * 22050 :] *= 0.5
+    one, two = feature.extract(song, FPS), feature.extract(AudioSignal(loud, 22050), FPS)
+    peak = np.abs(song.samples).argmax() / 22050
+    assert peak < 28
+    np.testing.assert_array_equal(one[: 704 - 16], two[: 704 - 16])
+    assert not np.array_equal(one, two)
+
+
+def test_a_build_fixes_precision_and_weights(tiny: SimpleNamespace, feature: Jukebox, tmp_path: Path) -> None:
+    assert feature.precision == "fp32"
+    assert len(feature.weights_sha256) == 64
+    converted = tmp_path / "converted"
+    dancedata.audio.jukebox.convert(tiny.folder, converted, layer=LAYER, config=tiny.config)
+    same = Jukebox(weights=converted, layer=LAYER, device="cpu").resolved(sha256_file)
+    assert same.weights_sha256 == feature.weights_sha256
+    assert same.columns == feature.columns
+    signal = AudioSignal(np.random.default_rng(1).normal(0, 0.1, 44100).astype(np.float32), 44100)
+    np.testing.assert_array_equal(same.extract(signal, FPS), feature.extract(signal, FPS))
+    with pytest.raises(UsageError, match="other weights"):
+        Jukebox(weights=tiny.folder, weights_sha256="0" * 64, device="cpu").resolved(sha256_file)
+
+
+def test_where_the_weights_are(tiny: SimpleNamespace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(ENVIRONMENT, raising=False)
+    with pytest.raises(UsageError, match=ENVIRONMENT):
+        Jukebox().resolved(sha256_file)
+    with pytest.raises(SourceError, match="no folder"):
+        Jukebox(weights=tmp_path / "none").resolved(sha256_file)
+    with pytest.raises(SourceError, match=r"vqvae\.pth\.tar"):
+        Jukebox(weights=tmp_path).resolved(sha256_file)
+    monkeypatch.setenv(ENVIRONMENT, str(tiny.folder))
+    assert Jukebox(device="cpu").resolved(sha256_file).weights == tiny.folder
+    assert Jukebox().columns.width == tiny.config.width
+
+
+def test_what_cannot_be_embedded(feature: Jukebox, song: AudioSignal) -> None:
+    with pytest.raises(DataError, match="beyond the signal"):
+        feature.extract_windows(song, np.array([song.n_samples]), 22050, FPS, 30)
+    with pytest.raises(DataError, match="too short"):
+        feature.extract(AudioSignal(np.zeros(50, np.float32), 44100), FPS)
+    with pytest.raises(DataError, match="too long"):
+        feature.extract_windows(song, np.array([0]), 25 * 22050, FPS, 750)
+    with pytest.raises(DanceDataError, match="contexts cannot overlap"):
+        feature.n_rows(1, 44100, FrameGrid.of("30000/1001"))
+    with pytest.raises(UsageError, match="layer"):
+        Jukebox(layer=0)

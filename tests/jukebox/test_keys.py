@@ -1,0 +1,102 @@
+"""At real size, without memory: what is asked of the files is what they hold."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Mapping
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("torch")
+pytest.importorskip("accelerate")
+
+import torch
+
+from dancedata.audio.jukebox import JukeboxConfig, memory, names
+from dancedata.audio.jukebox.loading import Checkpoint, load_encoder, load_prior
+
+REAL = JukeboxConfig()
+
+
+class MetaSource:
+    """Tensors of the meta device; remembers what was asked for."""
+
+    path = Path("meta")
+
+    def __init__(self, tensors: Mapping[str, tuple[tuple[int, ...], torch.dtype]]) -> None:
+        self.tensors = tensors
+        self.asked: list[str] = []
+
+    def shapes(self) -> dict[str, tuple[int, ...]]:
+        return {name: shape for name, (shape, _) in self.tensors.items()}
+
+    def dtype(self, name: str) -> torch.dtype:
+        return self.tensors[name][1]
+
+    def read(self, name: str, rows: int) -> torch.Tensor:
+        self.asked.append(name)
+        shape, dtype = self.tensors[name]
+        assert 1 <= rows <= shape[0]
+        return torch.empty((rows, *shape[1:]), dtype=dtype, device="meta")
+
+    def close(self) -> None:
+        pass
+
+
+@pytest.fixture(scope="module")
+def rows(shared: Path) -> list[dict[str, str]]:
+    with (shared / "jukebox_keys.csv").open() as file:
+        return list(csv.DictReader(file))
+
+
+def _shape(row: dict[str, str]) -> tuple[int, ...]:
+    return tuple(int(n) for n in row["shape"].split("x"))
+
+
+def test_specs_are_the_keys_of_the_files(rows: list[dict[str, str]]) -> None:
+    for file, specs in (
+        (names.VQVAE_FILE, names.vqvae_tensors(REAL)),
+        (names.PRIOR_FILE, names.prior_tensors(REAL, 66)),
+    ):
+        needed = {
+            row["openai_key"]: (_shape(row), row["dtype_in_file"])
+            for row in rows
+            if row["file"] == file and row["needed_for_layer_66"] == "1"
+        }
+        assert {spec.name: (spec.shape, spec.dtype) for spec in specs} == needed
+    assert len(names.prior_tensors(REAL, 66)) == 799
+    in_file = {row["openai_key"] for row in rows if row["file"] == names.PRIOR_FILE}
+    assert names.all_prior_names(REAL) == in_file
+
+
+@pytest.mark.parametrize("precision", [torch.float16, torch.float32])
+def test_loading_asks_for_the_needed_keys_once(rows: list[dict[str, str]], precision: torch.dtype) -> None:
+    def source(file: str) -> MetaSource:
+        return MetaSource(
+            {
+                row["openai_key"]: (_shape(row), getattr(torch, row["dtype_in_file"]))
+                for row in rows
+                if row["file"] == file
+            }
+        )
+
+    checkpoint = Checkpoint(source(names.VQVAE_FILE), source(names.PRIOR_FILE))
+    device = torch.device("meta")
+    placement = memory.place(REAL, 66, precision, 1722, None)
+    load_encoder(checkpoint, REAL, device)
+    prior = load_prior(checkpoint, REAL, placement, max_codes=1722, precision=precision, device=device)
+    needed = sorted(row["openai_key"] for row in rows if row["needed_for_layer_66"] == "1")
+    assert sorted([*checkpoint.vqvae.asked, *checkpoint.prior.asked]) == needed
+    kept = sum(p.numel() * p.element_size() for block in prior.stream.blocks for p in block.parameters())
+    assert kept == 66 * memory.block_bytes(REAL, precision)
+    # JUKEBOX.md, section 8: 66 blocks as stored, and with biases in two bytes (norms stay fp32).
+    assert kept == (9_133_660_800 if precision == torch.float32 else 66 * (138_314_400 + 4 * 4800 * 2))
+
+
+def test_bytes_as_stored() -> None:
+    specs = names.prior_tensors(REAL, 66)
+    assert sum(math.prod(s.shape) * (2 if s.dtype == "float16" else 4) for s in specs) == 9_418_876_800
+    assert [s.rows for s in names.table_tensors(REAL, 1722)] == [1, 1, 128, 2, 11, 2048, 1722]
+    assert [s.rows for s in names.table_tensors(REAL, 8192)] == [1, 1, 128, 6, 50, 2048, 8192]

@@ -1,0 +1,338 @@
+"""Checkpoint files: what is read, and what is said of those that are damaged or of another network."""
+
+from __future__ import annotations
+
+import json
+import os
+import pickle
+import struct
+import sys
+from collections import OrderedDict
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch")
+pytest.importorskip("accelerate")
+
+import torch
+
+from dancedata.audio.jukebox import JukeboxEncoder
+from dancedata.audio.jukebox.legacy_file import MAGIC, PROTOCOL
+from dancedata.audio.jukebox.names import BLOCKS, PRIOR_FILE, VQVAE_FILE
+from dancedata.audio.jukebox.sources import LegacySource, ZipSource, open_torch_file
+from dancedata.core.errors import DataError, SourceError, UsageError
+from dancedata.testing.jukebox import write_torch_file
+
+QKV = f"{BLOCKS}.3.attn.c_attn.w"
+
+
+@pytest.fixture
+def broken(tiny: SimpleNamespace, tmp_path: Path) -> Callable[..., Path]:
+    """A copy of the tiny checkpoint with changed tensors (None: left out)."""
+
+    def make(file: str, changes: dict[str, torch.Tensor | None], **how: bool) -> Path:
+        for name in (VQVAE_FILE, PRIOR_FILE):
+            tensors = dict(tiny.tensors[name])
+            if name == file:
+                tensors.update(changes)
+            write_torch_file(tmp_path / name, {k: v for k, v in tensors.items() if v is not None}, **how)
+        return tmp_path
+
+    return make
+
+
+def _load(folder: Path, tiny: SimpleNamespace, layers: tuple[int, ...] = (6,)) -> JukeboxEncoder:
+    return JukeboxEncoder.from_openai(folder, config=tiny.config, layers=layers, device="cpu")
+
+
+@pytest.mark.parametrize("file", [VQVAE_FILE, PRIOR_FILE])
+def test_every_tensor_bit_for_bit(tiny: SimpleNamespace, file: str) -> None:
+    with LegacySource(tiny.folder / file) as source:
+        assert set(source.shapes()) == set(tiny.tensors[file])
+        for name, tensor in tiny.tensors[file].items():
+            assert source.shapes()[name] == tuple(tensor.shape)
+            assert source.dtype(name) == tensor.dtype
+            assert torch.equal(source.read(name, len(tensor)), tensor)
+            assert torch.equal(source.read(name, 1), tensor[:1])
+
+
+def test_storages_are_tagged_as_on_a_gpu(tiny: SimpleNamespace) -> None:
+    # As in the real files: torch.load needs to be told to leave the GPU alone, ours does not look.
+    assert b"cuda:0" in (tiny.folder / PRIOR_FILE).read_bytes()[:4096]
+
+
+def test_only_what_is_needed_is_read(tiny: SimpleNamespace, monkeypatch: pytest.MonkeyPatch) -> None:
+    read: list[tuple[str, int]] = []
+    original = LegacySource.read
+
+    def counting(self: LegacySource, name: str, rows: int) -> torch.Tensor:
+        tensor = original(self, name, rows)
+        read.append((name, tensor.numel() * tensor.element_size()))
+        return tensor
+
+    monkeypatch.setattr(LegacySource, "read", counting)
+    JukeboxEncoder.from_openai(tiny.folder, config=tiny.config, layers=(2,), device="cpu", max_codes=100)
+    names = [name for name, _ in read]
+    assert len(names) == len(set(names))
+    assert not [n for n in names if n.startswith((f"{BLOCKS}.2", "encoders.0", "decoders", "prior.x_out"))]
+    # Two of six blocks, and 128 of 8192 positions.
+    assert sum(size for _, size in read) < 0.1 * (tiny.folder / PRIOR_FILE).stat().st_size
+
+
+def test_weights_stay_as_stored_in_fp32_and_are_half_in_half(tiny: SimpleNamespace) -> None:
+    kept = {}
+    for precision in ("fp32", "fp16", "bf16"):
+        encoder = JukeboxEncoder.from_openai(
+            tiny.folder, config=tiny.config, layers=(1,), device="cpu", precision=precision
+        )
+        kept[precision] = {name: p.dtype for name, p in encoder._prior.stream.blocks[0].named_parameters()}
+    for precision, weight, bias in (
+        ("fp32", torch.float16, torch.float32),
+        ("fp16", torch.float16, torch.float16),
+        ("bf16", torch.bfloat16, torch.bfloat16),
+    ):
+        assert kept[precision]["attn_c_attn_w"] == weight
+        assert kept[precision]["mlp_c_fc_b"] == bias
+        assert kept[precision]["ln_0_weight"] == torch.float32
+
+
+def test_weights_stored_in_fp32_are_not_rounded(tiny: SimpleNamespace, broken: Callable[..., Path]) -> None:
+    exact = tiny.tensors[PRIOR_FILE][QKV].float() + 1e-6
+    encoder = _load(broken(PRIOR_FILE, {QKV: exact}), tiny)
+    assert torch.equal(encoder._prior.stream.blocks[3].attn_c_attn_w, exact)
+
+
+def test_zip_format_gives_the_same(tiny: SimpleNamespace, tiny_encoder: JukeboxEncoder, broken) -> None:
+    folder = broken("none", {}, legacy=False)
+    with open_torch_file(folder / PRIOR_FILE) as source:
+        assert isinstance(source, ZipSource)
+    codes = np.arange(64)
+    np.testing.assert_array_equal(_load(folder, tiny).activations(codes)[6], tiny_encoder.activations(codes)[6])
+
+
+def test_prefix_of_distributed_training(tiny: SimpleNamespace, tmp_path: Path) -> None:
+    for file in (VQVAE_FILE, PRIOR_FILE):
+        write_torch_file(tmp_path / file, {f"module.{k}": v for k, v in tiny.tensors[file].items()})
+    _load(tmp_path, tiny)
+
+
+def test_storages_that_are_shared(tmp_path: Path) -> None:
+    whole = torch.arange(24.0)
+    write_torch_file(tmp_path / "x", {"a": whole[:12].view(3, 4), "b": whole[12:].view(2, 6)})
+    with LegacySource(tmp_path / "x") as source:
+        assert torch.equal(source.read("b", 2), whole[12:].view(2, 6))
+        assert torch.equal(source.read("b", 1), whole[12:18].view(1, 6))
+
+
+def test_tensors_that_are_not_contiguous(tmp_path: Path) -> None:
+    tensors = {"t": torch.arange(12.0).view(3, 4).T, "s": torch.arange(20.0)[1::3].view(7, 1), "e": torch.zeros(0, 3)}
+    write_torch_file(tmp_path / "x", tensors)
+    with LegacySource(tmp_path / "x") as source:
+        for name, tensor in tensors.items():
+            assert torch.equal(source.read(name, len(tensor)), tensor)
+        assert torch.equal(source.read("t", 2), tensors["t"][:2])
+
+
+class Hyperparams(dict):
+    """As OpenAI's, with attributes."""
+
+    __module__ = "jukebox.hparams"
+
+
+def test_what_lies_beside_the_tensors_is_ignored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    hparams = Hyperparams(width=40)
+    hparams.name = "prior"
+    module = ModuleType("jukebox.hparams")
+    module.Hyperparams = Hyperparams
+    with monkeypatch.context() as patch:
+        patch.setitem(sys.modules, "jukebox", ModuleType("jukebox"))
+        patch.setitem(sys.modules, "jukebox.hparams", module)
+        content = {"hps": hparams, "model": {"a": torch.ones(2)}, "loss": np.float64(0.5), "opt": None}
+        torch.save(content, tmp_path / "x", _use_new_zipfile_serialization=False)
+    with LegacySource(tmp_path / "x") as source:
+        assert list(source.shapes()) == ["a"]
+        assert torch.equal(source.read("a", 2), torch.ones(2))
+
+
+def test_missing_file(tiny: SimpleNamespace, tmp_path: Path) -> None:
+    (tmp_path / VQVAE_FILE).write_bytes((tiny.folder / VQVAE_FILE).read_bytes())
+    with pytest.raises(SourceError, match=r"prior_level_2\.pth\.tar: a file .* is missing"):
+        _load(tmp_path, tiny)
+    with pytest.raises(SourceError, match="no such folder"):
+        _load(tmp_path / "nowhere", tiny)
+
+
+@pytest.mark.parametrize(
+    ("file", "name"),
+    [(PRIOR_FILE, QKV), (PRIOR_FILE, "y_emb.artist_emb.emb.weight"), (VQVAE_FILE, "bottleneck.level_blocks.2.k")],
+)
+def test_missing_tensor(tiny: SimpleNamespace, broken: Callable[..., Path], file: str, name: str) -> None:
+    with pytest.raises(SourceError, match=f"{name} is missing"):
+        _load(broken(file, {name: None}), tiny)
+
+
+def test_what_no_layer_needs_may_be_missing(tiny: SimpleNamespace, broken: Callable[..., Path]) -> None:
+    folder = broken(PRIOR_FILE, {f"{BLOCKS}.5.ln_0.bias": None, "prior.x_out.weight": None})
+    _load(folder, tiny, (5,))
+    with pytest.raises(SourceError, match=r"5\.ln_0\.bias is missing"):
+        _load(folder, tiny, (6,))
+
+
+@pytest.mark.parametrize(
+    ("file", "name", "shape"),
+    [
+        (PRIOR_FILE, QKV, (30, 40)),
+        (PRIOR_FILE, "prior.pos_emb.pos_emb", (8000, 40)),
+        (VQVAE_FILE, "encoders.2.level_blocks.0.model.0.0.weight", (8, 2, 4)),
+    ],
+)
+def test_misshaped_tensor(
+    tiny: SimpleNamespace, broken: Callable[..., Path], file: str, name: str, shape: tuple[int, ...]
+) -> None:
+    folder = broken(file, {name: torch.zeros(shape)})
+    with pytest.raises(SourceError) as caught:
+        _load(folder, tiny)
+    assert f"{name} has shape {shape}, not {tuple(tiny.tensors[file][name].shape)}" in str(caught.value)
+
+
+def test_tensor_of_another_type(tiny: SimpleNamespace, broken: Callable[..., Path]) -> None:
+    folder = broken(PRIOR_FILE, {QKV: torch.zeros(40, 30, dtype=torch.int8)})
+    with pytest.raises(SourceError, match=r"c_attn\.w is torch\.int8, not float16"):
+        _load(folder, tiny)
+
+
+@pytest.mark.parametrize(
+    ("file", "name"),
+    [
+        (PRIOR_FILE, f"{BLOCKS}.0.attn.c_enc_kv.w"),
+        (PRIOR_FILE, f"{BLOCKS}.6.ln_0.weight"),
+        (PRIOR_FILE, "x_cond.x_emb.weight"),
+        (VQVAE_FILE, "encoders.2.level_blocks.3.model.0.0.weight"),
+    ],
+)
+def test_tensors_of_another_network(tiny: SimpleNamespace, broken: Callable[..., Path], file: str, name: str) -> None:
+    with pytest.raises(SourceError, match=f"another network; found {name}"):
+        _load(broken(file, {name: torch.zeros(2, 2)}), tiny)
+
+
+def test_other_config_than_the_files(tiny: SimpleNamespace) -> None:
+    with pytest.raises(SourceError, match=r"do not fit the network|another network"):
+        JukeboxEncoder.from_openai(tiny.folder, layers=(66,), device="cpu")
+
+
+@pytest.mark.parametrize("kept", [0.999, 0.5, 0.05])
+def test_truncated_file_names_the_first_lost_tensor(
+    tiny: SimpleNamespace, broken: Callable[..., Path], kept: float
+) -> None:
+    folder = broken("none", {})
+    path = folder / PRIOR_FILE
+    os.truncate(path, int(kept * path.stat().st_size))
+    with pytest.raises(
+        SourceError, match=r"prior_level_2\.pth\.tar: the torch file is truncated.*the tensor \S+\.\S+"
+    ):
+        _load(folder, tiny)
+
+
+@pytest.mark.parametrize("content", [b"", b"<html>404</html>", b"\x80\x02}q\x00.", b"PK\x03\x04nonsense"])
+def test_no_torch_file(tiny: SimpleNamespace, broken: Callable[..., Path], content: bytes) -> None:
+    folder = broken("none", {})
+    (folder / PRIOR_FILE).write_bytes(content)
+    with pytest.raises(SourceError, match=r"prior_level_2\.pth\.tar"):
+        _load(folder, tiny)
+
+
+def test_cut_within_the_pickles(tiny: SimpleNamespace, broken: Callable[..., Path]) -> None:
+    folder = broken("none", {})
+    os.truncate(folder / VQVAE_FILE, 300)
+    with pytest.raises(SourceError, match="truncated"):
+        _load(folder, tiny)
+
+
+def test_damaged_element_count(tiny: SimpleNamespace, broken: Callable[..., Path]) -> None:
+    folder = broken("none", {})
+    data = (folder / PRIOR_FILE).read_bytes()
+    weight = tiny.tensors[PRIOR_FILE][QKV]
+    at = data.index(weight.numpy().tobytes())
+    assert struct.unpack("<q", data[at - 8 : at]) == (weight.numel(),)
+    (folder / PRIOR_FILE).write_bytes(data[: at - 8] + struct.pack("<q", 7) + data[at:])
+    with pytest.raises(SourceError, match=f"damaged at the tensor {QKV}"):
+        _load(folder, tiny)
+
+
+def test_checkpoint_without_a_model(tiny: SimpleNamespace, broken: Callable[..., Path]) -> None:
+    folder = broken("none", {})
+    torch.save({"weights": {}}, folder / PRIOR_FILE, _use_new_zipfile_serialization=False)
+    with pytest.raises(SourceError, match="no Jukebox checkpoint; found keys"):
+        _load(folder, tiny)
+
+
+def _legacy(obj: object) -> bytes:
+    parts = (MAGIC, PROTOCOL, {"little_endian": True}, obj, [])
+    return b"".join(pickle.dumps(part, protocol=2) for part in parts)
+
+
+class _Runs:
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return os.mkdir, (str(self.path),)
+
+
+@pytest.mark.parametrize("wrap", [lambda x: {"model": {}, "hps": x}, lambda x: OrderedDict(model={"a": x})])
+def test_foreign_code_is_not_run(tiny: SimpleNamespace, broken: Callable[..., Path], tmp_path: Path, wrap) -> None:
+    folder = broken("none", {})
+    (folder / VQVAE_FILE).write_bytes(_legacy(wrap(_Runs(tmp_path / "made"))))
+    with pytest.raises(DataError, match="foreign code; nothing was run") as caught:
+        _load(folder, tiny)
+    assert caught.value.reason == "unsafe_pickle"
+    assert not (tmp_path / "made").exists()
+
+
+def test_state_of_foreign_objects_is_not_set(tiny: SimpleNamespace, broken: Callable[..., Path]) -> None:
+    # BUILD on a tensor type's stand-in.
+    folder = broken("none", {})
+    (folder / VQVAE_FILE).write_bytes(
+        pickle.dumps(MAGIC, 2)
+        + pickle.dumps(PROTOCOL, 2)
+        + pickle.dumps({"little_endian": True}, 2)
+        + b"\x80\x02ctorch\nFloatStorage\n}X\x01\x00\x00\x00aK\x01sb."
+        + pickle.dumps([], 2)
+    )
+    with pytest.raises(DataError, match="foreign code"):
+        _load(folder, tiny)
+
+
+def test_hugging_face_is_refused_with_the_reason(tiny: SimpleNamespace, tmp_path: Path) -> None:
+    (tmp_path / "config.json").write_text(json.dumps({"model_type": "jukebox", "architectures": ["JukeboxModel"]}))
+    (tmp_path / "pytorch_model.bin").write_bytes(b"")
+    with pytest.raises(SourceError, match="another network: its prior was trained with lyrics"):
+        JukeboxEncoder.from_openai(tmp_path, device="cpu")
+    with pytest.raises(SourceError, match="no finished conversion"):
+        JukeboxEncoder.from_converted(tmp_path, device="cpu")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"layers": ()}, "one or more of 1 to 6"),
+        ({"layers": (0,)}, "1 to 6"),
+        ({"layers": (7, 1)}, "1 to 6"),
+        ({"layers": (2, 2)}, "each once"),
+        ({"device": "tpu9"}, "unknown device"),
+        ({"device": "cuda:99"}, "no such device"),
+        ({"precision": "int8"}, "unknown precision"),
+        ({"max_codes": 8193}, "1 to 8192"),
+        ({"max_codes": 0}, "1 to 8192"),
+        ({"memory_budget": 1000}, "too little device memory"),
+    ],
+)
+def test_bad_arguments(tiny: SimpleNamespace, arguments: dict[str, object], message: str) -> None:
+    with pytest.raises(UsageError, match=message):
+        JukeboxEncoder.from_openai(
+            tiny.folder, **{"config": tiny.config, "layers": (1,), "device": "cpu", **arguments}
+        )

@@ -1,0 +1,107 @@
+"""Memory by accounting at real size, and what happens when a device has less than was thought."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch")
+pytest.importorskip("accelerate")
+
+import torch
+
+from dancedata.audio.jukebox import JukeboxConfig, memory
+from dancedata.audio.jukebox.batching import Batches
+from dancedata.core.errors import DanceDataError, UsageError
+
+REAL = JukeboxConfig()
+HALF = torch.float16
+GB = 10**9
+
+
+def test_weights_of_a_five_second_clip() -> None:
+    # JUKEBOX.md, section 8: 9.21 GB with tables trimmed for 5 s.
+    assert memory.place(REAL, 66, HALF, 1722, None).weight_bytes == pytest.approx(9.206e9, rel=2e-3)
+
+
+@pytest.mark.parametrize(("budget_gb", "resident"), [(4, 23), (7, 45), (8, 52), (9.5, 66), (15, 66)])
+def test_blocks_by_card(budget_gb: float, resident: int) -> None:
+    budget = int(budget_gb * GB)
+    placement = memory.place(REAL, 66, HALF, 1722, budget)
+    assert abs(sum(placement.resident) - resident) <= 3
+    assert placement.weight_bytes + memory.clip_bytes(REAL, HALF, 1722) <= budget
+    away = [i for i, here in enumerate(placement.resident) if not here]
+    if away:
+        # One more would not fit, and they are spread evenly.
+        assert budget - placement.weight_bytes - memory.clip_bytes(REAL, HALF, 1722) < memory.block_bytes(REAL, HALF)
+        gaps = np.diff(away)
+        assert gaps.max() - gaps.min() <= 1
+
+
+@pytest.mark.parametrize("n_blocks", [1, 2, 3, 7, 66])
+def test_any_number_of_blocks_can_be_away(n_blocks: int) -> None:
+    block = memory.block_bytes(REAL, HALF)
+    base = memory.fixed_bytes(REAL, HALF, 1722) + memory.clip_bytes(REAL, HALF, 1722)
+    for n_resident in range(max(0, n_blocks - memory.N_SLOTS)):
+        placement = memory.place(REAL, n_blocks, HALF, 1722, base + (n_resident + memory.N_SLOTS) * block)
+        assert (len(placement.resident), sum(placement.resident)) == (n_blocks, n_resident)
+
+
+def test_too_small_a_card() -> None:
+    with pytest.raises(UsageError, match=r"found 0\.30 GB; allowed: at least 0\.4\d GB"):
+        memory.place(REAL, 66, HALF, 1722, 3 * GB // 10)
+
+
+def test_batch_size() -> None:
+    assert memory.batch_size(REAL, HALF, 1722, None) == 1
+    assert memory.batch_size(REAL, HALF, 1722, 0) == 1
+    assert memory.batch_size(REAL, HALF, 1722, 1 * GB) == 12
+    assert memory.batch_size(REAL, HALF, 8192, 1 * GB) == 2
+    assert memory.batch_size(REAL, HALF, 1722, 60 * GB) == memory.MAX_BATCH
+
+
+def _limited(room: int, seen: list[int]) -> Any:
+    def compute(part: list[int]) -> list[int]:
+        seen.append(len(part))
+        if len(part) > room:
+            raise torch.cuda.OutOfMemoryError("CUDA out of memory. Tried to allocate 9 GiB. More text")
+        return [10 * x for x in part]
+
+    return compute
+
+
+def test_batches_are_halved_when_memory_runs_out_and_stay_so() -> None:
+    batches, seen = Batches(), []
+    items = list(range(11))
+    assert [x for part in batches.run(items, 8, _limited(3, seen)) for x in part] == [10 * x for x in items]
+    assert seen == [8, 4, 2, 2, 2, 2, 2, 1]
+    seen.clear()
+    list(batches.run(items[:4], 8, _limited(3, seen)))
+    assert seen == [2, 2]
+
+
+def test_a_single_clip_that_does_not_fit() -> None:
+    with pytest.raises(DanceDataError, match="single clip; found CUDA out of memory"):
+        list(Batches().run([1, 2], 2, _limited(0, [])))
+
+
+def test_encoder_survives_running_out_of_memory(tiny_encoder: Any, noise: np.ndarray, monkeypatch: Any) -> None:
+    original = tiny_encoder._prior.run
+
+    def small(codes: torch.Tensor) -> Any:
+        if len(codes) > 1:
+            raise torch.cuda.OutOfMemoryError("CUDA out of memory.")
+        return original(codes)
+
+    expected = tiny_encoder(noise, 44100)[6]
+    monkeypatch.setattr(tiny_encoder, "_batches", Batches())
+    object.__setattr__(tiny_encoder._prior, "run", small)
+    try:
+        found = tiny_encoder.embed_batch([noise] * 5, 44100, batch_size=4)
+    finally:
+        object.__delattr__(tiny_encoder._prior, "run")
+    assert len(found) == 5
+    for one in found:
+        np.testing.assert_array_equal(one[6], expected)
