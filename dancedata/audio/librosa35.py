@@ -5,29 +5,22 @@ and a sample rate of 512 times the frame rate. Sources: FACT (Li et al. 2021, th
 function EDGE (Tseng et al. 2023) and Lodge (Li et al. 2024) took over. The numbers are librosa's own; 0.11
 and 1.0 gave the same bits at 24 frames a second and above, at 20 chroma differing by up to 0.03.
 
-This is the plain version, one librosa call a column group. It is the oracle for faster ones.
+There are two versions of equal numbers: `_librosa35_plain` calls librosa, `_librosa35_fast` is some fifty times
+as fast. docs/decisions/0010 says why they are equal.
 """
 
 from __future__ import annotations
 
-import hashlib
 import math
-import os
-import sys
-import tempfile
-import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import lru_cache
-from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
-from filelock import FileLock
 from numpy.typing import NDArray
 
-from dancedata.audio.signal import pcm16, resample, resampled_length
+from dancedata.audio import _librosa35_fast as fast
+from dancedata.audio import _librosa35_plain as plain
+from dancedata.audio.signal import resampled_length
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.columns import Columns, Group
 from dancedata.core.errors import DataError, UsageError
@@ -35,8 +28,6 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.registry import FEATURES
 
 HOP = 512
-# The tempo fallback hears the audio as `librosa.load` gives it by default.
-TEMPO_SAMPLE_RATE = 22050
 # The top chroma filter reaches 4,107 Hz, 4,147 with the tuning half a bin up: the Nyquist frequency must
 # lie above.
 MIN_SAMPLE_RATE = 8300
@@ -50,7 +41,6 @@ _GROUPS = (
     Group("onset_peak", 1, "0/1"),
     Group("beat", 1, "0/1"),
 )
-N_COLUMNS = 35
 
 
 @FEATURES.register("librosa35")
@@ -62,17 +52,25 @@ class Librosa35:
     ----------
     tightness
         How closely beats keep to the tempo (librosa's `beat_track`); 100 in all reference implementations.
+    method
+        "fast" computes once what windows have in common, without librosa; what it cannot do is done as by
+        "librosa", which calls librosa, one call a column group and window, and takes some fifty times as long.
+        The numbers are the same within 1e-4 dB (envelope), 1e-3 dB (MFCC) and 1e-6 (chroma), peaks and beats
+        are equal: docs/decisions/0010.
     """
 
     tightness: float = 100
+    method: Literal["fast", "librosa"] = "fast"
 
-    version: ClassVar[int] = 1
+    version: ClassVar[int] = 2
     packages: ClassVar[tuple[str, ...]] = ("librosa", "numpy", "scipy", "soxr")
     dtype: ClassVar[str] = "float32"
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.tightness) and self.tightness > 0):
             raise UsageError("librosa35: bad tightness", found=str(self.tightness), allowed="a number above 0")
+        if self.method not in ("fast", "librosa"):
+            raise UsageError("librosa35: unknown method", found=str(self.method), allowed="fast, librosa")
 
     @property
     def columns(self) -> Columns:
@@ -112,7 +110,9 @@ class Librosa35:
         rate = _feature_rate(grid)
         _require_bpm(start_bpm)
         _require_samples(signal)
-        return self._features(signal.samples, signal.sample_rate, rate, start_bpm)
+        is_fast = self.method == "fast" and fast.can_do_track(signal.samples, signal.sample_rate, rate)
+        compute = fast.track_features if is_fast else plain.track_features
+        return compute(signal.samples, signal.sample_rate, rate, start_bpm, self.tightness)
 
     def extract_windows(
         self,
@@ -133,7 +133,9 @@ class Librosa35:
         signal
             The whole song, mono samples (n,) float32.
         starts
-            (W,) first sample of each window.
+            (W,) first sample of each window. Give all of a song at once: then windows that begin a whole number
+            of frames after the song does (as windows in frames do, at the usual rates) share most of their work.
+            A window's numbers do not depend on which others are asked for.
         n_samples
             Samples a window, at the signal's rate.
         grid
@@ -168,77 +170,12 @@ class Librosa35:
                 found=f"{n_samples} samples at {signal.sample_rate} Hz, which give {available} rows",
                 allowed=f"audio for {n_rows} rows at {grid.rate} frames a second",
             )
-        features = np.empty((len(starts), n_rows, N_COLUMNS), dtype=np.float32)
-        for window, start in zip(features, starts, strict=True):
-            samples = pcm16(signal.samples[int(start) : int(start) + n_samples])
-            window[:] = self._features(samples, signal.sample_rate, rate, start_bpm)[:n_rows]
-        return features
-
-    def _features(
-        self, samples: NDArray[np.float32], sample_rate: int, rate: int, start_bpm: float | None
-    ) -> NDArray[np.float32]:
-        """(T, 35) of samples (n,) at `sample_rate`; `rate` is 512 times the frame rate."""
-        compile_kernels()
-        return _compute(samples, sample_rate, rate, start_bpm, self.tightness)
-
-
-@lru_cache(maxsize=1)
-def compile_kernels() -> None:
-    """Load librosa's compiled kernels, one process at a time; once a process.
-
-    numba compiles them on first use in an environment and caches them on disk. Two processes that do so at once
-    can end in a segmentation fault (seen with numba 0.68: a kernel's address was 0), so the first run of all
-    that `_compute` calls is made under a lock. It is in the user's cache folder, which machines of a cluster
-    share as they share the environment.
-    """
-    rng = np.random.default_rng(0)
-    noise = rng.standard_normal(3 * TEMPO_SAMPLE_RATE).astype(np.float32)
-    noise[:: TEMPO_SAMPLE_RATE // 2] = 10.0
-    with FileLock(_lock_file()):
-        _compute(noise, TEMPO_SAMPLE_RATE, 30 * HOP, None, 100.0)
-
-
-def _lock_file() -> Path:
-    name = f"kernels-{hashlib.sha256(sys.prefix.encode()).hexdigest()[:16]}.lock"
-    folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "dancedata"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        writable = os.access(folder, os.W_OK)
-    except OSError:
-        writable = False
-    return (folder if writable else Path(tempfile.gettempdir())) / name
-
-
-def _compute(
-    samples: NDArray[np.float32], sample_rate: int, rate: int, start_bpm: float | None, tightness: float
-) -> NDArray[np.float32]:
-    """Compute the features of `Librosa35._features`."""
-    import librosa
-
-    with _known_librosa_warnings():
-        y = resample(samples, sample_rate, rate)
-        # Envelope and MFCC see the same dB mel spectrum: computed once, bit-equal to giving y to either.
-        mel_db = librosa.power_to_db(librosa.feature.melspectrogram(y=y, sr=rate, hop_length=HOP))
-        envelope = librosa.onset.onset_strength(S=mel_db, sr=rate, hop_length=HOP)
-        mfcc = librosa.feature.mfcc(S=mel_db, sr=rate, n_mfcc=20)
-        chroma = librosa.feature.chroma_cens(y=y, sr=rate, hop_length=HOP, n_chroma=12)
-        peaks = librosa.onset.onset_detect(onset_envelope=envelope, sr=rate, hop_length=HOP)
-        if start_bpm is None:
-            start_bpm = _estimated_bpm(samples, sample_rate)
-        _, beats = librosa.beat.beat_track(
-            onset_envelope=envelope,
-            sr=rate,
-            hop_length=HOP,
-            start_bpm=start_bpm,
-            tightness=tightness,
-        )
-    features = np.zeros((len(envelope), N_COLUMNS), dtype=np.float32)
-    features[:, 0] = envelope
-    features[:, 1:21] = mfcc.T
-    features[:, 21:33] = chroma.T
-    features[peaks, 33] = 1
-    features[beats, 34] = 1
-    return features
+        if len(starts) == 0:
+            return np.empty((0, n_rows, self.columns.width), dtype=np.float32)
+        is_fast = self.method == "fast" and fast.can_do_windows(n_samples, signal.sample_rate, rate)
+        compute = fast.window_features if is_fast else plain.window_features
+        features = compute(signal.samples, starts, n_samples, signal.sample_rate, rate, start_bpm, self.tightness)
+        return features[:, :n_rows]
 
 
 def _feature_rate(grid: FrameGrid) -> int:
@@ -251,13 +188,6 @@ def _feature_rate(grid: FrameGrid) -> int:
             fix="build at 30 (or 60) frames a second; motion of another rate is resampled to it",
         )
     return int(rate)
-
-
-def _estimated_bpm(samples: NDArray[np.float32], sample_rate: int) -> float:
-    import librosa
-
-    y = resample(samples, sample_rate, TEMPO_SAMPLE_RATE)
-    return float(librosa.feature.tempo(y=y, sr=TEMPO_SAMPLE_RATE)[0])
 
 
 def _require_bpm(start_bpm: float | None) -> None:
@@ -295,14 +225,3 @@ def _require_windows(signal: AudioSignal, starts: NDArray[np.int64], n_samples: 
             found=f"windows from sample {first} to {last}",
             allowed=f"0 to {len(signal.samples)} (at {signal.sample_rate} Hz)",
         )
-
-
-@contextmanager
-def _known_librosa_warnings() -> Iterator[None]:
-    """Hide the two warnings that short or silent audio gives, whose outcome is the wanted one."""
-    with warnings.catch_warnings():
-        # Short signals (the lowest chroma octave's frame is about 2 s) are padded with zeros, as any end is.
-        warnings.filterwarnings("ignore", message=r"n_fft=\d+ is too large for input signal", category=UserWarning)
-        # Silence has no pitch: the tuning is 0, the chroma are 0.
-        warnings.filterwarnings("ignore", message="Trying to estimate tuning from empty", category=UserWarning)
-        yield

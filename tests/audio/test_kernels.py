@@ -2,34 +2,55 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from typing import Any
 
 import numpy as np
 import pytest
 from filelock import FileLock, Timeout
 
-from dancedata.audio import librosa35
+from dancedata.audio import _librosa35_plain as plain
+from dancedata.audio.librosa35 import Librosa35
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.grid import FrameGrid
 
 
 def test_the_first_run_in_a_process_holds_the_lock(monkeypatch: pytest.MonkeyPatch) -> None:
-    compute = librosa35._compute
+    compute = plain._compute
     held = []
 
     def watched(*args: Any) -> Any:
         # Another lock object, as another process would have.
         try:
-            with FileLock(librosa35._lock_file(), timeout=0):
+            with FileLock(plain._lock_file(), timeout=0):
                 held.append(False)
         except Timeout:
             held.append(True)
         return compute(*args)
 
-    monkeypatch.setattr(librosa35, "_compute", watched)
-    librosa35.compile_kernels.cache_clear()
+    monkeypatch.setattr(plain, "_compute", watched)
+    plain.compile_kernels.cache_clear()
     noise = np.random.default_rng(1).standard_normal(15360).astype(np.float32)
     for _ in range(2):
-        librosa35.Librosa35().extract(AudioSignal(noise, 15360), FrameGrid.of(30), start_bpm=120)
+        Librosa35(method="librosa").extract(AudioSignal(noise, 15360), FrameGrid.of(30), start_bpm=120)
     # All kernels are loaded under the lock, once; after that nothing waits for it.
     assert held == [True, False, False]
+
+
+def test_the_fast_version_needs_neither_librosa_nor_numba() -> None:
+    """Their import takes seconds in every worker process."""
+    script = (
+        "import sys, numpy as np\n"
+        "from dancedata.audio.librosa35 import Librosa35\n"
+        "from dancedata.core.audio_signal import AudioSignal\n"
+        "from dancedata.core.grid import FrameGrid\n"
+        "noise = np.random.default_rng(1).uniform(-0.5, 0.5, 6 * 44100)\n"
+        "signal, grid = AudioSignal(noise, 44100), FrameGrid.of(30)\n"
+        "feature, starts = Librosa35(), np.array([0, 22050])\n"
+        "assert feature.extract_windows(signal, starts, 5 * 44100, grid, 150).shape == (2, 150, 35)\n"
+        "assert feature.extract(signal, grid).shape == (181, 35)\n"
+        "print(sorted({'librosa', 'numba', 'scipy.signal', 'scipy.ndimage'} & set(sys.modules)))\n"
+    )
+    done = subprocess.run([sys.executable, "-W", "error", "-c", script], capture_output=True, text=True, check=False)
+    assert (done.stdout.strip(), done.stderr) == ("[]", "")

@@ -17,6 +17,7 @@ from dancedata.core.grid import FrameGrid
 
 GRID = FrameGrid.of(30)
 FEATURE = Librosa35()
+PLAIN = Librosa35(method="librosa")
 
 
 def _signal(samples: NDArray[np.floating], rate: int = 15360) -> AudioSignal:
@@ -56,7 +57,7 @@ def test_columns() -> None:
 
 @pytest.mark.parametrize(("fps", "start_bpm"), [(30, 120.0), (30, None), (60, 90.0), (25, None)])
 def test_track_is_plain_librosa_to_the_bit(clicks: AudioSignal, fps: int, start_bpm: float | None) -> None:
-    features = FEATURE.extract(clicks, FrameGrid.of(fps), start_bpm=start_bpm)
+    features = PLAIN.extract(clicks, FrameGrid.of(fps), start_bpm=start_bpm)
     assert features.dtype == np.float32
     assert np.array_equal(features, _plain_librosa(clicks.samples, 48000, fps, start_bpm))
 
@@ -64,7 +65,7 @@ def test_track_is_plain_librosa_to_the_bit(clicks: AudioSignal, fps: int, start_
 @pytest.mark.parametrize("start_bpm", [120.0, None])
 def test_windows_are_pieces_by_themselves(clicks: AudioSignal, start_bpm: float | None) -> None:
     starts = np.array([0, 24000, 144000])
-    windows = FEATURE.extract_windows(clicks, starts, 240000, GRID, 150, start_bpm=start_bpm)
+    windows = PLAIN.extract_windows(clicks, starts, 240000, GRID, 150, start_bpm=start_bpm)
     assert windows.shape == (3, 150, 35)
     assert windows.dtype == np.float32
     assert not windows[:, :3, 0].any()  # lag of 1 and 2 frames of centring
@@ -196,3 +197,8 @@ def test_bad_tempo(clicks: AudioSignal, start_bpm: float) -> None:
 def test_bad_tightness(tightness: float) -> None:
     with pytest.raises(UsageError, match="tightness"):
         Librosa35(tightness=tightness)
+
+
+def test_unknown_method() -> None:
+    with pytest.raises(UsageError, match="slow"):
+        Librosa35(method="slow")  # type: ignore[arg-type]

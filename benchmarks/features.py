@@ -1,0 +1,183 @@
+"""How fast librosa35 is, against the plain loop of librosa calls, one window after another.
+
+    python benchmarks/features.py                # CPU time per window, one core, warm, interleaved
+    python benchmarks/features.py --command      # `dancedata build` from the shell, start-up included, 2 jobs
+
+The corpus is synthetic: songs of 14.5 s, most at 48 kHz and stereo, 20 windows of 5 s each. The plain loop is
+what EDGE's `create_dataset` does for every window: load the window's own wav, and librosa for the rest.
+
+- Window scope: features of every window by itself. Track scope: features of the songs, per window of output.
+- CPU time (`time.process_time`), BLAS on one thread, song by song: the versions take turns, in one order and then
+  in the other, and ratios are of one song's times, so that what slows the machine slows both. The median over
+  songs is printed with its quartiles. The plain loop does some windows of each song.
+- With `--command`, wall time of the whole command with an empty cache, against the plain loop's wall time in one
+  process after its start-up; median of the rounds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.metadata
+import os
+import platform
+import shutil
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from dancedata.audio.librosa35 import Librosa35
+from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.grid import FrameGrid
+from dancedata.datasets._synthetic_music import SyntheticSong
+from dancedata.datasets.synthetic import synthesise_song
+
+GRID = FrameGrid.of(30)
+N_ROWS = 150
+GENRES = ("BR", "PO", "LO", "MH", "LH", "HO", "WA", "KR", "JS", "JB")
+CLIP_S = 13.5
+RECIPE = """recipe: 1
+name: benchmark
+dataset: {{synthetic: {{songs: {songs}, clips_per_song: 2, clip_s: {clip_s}}}}}
+fps: 30
+scope: {scope}
+windows: {{length_s: 5, stride_s: 0.5}}
+motion: {{edge151: {{}}}}
+audio: {{librosa35: {{}}}}
+"""
+
+
+def main() -> None:
+    """Run what is asked for."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--songs", type=int, default=40, help="20 windows each; 2 to 60 (default 40)")
+    parser.add_argument("--plain-windows", type=int, default=3, help="of each song, by the plain loop (default 3)")
+    parser.add_argument("--command", action="store_true", help="time `dancedata build` from the shell instead")
+    parser.add_argument("--rounds", type=int, default=3, help="of --command (default 3)")
+    parser.add_argument("--jobs", type=int, default=2, help="of --command (default 2)")
+    arguments = parser.parse_args()
+    print_machine()
+    with threadpool_limits(limits=1):
+        if arguments.command:
+            time_command(arguments.songs, arguments.rounds, arguments.jobs)
+        else:
+            time_features(arguments.songs, arguments.plain_windows)
+
+
+def print_machine() -> None:
+    """Print what the numbers depend on."""
+    model = platform.processor() or platform.machine()
+    cpuinfo = Path("/proc/cpuinfo")
+    if cpuinfo.is_file():
+        lines = cpuinfo.read_text(encoding="utf-8").splitlines()
+        model = next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), model)
+    load = f", load {os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else ""
+    packages = ("numpy", "scipy", "librosa", "numba", "soxr", "dancedata")
+    versions = ", ".join(f"{name} {importlib.metadata.version(name)}" for name in packages)
+    print(f"{model}, {os.cpu_count()} CPUs{load}; Python {platform.python_version()}, {versions}")
+
+
+def cpu_s(function: Callable[[], object]) -> float:
+    """Return the CPU seconds of a call."""
+    start = time.process_time()
+    function()
+    return time.process_time() - start
+
+
+def time_features(n_songs: int, n_plain: int) -> None:
+    """Time both versions in turns, song by song."""
+    songs = [synthesise_song(f"{GENRES[k % 10]}{k // 10 % 6}", length_s=CLIP_S + 1) for k in range(n_songs)]
+    _song_times(songs[0], n_plain, False)  # warm: kernels, filter banks, matrices of the window ends
+    results = [_song_times(song, n_plain, bool(k % 2)) for k, song in enumerate(songs)]
+    n_windows = sum(count for count, _ in results)
+    times = {name: [seconds[name] for _, seconds in results] for name in ("plain", "window", "track")}
+    plain_ms = 1e3 * statistics.median(times["plain"])
+    print(f"{n_windows} windows of {n_songs} songs; plain loop {plain_ms:.1f} ms a window (CPU, median of songs)")
+    for name in ("window", "track"):
+        ratios = sorted(p / f for p, f in zip(times["plain"], times[name], strict=True))
+        low, _, high = statistics.quantiles(ratios, n=4)
+        print(
+            f"{name} scope: {1e3 * statistics.median(times[name]):.2f} ms a window of output, "
+            f"{statistics.median(ratios):.1f} x the plain loop (quartiles {low:.1f} .. {high:.1f})"
+        )
+
+
+def _song_times(song: SyntheticSong, n_plain: int, plain_first: bool) -> tuple[int, dict[str, float]]:
+    """Return a song's number of windows, and CPU seconds a window of output for each version."""
+    fast, plain = Librosa35(), Librosa35(method="librosa")
+    signal, bpm = song.signal, song.tempo_bpm
+    length = 5 * signal.sample_rate
+    starts = np.arange(0, signal.n_samples - length + 1, signal.sample_rate // 2)
+    chosen = starts[np.linspace(0, len(starts) - 1, n_plain).astype(int)]
+    turns: list[tuple[str, int, Callable[[], object]]] = [
+        ("plain", n_plain, lambda: plain.extract_windows(signal, chosen, length, GRID, N_ROWS, start_bpm=bpm)),
+        ("window", len(starts), lambda: fast.extract_windows(signal, starts, length, GRID, N_ROWS, start_bpm=bpm)),
+        ("track", len(starts), lambda: fast.extract(signal, GRID, start_bpm=bpm)),
+    ]
+    ordered = turns if plain_first else turns[::-1]
+    return len(starts), {name: cpu_s(function) / count for name, count, function in ordered}
+
+
+def time_command(n_songs: int, rounds: int, jobs: int) -> None:
+    """Time `dancedata build` in both scopes, and the plain loop in one process, in turns."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for scope in ("window", "track"):
+            recipe = RECIPE.format(songs=n_songs, clip_s=CLIP_S, scope=scope)
+            (folder / f"{scope}.yaml").write_text(recipe, encoding="utf-8")
+        _build(folder, "track", jobs)  # writes the corpus
+        times: dict[str, list[float]] = {"plain": [], "window": [], "track": []}
+        for _ in range(rounds):
+            times["plain"].append(_plain_loop_s(folder / "source"))
+            for scope in ("window", "track"):
+                times[scope].append(_build(folder, scope, jobs))
+        for scope in ("window", "track"):
+            ratio = statistics.median(p / t for p, t in zip(times["plain"], times[scope], strict=True))
+            print(
+                f"{scope} scope, whole command, {jobs} jobs: {statistics.median(times[scope]):.2f} s; plain loop, "
+                f"features alone, one process: {statistics.median(times['plain']):.1f} s; {ratio:.1f} x"
+            )
+
+
+def _build(folder: Path, scope: str, jobs: int) -> float:
+    """Return the wall seconds of a build with an empty cache."""
+    for old in ("out", "cache"):
+        shutil.rmtree(folder / old, ignore_errors=True)
+    command = [sys.executable, "-m", "dancedata", "build", str(folder / f"{scope}.yaml")]
+    command += ["--source", str(folder / "source"), "--out", str(folder / "out"), "--jobs", str(jobs)]
+    environment = {**os.environ, "DANCEDATA_CACHE": str(folder / "cache")}
+    start = time.perf_counter()
+    subprocess.run(command, check=True, env=environment, capture_output=True)
+    return time.perf_counter() - start
+
+
+def _plain_loop_s(source: Path, n_sampled: int = 40) -> float:
+    """Return the wall seconds of the plain loop for all windows of the corpus, from a sample of them, warm."""
+    from dancedata.audio.signal import load_audio
+
+    plain = Librosa35(method="librosa")
+    signals = [load_audio(path) for path in sorted((source / "wavs").glob("*.wav"))]
+    windows = [(signal, start) for signal in signals for start in _starts(signal)]
+    sample = [windows[k] for k in np.linspace(0, len(windows) - 1, n_sampled + 1).astype(int)]
+    seconds = []
+    for signal, start in sample:
+        begin = time.perf_counter()
+        plain.extract_windows(signal, np.array([start]), 5 * signal.sample_rate, GRID, N_ROWS, start_bpm=100.0)
+        seconds.append(time.perf_counter() - begin)
+    return statistics.mean(seconds[1:]) * len(windows)
+
+
+def _starts(signal: AudioSignal) -> list[int]:
+    """Return the first samples of the windows that a clip of the corpus has."""
+    n_windows = int((CLIP_S - 5) / 0.5) + 1
+    return [k * signal.sample_rate // 2 for k in range(n_windows)]
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,140 @@
+"""The parts of the fast librosa35, each against the librosa function that it stands for."""
+
+from __future__ import annotations
+
+import librosa
+import numpy as np
+import pytest
+from librosa.core import constantq
+from numpy.typing import NDArray
+
+from dancedata.audio._fast_arrays import times
+from dancedata.audio._fast_beats import window_beats
+from dancedata.audio._fast_chroma import cens
+from dancedata.audio._fast_filters import filter_bank, has_one_bank
+from dancedata.audio._fast_onset import onset_peaks
+from dancedata.audio._fast_resample import halved, resampled
+from dancedata.audio._fast_spectra import mel_filters
+from dancedata.audio._fast_tempo import window_tempos
+from dancedata.audio._fast_ties import librosa_tuning
+from dancedata.audio._fast_windows import resampled_windows, shortest
+from dancedata.audio.signal import resample
+
+RATE = 15360
+RNG = np.random.default_rng(11)
+
+
+@pytest.mark.parametrize("rate", [8704, 15360, 22050, 30720])
+def test_mel_filters(rate: int) -> None:
+    assert np.array_equal(mel_filters(rate), librosa.filters.mel(sr=rate, n_fft=2048).T)
+
+
+@pytest.mark.parametrize("rate", [48000, 44100, 8000, 15360])
+def test_resampling_is_librosas(rate: int) -> None:
+    samples = RNG.uniform(-1, 1, 12347).astype(np.float32)
+    assert np.array_equal(resampled(samples, rate, RATE), resample(samples, rate, RATE))
+    assert np.array_equal(halved(samples), librosa.resample(samples, orig_sr=2, target_sr=1, scale=True))
+
+
+@pytest.mark.parametrize("rate", [48000, 44100, 24000, 22050, 16000, 96000, 8000, 30720])
+def test_ends_of_windows(rate: int) -> None:
+    """Each end is what resampling the window alone gives; soxr's own rounding is 3e-7 here."""
+    step = rate // np.gcd(rate, RATE)
+    length = shortest(rate, RATE, 6, 256) + 17
+    samples = RNG.uniform(-1, 1, length + 9 * step).astype(np.float32)
+    starts = np.array([0, 4 * step, 9 * step])
+    windows = resampled_windows(samples, starts, length, rate, RATE)
+    assert windows.end >= 224 or rate == RATE
+    for k, start in enumerate(starts):
+        alone = resampled(samples[start : start + length], rate, RATE)
+        assert len(alone) == windows.length
+        np.testing.assert_allclose(windows.heads[k], alone[: windows.end], rtol=0, atol=5e-6)
+        np.testing.assert_allclose(windows.tails[k], alone[-windows.end :], rtol=0, atol=5e-6)
+        middle = windows.track[windows.starts[k] : windows.starts[k] + windows.length]
+        inner = slice(windows.end, -windows.end)
+        np.testing.assert_allclose(middle[inner], alone[inner], rtol=0, atol=3e-6)
+
+
+def _librosa_banks(tuning: int, rate: int) -> list[NDArray[np.complex128]]:
+    """All seven octaves' filters as responses to samples, top octave first, in librosa's scale."""
+    lowest = librosa.note_to_hz("C1") * 2.0 ** (np.linspace(-0.5, 0.5, 101)[tuning] / 36)
+    hz = librosa.interval_frequencies(n_bins=252, fmin=lowest, intervals="equal", bins_per_octave=36, sort=True)
+    alpha = librosa.filters._relative_bandwidth(freqs=hz)
+    lengths, _ = librosa.filters.wavelet_lengths(freqs=hz, sr=rate, window="hann", gamma=0, alpha=alpha)
+    banks = []
+    for octave in range(7):
+        bins, sr = slice(216 - 36 * octave, 252 - 36 * octave), rate / 2**octave
+        # The name is private to librosa's module, not to its classes: no mangling here.
+        filters = getattr(constantq, "__vqt_filter_fft")  # noqa: B009
+        spectra, n_fft, _ = filters(sr, hz[bins], 1, 1, 0.01, window="hann", gamma=0, alpha=alpha[bins])
+        scaled = spectra.toarray().astype(np.complex128) * np.sqrt(rate / sr) / np.sqrt(lengths[bins])[:, None]
+        banks.append(np.fft.fft(scaled, n=n_fft, axis=1))
+    return banks
+
+
+@pytest.mark.parametrize(("tuning", "rate"), [(0, RATE), (50, RATE), (99, RATE), (37, 30720), (64, 8704)])
+def test_one_bank_is_all_seven(tuning: int, rate: int) -> None:
+    assert has_one_bank(rate)
+    bank = filter_bank(tuning, rate)
+    half = len(bank.even)
+    frames = RNG.standard_normal((20, 2 * half)).astype(np.float32)
+    after, before = np.roll(frames, -half - 1, axis=1)[:, :half], frames[:, half:0:-1]
+    found = np.hypot(times(after + before, bank.even), times(after - before, bank.odd))
+    for responses in _librosa_banks(tuning, rate):
+        expected = np.abs(frames @ responses.T)
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6 * expected.max())
+
+
+def test_rates_whose_banks_differ() -> None:
+    assert not has_one_bank(61440)  # librosa lowers the rate first
+    assert not has_one_bank(8192)  # librosa refuses
+
+
+def _envelopes(n_frames: int, count: int) -> NDArray[np.float32]:
+    """Onset envelopes of many kinds: noise, pulses, sparse ones, silence."""
+    frames = np.arange(n_frames)
+    rows = []
+    for k in range(count):
+        period = RNG.uniform(8, 40)
+        pulses = np.exp(-0.5 * ((frames + RNG.uniform(0, 40)) % period) ** 2) * RNG.uniform(0, 20)
+        noise = RNG.exponential(1.0, n_frames) * RNG.choice([0, 0.1, 1, 5])
+        rows.append((pulses + noise) * (1 if k % 5 else RNG.random(n_frames) < 0.03))
+    rows[0] = np.zeros(n_frames)
+    rows[1] = 3.0 * (frames == n_frames // 2)
+    envelopes = np.array(rows, dtype=np.float32)
+    envelopes[:, :3] = 0
+    return envelopes
+
+
+@pytest.mark.parametrize(("rate", "n_frames"), [(RATE, 151), (RATE, 700), (30720, 301), (12288, 40)])
+def test_tempo_beats_and_peaks(rate: int, n_frames: int) -> None:
+    envelopes = _envelopes(n_frames, 60)
+    tempos = window_tempos(envelopes, rate, 110.0)
+    beats = window_beats(envelopes, tempos, rate, 100.0)
+    peaks = onset_peaks(envelopes, rate)
+    for k, envelope in enumerate(envelopes):
+        tempo, frames = librosa.beat.beat_track(onset_envelope=envelope, sr=rate, start_bpm=110.0, tightness=100)
+        assert envelope.any() == (float(np.squeeze(tempo)) > 0)
+        if envelope.any():
+            assert tempos[k] == float(np.squeeze(tempo)), k
+        assert np.array_equal(np.flatnonzero(beats[k]), frames), k
+        expected = librosa.onset.onset_detect(onset_envelope=envelope, sr=rate)
+        assert np.array_equal(np.flatnonzero(peaks[k]), expected), k
+
+
+def test_cens() -> None:
+    chroma = RNG.exponential(1.0, (3, 151, 12)).astype(np.float32)
+    chroma[1, 20:90] = 0
+    for found, raw in zip(cens(chroma), chroma, strict=True):
+        # Given as a constant-Q spectrum of one octave of twelve bins, chroma pass through unchanged.
+        expected = librosa.feature.chroma_cens(C=raw.T, bins_per_octave=12, n_chroma=12).T
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-7)
+
+
+@pytest.mark.parametrize("hz", [440.0, 447.0, 1003.0])
+def test_tuning(hz: float) -> None:
+    time_s = np.arange(3 * RATE) / RATE
+    samples = sum(np.sin(2 * np.pi * hz * k * time_s) / k for k in (1, 2, 3)) + 0.01 * RNG.standard_normal(3 * RATE)
+    samples = samples.astype(np.float32)
+    expected = librosa.estimate_tuning(y=samples, sr=RATE, bins_per_octave=36)
+    assert np.linspace(-0.5, 0.5, 101)[librosa_tuning(samples, RATE)] == expected
