@@ -10,12 +10,17 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from dancedata.readers.batch_loader import BatchLoader
     from dancedata.readers.sampler import EpochSampler
     from dancedata.readers.windows import WindowDataset
 
-__all__ = ["EpochSampler", "WindowDataset"]
+__all__ = ["BatchLoader", "EpochSampler", "WindowDataset"]
 
-_HOMES = {"EpochSampler": "dancedata.readers.sampler", "WindowDataset": "dancedata.readers.windows"}
+_HOMES = {
+    "BatchLoader": "dancedata.readers.batch_loader",
+    "EpochSampler": "dancedata.readers.sampler",
+    "WindowDataset": "dancedata.readers.windows",
+}
 
 
 def __getattr__(name: str) -> Any:

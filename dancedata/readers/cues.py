@@ -38,6 +38,15 @@ class Cues:
     n: int
     variant: Variant
 
+    def refuse_scaling(self, length: int) -> None:
+        """Raise UsageError if primitives of windows of `length` frames cannot be normalised."""
+        if self.variant == "code" and length != self.n:
+            raise UsageError(
+                "variant code makes the root relative to each piece's first frame, which cannot be normalised: the "
+                "scaler was fitted on places in the room",
+                fix="pass normalize=False and scale afterwards, or take primitive_variant='paper'",
+            )
+
     def of(self, store: Store, window: Window, rows: npt.NDArray[Any], bias: int) -> dict[str, npt.NDArray[Any]]:
         """Return what a sample holds of the primitives of a window's rows (N, D), mirrored but not normalised."""
         if window.length == self.n:
@@ -73,10 +82,10 @@ def cues_of(store: Store, fields: tuple[str, ...], length: int, n: int, variant:
             fix="choose a primitive_n that divides the window's length",
         )
     names = [f.name for f in map(store.field, store.fields) if f.kind == "keymotion"]
-    if variant == "paper" and not names:
+    if variant == "paper" and length != n and not names:
         raise UsageError(
             "the store holds no key motions",
             where=str(store.path),
             fix="build with keymotion: {lodge: {}}, or take primitive_variant='code'",
         )
-    return Cues(motion[0], names[0] if variant == "paper" else None, n, variant)
+    return Cues(motion[0], names[0] if variant == "paper" and names else None, n, variant)

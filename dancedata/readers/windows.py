@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+import logging
 from collections.abc import Mapping, Sequence
 from operator import index as as_int
 from pathlib import Path
@@ -11,14 +11,18 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 import torch
-from torch.utils.data import Dataset
+from torch.utils.data import Dataset, get_worker_info
 
 from dancedata.core.clip import Reject
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.movement import Movement
 from dancedata.core.normalize import MinMax
 from dancedata.readers._checks import whole
+from dancedata.readers.collate import Batch, Sample, collate
 from dancedata.readers.cues import PRIMITIVES, Cues, cues_of
+from dancedata.readers.fill import FieldFill, Fill, Request
+from dancedata.readers.memory import Pool, shared_tensor
+from dancedata.readers.metadata import metadata
 from dancedata.readers.presets import Preset, field_names, find_preset, preset_cut, preset_fields
 from dancedata.readers.scalers import mirrors_of, normalized_fields, scaler_of
 from dancedata.readers.selection import Choice, movement_filter, select
@@ -30,6 +34,8 @@ DEFAULT_FIELDS = ("edge151", "librosa35")
 #: which may have the same seed.
 _MIRROR_STREAM = 2
 _BIAS_STREAM = 3
+
+_log = logging.getLogger(__name__)
 
 
 class WindowDataset(Dataset[dict[str, Any]]):
@@ -67,7 +73,18 @@ class WindowDataset(Dataset[dict[str, Any]]):
     with this dataset does it by itself. Changed in the middle of an epoch, batches already prefetched keep
     the old epoch. A copy made with pickle or copy.deepcopy, outside torch's own workers, has an epoch of
     its own.
+
+    *Batches.* A DataLoader reads a batch at once, into memory that becomes the batch: samples that come from
+    ``__getitems__`` are its rows, and torch's default collate, or `collate`, gives it back without a copy. Samples
+    and batch then share memory. `BatchLoader` is faster still.
+
+    *Mapped files.* Rows are copied from mapped shards. Where a shard cannot be mapped, they are read by position or
+    through h5py; `unmapped` says why, and a warning is logged. A mapped file must not be overwritten in place
+    while it is read; builds never do.
     """
+
+    #: For ``DataLoader(collate_fn=...)``; default_collate does the same with what this dataset gives.
+    collate = staticmethod(collate)
 
     def __init__(
         self,
@@ -91,6 +108,7 @@ class WindowDataset(Dataset[dict[str, Any]]):
         primitive_variant: Literal["paper", "code"] = "paper",
         normalizer_covers_mirror: bool | None = None,
         normalizer_over: Literal["train", "all"] = "train",
+        mapped: bool = True,
         seed: int = 0,
     ) -> None:
         """Open a split of a built dataset.
@@ -136,6 +154,8 @@ class WindowDataset(Dataset[dict[str, Any]]):
         normalizer_over
             "train", or "all": every row of every clip, as Lodge's released scaler was fitted. Wrong for a fair test;
             here to reproduce it.
+        mapped
+            False: read by position, where files may be overwritten in place or a file system maps badly.
         seed
             Whole number >= 0, for mirroring and the bias.
 
@@ -183,10 +203,15 @@ class WindowDataset(Dataset[dict[str, Any]]):
         self._mirrors = mirrors_of(self.store, self.fields) if self.mirror > 0 else {}
         wanted = _given(normalize, known, "normalize", True)
         self._normalizers = {name: self._scaler(name) for name in normalized_fields(self.store, self.fields, wanted)}
+        if self._cues is not None and self._cues.field in self._normalizers:
+            self._cues.refuse_scaling(self.windows[0].length)
         self.relative_root = _given(relative_root, known, "relative_root", False)
         self._roots = _root_columns(self.store, self.fields, self._normalizers) if self.relative_root else {}
         self._epoch = _shared_number(0)
+        self.mapped = mapped
         self._coins: tuple[int, npt.NDArray[np.bool_]] | None = None
+        self._reader: Fill | None = None
+        self._pool = Pool()
 
     def __len__(self) -> int:
         """Return the number of windows."""
@@ -200,20 +225,36 @@ class WindowDataset(Dataset[dict[str, Any]]):
         IndexError
             For an index outside the split.
         """
-        place = self._place(index)
-        return self._item(place, bool(self._mirrored()[place]) if self.mirror > 0 else False)
+        request, fill = self._request([index]), self._fill()
+        arrays = {name: np.empty((1, *shape), dtype=dtype) for name, (shape, dtype) in fill.layout.items()}
+        fill(request, arrays)
+        said = self._metadata(request)
+        return {name: torch.from_numpy(array[0]) for name, array in arrays.items()} | {
+            k: v[0] for k, v in said.items()
+        }
 
     def __getitems__(self, indices: Sequence[int]) -> list[dict[str, Any]]:
         """Return many windows in the order asked for; torch's DataLoader calls this for a batch.
 
-        Windows are read in the order they have in the files, whatever the order asked for.
+        Their tensors are rows of one batch, which is memory of its own. Windows are read in the order they have in
+        the files, whatever the order asked for.
         """
-        places = [self._place(index) for index in indices]
-        items: list[dict[str, Any]] = [{}] * len(places)
-        coins = self._mirrored() if self.mirror > 0 else None
-        for nth in sorted(range(len(places)), key=places.__getitem__):
-            items[nth] = self._item(places[nth], coins is not None and bool(coins[places[nth]]))
-        return items
+        request, fill = self._request(indices), self._fill()
+        if not len(request):
+            return []
+        tensors = {name: self._pool.tensor((len(request), *s), dtype) for name, (s, dtype) in fill.layout.items()}
+        fill(request, {name: tensor.numpy() for name, tensor in tensors.items()})
+        if get_worker_info() is not None:
+            tensors = {name: shared_tensor(tensor.numpy()) for name, tensor in tensors.items()}
+        batch, said = Batch.of(len(request), tensors), self._metadata(request)
+        return [
+            Sample(
+                {name: rows[nth] for name, rows in batch.rows.items()} | {k: v[nth] for k, v in said.items()},
+                batch,
+                nth,
+            )
+            for nth in range(len(request))
+        ]
 
     def __repr__(self) -> str:
         """Say what is read, and how."""
@@ -224,8 +265,8 @@ class WindowDataset(Dataset[dict[str, Any]]):
         )
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out what can be drawn again."""
-        return {**self.__dict__, "_coins": None}
+        """Leave out what can be drawn again, and memory."""
+        return {**self.__dict__, "_coins": None, "_reader": None, "_pool": Pool()}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Take the state over, with an epoch that workers can share."""
@@ -249,6 +290,11 @@ class WindowDataset(Dataset[dict[str, Any]]):
             For a negative epoch.
         """
         self._epoch.fill_(whole("epoch", epoch))
+
+    @property
+    def unmapped(self) -> dict[str, str]:
+        """Why fields are not copied from mapped files, by name; empty if all are."""
+        return {field.name: field.rows.unmapped for field in self._fill().fields if field.rows.unmapped}
 
     def normalizer(self, field: str) -> MinMax:
         """Return the scaler that a field of this dataset is normalised with.
@@ -292,51 +338,35 @@ class WindowDataset(Dataset[dict[str, Any]]):
             self._coins = epoch, uniform < self.mirror
         return self._coins[1]
 
-    def _bias(self, place: int) -> int:
-        """Return the shift, -2 .. 2 frames, of a sample's primitives in the current epoch."""
-        stream = np.random.Philox(np.random.SeedSequence(self.seed, spawn_key=(_BIAS_STREAM, self.epoch, place)))
+    def _bias(self, place: int, epoch: int | None = None) -> int:
+        """Return the shift, -2 .. 2 frames, of a sample's primitives in an epoch, or in the current one."""
+        epoch = self.epoch if epoch is None else epoch
+        stream = np.random.Philox(np.random.SeedSequence(self.seed, spawn_key=(_BIAS_STREAM, epoch, place)))
         return int(stream.random_raw() % 5) - 2
 
-    def _item(self, place: int, mirrored: bool) -> dict[str, Any]:
-        window = self.windows[place]
-        item: dict[str, Any] = {}
-        for name in self.fields:
-            rows = self._array(place, name, mirrored)
-            if self._cues is not None and name == self._cues.field:
-                found = self._cues.of(self.store, window, rows, self._bias(place))
-                found[PRIMITIVES] = self._scaled(found[PRIMITIVES], name)
-                item.update({key: torch.from_numpy(value) for key, value in found.items()})
-            item[name] = torch.from_numpy(self._scaled(rows, name))
-        record = self.store.clip(window.clip).record
-        item.update(
-            clip=window.clip,
-            start=int(window.start),
-            length=int(window.length),
-            split=self.split,
-            genre=record.genre,
-            genre_id=int(self.store.meta.get("genre_ids", {}).get(record.genre, -1)),
-            music=record.music,
-            dancer=record.dancer,
-            tempo_bpm=math.nan if record.tempo_bpm is None else float(record.tempo_bpm),
-            mirrored=mirrored,
-            index=place,
-        )
-        return item
+    def _request(self, indices: Sequence[int]) -> Request:
+        """Say which windows an epoch's samples are, and which of them are mirrored."""
+        places = tuple(self._place(index) for index in indices)
+        coins = self._mirrored() if self.mirror > 0 else None
+        mirrored = tuple(coins is not None and bool(coins[place]) for place in places)
+        return Request(places, mirrored, self.epoch)
 
-    def _array(self, place: int, name: str, mirrored: bool) -> npt.NDArray[Any]:
-        """Read one field of one window: mirrored first, then its root made relative."""
-        rows: npt.NDArray[Any] = self.store.read(self.windows[place], name)
-        mirror = self._mirrors.get(name) if mirrored else None
-        if mirror is not None:
-            rows = mirror.apply(rows)
-        root = self._roots.get(name)
-        if root is not None:
-            rows[:, root] -= rows[:1, root].copy()
-        return rows
+    def _metadata(self, request: Request) -> dict[str, list[Any]]:
+        return metadata(self.store, self.windows, self.split, request.places, request.mirrored)
 
-    def _scaled(self, rows: npt.NDArray[Any], name: str) -> npt.NDArray[Any]:
-        scaler = self._normalizers.get(name)
-        return rows if scaler is None else np.asarray(scaler.normalize(rows), dtype=np.float32)
+    def _fill(self) -> Fill:
+        """Return what reads batches, made when first needed, in each process."""
+        if self._reader is None:
+            rows = {name: self.store.window_rows(self.windows, name, mapped=self.mapped) for name in self.fields}
+            fields = [
+                FieldFill(n, rows[n], self._mirrors.get(n), self._roots.get(n), self._normalizers.get(n))
+                for n in self.fields
+            ]
+            for name, found in rows.items():
+                if found.unmapped and self.mapped:
+                    _log.warning("field %s is not read from mapped files: %s", name, found.unmapped)
+            self._reader = Fill(self.store, self.windows, fields, self._cues, self._bias)
+        return self._reader
 
 
 def _given(value: Any, preset: Preset | None, name: str, default: Any) -> Any:

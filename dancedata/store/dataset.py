@@ -20,6 +20,7 @@ from dancedata.core.errors import StoreError, UsageError, did_you_mean
 from dancedata.core.normalize import MinMax
 from dancedata.store.dataset_json import REBUILD, Description, load_description
 from dancedata.store.locate import RowSpan, locate_stored, locate_view
+from dancedata.store.mapped import WindowRows, locate_windows
 from dancedata.store.rewindow import Cut, cut_windows, stored_windows, wanted_cut
 from dancedata.store.schema import (
     QUALITY_FILE,
@@ -318,6 +319,21 @@ class Store:
         if self.scope == "window":
             return locate_stored(shard, number, window, f, rate)
         return locate_view(shard, number, window, f, rate)
+
+    def window_rows(self, windows: WindowList, field: str, *, mapped: bool = True) -> WindowRows:
+        """Find a field's rows of many windows of equal length at once, for readers that copy from mapped files.
+
+        Raises
+        ------
+        UsageError, StoreError
+            As `locate`, for the first window that the store does not have.
+        """
+        f, rate = self.field(field), self._rates[field]
+        places = [self._place(clip) for clip in windows.clip_ids]
+        shards, shard, first, bad = locate_windows(windows, places, f, rate, self.scope)
+        if bad.any():
+            self.locate(windows[int(np.argmax(bad))], field)
+        return WindowRows(field, shards, shard, first, rate.rows(int(windows.length[0])), mapped)
 
     def read_clip(self, clip_id: str, field: str) -> npt.NDArray[Any]:
         """Read all rows of a field that belong to a clip; see `ClipView.read`."""

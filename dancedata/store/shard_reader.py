@@ -1,13 +1,15 @@
 """Reads one shard: its tables once, through h5py; its rows straight from the file, by their position in it.
 
 Fields are contiguous and uncompressed, so rows [a, b) are one piece of the file. Reading that piece by
-position needs no HDF5 handle in the process, shares no file offset between processes, and lets threads
-read at once.
+position, or from the mapped file, needs no HDF5 handle in the process, shares no file offset between
+processes, and lets threads read at once. A field that another tool has chunked or compressed is read through
+h5py, which opens the file for every read.
 """
 
 from __future__ import annotations
 
 import math
+import mmap
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,12 +27,16 @@ IntArray = npt.NDArray[np.int64]
 
 @dataclass(frozen=True)
 class FieldLayout:
-    """Where a field's rows lie in a shard: first byte, number of rows, columns, dtype."""
+    """Where a field's rows lie in a shard: first byte, number of rows, columns, dtype, name in the file.
 
-    offset: int
+    The first byte is None where rows are not one piece of the file: chunked or compressed.
+    """
+
+    offset: int | None
     n_rows: int
     width: int
     dtype: np.dtype[Any]
+    name: str
 
     @property
     def row_bytes(self) -> int:
@@ -96,6 +102,7 @@ class ShardReader:
         self._layout: dict[str, FieldLayout] = {}
         self._windows: StoredWindows | None = None
         self._file: _File | None = None
+        self._map: _Map | None = None
 
     @property
     def clips(self) -> ClipTable:
@@ -133,14 +140,40 @@ class ShardReader:
             )
         direct = out.dtype == layout.dtype and out.flags.c_contiguous and out.flags.writeable
         target = out if direct else np.empty((len(out), layout.width), dtype=layout.dtype)
-        if target.size:
+        if target.size and layout.offset is None:
+            with hdf5.open_file(self.path) as file:
+                file[layout.name].read_direct(target, np.s_[first : first + len(target)])
+        elif target.size and layout.offset is not None:
             self._open().read_into(memoryview(target.data).cast("B"), layout.offset + first * layout.row_bytes)
         if not direct:
             out[...] = target
 
+    def mapped_rows(self, field: str) -> npt.NDArray[Any] | str:
+        """Return all rows of a field, (n_rows, D), as a view of the mapped file that cannot be written to.
+
+        Where that is impossible, return why: rows that are no one piece of the file, or a file system that maps
+        no files. `read_rows` works all the same.
+        """
+        layout = self.layout(field)
+        if layout.offset is None:
+            return f"{layout.name} of {self.path.name} is chunked or compressed"
+        if self._map is None:
+            try:
+                self._map = _Map(self.path)
+            except (OSError, ValueError) as error:
+                return f"{self.path.name} cannot be mapped: {error}"
+        return self._map.rows(layout)
+
+    def read_ahead(self, field: str, first: int, n_rows: int) -> None:
+        """Tell the system that rows of a mapped field will be read soon; returns at once."""
+        layout = self.layout(field)
+        if self._map is not None and layout.offset is not None:
+            self._map.read_ahead(layout.offset + first * layout.row_bytes, n_rows * layout.row_bytes)
+
     def close(self) -> None:
-        """Give the file descriptor back; a later read opens the file again."""
+        """Give file descriptor and mapping back; a later read opens the file again."""
         self._file = None
+        self._map = None
 
     def _open(self) -> _File:
         file = self._file
@@ -181,22 +214,46 @@ class _File:
             os.close(self._descriptor)
 
 
+class _Map:
+    """A whole file mapped read-only. A forked child may go on using it; other processes share its memory."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        with open(path, "rb") as file:
+            self._memory = mmap.mmap(file.fileno(), 0, flags=mmap.MAP_SHARED, prot=mmap.PROT_READ)
+
+    def rows(self, layout: FieldLayout) -> npt.NDArray[Any]:
+        offset, count = layout.offset or 0, layout.n_rows * layout.width
+        missing = offset + layout.n_rows * layout.row_bytes - len(self._memory)
+        if missing > 0:
+            raise StoreError(
+                "a shard ends too early",
+                where=str(self.path),
+                found=f"{missing} bytes missing at byte {len(self._memory)}",
+                fix="run dancedata check on the dataset",
+            )
+        rows = np.frombuffer(self._memory, dtype=layout.dtype, count=count, offset=offset)
+        return rows.reshape(layout.n_rows, layout.width)
+
+    def read_ahead(self, position: int, n_bytes: int) -> None:
+        page = position - position % mmap.PAGESIZE
+        self._memory.madvise(mmap.MADV_WILLNEED, page, position + n_bytes - page)
+
+
 def _field_layout(file: Any, f: Field, path: Path) -> FieldLayout:
-    dataset = file[f"{f.kind}/{f.name}"]
-    where = f"{path}, /{f.kind}/{f.name}"
+    name = f"/{f.kind}/{f.name}"
+    dataset = file[name]
     if dataset.ndim != 2 or dataset.shape[1] != f.columns.width or dataset.dtype != f.disk_dtype:
         raise StoreError(
             "a field has another shape or dtype than dataset.json says",
-            where=where,
+            where=f"{path}, {name}",
             found=f"{dataset.shape} {dataset.dtype}",
             allowed=f"(rows, {f.columns.width}) {f.disk_dtype}",
         )
     offset = dataset.id.get_offset()
-    if offset is None and math.prod(dataset.shape):
-        raise StoreError(
-            "a field is not contiguous", where=where, fix="use the shard as it was built, not a repacked one"
-        )
-    return FieldLayout(offset or 0, int(dataset.shape[0]), int(dataset.shape[1]), f.disk_dtype)
+    if not math.prod(dataset.shape):
+        offset = 0
+    return FieldLayout(offset, int(dataset.shape[0]), int(dataset.shape[1]), f.disk_dtype, name)
 
 
 def _read_clips(file: Any, split: str, fields: tuple[Field, ...], scope: str) -> ClipTable:

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from dancedata.testing.stores import write_random_store
+from dancedata.core.columns import Columns, Group, Mirror
+from dancedata.store.dataset import Store, open_store
+from dancedata.store.schema import Field
+from dancedata.store.writer import write_store
+from dancedata.testing.stores import random_fields, write_random_store
 
 
 @pytest.fixture(scope="session")
@@ -16,3 +23,36 @@ def store_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     clips = {"train": 22, "val": 2, "test": 2}
     write_random_store(out, clips=clips, n_frames=(290, 290), length=150, stride=1)
     return out
+
+
+@pytest.fixture(scope="session")
+def mixed_store(tmp_path_factory: pytest.TempPathFactory) -> Store:
+    """Five train clips of 200 frames in several shards: Lodge's columns and key motions, 60 rows a second, halves.
+
+    Windows of 40 frames every 10.
+    """
+    folder = tmp_path_factory.mktemp("mixed")
+    lodge, fast = random_fields({"lodge139": 139, "fast": 21}, {}, fast=60)
+    groups = (Group("contact", 4, "1"), Group("translation", 3, "m"), Group("rotation_6d", 132, "1"))
+    key = Columns(
+        (Group("speed", 1, "m"), Group("minimum", 1, "1"), Group("prominence", 1, "m")), Mirror((0, 1, 2), (1,) * 3)
+    )
+    music, half = random_fields({}, {"librosa35": 35, "half": 64})
+    fields = (
+        replace(lodge, columns=Columns(groups, lodge.columns.mirror)),
+        replace(fast, dtype="float16"),
+        Field("lodge", "keymotion", key, Fraction(30)),
+        music,
+        replace(half, dtype="float16"),
+    )
+    made = write_random_store(
+        folder / "plain", clips={"train": 5, "val": 1}, n_frames=(200, 200), length=40, stride=10, fields=fields
+    )
+    clips = []
+    for clip in made.clips:
+        rows = {name: np.array(array) for name, array in clip.motion.items()}
+        rows["lodge"][:, 1] = np.arange(len(rows["lodge"])) % 9 == 4
+        clips.append(replace(clip, motion=rows))
+    (folder / "out").mkdir()
+    write_store(folder / "out", made.header, clips, shard_bytes=1 << 19)
+    return open_store(folder / "out")

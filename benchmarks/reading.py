@@ -1,0 +1,269 @@
+"""Reading batches: this package against other formats behind a DataLoader, all in one run on one machine.
+
+    python benchmarks/reading.py                    3,000 windows, 0, 1 and 2 workers, 5 rounds; 32 GB under --work
+    python benchmarks/reading.py --quick            336 windows, 2 rounds
+    python benchmarks/reading.py --wide 0           without the wide field
+
+A window is (150, 151) float32, (150, 35) float32 and (150, 4800) float16; batches of 64 in a random order, which is
+the same for all loaders that can be asked for a sample (WebDataset and LitData go through their files in order, which
+is their best case). Every loader gives dicts of the same three arrays; the first batch of each is compared with the
+source. Formats of others store every window by itself, this package stores 125 tracks of 24 overlapping windows.
+
+A measurement is one epoch of one loader, from iter() to the last batch, start of workers included; one number of each
+array of a batch is looked at. Before it, outside the clock, the loader's files are read once, so that they are in the
+page cache. Rounds are interleaved: each measures every loader once, in a new order. Medians over rounds.
+
+The memory-copy rate is that of numpy copying 4.6 GB, batch by batch, from a large array in memory into one reused
+buffer a thread, with as many threads as the BatchLoader has; bytes copied a second, not read plus written.
+
+Peers that are not installed (webdataset, litdata, zarr) are named and left out.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import json
+import os
+import platform
+import random
+import shutil
+import statistics
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from reading_peers import BATCH, PEERS, NpLoad, Source
+from torch.utils.data import DataLoader
+
+from dancedata.readers import BatchLoader, EpochSampler, WindowDataset
+from dancedata.testing.stores import random_fields, write_random_store
+
+LENGTH, STRIDE, PER_CLIP = 150, 15, 24
+GATES = {"DataLoader / best peer": 0.9, "BatchLoader / np.load": 5.0, "BatchLoader / memory copy": 0.5}
+Measure = Callable[[], Iterable[dict[str, Any]]]
+
+
+def main() -> int:
+    """Write what is missing, measure, print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help="336 windows, 2 rounds")
+    parser.add_argument("--rounds", type=int)
+    parser.add_argument("--wide", type=int, default=4800, help="columns of the wide field; 0: without it")
+    parser.add_argument("--work", type=Path, help="folder for the data; kept. Default: a temporary one")
+    parser.add_argument("--json", type=Path, help="write all measurements here as well")
+    arguments = parser.parse_args()
+    rounds = arguments.rounds or (2 if arguments.quick else 5)
+    with tempfile.TemporaryDirectory() as temporary:
+        source = make_source(arguments.work or Path(temporary), 336 if arguments.quick else 3000, arguments.wide)
+        measures = measures_of(source)
+        print(machine(source, rounds), flush=True)
+        check(source, measures)
+        found = measure(source, measures, rounds)
+    print_table(source, found)
+    if arguments.json:
+        arguments.json.write_text(json.dumps({f"{n}, {w}": v for (n, w), v in found.items()}, indent=1))
+    return 0 if print_gates(found) else 1
+
+
+def make_source(work: Path, n_windows: int, wide: int) -> Source:
+    """Write the store, or take the one that is there; the first `n_windows` of its train split are read."""
+    folder = work / f"reading-{n_windows}-{wide}"
+    n_clips = -(-n_windows // PER_CLIP)
+    n_frames = LENGTH + STRIDE * (PER_CLIP - 1)
+    motion, music, more = random_fields({"edge151": 151}, {"librosa35": 35, "wide": max(1, wide)})
+    fields = (motion, music, replace(more, dtype="float16"))[: 3 if wide else 2]
+    if not (folder / "store" / "dataset.json").exists():
+        write_random_store(
+            folder / "store", clips={"train": n_clips}, fields=fields, length=LENGTH, stride=STRIDE,
+            n_frames=(n_frames, n_frames), clips_per_song=1, shard_bytes=256 << 20,
+        )  # fmt: skip
+    return Source(folder, WindowDataset(folder / "store", fields=[f.name for f in fields], normalize=False))
+
+
+def measures_of(source: Source) -> dict[tuple[str, int], tuple[Measure, Path]]:
+    """Return what is measured by (name, workers): how to make the loader, and the folder that it reads."""
+    dataset, store = source.dataset, source.dataset.store.path
+    augmented = WindowDataset(store, fields=source.fields, mirror=0.5)
+    found: dict[tuple[str, int], tuple[Measure, Path]] = {}
+    for kind in PEERS:
+        if kind.package is not None and importlib.util.find_spec(kind.package) is None:
+            print(f"{kind.name}: skipped, {kind.package} is not installed")
+            continue
+        peer = kind(source)
+        if not (peer.folder / "done").exists():
+            shutil.rmtree(peer.folder, ignore_errors=True)
+            peer.folder.mkdir(parents=True)
+            peer.write(source)
+            (peer.folder / "done").touch()
+        for workers in (0, 1, 2):
+            found[kind.name, workers] = (lambda p=peer, w=workers: p.loader(w)), peer.folder
+
+    def plain(windows: WindowDataset, workers: int) -> Measure:
+        return lambda: DataLoader(windows, BATCH, sampler=EpochSampler(windows, seed=0), num_workers=workers)
+
+    for workers in (0, 1, 2):
+        found["dancedata, DataLoader", workers] = plain(dataset, workers), store
+        found["dancedata, DataLoader, mirrored + normalised", workers] = plain(augmented, workers), store
+    kinds: tuple[tuple[str, WindowDataset, dict[str, Any]], ...] = (
+        ("dancedata, BatchLoader", dataset, {}),
+        ("dancedata, BatchLoader, copy=True", dataset, {"copy": True}),
+        ("dancedata, BatchLoader, mirrored + normalised", augmented, {}),
+    )
+    for name, windows, options in kinds:
+        for threads in (1, 2):
+            loader = BatchLoader(windows, BATCH, sampler=EpochSampler(windows), threads=threads, **options)
+            found[name, threads] = (lambda made=loader: from_the_start(made)), store
+    return found
+
+
+def from_the_start(loader: BatchLoader) -> BatchLoader:
+    """Return the loader, whose buffers stay what they are, at the start of epoch 0."""
+    loader.sampler.load_state_dict({"epoch": 0, "position": 0})
+    return loader
+
+
+def check(source: Source, measures: dict[tuple[str, int], tuple[Measure, Path]]) -> None:
+    """Compare the first batch of every loader with the source; the augmented ones the tests compare.
+
+    A BatchLoader goes through an epoch as well: it lives as long as the training does, with the memory that it has.
+    """
+    in_order = {kind.name for kind in PEERS if kind.in_order}
+    for (name, workers), (make, _) in measures.items():
+        if "BatchLoader" in name:
+            epoch(make, source)
+        if "mirrored" in name:
+            continue
+        order = [0] if name in in_order else EpochSampler(len(source), seed=0).order(0)[:BATCH].tolist()
+        first = next(iter(make()))
+        for field in source.fields:
+            wanted = np.stack([source.array(k, field) for k in order])
+            if not np.array_equal(np.asarray(first[field])[: len(order)], wanted):
+                raise SystemExit(f"{name} with {workers} gave another {field}")
+
+
+def measure(
+    source: Source, measures: dict[tuple[str, int], tuple[Measure, Path]], rounds: int
+) -> dict[tuple[str, int], list[float]]:
+    """Return bytes a second of every round, by (name, workers)."""
+    names = [*measures, ("memory copy", 1), ("memory copy", 2)]
+    found: dict[tuple[str, int], list[float]] = {name: [] for name in names}
+    big = np.ones(1 << 30, dtype=np.uint8)
+    dice = random.Random(0)
+    for nth in range(rounds):
+        for name in dice.sample(names, len(names)):
+            if name[0] == "memory copy":
+                found[name].append(copy_rate(big, source.n_bytes, name[1]))
+                continue
+            make, folder = measures[name]
+            warm(folder)
+            found[name].append(source.n_bytes / epoch(make, source))
+        print(f"round {nth + 1} of {rounds}, load {os.getloadavg()[0]:.1f}", file=sys.stderr, flush=True)
+    return found
+
+
+def epoch(make: Measure, source: Source) -> float:
+    """Return the seconds of one epoch."""
+    begin = time.perf_counter()
+    n = 0
+    for batch in make():
+        n += len(batch[source.fields[0]])
+        for name in source.fields:
+            batch[name][0, 0, 0].item()
+    seconds = time.perf_counter() - begin
+    if n != len(source):
+        raise SystemExit(f"{n} windows instead of {len(source)}")
+    return seconds
+
+
+def copy_rate(big: np.ndarray[Any, Any], n_bytes: int, threads: int) -> float:
+    """Return bytes a second of plain copies into reused memory."""
+    step = 96 << 20
+    buffers = [np.ones(step, dtype=np.uint8) for _ in range(threads)]
+    jobs = [k * step % (len(big) - step) for k in range(max(threads, n_bytes // step))]
+
+    def work(thread: int) -> None:
+        for begin in jobs[thread::threads]:
+            np.copyto(buffers[thread], big[begin : begin + step])
+
+    with ThreadPoolExecutor(threads) as pool:
+        begin = time.perf_counter()
+        list(pool.map(work, range(threads)))
+        return len(jobs) * step / (time.perf_counter() - begin)
+
+
+def warm(folder: Path) -> None:
+    """Read all files, so that they lie in the page cache."""
+    buffer = bytearray(8 << 20)
+    for path in sorted(folder.rglob("*")):
+        if path.is_file():
+            with path.open("rb", buffering=0) as file:
+                while file.readinto(buffer):
+                    pass
+
+
+def size_of(folder: Path) -> float:
+    """Gigabytes on disk."""
+    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file()) / 1e9
+
+
+def machine(source: Source, rounds: int) -> str:
+    """Say what a number without it is worth nothing."""
+    lines = Path("/proc/cpuinfo").read_text().splitlines()
+    cpu = next((line.split(": ")[1] for line in lines if line.startswith("model name")), "").strip()
+    names = ["numpy", "torch", "h5py", *(kind.package for kind in PEERS if kind.package)]
+    versions = [f"{name} {version(name)}" for name in names if importlib.util.find_spec(name)]
+    return (
+        f"{cpu or platform.processor()}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}; "
+        f"Python {platform.python_version()}, {', '.join(versions)}\n{len(source):,} windows, "
+        f"{source.n_bytes / 1e9:.2f} GB; this package {size_of(source.folder / 'store'):.2f} GB on disk; "
+        f"batches of {BATCH}; median of {rounds} interleaved rounds"
+    )
+
+
+def print_table(source: Source, found: dict[tuple[str, int], list[float]]) -> None:
+    """Print medians."""
+    print(f"\n{'loader':48} {'workers':>8} {'windows/s':>10} {'GB/s':>6} {'least':>6} {'most':>6} {'x np.load':>10}")
+    for (name, workers), rates in sorted(found.items(), key=lambda item: (item[0][1], -statistics.median(item[1]))):
+        rate = statistics.median(rates)
+        peer = statistics.median(found[NpLoad.name, workers])
+        threads = "threads" if "BatchLoader" in name or "copy" in name else "workers"
+        print(
+            f"{name:48} {workers} {threads[:6]:>6} {rate / source.n_bytes * len(source):10.0f} {rate / 1e9:6.2f} "
+            f"{min(rates) / 1e9:6.2f} {max(rates) / 1e9:6.2f} {rate / peer:10.2f}"
+        )
+
+
+def print_gates(found: dict[tuple[str, int], list[float]]) -> bool:
+    """Print the ratios that are promised, each the median over rounds; return whether all are kept."""
+
+    def ratio(one: Sequence[float], *others: Sequence[float]) -> float:
+        return statistics.median(a / max(rest) for a, *rest in zip(one, *others, strict=True))
+
+    kinds = [kind.name for kind in PEERS if (kind.name, 0) in found]
+    rows: list[tuple[str, str, float]] = []
+    for workers in (0, 1, 2):
+        ours, peers = found["dancedata, DataLoader", workers], [found[name, workers] for name in kinds]
+        rows.append(("DataLoader / best peer", f"{workers} workers", ratio(ours, *peers)))
+    for workers in (0, 1, 2):
+        ours, peer = found["dancedata, BatchLoader", 2], found[NpLoad.name, workers]
+        rows.append(("BatchLoader / np.load", f"2 threads, {workers} workers", ratio(ours, peer)))
+    for threads in (1, 2):
+        ours = found["dancedata, BatchLoader", threads]
+        rows.append(("BatchLoader / memory copy", f"{threads} threads", ratio(ours, found["memory copy", threads])))
+    print()
+    for what, where, value in rows:
+        verdict = "kept" if value >= GATES[what] else "MISSED"
+        print(f"{what:28} {where:24} {value:6.2f}   at least {GATES[what]:g}: {verdict}")
+    return all(value >= GATES[what] for what, _, value in rows)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

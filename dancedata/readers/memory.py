@@ -1,0 +1,78 @@
+"""Memory for batches.
+
+Most of the time that a loader spends goes into memory which it has never touched: the system clears every page of it.
+So memory of large batches is used again, as soon as no tensor refers to it any more.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import weakref
+from collections import deque
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import torch
+
+#: What is smaller comes from the allocator, which keeps small pieces by itself.
+_LARGE = 1 << 20
+#: Pieces that are kept while nothing refers to them: two batches of up to four large fields.
+_KEPT = 8
+
+
+class Pool:
+    """Tensors whose memory is used again once they, and all tensors and arrays that share it, are gone.
+
+    Safe under threads; a fork's child begins with what was idle in its parent.
+    """
+
+    def __init__(self) -> None:
+        """Begin empty."""
+        # Not a lock and a list: memory comes back whenever a tensor goes, in any thread, also in the midst of this.
+        self._idle: deque[npt.NDArray[np.uint8]] = deque(maxlen=_KEPT)
+
+    def tensor(self, shape: tuple[int, ...], dtype: np.dtype[Any]) -> torch.Tensor:
+        """Return a tensor of any content."""
+        n_bytes = math.prod(shape) * dtype.itemsize
+        if n_bytes < _LARGE:
+            return torch.from_numpy(np.empty(shape, dtype=dtype))
+        memory = self._take(n_bytes)
+        # The tensor keeps this array alive, and nothing else does: when it goes, the memory is free.
+        array = memory.view(dtype).reshape(shape)
+        weakref.finalize(array, self._idle.append, memory).atexit = False
+        return torch.from_numpy(array)
+
+    def _take(self, n_bytes: int) -> npt.NDArray[np.uint8]:
+        for _ in range(len(self._idle)):
+            try:
+                memory = self._idle.popleft()
+            except IndexError:
+                break
+            if memory.nbytes == n_bytes:
+                return memory
+            self._idle.append(memory)
+        # numpy asks for huge pages, where the system has them.
+        return np.empty(n_bytes, dtype=np.uint8)
+
+
+def shared_tensor(array: npt.NDArray[Any]) -> torch.Tensor:
+    """Return a copy of an array that a DataLoader's worker can send to the trainer without copying it once more.
+
+    Written to a file in memory instead of into mapped memory: the system then need not clear its pages first, which
+    takes more time than the copy.
+    """
+    map_shared = getattr(torch.UntypedStorage, "_new_shared_fd_cpu", None)
+    if map_shared is None:
+        return torch.from_numpy(array).clone().share_memory_()  # type: ignore[no-untyped-call, no-any-return]
+    descriptor = os.memfd_create("dancedata-batch")
+    try:
+        left = array.reshape(-1).view(np.uint8).data
+        while left.nbytes:
+            left = left[os.write(descriptor, left) :]
+        storage = map_shared(descriptor, array.nbytes)  # with a descriptor of its own
+    finally:
+        os.close(descriptor)
+    kind = torch.from_numpy(np.empty(0, dtype=array.dtype)).dtype
+    return torch.empty(0, dtype=kind).set_(storage, 0, array.shape)  # type: ignore[call-overload, no-any-return]

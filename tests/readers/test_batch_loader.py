@@ -1,0 +1,346 @@
+"""BatchLoader against a DataLoader, batch by batch and bit by bit; its ring, its threads, and its end."""
+
+from __future__ import annotations
+
+import gc
+import itertools
+import os
+import pickle
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("torch")
+
+import torch
+from torch.utils.data import DataLoader
+
+from dancedata.core.errors import StoreError, UsageError
+from dancedata.readers import BatchLoader, EpochSampler, WindowDataset
+from dancedata.store.dataset import Store
+
+FIELDS = ("lodge139", "fast", "librosa35", "half")
+MODES: dict[str, dict[str, Any]] = {
+    "plain": {"normalize": False},
+    "mirrored and normalised": {"mirror": 0.5, "normalize": FIELDS},
+    "relative root": {"fields": ("lodge139",), "relative_root": True, "normalize": False, "mirror": 0.5},
+    "unmapped": {"mirror": 0.5, "mapped": False},
+    "primitives": {
+        "fields": ("librosa35", "lodge139", "primitives"),
+        "length_frames": 150,
+        "stride_frames": 5,
+        "primitive_n": 50,
+        "mirror": 0.5,
+    },
+    "borders": {"fields": ("lodge139", "primitives"), "primitive_n": 40, "mirror": 0.5},
+    "preset": {
+        "preset": "lodge-local",
+        "fields": None,
+        "length_frames": 40,
+        "stride_frames": 9,
+        "mirror": 0.5,
+        "filter": False,
+    },
+}
+
+
+def dataset_of(store: Store, mode: str = "mirrored and normalised", **options: Any) -> WindowDataset:
+    return WindowDataset(store, **{"fields": FIELDS, "seed": 3, **MODES[mode], **options})
+
+
+def bits(batch: dict[str, Any]) -> dict[str, Any]:
+    """Something that is equal only where every bit is, with types and the order of keys."""
+    return {
+        name: (str(value.dtype), tuple(value.shape), value.numpy().tobytes()) if torch.is_tensor(value) else value
+        for name, value in batch.items()
+    }
+
+
+def assert_same(found: Any, wanted: Any) -> int:
+    """Go through two loaders at once; return how many batches there were."""
+    n = 0
+    for one, other in itertools.zip_longest(found, wanted):
+        assert one is not None, f"{n} batches and no more"
+        assert other is not None, f"more than {n} batches"
+        assert list(one) == list(other)
+        assert bits(one) == bits(other)
+        n += 1
+    return n
+
+
+def n_threads() -> int:
+    return sum(thread.name.startswith("BatchLoader") for thread in threading.enumerate())
+
+
+@pytest.fixture(autouse=True)
+def no_thread_stays() -> Iterator[None]:
+    yield
+    gc.collect()
+    assert n_threads() == 0
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_equals_a_data_loader_epoch_after_epoch(mixed_store: Store, mode: str) -> None:
+    ours, theirs = dataset_of(mixed_store, mode), dataset_of(mixed_store, mode)
+    loader = BatchLoader(ours, 8, sampler=EpochSampler(ours, seed=1))
+    reference: DataLoader[Any] = DataLoader(theirs, 8, sampler=EpochSampler(theirs, seed=1))
+    for _ in range(3):
+        assert assert_same(loader, reference) == len(loader) == len(reference) > 3
+
+
+@pytest.mark.parametrize("drop_last", [False, True])
+@pytest.mark.parametrize(("threads", "prefetch", "ring"), [(1, 1, 1), (3, 1, 2), (2, 5, 1), (1, 40, 4)])
+@pytest.mark.parametrize("copy", [False, True])
+def test_equals_it_with_any_threads_and_buffers(
+    mixed_store: Store, drop_last: bool, threads: int, prefetch: int, ring: int, copy: bool
+) -> None:
+    ours, theirs = dataset_of(mixed_store), dataset_of(mixed_store)
+    sampler = EpochSampler(ours, seed=1, rank=1, world_size=2)
+    loader = BatchLoader(
+        ours, 7, sampler=sampler, drop_last=drop_last, threads=threads, prefetch=prefetch, ring=ring, copy=copy
+    )
+    reference: DataLoader[Any] = DataLoader(
+        theirs, 7, sampler=EpochSampler(theirs, seed=1, rank=1, world_size=2), drop_last=drop_last
+    )
+    for _ in range(2):
+        assert assert_same(loader, reference) == len(loader) == len(reference)
+
+
+def test_without_a_sampler(mixed_store: Store) -> None:
+    dataset = dataset_of(mixed_store)
+    assert_same(BatchLoader(dataset, 8), DataLoader(dataset, 8))
+    shuffled = BatchLoader(dataset, 8, shuffle=True)
+    assert isinstance(shuffled.sampler, EpochSampler)
+    assert_same(shuffled, DataLoader(dataset, 8, sampler=EpochSampler(dataset, seed=3)))
+    next(iter(shuffled))
+    sampler = EpochSampler(dataset, seed=3)
+    sampler.set_epoch(2)
+    assert_same(shuffled, DataLoader(dataset, 8, sampler=sampler))  # nothing of epoch 2 is missing
+    plain = [3, 1, 4, 1, 5]
+    assert_same(BatchLoader(dataset, 2, sampler=plain), DataLoader(dataset, 2, sampler=plain))
+    assert list(BatchLoader(dataset, 2, sampler=[])) == []
+
+
+def test_ranks_share_an_epoch(mixed_store: Store) -> None:
+    seen: list[int] = []
+    for rank in range(3):
+        dataset = dataset_of(mixed_store)
+        for batch in BatchLoader(dataset, 8, sampler=EpochSampler(dataset, rank=rank, world_size=3, drop_last=True)):
+            seen += batch["index"].tolist()
+    assert len(seen) == len(set(seen)) == len(dataset) // 3 * 3
+
+
+def test_resumes_in_the_middle_of_an_epoch(mixed_store: Store) -> None:
+    def start() -> tuple[EpochSampler, BatchLoader]:
+        dataset = dataset_of(mixed_store)
+        sampler = EpochSampler(dataset, seed=2)
+        return sampler, BatchLoader(dataset, 8, sampler=sampler, copy=True)
+
+    sampler, loader = start()
+    whole = [[bits(batch) for batch in loader] for _ in range(3)]
+    assert sampler.state_dict() == {"epoch": 3, "position": 0}
+
+    sampler, loader = start()
+    for _ in loader:
+        pass
+    assert sampler.state_dict() == {"epoch": 1, "position": 0}
+    for nth, _ in enumerate(loader):
+        if nth == 2:
+            break
+    state = sampler.at(1, 24)
+    sampler, loader = start()
+    sampler.load_state_dict(state)
+    assert [bits(batch) for batch in loader] == whole[1][3:]
+    assert [bits(batch) for batch in loader] == whole[2]
+
+
+# --- the ring
+
+
+@pytest.mark.parametrize(("ring", "prefetch"), [(1, 1), (2, 2), (2, 1), (3, 2), (1, 4)])
+def test_a_batch_lives_until_ring_more_are_asked_for(mixed_store: Store, ring: int, prefetch: int) -> None:
+    loader = BatchLoader(dataset_of(mixed_store), 8, ring=ring, prefetch=prefetch, shuffle=True)
+    alive: list[tuple[dict[str, Any], dict[str, Any]]] = []
+    places: list[int] = []
+    epochs = (itertools.islice(loader, stop) for stop in (None, 3, None))  # one is abandoned
+    for batch in itertools.chain.from_iterable(epochs):
+        alive = [*alive, (batch, bits(batch))][-ring:]
+        time.sleep(0.002)  # lets the threads run ahead as far as they may
+        for kept, before in alive:
+            assert bits(kept) == before
+        places.append(batch["half"].data_ptr())
+    assert len(set(places)) <= ring + prefetch
+    assert all(len(set(places[n : n + ring])) == ring for n in range(len(places) - ring))
+
+
+def test_copy_gives_batches_of_their_own(mixed_store: Store) -> None:
+    dataset = dataset_of(mixed_store)
+    kept = list(BatchLoader(dataset, 8, copy=True))
+    assert_same(kept, DataLoader(dataset, 8))
+
+
+def test_a_batch_may_be_written_to(mixed_store: Store) -> None:
+    dataset = dataset_of(mixed_store)
+    loader, reference = BatchLoader(dataset, 8), DataLoader(dataset, 8)
+    for _ in range(2):
+        for batch, wanted in zip(loader, reference, strict=True):
+            assert bits(batch) == bits(wanted)
+            batch["lodge139"].zero_()
+            batch["half"].requires_grad_()
+            del batch["clip"]
+
+
+# --- threads
+
+
+def test_an_error_in_a_thread_is_raised_in_the_loop(mixed_store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    dataset = dataset_of(mixed_store)
+    fill, wanted = dataset._fill(), list(BatchLoader(dataset, 8, copy=True))
+
+    def broken(request: Any, out: Any) -> None:
+        if 17 in request.places:
+            raise StoreError("a shard cannot be read", where="here")
+        fill(request, out)
+
+    broken.layout = fill.layout  # type: ignore[attr-defined]
+    monkeypatch.setattr(dataset, "_fill", lambda: broken)
+    batches = iter(BatchLoader(dataset, 8, copy=True))
+    assert_same(itertools.islice(batches, 2), wanted[:2])
+    with pytest.raises(StoreError, match="here"):
+        next(batches)
+    assert list(batches) == []
+    assert n_threads() == 0
+
+
+def test_an_error_of_the_sampler_is_raised_in_the_loop(mixed_store: Store) -> None:
+    batches = iter(BatchLoader(dataset_of(mixed_store), 2, sampler=[0, 1, 2, 3, 4, 5, 6, 10_000]))
+    next(batches)
+    with pytest.raises(IndexError, match="10000"):
+        next(batches)
+    assert n_threads() == 0
+
+
+def test_leaving_the_loop_ends_the_threads(mixed_store: Store) -> None:
+    loader = BatchLoader(dataset_of(mixed_store), 4)
+    for _ in loader:
+        assert n_threads() > 0
+        break
+    assert n_threads() == 0
+    assert_same(loader, DataLoader(loader.dataset, 4))
+    batches = iter(BatchLoader(dataset_of(mixed_store), 4))  # nothing refers to the loader
+    next(batches)
+    del batches
+    assert n_threads() == 0
+
+
+def test_one_iteration_at_a_time(mixed_store: Store) -> None:
+    loader = BatchLoader(dataset_of(mixed_store), 8)
+    first = iter(loader)
+    next(first)
+    second = iter(loader)
+    with pytest.raises(UsageError, match="another iteration"):
+        next(first)
+    assert_same(second, DataLoader(loader.dataset, 8))
+    assert next(second, None) is None
+    third = iter(loader)
+    assert next(second, None) is None
+    assert next(third) is not None
+
+
+def in_child(work: Callable[[], int]) -> int:
+    """Run in a forked child; return what it returned."""
+    child = os.fork()
+    if child == 0:
+        code = 99
+        try:
+            code = work()
+        finally:
+            os._exit(code)
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
+@pytest.mark.filterwarnings("ignore:.*multi-threaded, use of fork:DeprecationWarning")
+def test_a_forked_child_iterates_anew(mixed_store: Store) -> None:
+    loader = BatchLoader(dataset_of(mixed_store), 8)
+    wanted = [batch["index"].tolist() for batch in loader]
+    batches = iter(loader)
+    next(batches)
+
+    def work() -> int:
+        try:
+            next(batches)
+        except UsageError as error:
+            if "another process" not in str(error):
+                return 1
+        else:
+            return 2
+        return 0 if [batch["index"].tolist() for batch in loader] == wanted else 3
+
+    assert in_child(work) == 0
+    assert [batch["index"].tolist() for batch in batches] == wanted[1:]
+
+
+def test_pickled_without_threads_and_memory(mixed_store: Store) -> None:
+    loader = BatchLoader(dataset_of(mixed_store), 8, sampler=EpochSampler(len(dataset_of(mixed_store)), seed=4))
+    batches = iter(loader)
+    next(batches)
+    text = pickle.dumps(loader)
+    assert len(text) < 100_000
+    again = pickle.loads(text)
+    again.sampler.load_state_dict({"epoch": 0, "position": 0})
+    reference = DataLoader(dataset_of(mixed_store), 8, sampler=EpochSampler(len(loader.dataset), seed=4))
+    assert_same(again, reference)
+
+
+# --- arguments
+
+
+@pytest.mark.parametrize(
+    ("wrong", "text"),
+    [
+        ({"batch_size": 0}, "batch_size"),
+        ({"threads": 0}, "threads"),
+        ({"prefetch": 0}, "prefetch"),
+        ({"ring": 0}, "ring"),
+        ({"threads": 1.5}, "threads"),
+        ({"sampler": [1], "shuffle": True}, "shuffle"),
+    ],
+)
+def test_wrong_arguments(mixed_store: Store, wrong: dict[str, Any], text: str) -> None:
+    with pytest.raises(UsageError, match=text):
+        BatchLoader(dataset_of(mixed_store), **wrong)
+
+
+def test_pinned_memory_without_a_device_is_named(mixed_store: Store, caplog: pytest.LogCaptureFixture) -> None:
+    if torch.cuda.is_available():
+        pytest.skip("there is a device here")
+    loader = BatchLoader(dataset_of(mixed_store), 8, pin_memory=True)
+    assert not loader.pinned
+    assert "not pinned" in caplog.text
+    assert_same(loader, DataLoader(loader.dataset, 8))
+
+
+def test_pinned_memory_with_a_device(mixed_store: Store) -> None:
+    if not torch.cuda.is_available():
+        pytest.skip("no CUDA device here")
+    dataset = dataset_of(mixed_store)
+    for copy in (False, True):
+        loader = BatchLoader(dataset, 8, pin_memory=True, copy=copy)
+        assert loader.pinned
+        reference: DataLoader[Any] = DataLoader(dataset, 8)
+        for batch, wanted in zip(loader, reference, strict=True):
+            assert batch["half"].is_pinned()
+            on_device = batch["half"].to("cuda", non_blocking=True)
+            torch.cuda.synchronize()
+            assert torch.equal(on_device.cpu(), wanted["half"])
+
+
+def test_repr_says_what_it_is(store_path: Path) -> None:
+    text = repr(BatchLoader(WindowDataset(store_path), 64, threads=3))
+    for part in ("WindowDataset(", "batch_size=64", "threads=3", "ring=2"):
+        assert part in text

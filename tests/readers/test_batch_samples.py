@@ -1,0 +1,215 @@
+"""Batches as `WindowDataset.__getitems__` reads them, torch's collate puts them together, and memory goes round."""
+
+from __future__ import annotations
+
+import copy
+import gc
+import pickle
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch")
+
+import torch
+from torch.utils.data import DataLoader, Subset, default_collate
+
+from dancedata.readers import WindowDataset
+from dancedata.readers.memory import Pool
+from dancedata.store.dataset import Store
+
+FIELDS = ("lodge139", "fast", "librosa35", "half")
+MODES: dict[str, dict[str, Any]] = {
+    "plain": {"normalize": False},
+    "normalised": {},
+    "mirrored": {"mirror": 0.5, "normalize": False},
+    "mirrored and normalised": {"mirror": 0.5, "normalize": FIELDS},
+    "relative root": {"fields": ("lodge139",), "relative_root": True, "normalize": False, "mirror": 0.5},
+    "unmapped": {"mirror": 0.5, "mapped": False},
+    "other windows": {"length_frames": 30, "stride_frames": 7, "mirror": 0.5},
+    "primitives": {
+        "fields": ("librosa35", "lodge139", "primitives"),
+        "length_frames": 150,
+        "stride_frames": 10,
+        "primitive_n": 50,
+    },
+    "borders": {"fields": ("lodge139", "primitives"), "primitive_n": 40, "mirror": 0.5},
+}
+
+
+def dataset_of(store: Store, mode: str, **options: Any) -> WindowDataset:
+    return WindowDataset(store, **{"fields": FIELDS, **MODES[mode], **options})
+
+
+def bits(value: Any) -> Any:
+    """Something that is equal only where every bit is, with its type."""
+    if isinstance(value, torch.Tensor):
+        return str(value.dtype), tuple(value.shape), value.contiguous().numpy().tobytes()
+    return value.hex() if isinstance(value, float) else value
+
+
+def assert_equal(found: Mapping[str, Any], wanted: Mapping[str, Any]) -> None:
+    assert list(found) == list(wanted)
+    for name, value in wanted.items():
+        assert bits(found[name]) == bits(value), name
+
+
+def plain(dataset: WindowDataset, place: int, name: str) -> np.ndarray[Any, Any]:
+    """Read one field of one window a step at a time, by other means than the dataset."""
+    rows = dataset.store.read(dataset.windows[place], name)
+    columns = dataset.store.fields[name]
+    if dataset[place]["mirrored"] and dataset.store.field(name).kind == "motion":
+        assert columns.mirror is not None
+        rows = columns.mirror.apply(rows)
+    if dataset.relative_root and "translation" in columns.names:
+        root = columns.slice("translation")
+        rows[:, root] = rows[:, root] - rows[:1, root]
+    if name in dataset._normalizers:
+        rows = dataset.normalizer(name).normalize(rows).astype(np.float32)
+    return np.asarray(rows)
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_every_bit_is_what_reading_step_by_step_gives(mixed_store: Store, mode: str) -> None:
+    dataset = dataset_of(mixed_store, mode)
+    dataset.set_epoch(3)
+    places = np.random.default_rng(0).permutation(len(dataset)).tolist()
+    batch = dataset.__getitems__(places)
+    flags = {item["mirrored"] for item in batch}
+    assert flags == ({True, False} if dataset.mirror else {False})
+    for place, item in zip(places, batch, strict=True):
+        assert_equal(item, dataset[place])
+        for name in dataset.fields:
+            assert bits(item[name]) == bits(torch.from_numpy(plain(dataset, place, name)))
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_collated_as_torch_does_it(mixed_store: Store, mode: str) -> None:
+    dataset = dataset_of(mixed_store, mode)
+    items = dataset.__getitems__([5, 1, 3, 1])
+    wanted = default_collate([dict(item) for item in items])
+    assert isinstance(wanted["clip"], list)
+    for found in (default_collate(items), WindowDataset.collate(items)):
+        assert type(found) is dict
+        assert_equal(found, wanted)
+
+
+def is_copied(batch: Mapping[str, Any], items: Any) -> list[str]:
+    """Name the fields whose batch does not begin where the first sample does."""
+    return [f for f in FIELDS if batch[f].data_ptr() != items[0][f].data_ptr()]
+
+
+def test_a_batch_is_not_copied(mixed_store: Store) -> None:
+    items = dataset_of(mixed_store, "normalised").__getitems__([5, 1, 3])
+    assert is_copied(default_collate(items), items) == []
+    assert is_copied(WindowDataset.collate(items), items) == []
+
+
+def test_what_is_no_whole_batch_is_copied_and_right(mixed_store: Store) -> None:
+    dataset = dataset_of(mixed_store, "normalised")
+    items, others = dataset.__getitems__([5, 1, 3]), dataset.__getitems__([5, 1, 3])
+    odd = [
+        items[:2],
+        items[1:],
+        items[::-1],
+        [items[0], items[1], items[1]],
+        items + others,
+        [items[0], others[1], items[2]],
+        [items[0], dict(items[1]), items[2]],
+        [copy.copy(item) for item in items],
+        [dataset[5], dataset[1], dataset[3]],
+    ]
+    for given in odd:
+        found = WindowDataset.collate(given)
+        assert is_copied(found, given) == list(FIELDS)
+        assert_equal(found, default_collate([dict(item) for item in given]))
+
+
+def test_what_was_put_into_samples_is_in_the_batch(mixed_store: Store) -> None:
+    items = dataset_of(mixed_store, "normalised").__getitems__([5, 1, 3])
+    items[1]["fast"] = items[1]["fast"] * 2
+    items[2]["half"] += 1
+    for item in items:
+        item["more"] = torch.ones(2)
+        del item["genre"]
+    found = default_collate(items)
+    assert is_copied(found, items) == ["fast"]
+    assert_equal(found, default_collate([dict(item) for item in items]))
+    assert "genre" not in found
+    assert found["more"].shape == (3, 2)
+    del items[1]["half"]
+    with pytest.raises(KeyError, match="half"):
+        default_collate(items)
+
+
+def test_copies_and_pickles_of_samples_are_dicts(mixed_store: Store) -> None:
+    (sample,) = dataset_of(mixed_store, "normalised").__getitems__([5])
+    assert isinstance(sample, dict)
+    for again in (pickle.loads(pickle.dumps(sample)), copy.copy(sample), copy.deepcopy(sample)):
+        assert type(again) is dict
+        assert_equal(again, sample)
+
+
+@pytest.mark.filterwarnings("ignore:.*multi-threaded, use of fork:DeprecationWarning")
+@pytest.mark.filterwarnings("ignore:This DataLoader will create:UserWarning")
+def test_workers_subsets_and_collate_by_name(mixed_store: Store) -> None:
+    dataset = dataset_of(mixed_store, "mirrored and normalised")
+    wanted = [default_collate([dataset[k] for k in range(n, min(n + 4, 30))]) for n in range(0, 30, 4)]
+    subset = Subset(dataset, range(30))
+    for options in ({}, {"num_workers": 2}, {"collate_fn": WindowDataset.collate, "num_workers": 1}):
+        loader: DataLoader[Any] = DataLoader(subset, 4, **options)  # type: ignore[arg-type]
+        for found, batch in zip(loader, wanted, strict=True):
+            assert_equal(found, batch)
+
+
+# --- memory
+
+LARGE = (1 << 19, 3)
+
+
+def test_memory_goes_round_when_nothing_refers_to_it() -> None:
+    pool = Pool()
+    first = pool.tensor(LARGE, np.dtype(np.float32))
+    place = first.data_ptr()
+    row, array = first[5], first[7:9].numpy()
+    row.fill_(1.5)
+    array.fill(2.5)
+    del first
+    gc.collect()
+    for kept in (row, array):
+        other = pool.tensor(LARGE, np.dtype(np.float32))
+        assert other.data_ptr() != place
+        other.fill_(0)
+        assert (kept != 0).all()
+    del row
+    assert pool.tensor(LARGE, np.dtype(np.float32)).data_ptr() != place
+    del array, kept
+    gc.collect()
+    places = [pool.tensor(LARGE, np.dtype(np.float32)) for _ in range(3)]
+    assert place in [tensor.data_ptr() for tensor in places]
+    assert len({tensor.data_ptr() for tensor in places}) == 3
+
+
+def test_what_is_kept_has_a_limit_whatever_the_sizes() -> None:
+    pool = Pool()
+    for more in range(30):
+        tensor = pool.tensor((LARGE[0] + more, 3), np.dtype(np.float32))
+        assert tensor.shape == (LARGE[0] + more, 3)
+        del tensor
+    assert 2 <= len(pool._idle) < 10
+
+
+def test_batches_of_a_loader_are_the_trainers_own(store_path: Any) -> None:
+    """Kept batches are never written to again, let go they are."""
+    dataset = WindowDataset(store_path, stride_frames=30)
+    loader = DataLoader(dataset, batch_size=32)
+    kept = list(loader)
+    seen = [bits(batch["edge151"]) for batch in kept]
+    assert len({batch["edge151"].data_ptr() for batch in kept}) == len(kept)
+    places = set()
+    for batch in loader:
+        places.add(batch["edge151"].data_ptr())
+    assert [bits(batch["edge151"]) for batch in kept] == seen
+    assert len(places) < len(kept)
