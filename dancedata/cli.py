@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from functools import wraps
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from dancedata.core.errors import DanceDataError, UsageError
+from dancedata.cli_errors import errors_to_exit_codes as _errors_to_exit_codes
+from dancedata.cli_jukebox import app as jukebox
+from dancedata.core.errors import UsageError
 from dancedata.core.version import __version__
 
 app = typer.Typer(
@@ -21,6 +21,10 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
+caches = typer.Typer(help="What the cache holds: info, prune, verify.", no_args_is_help=True)
+app.add_typer(caches, name="cache")
+app.add_typer(jukebox, name="jukebox")
+
 RecipeName = Annotated[str, typer.Argument(metavar="RECIPE", help="A recipe's name (see list) or a YAML file.")]
 Source = Annotated[Path | None, typer.Option(help="Folder with the dataset's files; demo makes its own.")]
 Out = Annotated[Path | None, typer.Option(help="Folder to write; default data/RECIPE.")]
@@ -30,23 +34,8 @@ Set = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", hel
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print no progress.")]
 CACHE_HELP = "Cache folder; default $DANCEDATA_CACHE, else the user's cache folder."
-
-
-def _errors_to_exit_codes(command: Callable[..., None]) -> Callable[..., None]:
-    """Print our errors as text: exit code 2 for wrong usage, 1 for a problem in the data."""
-
-    @wraps(command)
-    def run(*args: Any, **kwargs: Any) -> None:
-        try:
-            command(*args, **kwargs)
-        except DanceDataError as error:
-            typer.echo(f"error: {error}", err=True)
-            raise typer.Exit(2 if isinstance(error, UsageError) else 1) from None
-        except KeyboardInterrupt:
-            typer.echo("interrupted; the same command goes on where it was", err=True)
-            raise typer.Exit(130) from None
-
-    return run
+CacheFolder = Annotated[Path | None, typer.Option("--cache", help=CACHE_HELP)]
+PART_HELP = "Compute the K-th of N shares of the work into the cache and write no dataset, for job arrays."
 
 
 @app.callback(invoke_without_command=True)
@@ -66,7 +55,10 @@ def build(
     overrides: Set = None,
     overwrite: Annotated[bool, typer.Option(help="Replace a dataset made by another recipe or source.")] = False,
     strict: Annotated[bool, typer.Option(help="Stop at a broken clip instead of setting it aside.")] = False,
-    cache: Annotated[Path | None, typer.Option(help=CACHE_HELP)] = None,
+    cache: CacheFolder = None,
+    backend: Annotated[str, typer.Option(help="loky: processes of this machine. dask: a cluster.")] = "loky",
+    scheduler: Annotated[str | None, typer.Option(help="Address of the Dask scheduler.")] = None,
+    part: Annotated[str | None, typer.Option(metavar="K/N", help=PART_HELP)] = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
@@ -82,17 +74,16 @@ def build(
     target = out or Path("data") / made.name
     progress = Progress(quiet=quiet or as_json)
     folder = _source_of(made, source, target)
+    options: dict[str, Any] = {
+        "jobs": jobs or cpu_count(), "strict": strict, "cache": cache, "progress": progress,
+    }  # fmt: skip
+    if part is not None:
+        if backend != "loky" or scheduler is not None or overwrite:
+            raise UsageError("--part goes with neither --backend, --scheduler nor --overwrite")
+        _build_part(made, folder, part, options, as_json)
+        return
     progress.say(f"building {made.name} from {folder} into {target}")
-    result = run_build(
-        made,
-        folder,
-        target,
-        jobs=jobs or cpu_count(),
-        overwrite=overwrite,
-        strict=strict,
-        cache=cache,
-        progress=progress,
-    )
+    result = run_build(made, folder, target, overwrite=overwrite, backend=backend, scheduler=scheduler, **options)
     if as_json:
         _print_json({"built": result.built, **store_json(target)})
         return
@@ -104,6 +95,18 @@ def build(
     typer.echo(describe_store(target))
 
 
+def _build_part(recipe: Any, source: Path, text: str, options: dict[str, Any], as_json: bool) -> None:
+    from dancedata.pipeline.parts import Part, build_part
+
+    part = Part.parse(text)
+    options["progress"].say(f"computing part {text} of {recipe.name} from {source}")
+    result = build_part(recipe, source, part, **options)
+    if as_json:
+        _print_json(result.to_json())
+    else:
+        typer.echo(str(result))
+
+
 @app.command()
 @_errors_to_exit_codes
 def plan(
@@ -112,6 +115,7 @@ def plan(
     out: Out = None,
     jobs: Jobs = 1,
     overrides: Set = None,
+    cache: CacheFolder = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
@@ -196,12 +200,13 @@ def features(
     feature: Annotated[str | None, typer.Option(help="Default: those of --like, else librosa35.")] = None,
     like: Annotated[str | None, typer.Option(help="A built dataset or recipe whose features to match.")] = None,
     bpm: Annotated[float | None, typer.Option(help="Tempo of the songs; default: estimated.")] = None,
+    weights: Annotated[Path | None, typer.Option(help="Folder of Jukebox's weights.")] = None,
     as_json: AsJson = False,
 ) -> None:
     """Compute features of your own music, exactly as in training."""
     from dancedata.pipeline.songs import find_like, write_features
 
-    written = write_features(songs, out, find_like(feature, like), bpm)
+    written = write_features(songs, out, find_like(feature, like), bpm, weights)
     if as_json:
         _print_json(written)
         return
@@ -210,6 +215,91 @@ def features(
         typer.echo(
             f"{out / about['file']}: {shape} {about['dtype']}, {about['fps']} a second, {about['scope']} scope"
         )
+
+
+@app.command()
+@_errors_to_exit_codes
+def diff(
+    a: Annotated[Path, typer.Argument(metavar="A", help="A built dataset.")],
+    b: Annotated[Path, typer.Argument(metavar="B", help="Another.")],
+    as_json: AsJson = False,
+) -> None:
+    """Show in what two built datasets differ; exit code 1 if they do."""
+    from dancedata.pipeline.diff import diff as run_diff
+
+    found = run_diff(a, b)
+    differences = [d for d in found if d.kind != "note"]
+    if as_json:
+        _print_json({"a": str(a), "b": str(b), "same": not differences, "differences": [d.to_json() for d in found]})
+    else:
+        for difference in found:
+            typer.echo(str(difference))
+        typer.echo(f"{len(differences)} differences" if differences else "the same data")
+    if differences:
+        raise typer.Exit(1)
+
+
+@caches.command("info")
+@_errors_to_exit_codes
+def cache_info(cache: CacheFolder = None, as_json: AsJson = False) -> None:
+    """Show how much the cache holds, by stage."""
+    from dancedata.pipeline.cache_admin import cache_json, describe_cache
+
+    about = cache_json(_cache_root(cache))
+    if as_json:
+        _print_json(about)
+    else:
+        typer.echo(describe_cache(about))
+
+
+@caches.command("prune")
+@_errors_to_exit_codes
+def cache_prune(
+    older_than: Annotated[str | None, typer.Option(help="Remove what was not used for so long: 30d, 12h.")] = None,
+    max_size: Annotated[str | None, typer.Option(help="Then what was used longest ago, down to this: 50GB.")] = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what would be removed.")] = False,
+    cache: CacheFolder = None,
+    as_json: AsJson = False,
+) -> None:
+    """Remove entries by age and size, those used longest ago first."""
+    from dancedata.pipeline.cache_admin import parse_age, parse_size, prune
+
+    age = None if older_than is None else parse_age(older_than)
+    size = None if max_size is None else parse_size(max_size)
+    result = prune(_cache_root(cache), older_than_s=age, max_bytes=size, dry=dry_run)
+    if as_json:
+        _print_json(result.to_json())
+    else:
+        typer.echo(result.describe(dry_run))
+
+
+@caches.command("verify")
+@_errors_to_exit_codes
+def cache_verify(
+    remove: Annotated[bool, typer.Option("--remove", help="Remove damaged entries.")] = False,
+    cache: CacheFolder = None,
+    as_json: AsJson = False,
+) -> None:
+    """Compare every entry with its checksum; exit code 1 if one is damaged."""
+    from dancedata.pipeline.cache_admin import verify_cache
+
+    root = _cache_root(cache)
+    count, damaged = verify_cache(root, remove=remove)
+    if as_json:
+        listed = [{"path": str(path), "problem": problem} for path, problem in damaged]
+        _print_json({"path": str(root), "entries": count, "ok": not damaged, "removed": remove, "damaged": listed})
+    else:
+        for path, problem in damaged:
+            typer.echo(f"{'removed' if remove else 'damaged'}: {path}: {problem}")
+        typer.echo(f"{root}: {count} entries, {len(damaged)} damaged")
+    if damaged:
+        raise typer.Exit(1)
+
+
+def _cache_root(cache: Path | None) -> Path:
+    from dancedata.pipeline.cache import default_cache
+
+    return (cache or default_cache()).absolute()
 
 
 def _source_of(recipe: Any, source: Path | None, out: Path) -> Path:

@@ -82,8 +82,9 @@ class Motion:
         return len(self.rotations)
 
     def part(self, start: int, stop: int) -> Motion:
-        """Return frames start .. stop - 1."""
-        trim = min(max(self.trim_start - start, 0), max(min(stop, self.n_frames) - start - 1, 0))
+        """Return frames start .. stop - 1. A part that lies before trim_start as a whole has none of its own."""
+        trim = self.trim_start - start
+        trim = trim if 0 < trim < min(stop, self.n_frames) - start else 0
         return Motion(self.translation[start:stop], self.rotations[start:stop], self.grid, self.skeleton, trim)
 
     def on(self, skeleton: Skeleton) -> Motion:

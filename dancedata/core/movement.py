@@ -13,6 +13,7 @@ from dancedata.core.errors import UsageError
 
 #: Lodge's and FineDance's threshold.
 MIN_STD = 0.07
+_SPLITS = ("train", "val", "test", "all")
 
 
 @dataclass(frozen=True)
@@ -38,8 +39,11 @@ class Movement:
 
     def __post_init__(self) -> None:
         """Check the limit."""
-        if not self.min_std >= 0 or not np.isfinite(self.min_std):
-            raise UsageError("min_std must be a number of at least 0", found=self.min_std)
+        number = isinstance(self.min_std, int | float) and not isinstance(self.min_std, bool)
+        if not number or not self.min_std >= 0 or not np.isfinite(self.min_std):
+            raise UsageError("min_std must be a number of at least 0", found=repr(self.min_std))
+        if isinstance(self.splits, str) or not set(self.splits) <= set(_SPLITS):
+            raise UsageError("splits must be a list of splits", found=repr(self.splits), allowed=", ".join(_SPLITS))
 
     def keeps(self, std: float) -> bool:
         """Tell whether a window of this mean standard deviation is kept."""

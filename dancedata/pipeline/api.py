@@ -11,9 +11,11 @@ import numpy.typing as npt
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import RecipeError
 from dancedata.core.grid import FrameGrid, Number
+from dancedata.core.hashing import sha256_file
 from dancedata.core.motion import Motion
 from dancedata.core.registry import CONTACTS, FEATURES, REPRESENTATIONS, Registry
 from dancedata.pipeline.execute import one_thread
+from dancedata.pipeline.recipe import resolve_feature
 from dancedata.pipeline.slots import make_plugin, one_of
 
 
@@ -46,7 +48,7 @@ def extract(
     """
     from dancedata.audio.signal import load_audio
 
-    plugin = _make(FEATURES, "audio", feature, parameters)
+    plugin = resolve_feature(_make(FEATURES, "audio", feature, parameters), sha256_file)
     signal = song if isinstance(song, AudioSignal) else load_audio(song)
     with one_thread():
         rows: npt.NDArray[Any] = plugin.extract(signal, FrameGrid.of(fps), start_bpm=start_bpm)

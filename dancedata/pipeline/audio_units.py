@@ -16,6 +16,7 @@ from dancedata.core.clip import Reject
 from dancedata.core.errors import DataError
 from dancedata.core.hashing import sha256_bytes
 from dancedata.pipeline.cache import Cache, CachedArray, package_version
+from dancedata.pipeline.read_ahead import decoded, read_ahead
 from dancedata.pipeline.recipe import Recipe
 from dancedata.pipeline.rejects import BUILD_AGAIN, CHANGED, reject_of
 from dancedata.pipeline.slots import document_of
@@ -62,20 +63,25 @@ def identify_audio(cache: Cache, recipe: Recipe, path: Path) -> SignalId | Rejec
         key = Cache.key("signal", file=Cache.stat_key("signal", path), windows=windows, packages=packages)
         known = cache.json("signals", key)
         if known is None:
-            signal = load_audio(path)
-            hashes = []
-            if windows is not None:
-                starts, length = window_samples(recipe, signal.n_samples, signal.sample_rate)
-                for start in starts:
-                    part = np.ascontiguousarray(signal.samples[start : start + length], dtype="<f4")
-                    hashes.append(sha256_bytes(f"{signal.sample_rate} ".encode(), part.data))
-            known = [signal.sha256, signal.sample_rate, signal.n_samples, hashes]
-            cache.put_json("signals", key, known)
+            with cache.lock("signals", key):
+                known = cache.json("signals", key) or _hashed(recipe, load_audio(path))
+                cache.put_json("signals", key, known)
     except DataError as error:
         return reject_of(error, file=path)
     except FileNotFoundError:
         return Reject("missing_music", file=str(path), detail=f"{path}: the file vanished during the build")
     return SignalId(path, known[0], known[1], known[2], tuple(known[3]))
+
+
+def _hashed(recipe: Recipe, signal: AudioSignal) -> list[Any]:
+    """Return hash, rate and length of a signal, and in window scope the hashes of its windows."""
+    hashes = []
+    if recipe.scope == "window":
+        starts, length = window_samples(recipe, signal.n_samples, signal.sample_rate)
+        for start in starts:
+            part = np.ascontiguousarray(signal.samples[start : start + length], dtype="<f4")
+            hashes.append(sha256_bytes(f"{signal.sample_rate} ".encode(), part.data))
+    return [signal.sha256, signal.sample_rate, signal.n_samples, hashes]
 
 
 def libsndfile_version() -> str:
@@ -85,40 +91,75 @@ def libsndfile_version() -> str:
     return str(soundfile.__libsndfile_version__)
 
 
-def extract_track(cache: Cache, recipe: Recipe, feature: Any, signal: SignalId, bpm: float | None) -> Any:
-    """Compute a feature of a whole signal; returns (key, CachedArray) or a Reject."""
-    key = _feature_key(recipe, feature, bpm, signal=signal.sha256)
-    array = cache.array("features", key)
-    if array is None:
-        try:
-            rows = feature.extract(_decoded(signal), recipe.grid, start_bpm=bpm)
-        except DataError as error:
-            return reject_of(error, file=signal.path)
-        array = cache.put_array("features", key, rows)
-    return key, array
+def extract_track(
+    cache: Cache, recipe: Recipe, feature: Any, signal: SignalId, bpm: float | None, ahead: Path | None = None
+) -> Any:
+    """Compute a feature of a whole signal; returns (key, CachedArray) or a Reject.
+
+    `ahead` is a file that will be wanted next, for features that compute on a device meanwhile.
+    """
+    key = track_key(recipe, feature, bpm, signal.sha256)
+    try:
+        rows = cache.once(
+            "features", key, lambda: feature.extract(_decoded(signal, ahead), recipe.grid, start_bpm=bpm)
+        )
+    except DataError as error:
+        return reject_of(error, file=signal.path)
+    return key, rows
 
 
 def extract_windows(
-    cache: Cache, recipe: Recipe, feature: Any, signal: SignalId, bpm: float | None, numbers: Sequence[int]
+    cache: Cache,
+    recipe: Recipe,
+    feature: Any,
+    signal: SignalId,
+    bpm: float | None,
+    numbers: Sequence[int],
+    ahead: Path | None = None,
 ) -> Any:
-    """Compute a feature of windows, each by itself; returns {number: (key, CachedArray)} or a Reject."""
-    found: dict[int, tuple[str, CachedArray]] = {}
-    decoded = None
+    """Compute a feature of windows, each by itself; returns {number: (key, CachedArray)} or a Reject.
+
+    Windows of a song go to the feature together, as many at a time as it likes, and are published after each
+    call: a build that is killed goes on after the last of them. `ahead` is as for `extract_track`.
+    """
+    keys = {number: window_key(recipe, feature, bpm, signal.windows[number]) for number in numbers}
+    found = {number: cache.array("features", key) for number, key in keys.items()}
+    try:
+        if None in found.values():
+            # Builds cut a song into the same units, so that the first window's lock keeps others out.
+            with cache.lock("features", keys[numbers[0]]):
+                found = _missing_windows(cache, recipe, feature, signal, bpm, keys, ahead)
+    except DataError as error:
+        return reject_of(error, file=signal.path)
+    return {number: (keys[number], array) for number, array in found.items()}
+
+
+def _missing_windows(
+    cache: Cache,
+    recipe: Recipe,
+    feature: Any,
+    signal: SignalId,
+    bpm: float | None,
+    keys: dict[int, str],
+    ahead: Path | None,
+) -> dict[int, CachedArray | None]:
+    """Compute what is not in the cache by now; returns all that was asked for."""
+    found = {number: cache.array("features", key) for number, key in keys.items()}
+    missing = [number for number, array in found.items() if array is None]
+    whole = _decoded(signal, ahead) if missing else None
     starts, length = window_samples(recipe, signal.n_samples, signal.sample_rate)
-    for number in numbers:
-        key = window_key(recipe, feature, bpm, signal.windows[number])
-        array = cache.array("features", key)
-        if array is None:
-            try:
-                decoded = decoded or _decoded(signal)
-                rows = feature.extract_windows(
-                    decoded, starts[number : number + 1], length, recipe.grid, recipe.windows.length, start_bpm=bpm
-                )[0]
-            except DataError as error:
-                return reject_of(error, file=signal.path)
-            array = cache.put_array("features", key, rows)
-        found[number] = key, array
+    at_once = getattr(feature, "windows_a_call", len(missing)) or 1
+    for begin in range(0, len(missing), at_once):
+        some = missing[begin : begin + at_once]
+        rows = feature.extract_windows(whole, starts[some], length, recipe.grid, recipe.windows.length, start_bpm=bpm)
+        for number, own in zip(some, rows, strict=True):
+            found[number] = cache.put_array("features", keys[number], own, durable=False)
     return found
+
+
+def track_key(recipe: Recipe, feature: Any, bpm: float | None, signal: str) -> str:
+    """Return the cache key of a song's features; `signal` is the hash of its samples."""
+    return _feature_key(recipe, feature, bpm, signal=signal)
 
 
 def window_key(recipe: Recipe, feature: Any, bpm: float | None, window: str) -> str:
@@ -126,18 +167,18 @@ def window_key(recipe: Recipe, feature: Any, bpm: float | None, window: str) -> 
     return _feature_key(recipe, feature, bpm, window=window, rows=recipe.windows.length)
 
 
-def _decoded(signal: SignalId) -> AudioSignal:
-    """Decode a signal again; DataError "changed" if the file holds another one by now.
+def _decoded(signal: SignalId, ahead: Path | None = None) -> AudioSignal:
+    """Decode a signal again, and begin with the next; DataError "changed" if the file holds another one by now.
 
     Without this a file that is replaced during a build would leave its features under the old one's key, and
     every later build would take them.
     """
-    from dancedata.audio.signal import load_audio
-
-    decoded = load_audio(signal.path)
-    if decoded.sha256 != signal.sha256:
+    found = decoded(signal.path)
+    if ahead is not None:
+        read_ahead(ahead)
+    if found.sha256 != signal.sha256:
         raise DataError(CHANGED, reason="changed", where=signal.path, fix=BUILD_AGAIN)
-    return decoded
+    return found
 
 
 def _feature_key(recipe: Recipe, feature: Any, bpm: float | None, **content: Any) -> str:

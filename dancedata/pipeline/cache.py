@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
-import json
+import math
+import mmap
 import os
+import time
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.metadata import version
@@ -13,11 +17,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.atomic import atomic_file, write_json
 from dancedata.core.errors import StoreError
 from dancedata.core.hashing import json_sha256, sha256_file
+from dancedata.pipeline import cache_files as files
 
 ENVIRONMENT = "DANCEDATA_CACHE"
+#: What took longer than this to compute is flushed to disk before it appears in the cache.
+DURABLE_FROM_S = 0.5
 
 
 def default_cache() -> Path:
@@ -34,6 +40,10 @@ def package_version(name: str) -> str:
     return version(name)
 
 
+class EntryLostError(StoreError):
+    """An entry of the cache that was there is gone or damaged; computing again puts it right."""
+
+
 @dataclass(frozen=True)
 class CachedArray:
     """An array in the cache, read when numpy asks for it.
@@ -41,7 +51,7 @@ class CachedArray:
     Attributes
     ----------
     path
-        A .npy file.
+        An entry: a .npy file with a checksum after its last value.
     shape
         Shape of the array that is wanted.
     entries
@@ -53,21 +63,53 @@ class CachedArray:
     entries: tuple[int, ...] | None = None
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> npt.NDArray[Any]:
-        """Load the array."""
-        array = np.load(self.path, mmap_mode="r", allow_pickle=False)
+        """Load the array, checksum compared.
+
+        Raises
+        ------
+        EntryLostError
+            If it is gone or damaged. A damaged entry is removed, so that it is computed again.
+        """
+        try:
+            array = files.read_array(self.path)
+        except (OSError, ValueError) as error:
+            raise self._lost(error) from error
         return np.array(array if self.entries is None else array[list(self.entries)], dtype=dtype)
 
     def take(self, entries: tuple[int, ...]) -> CachedArray:
         """Return some entries along the first axis, in that order."""
         return CachedArray(self.path, (len(entries), *self.shape[1:]), entries)
 
+    def mapped(self) -> npt.NDArray[Any]:
+        """Return all of the entry as a read-only view of the file; EntryLostError as above, checksum unseen.
+
+        It stays valid when the entry is removed from the cache.
+        """
+        try:
+            with open(self.path, "rb") as file:
+                shape, dtype, begin = files.read_head(file.fileno())
+                data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+        except (OSError, ValueError) as error:
+            raise self._lost(error) from error
+        return np.frombuffer(data, dtype, math.prod(shape), begin).reshape(shape)
+
+    def _lost(self, error: Exception) -> EntryLostError:
+        if isinstance(error, ValueError):
+            self.path.unlink(missing_ok=True)
+            problem = "an entry of the cache is damaged and was removed"
+        else:
+            problem = "an entry of the cache is gone"
+        fix = "run the same command again, only this entry is computed anew"
+        return EntryLostError(problem, where=self.path, found=str(error), fix=fix)
+
 
 @dataclass(frozen=True)
 class Cache:
     """Arrays and small JSON under keys that say all that shaped them.
 
-    Entries are published atomically (temporary file, fsync, rename), so that many processes may share a
-    cache: a reader finds a whole entry or none, and two writers of one key write the same.
+    Many processes on many machines may share a cache: an entry appears whole or not at all, two writers of one
+    key write the same, and who wants an entry that another one is computing waits for it (`once`). Every entry
+    carries a checksum, which is compared when it is read.
     """
 
     root: Path
@@ -78,34 +120,68 @@ class Cache:
         return json_sha256({"stage": stage, **what})
 
     def array(self, stage: str, key: str) -> CachedArray | None:
-        """Return an array if it is there."""
+        """Return an array if it is there and as long as it should be; its bytes are compared when it is read."""
         path = self._path(stage, key, "npy")
         try:
-            shape = np.load(path, mmap_mode="r", allow_pickle=False).shape
-        except (OSError, ValueError):
-            # A damaged entry (a disk's doing: ours are published whole) counts as missing and is made again.
+            fd = os.open(path, os.O_RDONLY)
+        except OSError:
             return None
-        return CachedArray(path, tuple(int(n) for n in shape))
+        try:
+            shape, _, _ = files.read_head(fd)
+            used = os.fstat(fd).st_mtime
+        except (OSError, ValueError):
+            # Damaged, which is a disk's doing: it counts as missing and is made again.
+            return None
+        finally:
+            os.close(fd)
+        files.note_use(path, used)
+        return CachedArray(path, shape)
 
-    def put_array(self, stage: str, key: str, array: npt.NDArray[Any]) -> CachedArray:
-        """Publish an array."""
+    def put_array(self, stage: str, key: str, array: npt.NDArray[Any], *, durable: bool = True) -> CachedArray:
+        """Publish an array; if `durable`, it is flushed to disk first."""
         path = self._path(stage, key, "npy")
-        with _clear_errors(self.root), atomic_file(_parent_made(path)) as temporary, open(temporary, "wb") as file:
-            np.save(file, np.ascontiguousarray(array), allow_pickle=False)
+        with _clear_errors(self.root):
+            files.publish(self.root, path, files.array_parts(array), durable=durable)
         return CachedArray(path, array.shape)
+
+    def once(self, stage: str, key: str, compute: Callable[[], npt.NDArray[Any]]) -> CachedArray:
+        """Return an array, computed only if it is not there and nobody else is computing it."""
+        found = self.array(stage, key)
+        if found is not None:
+            return found
+        with self.lock(stage, key):
+            found = self.array(stage, key)
+            if found is None:
+                started = time.monotonic()
+                array = compute()
+                found = self.put_array(stage, key, array, durable=time.monotonic() - started > DURABLE_FROM_S)
+        return found
+
+    @contextmanager
+    def lock(self, stage: str, key: str) -> Iterator[None]:
+        """Hold the lock of a unit of work while computing it; waits for whoever holds it.
+
+        A process that dies gives its locks back. What is held here is worth looking for again in the cache: who
+        had the lock before may have published it.
+        """
+        with entered(self.root, files.held(self.root / files.LOCKS, f"{stage}-{key}")):
+            yield
 
     def json(self, stage: str, key: str) -> Any | None:
         """Return JSON data if it is there."""
+        path = self._path(stage, key, "json")
         try:
-            return json.loads(self._path(stage, key, "json").read_text(encoding="utf-8"))
+            found = files.read_json(path)
+            files.note_use(path, path.stat().st_mtime)
         except (OSError, ValueError):
             # As above. Where the cache as a whole is no good, writing to it says so.
             return None
+        return found
 
     def put_json(self, stage: str, key: str, obj: Any) -> None:
         """Publish JSON data."""
         with _clear_errors(self.root):
-            write_json(_parent_made(self._path(stage, key, "json")), obj)
+            files.publish(self.root, self._path(stage, key, "json"), files.json_parts(obj), durable=False)
 
     def file_sha256(self, path: Path) -> str:
         """Return the SHA-256 of a file's bytes, remembered by path, size, time of change and inode."""
@@ -124,12 +200,18 @@ class Cache:
         return Cache.key("files", what=what, file=identity)
 
     def _path(self, stage: str, key: str, suffix: str) -> Path:
-        return self.root / stage / key[:2] / f"{key}.{suffix}"
+        return Path(f"{self.root}{os.sep}{stage}{os.sep}{key[:2]}{os.sep}{key}.{suffix}")
 
 
-def _parent_made(path: Path) -> Path:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    return path
+@contextmanager
+def entered(root: Path, context: AbstractContextManager[Any]) -> Iterator[None]:
+    """Enter a context, with the errors of entering it made clear; not those of what is done within."""
+    with _clear_errors(root):
+        context.__enter__()
+    try:
+        yield
+    finally:
+        context.__exit__(None, None, None)
 
 
 class _clear_errors:  # noqa: N801

@@ -54,9 +54,16 @@ def _scan(path: Path, dataset: str | None) -> tuple[Any, Scan]:
             raise SourceError("there is nothing to check", where=path, found="no folder, or an empty one")
         return reader, reader.scan(path)
     failures = []
-    # A dataset that writes its source by itself would not check this folder but fill it.
-    readers = [DATASETS.get(n)() for n in DATASETS.names() if not getattr(DATASETS.get(n), "generates", False)]
-    for reader in readers:
+    for name in DATASETS.names():
+        cls = DATASETS.get(name)
+        # One that writes its source by itself would fill this folder; one for any files would take a copy of a known
+        # dataset that its own reader refuses.
+        if getattr(cls, "generates", False):
+            continue
+        if getattr(cls, "generic", False):
+            failures.append(f"  - {name}: takes many layouts, so it is asked for by name: --dataset {name}")
+            continue
+        reader = cls()
         try:
             return reader, reader.scan(path)
         except SourceError as error:

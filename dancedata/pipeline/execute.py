@@ -2,47 +2,192 @@
 
 from __future__ import annotations
 
+import os
 import sys
+import tempfile
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
+from functools import lru_cache
+from pathlib import Path
 from typing import Any, TextIO
+from uuid import uuid4
 
 from dancedata.core.errors import DanceDataError
+from dancedata.pipeline.cache import entered
+from dancedata.pipeline.cache_files import held, left_behind
+from dancedata.pipeline.workers import Jobs, Workers, check_surroundings
 
 #: Seconds between two lines of progress where there is no terminal.
 LINE_INTERVAL_S = 15.0
+#: How often a unit may kill the worker that runs it and nothing else.
+TRIES_ALONE = 2
+#: How often in a row workers may die before any unit of work was finished, or seen to be at fault.
+BLIND_DEATHS = 3
 
 
 def run_units(
-    function: Callable[..., Any], calls: Sequence[tuple[Any, ...]], *, jobs: int, label: str, progress: Progress
+    function: Callable[..., Any], calls: Sequence[tuple[Any, ...]], *, jobs: Jobs, label: str, progress: Progress
 ) -> list[Any]:
     """Return function(*call) for every call, in order.
 
     BLAS and OpenMP run on one thread in each worker, whatever `jobs` is: sums in another order would change
     last digits, and builds have to be byte-identical.
-    """
-    from joblib import Parallel, delayed
 
+    Where a worker process dies (out of memory, a crash in a decoder), the units that ran in that moment are run
+    again, one at a time, and the others go on. Results in the cache are not computed again.
+
+    Raises
+    ------
+    DanceDataError
+        For a unit that kills its worker even when it runs alone, by name.
+    """
     if not calls:
         return []
-    results: list[Any] = []
-    # No more processes than calls; one call needs none.
-    workers = Parallel(n_jobs=max(1, min(jobs, len(calls))), return_as="generator")
-    outcome: Iterable[Any] = workers(delayed(_pinned)(function, call) for call in calls)
-    try:
-        with progress.stage(label, len(calls)) as advance:
-            for result in outcome:
-                results.append(result)
-                advance(1)
-    except BrokenExecutor as error:
+    workers = jobs if isinstance(jobs, Workers) else Workers(jobs)
+    with progress.stage(label, len(calls)) as advance:
+        if workers.backend == "loky" and min(workers.n, len(calls)) == 1:
+            return [_advanced(advance, _pinned(function, call)) for call in calls]
+        if workers.scratch is not None and _writable(workers.scratch):
+            return _Run(function, calls, workers, workers.scratch, label, advance).results()
+        with tempfile.TemporaryDirectory(prefix="dancedata-") as scratch:
+            return _Run(function, calls, workers, Path(scratch), label, advance).results()
+
+
+class _Run:
+    """One stage of a build on worker processes."""
+
+    def __init__(
+        self,
+        function: Callable[..., Any],
+        calls: Sequence[tuple[Any, ...]],
+        workers: Workers,
+        scratch: Path,
+        label: str,
+        advance: Callable[[int], None],
+    ) -> None:
+        self.function, self.calls, self.workers, self.label, self.advance = function, calls, workers, label, advance
+        self.scratch = scratch
+        self.name = uuid4().hex
+        self.found: dict[int, Any] = {}
+
+    def results(self) -> list[Any]:
+        """Run all calls; returns their results in order."""
+        blind = 0
+        try:
+            while len(self.found) < len(self.calls):
+                left = [i for i in range(len(self.calls)) if i not in self.found]
+                before = len(self.found)
+                death = self._run(left)
+                if death is not None:
+                    suspects = [i for i in self._left_behind() if i not in self.found]
+                    for index in suspects:
+                        self._run_alone(index)
+                    blind = blind + 1 if len(self.found) == before else 0
+                    if blind == BLIND_DEATHS:
+                        raise self._given_up(death)
+        finally:
+            self._left_behind()
+        return [self.found[i] for i in range(len(self.calls))]
+
+    def _run(self, indices: Sequence[int]) -> BaseException | None:
+        """Run calls until all are done or a worker dies; returns what was said of that."""
+        from joblib import Parallel, delayed
+
+        pool: dict[str, Any] = {"n_jobs": max(2, min(self.workers.n, len(indices))), "backend": "loky"}
+        deaths: tuple[type[Exception], ...] = (BrokenExecutor,)
+        lost: tuple[type[BaseException], ...] = ()
+        if self.workers.backend == "dask":
+            from dancedata.pipeline.dask_backend import CLUSTER_LOST, WORKER_DEATHS
+
+            # The backend is the one of the context, and the number of workers the cluster's.
+            pool, deaths, lost = {"n_jobs": -1}, WORKER_DEATHS, CLUSTER_LOST
+        tasks = (delayed(_marked)(self.function, self.calls[i], self._mark(i)) for i in indices)
+        outcome = Parallel(**pool, return_as="generator")(tasks)
+        try:
+            for index, result in zip(indices, outcome, strict=True):
+                self.found[index] = result
+                self.advance(1)
+        except deaths as error:
+            return error
+        except lost as error:
+            raise DanceDataError(
+                f"the Dask cluster was lost during {self.label}",
+                found=f"{type(error).__name__}: {error}",
+                fix="see that the scheduler runs, then run the same command again: it goes on where it was",
+            ) from error
+        return None
+
+    def _run_alone(self, index: int) -> None:
+        death = None
+        for _ in range(TRIES_ALONE):
+            death = self._run([index])
+            if death is None:
+                return
         raise DanceDataError(
-            f"a worker process died during {label}",
-            found=str(error).split("\n")[0],
+            f"this unit of work kills its worker process ({self.label})",
+            where=unit_name(self.calls[index]),
+            found=f"{TRIES_ALONE} times, running alone: {_first_line(death)}",
+            fix="if memory ran out, use a machine with more; else remove the file from the source and report it",
+        ) from death
+
+    def _given_up(self, death: BaseException) -> DanceDataError:
+        return DanceDataError(
+            f"worker processes die during {self.label} before they finish a unit of work",
+            found=_first_line(death),
             fix="run the same command again, it goes on where it was; if memory ran out, with fewer --jobs",
-        ) from error
-    return results
+        )
+
+    def _mark(self, index: int) -> tuple[Path, str, Any]:
+        return self.scratch, f"{self.name}-{index}.unit", self.workers.surroundings
+
+    def _left_behind(self) -> list[int]:
+        """Return what dead workers were running, and remove their marks."""
+        found = []
+        for path in self.scratch.glob(f"{self.name}-*.unit"):
+            # Others of the same pool may live on for a moment.
+            if left_behind(path) or self.workers.backend == "loky":
+                path.unlink(missing_ok=True)
+                found.append(int(path.stem.rsplit("-")[-1]))
+        return sorted(found)
+
+
+def unit_name(call: Sequence[Any]) -> str:
+    """Return how people know a unit of work: its clip and file."""
+    for argument in call:
+        path = getattr(argument, "motion_path", None)
+        if path is not None:
+            return f"clip {argument.id} ({path})"
+        path = argument if isinstance(argument, Path) else getattr(argument, "path", None)
+        if isinstance(path, Path):
+            return str(path)
+    return "unit"
+
+
+def _writable(folder: Path) -> bool:
+    """Tell whether files can be made in a folder: a cache that holds everything may be read-only."""
+    with suppress(OSError):
+        folder.mkdir(parents=True, exist_ok=True)
+    return os.access(folder, os.W_OK)
+
+
+def _first_line(error: BaseException | None) -> str:
+    return str(error).strip().split("\n")[0]
+
+
+def _advanced(advance: Callable[[int], None], result: Any) -> Any:
+    advance(1)
+    return result
+
+
+def _marked(function: Callable[..., Any], call: tuple[Any, ...], mark: tuple[Path, str, Any]) -> Any:
+    """Run a unit in a worker process, with a file that says so as long as it runs."""
+    scratch, name, surroundings = mark
+    if surroundings is not None:
+        check_surroundings(surroundings)
+    with entered(scratch, held(scratch, name)):
+        return _pinned(function, call)
 
 
 def _pinned(function: Callable[..., Any], call: tuple[Any, ...]) -> Any:
@@ -52,10 +197,16 @@ def _pinned(function: Callable[..., Any], call: tuple[Any, ...]) -> Any:
 
 def one_thread() -> AbstractContextManager[Any]:
     """Run BLAS and OpenMP on one thread within the context: the numbers of a build, to the last digit."""
-    from threadpoolctl import threadpool_limits
-
-    limits: AbstractContextManager[Any] = threadpool_limits(limits=1)
+    # Libraries come with modules: they are looked for again when modules were imported, which takes a millisecond.
+    limits: AbstractContextManager[Any] = _thread_pools(len(sys.modules)).limit(limits=1)
     return limits
+
+
+@lru_cache(maxsize=1)
+def _thread_pools(n_modules: int) -> Any:
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()
 
 
 class Progress:

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from dancedata.augment.mirror import mirrored_copy
+from dancedata.augment.mirror import SUFFIX, mirrored_copy
 from dancedata.core.clip import ClipRef, Reject, Scan
-from dancedata.core.errors import StoreError
+from dancedata.core.errors import SourceError, StoreError
 from dancedata.core.hashing import json_sha256
 from dancedata.core.windows import count_windows
 from dancedata.pipeline.audio_units import (
@@ -31,10 +31,12 @@ from dancedata.pipeline.motion_units import (
 )
 from dancedata.pipeline.movement import still_windows
 from dancedata.pipeline.recipe import Recipe
+from dancedata.pipeline.workers import Jobs, Workers
 from dancedata.store import AudioBlock, StoredClip
 
-#: Windows of a song in one unit of work: few enough to share a song out among workers.
-_WINDOWS_A_UNIT = 8
+#: Windows of a song in one unit of work: enough for what neighbours share to pay, few enough to share out a long
+#: song among workers.
+_WINDOWS_A_UNIT = 128
 
 
 @dataclass
@@ -92,7 +94,7 @@ class Gathered:
         return json_sha256({"clips": clips, "left_out": left_out, "content": self.content})
 
 
-def identify(cache: Cache, recipe: Recipe, scan: Scan, *, jobs: int, progress: Progress) -> Gathered:
+def identify(cache: Cache, recipe: Recipe, scan: Scan, *, jobs: Jobs, progress: Progress) -> Gathered:
     """Find out what every clip's files are: hash motions, decode and hash music."""
     content = content_hashes(cache, recipe.dataset)
     gathered = Gathered(recipe, scan, {r.id: r for r in scan.clips}, list(scan.rejects), content=content)
@@ -108,7 +110,7 @@ def identify(cache: Cache, recipe: Recipe, scan: Scan, *, jobs: int, progress: P
     return gathered
 
 
-def _identify_music(cache: Cache, gathered: Gathered, jobs: int, progress: Progress) -> None:
+def _identify_music(cache: Cache, gathered: Gathered, jobs: Jobs, progress: Progress) -> None:
     paths = sorted({r.audio_path for r in gathered.refs.values() if r.audio_path is not None})
     calls = [(cache, gathered.recipe, path) for path in paths]
     found = run_units(identify_audio, calls, jobs=jobs, label="decoding music", progress=progress)
@@ -123,8 +125,9 @@ def _identify_music(cache: Cache, gathered: Gathered, jobs: int, progress: Progr
             gathered.audio_problems[ref.id] = replace(result, clip=ref.id)
 
 
-def gather(cache: Cache, gathered: Gathered, *, jobs: int, progress: Progress) -> list[StoredClip]:
+def gather(cache: Cache, gathered: Gathered, *, jobs: Jobs, progress: Progress) -> list[StoredClip]:
     """Encode all motion and extract all features; returns the clips to store, sorted by id."""
+    _check_mirrored_ids(gathered)
     motions = _encode_all(cache, gathered, jobs, progress)
     for clip, problem in gathered.audio_problems.items():
         gathered.drop(clip, problem)
@@ -164,6 +167,16 @@ def _mirrored(recipe: Recipe, clips: Sequence[StoredClip]) -> list[StoredClip]:
     return [mirrored_copy(clip, mirrors) for clip in clips if clip.split == "train"]
 
 
+def _check_mirrored_ids(gathered: Gathered) -> None:
+    both = [clip for clip in gathered.refs if gathered.recipe.mirror and clip + SUFFIX in gathered.refs]
+    if both:
+        raise SourceError(
+            "a clip has the id that its neighbour's mirrored copy would get",
+            where=f"clip {both[0]}{SUFFIX}",
+            fix="rename it, or build without augment.mirror",
+        )
+
+
 def window_numbers(recipe: Recipe, starts: Sequence[int]) -> tuple[int, ...]:
     """Return the numbers of windows among all those of their clip."""
     return tuple(start // recipe.windows.stride for start in starts)
@@ -195,7 +208,7 @@ def _stored(
     )
 
 
-def _encode_all(cache: Cache, gathered: Gathered, jobs: int, progress: Progress) -> dict[str, MotionResult]:
+def _encode_all(cache: Cache, gathered: Gathered, jobs: Jobs, progress: Progress) -> dict[str, MotionResult]:
     refs = list(gathered.refs.values())
     calls = [(cache, gathered.recipe, r, gathered.motion_sha[r.id]) for r in refs]
     motions = {}
@@ -228,6 +241,7 @@ def _starts(gathered: Gathered, clip: str, motion: MotionResult) -> tuple[int, .
     if not count:
         gathered.drop(clip, _too_short(recipe, ref, motion))
         return ()
+    gathered.rejects += _short_fields(recipe, ref, motion, count)
     signal = gathered.signal(ref)
     if signal is None:
         return tuple(k * stride for k in range(count))
@@ -241,6 +255,19 @@ def _starts(gathered: Gathered, clip: str, motion: MotionResult) -> tuple[int, .
         detail = f"window {k} reaches beyond the end of {signal.path.name}"
         gathered.rejects.append(Reject("no_audio", clip, "", k * stride, detail, {"audio_s": audio_s}))
     return tuple(k * stride for k in range(min(count, with_music)))
+
+
+def _short_fields(recipe: Recipe, ref: ClipRef, motion: MotionResult, count: int) -> list[Reject]:
+    """Say which windows of the recipe's grid are lost because a field of another rate ends before they do."""
+    without = count_windows(motion.n_frames, recipe.windows.length, recipe.windows.stride)
+    if recipe.scope == "window":
+        return []
+    rates = sorted({str(recipe.grid_of(slot)) for slot in recipe.motion})
+    detail = f"fields at {' and '.join(rates)} rows a second do not all reach to the end of the window"
+    return [
+        Reject("short_field", ref.id, "", k * recipe.windows.stride, f"{detail}, number {k}")
+        for k in range(count, without)
+    ]
 
 
 def _window_s(recipe: Recipe) -> float:
@@ -258,7 +285,7 @@ def _too_short(recipe: Recipe, ref: ClipRef, motion: MotionResult) -> Reject:
 
 
 def _extract_all(
-    cache: Cache, gathered: Gathered, starts: dict[str, tuple[int, ...]], jobs: int, progress: Progress
+    cache: Cache, gathered: Gathered, starts: dict[str, tuple[int, ...]], jobs: Jobs, progress: Progress
 ) -> dict[str, dict[str, tuple[AudioBlock, ...]]]:
     """Return per clip and feature the blocks of rows; clips whose music fails are set aside."""
     audio: dict[str, dict[str, tuple[AudioBlock, ...]]] = {clip: {} for clip in gathered.refs}
@@ -275,7 +302,7 @@ def _extract_tracks(
     gathered: Gathered,
     feature: Any,
     starts: dict[str, tuple[int, ...]],
-    jobs: int,
+    jobs: Jobs,
     progress: Progress,
 ) -> dict[str, tuple[AudioBlock, ...]]:
     timelines: dict[tuple[str, float | None], list[str]] = {}
@@ -284,8 +311,13 @@ def _extract_tracks(
         signal = _need_signal(gathered, ref)
         signals.setdefault(signal.sha256, signal)
         timelines.setdefault((signal.sha256, ref.tempo_bpm), []).append(ref.id)
-    calls = [(cache, gathered.recipe, feature, signals[sha], bpm) for sha, bpm in timelines]
-    results = run_units(extract_track, calls, jobs=jobs, label=feature.name, progress=progress)
+    songs = [signals[sha] for sha, _ in timelines]
+    ahead = _next_songs(feature, songs)
+    calls = [
+        (cache, gathered.recipe, feature, song, bpm, then)
+        for song, (_, bpm), then in zip(songs, timelines, ahead, strict=True)
+    ]
+    results = run_units(extract_track, calls, jobs=_jobs_for(feature, jobs), label=feature.name, progress=progress)
     found: dict[str, tuple[AudioBlock, ...]] = {}
     for clips, result in zip(timelines.values(), results, strict=True):
         for clip in clips:
@@ -301,7 +333,7 @@ def _extract_windows(
     gathered: Gathered,
     feature: Any,
     starts: dict[str, tuple[int, ...]],
-    jobs: int,
+    jobs: Jobs,
     progress: Progress,
 ) -> dict[str, tuple[AudioBlock, ...]]:
     """Windows of equal samples and tempo are computed once, whatever files and clips they are in."""
@@ -332,7 +364,7 @@ def _compute_windows(
     gathered: Gathered,
     feature: Any,
     wanted: dict[tuple[Path, float | None], list[int]],
-    jobs: int,
+    jobs: Jobs,
     progress: Progress,
 ) -> tuple[dict[str, CachedArray], dict[Path, Reject]]:
     """Return rows by key, and what failed by file."""
@@ -342,7 +374,11 @@ def _compute_windows(
         for numbers in [sorted(set(every))]
         for i in range(0, len(numbers), _WINDOWS_A_UNIT)
     ]
-    results = run_units(extract_windows, calls, jobs=jobs, label=feature.name, progress=progress)
+    ahead = _next_songs(feature, [call[3] for call in calls])
+    with_next = [(*call, then) for call, then in zip(calls, ahead, strict=True)]
+    results = run_units(
+        extract_windows, with_next, jobs=_jobs_for(feature, jobs), label=feature.name, progress=progress
+    )
     arrays: dict[str, CachedArray] = {}
     failed: dict[Path, Reject] = {}
     for call, result in zip(calls, results, strict=True):
@@ -351,6 +387,21 @@ def _compute_windows(
         else:
             arrays.update(result.values())
     return arrays, failed
+
+
+def _jobs_for(feature: Any, jobs: Jobs) -> Jobs:
+    """Return the workers for a feature: one that computes on cards wants one process a card."""
+    if not hasattr(feature, "workers"):
+        return jobs
+    return replace(jobs, n=feature.workers(jobs.n)) if isinstance(jobs, Workers) else int(feature.workers(jobs))
+
+
+def _next_songs(feature: Any, songs: Sequence[SignalId]) -> list[Path | None]:
+    """Return, for each unit of work, the file of the next one, if the feature computes on a device meanwhile."""
+    if not getattr(feature, "reads_ahead", False):
+        return [None] * len(songs)
+    paths: list[Path | None] = [song.path for song in songs]
+    return [then if then != path else None for path, then in zip(paths, [*paths[1:], None], strict=False)]
 
 
 def _need_signal(gathered: Gathered, ref: ClipRef) -> SignalId:

@@ -23,7 +23,7 @@ from dancedata.core.quality import MAX_ROOT_SPEED_M_S, MAX_TURN_DEG_S, quality_f
 from dancedata.core.windows import count_windows
 from dancedata.pipeline.cache import Cache, CachedArray, package_version
 from dancedata.pipeline.recipe import Recipe
-from dancedata.pipeline.rejects import changed, reject_of
+from dancedata.pipeline.rejects import BUILD_AGAIN, CHANGED, reject_of
 from dancedata.pipeline.slots import document_of
 
 #: Raised by hand when a stage here gives other numbers for the same input.
@@ -69,27 +69,45 @@ def encode_motion(cache: Cache, recipe: Recipe, ref: ClipRef, sha256: str) -> Mo
     encoders = _encoders(recipe)
     keys = {e.name: _motion_key(recipe, e, loading, sha256) for e in encoders}
     info_key = _info_key(loading, sha256)
-    info = cache.json("clips", info_key)
-    arrays = {name: cache.array("motion", key) for name, key in keys.items()}
-    if info is None or any(a is None for a in arrays.values()):
+    info, arrays = _encoded(cache, info_key, keys)
+    if info is None or None in arrays.values():
         try:
-            motion = recipe.dataset.load(ref)
-            made = {e.name: _encode(recipe, e, motion) for e in encoders if arrays[e.name] is None}
+            with cache.lock("clips", info_key):
+                info, arrays = _encode_missing(cache, recipe, ref, info_key, keys, sha256)
         except DataError as error:
             return reject_of(error, clip=ref.id, file=ref.motion_path)
-        if sha256_file(ref.motion_path) != sha256:
-            return changed(ref.motion_path, ref.id)
-        flags = [f.to_json() for f in quality_flags(motion)]
-        info = [motion.n_frames, str(motion.grid), flags, motion.trim_start, vertical_extent(motion)]
-        cache.put_json("clips", info_key, info)
-        for name, array in made.items():
-            arrays[name] = cache.put_array("motion", keys[name], array)
     n_source, rate, trim = int(info[0]), Fraction(info[1]), int(info[3])
     found = {name: array for name, array in arrays.items() if array is not None}
     grid = FrameGrid(rate)
     n_frames = grid.resampled_length(n_source, recipe.grid)
     first = min(grid.first_frame_from(trim, recipe.grid), n_frames - 1)
     return MotionResult(n_source, rate, n_frames, first, float(info[4]), tuple(info[2]), found)
+
+
+def _encoded(
+    cache: Cache, info_key: str, keys: dict[str, str]
+) -> tuple[list[Any] | None, dict[str, CachedArray | None]]:
+    """Return what the cache has of a clip."""
+    return cache.json("clips", info_key), {name: cache.array("motion", key) for name, key in keys.items()}
+
+
+def _encode_missing(
+    cache: Cache, recipe: Recipe, ref: ClipRef, info_key: str, keys: dict[str, str], sha256: str
+) -> tuple[list[Any], dict[str, CachedArray | None]]:
+    """Load a clip and publish what the cache does not have of it by now: another process may have made it."""
+    info, arrays = _encoded(cache, info_key, keys)
+    if info is not None and None not in arrays.values():
+        return info, arrays
+    motion = recipe.dataset.load(ref)
+    made = {e.name: _encode(recipe, e, motion) for e in _encoders(recipe) if arrays[e.name] is None}
+    if sha256_file(ref.motion_path) != sha256:
+        raise DataError(CHANGED, reason="changed", where=ref.motion_path, fix=BUILD_AGAIN)
+    flags = [f.to_json() for f in quality_flags(motion)]
+    info = [motion.n_frames, str(motion.grid), flags, motion.trim_start, vertical_extent(motion)]
+    for name, array in made.items():
+        arrays[name] = cache.put_array("motion", keys[name], array, durable=False)
+    cache.put_json("clips", info_key, info)
+    return info, arrays
 
 
 def usable_frames(recipe: Recipe, n_source: int, source_rate: Fraction) -> int:
@@ -202,8 +220,12 @@ def content_hashes(cache: Cache, dataset: Any) -> dict[str, str]:
     for f in dataclasses.fields(dataset):
         path = getattr(dataset, f.name)
         if f.metadata.get("content") and path is not None:
-            files = sorted(p for p in Path(path).rglob("*") if p.is_file()) if Path(path).is_dir() else [Path(path)]
-            hashes |= {f"{f.name}/{file.name}": cache.file_sha256(file) for file in files if file.exists()}
+            root = Path(path).expanduser()
+            files = sorted(p for p in root.rglob("*") if p.is_file()) if root.is_dir() else [root]
+            for file in files:
+                if file.exists():
+                    named = file.relative_to(root if root.is_dir() else root.parent).as_posix()
+                    hashes[f"{f.name}/{named}"] = cache.file_sha256(file)
     return hashes
 
 

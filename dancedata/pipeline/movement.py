@@ -36,4 +36,3 @@ def still_windows(
         else:
             rejects.append(chosen.reject(ref.id, start, std))
     return tuple(kept), rejects
-

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property, partial
 from pathlib import Path
@@ -235,6 +235,9 @@ def parse_recipe(document: Mapping[str, Any], where: str = "recipe") -> Recipe:
     windows = None
     if spec is not None and grid is not None:
         windows = _attempt(problems, lambda: _windows(spec, grid, _filter(spec.filter, motion, problems)))
+    if windows is not None:
+        for slot in motion:
+            _attempt(problems, partial(_whole_rows, slot, windows, grid))
     if model is not None and model.augment.mirror:
         without = [slot.name for slot in motion if slot.representation.columns.mirror is None]
         problems += [f"augment.mirror: {name} has no mirror image" for name in without]
@@ -258,6 +261,22 @@ def parse_recipe(document: Mapping[str, Any], where: str = "recipe") -> Recipe:
         mirror=model.augment.mirror,
         shard_mb=model.store.shard_mb,
     )
+
+
+def resolve(recipe: Recipe, hash_file: Callable[[Path], str]) -> Recipe:
+    """Return the recipe with everything fixed that depends on this machine, such as the precision of a network.
+
+    Parameters
+    ----------
+    hash_file
+        Gives the SHA-256 of a file, such as `Cache.file_sha256`.
+    """
+    return replace(recipe, audio=tuple(resolve_feature(feature, hash_file) for feature in recipe.audio))
+
+
+def resolve_feature(feature: Any, hash_file: Callable[[Path], str]) -> Any:
+    """Return an audio feature that is ready to compute; most are as they are."""
+    return feature.resolved(hash_file) if hasattr(feature, "resolved") else feature
 
 
 def _find(name: str) -> Path:
@@ -336,6 +355,19 @@ def _filter(given: Any, motion: Sequence[MotionSlot], problems: list[str]) -> Mo
     if made is not None and made.field not in names:
         problems.append(f"windows.filter.movement.field: no such field in motion; {did_you_mean(made.field, names)}")
     return made
+
+
+def _whole_rows(slot: MotionSlot, windows: WindowSpec, grid: FrameGrid) -> None:
+    """Raise UsageError unless windows begin and end at rows of a field that has a rate of its own."""
+    rate = slot.representation.rate
+    for what, frames in (("length", windows.length), ("stride", windows.stride)):
+        rows = frames if rate is None else frames * rate / grid.rate
+        if rows != int(rows):
+            raise UsageError(
+                f"windows: the {what} is no whole number of rows of {slot.name}",
+                found=f"{frames} frames at {grid} a second, rows at {rate} a second",
+                allowed="lengths and strides that are multiples of both periods",
+            )
 
 
 def _windows(given: _Windows, grid: FrameGrid, chosen: Movement | None) -> WindowSpec:

@@ -14,8 +14,3 @@ BUILD_AGAIN = "run the build again when the source is at rest"
 def reject_of(error: DataError, clip: str = "", file: Path | None = None) -> Reject:
     """Say in rejects.jsonl what an error says."""
     return Reject(reason=error.reason, clip=clip, file=str(file) if file else "", detail=str(error))
-
-
-def changed(path: Path, clip: str) -> Reject:
-    """Say that a clip's file changed during the build."""
-    return reject_of(DataError(CHANGED, reason="changed", where=path, fix=BUILD_AGAIN), clip=clip, file=path)

@@ -128,18 +128,18 @@ def describe_clips(path: Path) -> str:
                 c.id,
                 c.split,
                 c.music,
-                c.genre,
                 c.n_frames,
-                c.trim_start,
                 counts[c.id],
                 c.n_flags,
                 f"{c.tempo_bpm or 0:g}",
-                c.source_rate,
-                "" if c.height_m is None else f"{c.height_m:.2f}",
+                c.trim_start,
+                c.source_rate or "-",
+                "-" if c.height_m is None else f"{c.height_m:.2f}",
+                c.genre,
             ]
             for c in store.clips
         ]
-    head = ["clip", "split", "music", "genre", "frames", "trim", "windows", "flags", "bpm", "source fps", "height m"]
+    head = ["clip", "split", "music", "frames", "windows", "flags", "bpm", "trim", "source fps", "height m", "genre"]
     return "\n".join(_table(head, rows))
 
 

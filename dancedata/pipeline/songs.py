@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +16,9 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import json_sha256
 from dancedata.core.registry import FEATURES
 from dancedata.pipeline.audio_units import window_samples
+from dancedata.pipeline.cache import Cache, default_cache
 from dancedata.pipeline.execute import one_thread
-from dancedata.pipeline.recipe import Recipe, load_recipe, parse_recipe
+from dancedata.pipeline.recipe import Recipe, load_recipe, parse_recipe, resolve_feature
 from dancedata.pipeline.slots import document_of, make_plugin
 from dancedata.store import open_store
 from dancedata.store.schema import DATASET_FILE
@@ -58,14 +59,16 @@ def find_like(feature: str | None, like: str | None) -> list[Like]:
 
 
 def write_features(
-    songs: Sequence[Path], out: Path, likes: Sequence[Like], bpm: float | None
+    songs: Sequence[Path], out: Path, likes: Sequence[Like], bpm: float | None, weights: Path | None = None
 ) -> list[dict[str, Any]]:
     """Write OUT/<song>.<feature>.npy and a .json beside it that says what it is; returns the JSON's content.
 
-    (T, D) in track scope; in window scope (W, L, D), each window by itself as in training.
+    (T, D) in track scope; in window scope (W, L, D), each window by itself as in training. `weights` is the folder of
+    a network's weights, where a feature needs one.
     """
     from dancedata.audio.signal import load_audio
 
+    likes = [replace(like, feature=_ready(like.feature, weights)) for like in likes]
     absent = [str(song) for song in songs if not song.is_file()]
     if absent:
         raise UsageError("there is no such song; nothing was computed", found=", ".join(absent))
@@ -90,6 +93,13 @@ def write_features(
     except OSError as error:
         raise StoreError("the features cannot be written", where=out, found=str(error)) from error
     return written
+
+
+def _ready(feature: Any, weights: Path | None) -> Any:
+    """Return a feature with its weights; those of a dataset are known by their hash, not by their place."""
+    if weights is not None and hasattr(feature, "weights"):
+        feature = replace(feature, weights=weights)
+    return resolve_feature(feature, Cache(default_cache()).file_sha256)
 
 
 def _compute(like: Like, signal: Any, bpm: float | None, song: Path) -> tuple[Any, list[int] | None]:

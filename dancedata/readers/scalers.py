@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from dancedata.core.clip import Window
 from dancedata.core.columns import Mirror
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.normalize import MinMax
-from dancedata.readers.selection import Choice, clips_of, select
+from dancedata.readers.selection import Choice, select
 from dancedata.store.dataset import Store
 
 
@@ -66,7 +67,9 @@ def scaler_of(store: Store, name: str, choice: Choice, *, covers_mirror: bool, o
             "a scaler is fitted over train or over all", found=over, fix=did_you_mean(over, ("train", "all"))
         )
     elif _train_differs(store, choice):
-        windows: Sequence[Window] = select(store, "train", choice).windows
+        # As in stats.json: whole clips' stored windows, neither trimmed nor filtered.
+        train = replace(choice, fields=(name,), cut={}, trim=False, filter=None)
+        windows: Sequence[Window] = select(store, "train", train).windows
         plain = _fit((store.read(window, name) for window in windows), field.columns.width)
     else:
         plain = store.normalizer(name)
@@ -74,10 +77,11 @@ def scaler_of(store: Store, name: str, choice: Choice, *, covers_mirror: bool, o
 
 
 def _train_differs(store: Store, choice: Choice) -> bool:
-    """Whether the protocol's train clips are others than those the stored statistics were taken from."""
+    """Whether the train clips that are chosen are others than those the stored statistics were taken from."""
     if choice.protocol is None:
         return False
-    return any(record.split != "train" for record in clips_of(store, "train", choice.protocol).values())
+    chosen = {w.clip for w in select(store, "train", replace(choice, cut={}, trim=False, filter=None)).windows}
+    return chosen != {w.clip for w in store.windows("train")} if "train" in store.splits else True
 
 
 def _all_rows(store: Store, name: str, trim: bool) -> Iterable[npt.NDArray[Any]]:

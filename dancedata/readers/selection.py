@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -63,6 +63,7 @@ def select(store: Store, split: str, choice: Choice) -> Selection:
     """
     clips = clips_of(store, split, choice.protocol)
     rejects = [_ignored(c, choice) for c in clips.values() if _is_ignored(c, choice)]
+    rejects += _unlisted(store, split, choice.protocol)
     kept = {clip for clip, record in clips.items() if not _is_ignored(record, choice)}
     homes = sorted({record.split for record in clips.values()}, key=store.splits.index) or [split]
     lists = [store.windows(home, fields=choice.fields, trim=choice.trim, **choice.cut) for home in homes]
@@ -85,9 +86,21 @@ def clips_of(store: Store, split: str, protocol: str | None) -> dict[str, ClipRe
     known = {name.removeprefix(prefix) for c in listed for name in c.lists if name.startswith(prefix)}
     if split not in known:
         raise UsageError(
-            f"{protocol} has no split {split!r}", where=str(store.path), fix=did_you_mean(split, sorted(known))
+            f"no clip of the store is in {protocol}'s split {split!r}",
+            where=str(store.path),
+            fix=did_you_mean(split, sorted(known)),
         )
-    return {c.id: c for c in listed if prefix + split in c.lists}
+    # Mirrored copies are for training, whatever split they were stored for.
+    return {c.id: c for c in listed if prefix + split in c.lists and (split == "train" or not c.source)}
+
+
+def _unlisted(store: Store, split: str, protocol: str | None) -> list[Reject]:
+    """Return the clips stored in a split that a protocol, which the store has lists of, does not name at all."""
+    named = {c.id for c in store.clips if any(name.startswith(f"{protocol}.") for name in c.lists)}
+    if protocol is None or not named:
+        return []
+    detail = f"on no list of {protocol}"
+    return [Reject("unassigned", c.id, detail=detail) for c in store.clips if c.split == split and c.id not in named]
 
 
 def _is_ignored(record: ClipRecord, choice: Choice) -> bool:
@@ -127,7 +140,7 @@ def movement_filter(given: Movement | Mapping[str, Any] | Literal[False] | None)
         return None
     if isinstance(given, Movement):
         return given
-    if list(given) != ["movement"]:
+    if not isinstance(given, Mapping) or list(given) != ["movement"]:
         raise UsageError("the filter is called movement", found=given, allowed='{"movement": {"min_std": 0.07}}')
     parameters = dict(given["movement"] or {})
     unknown = sorted(set(parameters) - set(Movement.__dataclass_fields__))
@@ -136,5 +149,6 @@ def movement_filter(given: Movement | Mapping[str, Any] | Literal[False] | None)
             f"the movement filter has no parameter {unknown[0]!r}",
             fix=did_you_mean(unknown[0], Movement.__dataclass_fields__),
         )
-    splits: Sequence[str] = parameters.get("splits", Movement.splits)
-    return Movement(**{**parameters, "splits": tuple(splits)})
+    if isinstance(parameters.get("splits"), list):
+        parameters["splits"] = tuple(parameters["splits"])
+    return Movement(**parameters)

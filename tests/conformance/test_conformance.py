@@ -40,7 +40,9 @@ def test_key_motion(name: str):
     conformance.check_key_motion(KEYMOTIONS.get(name))
 
 
-@pytest.mark.parametrize("registry", [DATASETS, REPRESENTATIONS, CONTACTS, FEATURES, KEYMOTIONS], ids=lambda r: r.kind)
+@pytest.mark.parametrize(
+    "registry", [DATASETS, REPRESENTATIONS, CONTACTS, FEATURES, KEYMOTIONS], ids=lambda r: r.kind
+)
 def test_there_is_a_plugin_of_every_kind(registry: Registry):
     assert registry.names()
 

@@ -1,0 +1,267 @@
+"""How builds scale: clips a second with 1 and 2 jobs, overhead of a unit of work, and a corpus of 100,000 clips.
+
+    python benchmarks/scaling.py throughput          # the demo's feature and representation
+    python benchmarks/scaling.py units               # what scheduling, cache and publishing cost a unit
+    python benchmarks/scaling.py corpus [N ...]      # default 1000 10000 100000 clips of four frames
+
+Nothing is asserted: it prints what it measured. Times of one machine are comparable with each other only.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import resource
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+import wave
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from dancedata.core.clip import ClipRef, Scan
+from dancedata.core.columns import Columns, Group
+from dancedata.core.grid import FrameGrid
+from dancedata.core.motion import Motion
+from dancedata.core.registry import DATASETS, FEATURES, REPRESENTATIONS
+from dancedata.core.skeleton import SMPL24, Skeleton
+from dancedata.pipeline.build import build
+from dancedata.pipeline.cache import Cache
+from dancedata.pipeline.execute import Progress, run_units
+from dancedata.pipeline.gather import gather, identify
+from dancedata.pipeline.plan import make_plan
+from dancedata.pipeline.recipe import Recipe, load_recipe, parse_recipe
+
+FRAMES, SAMPLE_RATE, CLIPS_A_SONG = 4, 8000, 100
+
+
+@DATASETS.register("many")
+@dataclass(frozen=True)
+class Many:
+    """Clips of four frames, a file each, and a song for every hundred."""
+
+    version: ClassVar[int] = 1
+    licence: ClassVar[str] = "CC0-1.0"
+    citation: ClassVar[str] = "made by a benchmark"
+
+    def scan(self, source: Path) -> Scan:
+        """List what write_corpus wrote."""
+        n = json.loads((source / "n.json").read_text())
+        refs = tuple(
+            ClipRef(
+                f"c{i:06d}",
+                source / f"{i // 1000:03d}" / f"{i:06d}.bin",
+                source / "music" / f"{i // CLIPS_A_SONG:04d}.wav",
+                "train",
+                music=f"s{i // CLIPS_A_SONG:04d}",
+                tempo_bpm=120.0,
+            )
+            for i in range(n)
+        )
+        return Scan("many", refs)
+
+    def load(self, ref: ClipRef) -> Motion:
+        """Make a motion of the number in the file."""
+        number = int(ref.motion_path.read_bytes())
+        translation = np.full((FRAMES, 3), number, np.float64)
+        return Motion(translation, np.zeros((FRAMES, 24, 3)), FrameGrid.of(30), SMPL24)
+
+    def make_example(self, folder: Path) -> None:
+        """Write three clips."""
+        write_corpus(folder, 3)
+
+
+@REPRESENTATIONS.register("place")
+@dataclass(frozen=True)
+class Place:
+    """Where the root is."""
+
+    version: ClassVar[int] = 1
+    default_contacts: ClassVar[None] = None
+    rate: ClassVar[None] = None
+    grounded: ClassVar[bool] = False
+    axes: ClassVar[str] = "as given"
+    rotation_6d: ClassVar[None] = None
+
+    @property
+    def skeleton(self) -> Skeleton:
+        """The motion's own."""
+        return SMPL24
+
+    @property
+    def columns(self) -> Columns:
+        """Three."""
+        return Columns((Group("place", 3, "m"),))
+
+    def encode(self, motion: Motion, contacts: Any = None) -> Any:
+        """Return the translation."""
+        return motion.translation.astype(np.float32)
+
+
+@FEATURES.register("level")
+@dataclass(frozen=True)
+class Level:
+    """One column of nothing much."""
+
+    version: ClassVar[int] = 1
+    packages: ClassVar[tuple[str, ...]] = ("numpy",)
+    dtype: ClassVar[str] = "float32"
+
+    @property
+    def columns(self) -> Columns:
+        """One."""
+        return Columns((Group("level", 1, "1"),))
+
+    def n_rows(self, n_samples: int, sample_rate: int, grid: FrameGrid) -> int:
+        """Count rows."""
+        return FrameGrid.of(sample_rate).resampled_length(n_samples, grid)
+
+    def extract(self, signal: Any, grid: FrameGrid, *, start_bpm: float | None = None) -> Any:
+        """Return a constant."""
+        rows = self.n_rows(signal.n_samples, signal.sample_rate, grid)
+        return np.full((rows, 1), float(np.abs(signal.samples).mean()), np.float32)
+
+
+RECIPE = {
+    "recipe": 1,
+    "name": "many",
+    "dataset": {"many": {}},
+    "windows": {"length_frames": 2, "stride_frames": 1},
+    "motion": {"place": {}},
+    "audio": {"level": {}},
+}
+
+
+def write_corpus(source: Path, n: int) -> Path:
+    """Write n clips."""
+    (source / "music").mkdir(parents=True)
+    for i in range(0, n, 1000):
+        (source / f"{i // 1000:03d}").mkdir()
+    for i in range(n):
+        (source / f"{i // 1000:03d}" / f"{i:06d}.bin").write_bytes(str(i).encode())
+    for i in range(0, n, CLIPS_A_SONG):
+        with wave.open(str(source / "music" / f"{i // CLIPS_A_SONG:04d}.wav"), "wb") as file:
+            file.setnchannels(1)
+            file.setsampwidth(2)
+            file.setframerate(SAMPLE_RATE)
+            rng = np.random.default_rng(i)
+            file.writeframes(rng.integers(-9999, 9999, SAMPLE_RATE // 2, dtype=np.int16).tobytes())
+    (source / "n.json").write_text(str(n))
+    return source
+
+
+def corpus(n: int) -> None:
+    """Build n tiny clips, stage by stage, in a process of its own: memory is that of this corpus alone."""
+    with tempfile.TemporaryDirectory(prefix="scaling-") as name:
+        folder = Path(name)
+        source = write_corpus(folder / "source", n)
+        recipe, cache, quiet = parse_recipe(RECIPE), Cache(folder / "cache"), Progress(quiet=True)
+        before = _peak_mb()
+
+        def staged(label: str, call: Callable[[], Any]) -> Any:
+            begun = time.perf_counter()
+            result = call()
+            spent = time.perf_counter() - begun
+            print(f"{n:>7} clips  {label:<34} {spent:8.2f} s  {spent / n * 1e3:7.3f} ms a clip  {_peak_mb():6.0f} MB")
+            return result
+
+        scan = staged("scan", lambda: recipe.dataset.scan(source))
+        staged("plan: lengths of all", lambda: make_plan(recipe, source))
+        for turn in ("cold", "warm"):
+            gathered = staged(f"identify, {turn}", lambda: identify(cache, recipe, scan, jobs=1, progress=quiet))
+            staged(f"units, {turn}", lambda g=gathered: gather(cache, g, jobs=1, progress=quiet))
+        options: dict[str, Any] = {"cache": folder / "cache"}
+        staged("whole build from the cache", lambda: build(recipe, source, folder / "out", **options))
+        staged("the same again: nothing to do", lambda: build(recipe, source, folder / "out", **options))
+        entries = sum(1 for _ in (folder / "cache").rglob("*.*"))
+        print(f"{n:>7} clips  {entries} entries in the cache; {before:.0f} MB before the first stage")
+
+
+def units(n: int = 2000) -> None:
+    """Show what a unit costs besides its work: with the pool, with the cache, publishing."""
+    with tempfile.TemporaryDirectory(prefix="scaling-") as name:
+        cache, quiet = Cache(Path(name)), Progress(quiet=True)
+        row = np.zeros((150, 151), np.float32)
+
+        def per_unit(label: str, call: Callable[[], Any]) -> None:
+            begun = time.perf_counter()
+            call()
+            print(f"{label:<58} {(time.perf_counter() - begun) / n * 1e6:8.1f} us a unit")
+
+        keys = [Cache.key("x", number=i) for i in range(n)]
+        run_units(abs, [(1,)] * 20, jobs=2, label="", progress=quiet)  # starts the pool
+        for jobs in (1, 2):
+            calls = [(-i,) for i in range(n)]
+            per_unit(
+                f"scheduling, {jobs} job{'s' * (jobs > 1)}",
+                lambda c=calls, j=jobs: run_units(abs, c, jobs=j, label="", progress=quiet),
+            )
+        per_unit("key", lambda: [Cache.key("x", number=i) for i in range(n)])
+        per_unit("looking for what is not there", lambda: [cache.array("a", k) for k in keys])
+        per_unit("publishing 90 kB", lambda: [cache.put_array("a", k, row, durable=False) for k in keys])
+        per_unit("publishing 90 kB, lock and second look", lambda: [cache.once("b", k, lambda: row) for k in keys])
+        per_unit("looking for what is there", lambda: [cache.array("a", k) for k in keys])
+        per_unit("reading 90 kB, checksum compared", lambda: [np.asarray(cache.array("a", k)) for k in keys])
+        per_unit("publishing JSON", lambda: [cache.put_json("j", k, [1, "30", []]) for k in keys])
+        per_unit("reading JSON", lambda: [cache.json("j", k) for k in keys])
+        few = keys[:100]
+        begun = time.perf_counter()
+        for k in few:
+            cache.put_array("d", k, row, durable=True)
+        spent = (time.perf_counter() - begun) / len(few) * 1e6
+        print(f"{'publishing 90 kB, flushed to disk (units above 0.5 s)':<58} {spent:8.1f} us a unit")
+
+
+def throughput(songs: int = 4, clips: int = 4) -> None:
+    """Build a synthetic corpus with 1 and 2 jobs, and the second time from the cache."""
+    settings = [f"dataset.synthetic.songs={songs}", f"dataset.synthetic.clips_per_song={clips}"]
+    recipe: Recipe = load_recipe("demo", settings)
+    total = songs * clips
+    with tempfile.TemporaryDirectory(prefix="scaling-") as name:
+        folder = Path(name)
+        # Workers start and librosa's kernels load before the clock does.
+        build(recipe, folder / "source", folder / "out", jobs=2, cache=folder / "cache")
+        rates = {}
+        for jobs in (1, 2):
+            shutil.rmtree(folder / "out")
+            begun = time.perf_counter()
+            build(recipe, folder / "source", folder / "out", jobs=jobs, cache=folder / f"cache-{jobs}")
+            rates[jobs] = total / (time.perf_counter() - begun)
+        shutil.rmtree(folder / "out")
+        begun = time.perf_counter()
+        build(recipe, folder / "source", folder / "out", jobs=1, cache=folder / "cache-1")
+        cached = time.perf_counter() - begun
+    print(f"1 job {rates[1]:.2f} clips/s; 2 jobs {rates[2]:.2f} clips/s, {rates[2] / rates[1]:.2f} times as many")
+    share = cached / total * rates[1]
+    print(f"from the cache {total / cached:.1f} clips/s: {100 * share:.1f} % of the time of a build with 1 job")
+
+
+def _peak_mb() -> float:
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def main() -> None:
+    """Run what is asked for."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=["throughput", "units", "corpus"])
+    parser.add_argument("n", nargs="*", type=int)
+    given = parser.parse_args()
+    if given.what == "corpus" and len(given.n) != 1:
+        for n in given.n or (1000, 10_000, 100_000):
+            subprocess.run([sys.executable, __file__, "corpus", str(n)], check=True)
+    elif given.what == "corpus":
+        corpus(given.n[0])
+    elif given.what == "units":
+        units()
+    else:
+        throughput()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,178 @@
+"""FeatureCache: features of songs for a training job, each computed once whoever asks.
+
+It is the cache that builds use, under the same keys: what a build computed is there for a training job, and the
+other way round.
+
+Examples
+--------
+>>> from dancedata.cache import FeatureCache
+>>> rows = FeatureCache().get("librosa35", "song.wav", fps=30, start_bpm=120)    # (T, 35), read-only
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.clip import Reject
+from dancedata.core.errors import DataError, RecipeError, UsageError
+from dancedata.core.grid import FrameGrid, Number
+from dancedata.core.registry import FEATURES
+from dancedata.pipeline.audio_units import SignalId, extract_track, extract_windows, identify_audio
+from dancedata.pipeline.cache import Cache, CachedArray, EntryLostError, default_cache
+from dancedata.pipeline.execute import one_thread
+from dancedata.pipeline.recipe import Recipe, WindowSpec
+from dancedata.pipeline.slots import make_plugin
+
+__all__ = ["FeatureCache"]
+
+#: Windows computed under one lock, as in a build.
+_WINDOWS_A_UNIT = 128
+#: How often an entry is computed again that is damaged, or removed by `dancedata cache prune` in this moment.
+_TRIES = 3
+
+
+class FeatureCache:
+    """Features of audio files, computed when they are first asked for and kept.
+
+    Any number of processes, on any number of machines that share the folder, may ask for the same feature at
+    the same time: one computes, the others wait for it. Objects are small and picklable, and safe to fork.
+
+    Parameters
+    ----------
+    root
+        Folder of the cache; default: $DANCEDATA_CACHE, else the user's cache folder.
+    """
+
+    def __init__(self, root: str | Path | None = None) -> None:
+        self.root = (Path(root).expanduser() if root is not None else default_cache()).absolute()
+        self._compared: set[Path] = set()
+
+    def __repr__(self) -> str:
+        """Say where it is."""
+        return f"FeatureCache({str(self.root)!r})"
+
+    def get(
+        self,
+        feature: str,
+        song: str | Path,
+        fps: Number = 30,
+        start_bpm: float | None = None,
+        **parameters: Any,
+    ) -> npt.NDArray[Any]:
+        """Return a feature of a whole song, as a build of scope "track" has it.
+
+        Parameters
+        ----------
+        feature
+            Name of a registered audio feature, such as "librosa35".
+        song
+            An audio file. What counts is the signal in it, not its name.
+        fps
+            Rows a second.
+        start_bpm
+            Tempo to start from, where the feature tracks beats; None: it is estimated.
+        parameters
+            The feature's own, as in a recipe.
+
+        Returns
+        -------
+        (T, D) array
+            Read-only and mapped: rows are read from the file when they are looked at, and processes of one
+            machine share the memory. Copy what has to be written to.
+
+        Raises
+        ------
+        DataError
+            If the file cannot be decoded, or the feature cannot be computed of it.
+        UsageError
+            For an unknown feature, an unknown parameter, or a file that is not there.
+        """
+        recipe = _recipe("track", FrameGrid.of(fps), WindowSpec(1, 1, "time"), feature, parameters)
+        with one_thread():
+            signal = self._identify(recipe, song)
+            for _ in range(_TRIES):
+                found = _found(extract_track(Cache(self.root), recipe, recipe.audio[0], signal, start_bpm))
+                try:
+                    return self._mapped(found[1])
+                except EntryLostError as error:
+                    lost = error
+        raise lost
+
+    def get_windows(
+        self,
+        feature: str,
+        song: str | Path,
+        *,
+        length_frames: int = 150,
+        stride_frames: int = 15,
+        fps: Number = 30,
+        start_bpm: float | None = None,
+        **parameters: Any,
+    ) -> npt.NDArray[Any]:
+        """Return a feature of all windows of a song, each by itself, as a build of scope "window" has it.
+
+        Parameters
+        ----------
+        length_frames, stride_frames
+            Of the windows, in frames at `fps`. Window k begins at frame ``k * stride_frames``.
+        feature, song, fps, start_bpm, parameters
+            As in `get`.
+
+        Returns
+        -------
+        (W, L, D) array
+            W windows of L rows; W is 0 for a song shorter than a window.
+        """
+        if length_frames < 1 or stride_frames < 1:
+            raise UsageError("windows have a length and a stride of at least 1", found=(length_frames, stride_frames))
+        spec = WindowSpec(length_frames, stride_frames, "time")
+        recipe = _recipe("window", FrameGrid.of(fps), spec, feature, parameters)
+        plugin, cache = recipe.audio[0], Cache(self.root)
+        rows = []
+        with one_thread():
+            signal = self._identify(recipe, song)
+            numbers = range(len(signal.windows))
+            for begin in range(0, len(numbers), _WINDOWS_A_UNIT):
+                some = numbers[begin : begin + _WINDOWS_A_UNIT]
+                found = _found(extract_windows(cache, recipe, plugin, signal, start_bpm, some))
+                rows += [np.asarray(found[number][1]) for number in some]
+        if not rows:
+            return np.empty((0, length_frames, plugin.columns.width), plugin.dtype)
+        return np.stack(rows)
+
+    def _identify(self, recipe: Recipe, song: str | Path) -> SignalId:
+        path = Path(song).expanduser().absolute()
+        if not path.is_file():
+            raise UsageError("there is no such song", found=path)
+        signal: SignalId = _found(identify_audio(Cache(self.root), recipe, path))
+        return signal
+
+    def _mapped(self, array: CachedArray) -> npt.NDArray[Any]:
+        """Map an entry whose checksum was compared, once by each object."""
+        if array.path not in self._compared:
+            np.asarray(array)
+            self._compared.add(array.path)
+        return array.mapped()
+
+
+def _recipe(scope: Any, grid: FrameGrid, windows: WindowSpec, feature: str, parameters: dict[str, Any]) -> Recipe:
+    """Return as much of a recipe as the features' units of work look at."""
+    FEATURES.get(feature)  # an unknown name is an error of its own, with the closest known one
+    problems: list[str] = []
+    plugin = make_plugin(FEATURES, "audio", feature, parameters, problems)
+    if problems:
+        raise RecipeError("; ".join(problems))
+    return Recipe(
+        name="", description="", dataset=None, grid=grid, scope=scope, windows=windows, motion=(), audio=(plugin,),
+        keymotion=(), mirror=False, shard_mb=1,
+    )  # fmt: skip
+
+
+def _found(result: Any) -> Any:
+    if isinstance(result, Reject):
+        raise DataError(result.detail, reason=result.reason)
+    return result

@@ -1,0 +1,250 @@
+"""dancedata cache: what the cache holds, what to remove of it, and whether it is sound."""
+
+from __future__ import annotations
+
+import os
+import re
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from dancedata.core.errors import StoreError, UsageError
+from dancedata.pipeline import cache_files as files
+
+#: Entries are known by their names: <stage>/<two digits>/<sha256>.npy or .json. Nothing else is ever removed.
+_ENTRY = re.compile(r"(?P<two>[0-9a-f]{2})[0-9a-f]{62}\.(npy|json)")
+_UNITS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12}
+_AGES = {"s": 1, "m": 60, "h": 3600, "d": 86400, "w": 7 * 86400}
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A file of the cache.
+
+    Attributes
+    ----------
+    size
+        Bytes on disk, blocks counted in full.
+    used
+        Time of the last use, seconds since 1970; kept to the hour.
+    """
+
+    path: Path
+    stage: str
+    size: int
+    used: float
+
+
+@dataclass
+class StageSum:
+    """Sums over a stage: entries, bytes, and the times of use of the oldest and the newest."""
+
+    entries: int = 0
+    bytes: int = 0
+    oldest: float | None = None
+    newest: float | None = None
+
+    def add(self, entry: Entry) -> None:
+        """Count an entry."""
+        self.entries += 1
+        self.bytes += entry.size
+        self.oldest = entry.used if self.oldest is None else min(self.oldest, entry.used)
+        self.newest = entry.used if self.newest is None else max(self.newest, entry.used)
+
+
+@dataclass
+class Pruned:
+    """What was removed, or would be, and what is left; `swept` counts what killed processes left."""
+
+    removed: int = 0
+    removed_bytes: int = 0
+    kept: int = 0
+    kept_bytes: int = 0
+    swept: int = 0
+    paths: list[Path] = field(default_factory=list)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain JSON data."""
+        return {**self.__dict__, "paths": [str(path) for path in self.paths]}
+
+    def describe(self, dry: bool) -> str:
+        """Return what `cache prune` prints."""
+        what = "would remove" if dry else "removed"
+        swept = f"; removed {self.swept} files of killed processes" if self.swept else ""
+        return (
+            f"{what} {self.removed} entries, {size_text(self.removed_bytes)}; "
+            f"{self.kept} are left, {size_text(self.kept_bytes)}{swept}"
+        )
+
+
+def entries(root: Path) -> Iterator[Entry]:
+    """List all entries of a cache; what vanishes meanwhile is passed over."""
+    for stage in _folders(root):
+        if stage.name in (files.TEMPORARY, files.LOCKS):
+            continue
+        for prefix in _folders(stage):
+            for found in _scanned(prefix):
+                match = _ENTRY.fullmatch(found.name)
+                if match is None or match["two"] != prefix.name:
+                    continue
+                try:
+                    stat = found.stat(follow_symlinks=False)
+                except OSError:
+                    continue
+                size = max(stat.st_size, stat.st_blocks * 512)
+                yield Entry(Path(found.path), stage.name, size, stat.st_mtime)
+
+
+def cache_json(root: Path) -> dict[str, Any]:
+    """Return what `cache info --json` prints: by stage entries, bytes, least and most days without a use."""
+    now = time.time()
+    stages: dict[str, StageSum] = {}
+    for entry in entries(root):
+        stages.setdefault(entry.stage, StageSum()).add(entry)
+    total = sum(s.bytes for s in stages.values())
+    count = sum(s.entries for s in stages.values())
+    about = {
+        name: {
+            "entries": s.entries,
+            "bytes": s.bytes,
+            "days_unused": [_days(now, s.newest), _days(now, s.oldest)],
+        }
+        for name, s in sorted(stages.items())
+    }
+    return {"path": str(root), "entries": count, "bytes": total, "stages": about}
+
+
+def describe_cache(about: dict[str, Any]) -> str:
+    """Return what `cache info` prints."""
+    lines = [f"{about['path']}: {about['entries']} entries, {size_text(about['bytes'])}"]
+    width = max((len(name) for name in about["stages"]), default=0)
+    for name, stage in about["stages"].items():
+        least, most = stage["days_unused"]
+        lines.append(
+            f"  {name.ljust(width)}  {stage['entries']:>8}  {size_text(stage['bytes']):>9}"
+            f"  last used {least:g} to {most:g} days ago"
+        )
+    return "\n".join(lines)
+
+
+def size_text(n_bytes: float) -> str:
+    """Return a size with a unit of 1000."""
+    for unit in ("B", "kB", "MB"):
+        if n_bytes < 1000:
+            return f"{n_bytes:.3g} {unit}"
+        n_bytes /= 1000
+    return f"{n_bytes:.4g} GB"
+
+
+def prune(
+    root: Path, *, older_than_s: float | None = None, max_bytes: int | None = None, dry: bool = False
+) -> Pruned:
+    """Remove entries by age and size; a build that runs computes again what it misses.
+
+    Parameters
+    ----------
+    older_than_s
+        Remove what was not used for so many seconds.
+    max_bytes
+        Then remove what was used longest ago, until the rest is within so many bytes.
+    dry
+        Only say what would be removed.
+    """
+    if older_than_s is None and max_bytes is None:
+        raise UsageError("nothing says what to remove", fix="give --older-than 30d, --max-size 50GB, or both")
+    now = time.time()
+    result = Pruned(swept=0 if dry else files.sweep(root))
+    found = sorted(entries(root), key=lambda e: (e.used, e.path))
+    total = sum(e.size for e in found)
+    for entry in found:
+        # A use that lies in the future (the clock was set back) is no age.
+        old = older_than_s is not None and now - entry.used > older_than_s
+        large = max_bytes is not None and total > max_bytes
+        if (old or large) and (dry or _removed(entry)):
+            total -= entry.size
+            result.removed += 1
+            result.removed_bytes += entry.size
+            result.paths.append(entry.path)
+        else:
+            result.kept += 1
+            result.kept_bytes += entry.size
+    return result
+
+
+def verify_cache(
+    root: Path, *, remove: bool = False, advance: Callable[[int], None] = lambda _: None
+) -> tuple[int, list[tuple[Path, str]]]:
+    """Compare every entry with its checksum; returns how many there are, and the damaged ones with what is wrong.
+
+    Parameters
+    ----------
+    remove
+        Remove damaged entries. They are computed again when they are wanted; a build finds them by itself.
+    """
+    damaged: list[tuple[Path, str]] = []
+    count = 0
+    for entry in entries(root):
+        count += 1
+        advance(1)
+        try:
+            files.read_array(entry.path) if entry.path.suffix == ".npy" else files.read_json(entry.path)
+        except FileNotFoundError:
+            count -= 1
+        except (OSError, ValueError) as error:
+            damaged.append((entry.path, str(error)))
+            if remove:
+                entry.path.unlink(missing_ok=True)
+    return count, sorted(damaged)
+
+
+def parse_age(text: str) -> float:
+    """Read "30d", "12h", "90m", "2w" or seconds, as seconds."""
+    found = re.fullmatch(r"([0-9]+(?:\.[0-9]+)?)\s*([smhdw]?)", text.strip().lower())
+    if not found:
+        raise UsageError("this is no age", found=repr(text), allowed="30d, 12h, 90m, 2w, or seconds")
+    return float(found[1]) * _AGES.get(found[2] or "s", 1)
+
+
+def parse_size(text: str) -> int:
+    """Read "50GB", "500M" or bytes, as bytes; units of 1000."""
+    found = re.fullmatch(r"([0-9]+(?:\.[0-9]+)?)\s*([kmgt]?)b?", text.strip().lower())
+    if not found:
+        raise UsageError("this is no size", found=repr(text), allowed="50GB, 500MB, or bytes")
+    return int(float(found[1]) * _UNITS[found[2]])
+
+
+def _removed(entry: Entry) -> bool:
+    try:
+        if entry.path.stat().st_mtime != entry.used:
+            return False  # used since it was listed
+        entry.path.unlink()
+    except FileNotFoundError:
+        return True
+    except OSError as error:
+        raise StoreError(
+            "an entry of the cache cannot be removed",
+            where=entry.path,
+            found=str(error),
+            fix="entries belong to who made them: their owner can prune them",
+        ) from error
+    return True
+
+
+def _days(now: float, used: float | None) -> float | None:
+    return None if used is None else round(max(0.0, now - used) / 86400, 2)
+
+
+def _folders(folder: Path) -> Sequence[Path]:
+    return sorted(Path(e.path) for e in _scanned(folder) if e.is_dir(follow_symlinks=False))
+
+
+def _scanned(folder: Path) -> list[os.DirEntry[str]]:
+    try:
+        with os.scandir(folder) as found:
+            return list(found)
+    except FileNotFoundError:
+        return []
+    except OSError as error:
+        raise StoreError("the cache cannot be read", where=folder, found=str(error)) from error

@@ -1,0 +1,236 @@
+"""dancedata diff A B: in what two built datasets differ, from their recipes down to the values."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.store import Store, open_store
+from dancedata.store.schema import ClipRecord
+
+#: Names shown in a line at most; JSON has all.
+_SHOWN = 5
+_ABOUT_STORE = ("format", "scope", "fps", "windows", "genre_ids", "licence", "citation")
+_ABOUT_CLIP = tuple(f.name for f in fields(ClipRecord) if f.name != "id")
+_NOTED = ("name", "dancedata", "packages")
+
+
+@dataclass(frozen=True)
+class Difference:
+    """One thing in which two datasets differ.
+
+    Attributes
+    ----------
+    kind
+        recipe, source, store, fields, clips, windows, values, rejects, quality; or note, for what shapes no byte
+        of the data: names and versions.
+    message
+        What differs, A first.
+    names
+        Clips or fields that it is about.
+    """
+
+    kind: str
+    message: str
+    names: tuple[str, ...] = ()
+    numbers: Mapping[str, float] = field(default_factory=dict)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain JSON data."""
+        return {
+            "kind": self.kind,
+            "message": self.message,
+            "names": list(self.names),
+            "numbers": dict(self.numbers),
+        }
+
+    def __str__(self) -> str:
+        """Show the kind, the message and the first names."""
+        shown = ", ".join(self.names[:_SHOWN])
+        more = f" and {len(self.names) - _SHOWN} more" if len(self.names) > _SHOWN else ""
+        return f"{self.kind}: {self.message}{f': {shown}{more}' if shown else ''}"
+
+
+def diff(a: str | Path, b: str | Path) -> list[Difference]:
+    """Compare two built datasets.
+
+    Parameters
+    ----------
+    a, b
+        Folders that `build` wrote. What is stored in them is compared, wherever shards begin and end; whether a
+        dataset is what its own dataset.json says is the question of `check`.
+
+    Returns
+    -------
+    list of Difference
+        Empty if they are the same; of kind "note" only, if names or versions differ and the data do not.
+
+    Raises
+    ------
+    StoreError
+        If one of them is no finished dataset.
+    """
+    with open_store(a) as one, open_store(b) as two:
+        if one.meta.get("self_sha256") == two.meta.get("self_sha256"):
+            return []
+        found = [*_recipes(one, two), *_stores(one, two), *_fields(one, two)]
+        pairs = {c.id: c for c in two.clips}
+        common = [(c, pairs[c.id]) for c in one.clips if c.id in pairs]
+        found += [*_clips(one, two, common), *_windows(one, two), *_values(one, two, common)]
+        found += _rows("rejects", one.rejects, two.rejects)
+        found += _rows("quality", one.quality, two.quality)
+        return found + list(_notes(one, two))
+
+
+def document_differences(old: Any, new: Any, at: str = "") -> Iterator[tuple[str, Any, Any]]:
+    """Give (key, old value, new value) for every key in which two JSON documents differ."""
+    if isinstance(old, Mapping) and isinstance(new, Mapping):
+        for key in sorted({*old, *new}):
+            yield from document_differences(old.get(key), new.get(key), f"{at}.{key}" if at else str(key))
+    elif old != new:
+        yield at, old, new
+
+
+def shaping(recipe: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the keys of a recipe that shape a dataset: not its name and description."""
+    return {key: value for key, value in recipe.items() if key not in ("name", "description")}
+
+
+def _recipes(one: Store, two: Store) -> Iterator[Difference]:
+    recipes = shaping(one.meta.get("recipe", {})), shaping(two.meta.get("recipe", {}))
+    for key, old, new in document_differences(*recipes):
+        yield Difference("recipe", f"{key}: {json.dumps(old)}, {json.dumps(new)}")
+    if one.meta.get("source_sha256") != two.meta.get("source_sha256"):
+        hashes = [str(store.meta.get("source_sha256"))[:12] for store in (one, two)]
+        yield Difference("source", f"built from other files, splits or metadata of clips: {hashes[0]}, {hashes[1]}")
+    for key, old, new in document_differences(one.meta.get("content", {}), two.meta.get("content", {})):
+        yield Difference("source", f"{key}: {str(old)[:12]}, {str(new)[:12]}")
+
+
+def _stores(one: Store, two: Store) -> Iterator[Difference]:
+    for key, old, new in document_differences(*_meta(one, two, _ABOUT_STORE)):
+        yield Difference("store", f"{key}: {json.dumps(old)}, {json.dumps(new)}")
+
+
+def _meta(one: Store, two: Store, keys: Sequence[str]) -> tuple[dict[str, Any], dict[str, Any]]:
+    return {key: one.meta.get(key) for key in keys}, {key: two.meta.get(key) for key in keys}
+
+
+def _fields(one: Store, two: Store) -> Iterator[Difference]:
+    yield from _one_sided("fields", "fields", one.fields, two.fields)
+    for name in _common_fields(one, two, columns=False):
+        mine, other = one.field(name).to_json(), two.field(name).to_json()
+        for key, old, new in document_differences(mine, other):
+            texts = [json.dumps(value) for value in (old, new)]
+            said = f"{texts[0]}, {texts[1]}" if max(map(len, texts)) < 60 else "differ"
+            yield Difference("fields", f"{key} {said}", (name,))
+
+
+def _common_fields(one: Store, two: Store, *, columns: bool) -> list[str]:
+    """Return the fields of both; with `columns`, those whose values can be compared."""
+    names = [name for name in one.fields if name in two.fields]
+    if not columns:
+        return names
+    same = (one.fields[n].labels == two.fields[n].labels and one.field(n).rate == two.field(n).rate for n in names)
+    return [name for name, yes in zip(names, same, strict=True) if yes]
+
+
+def _clips(one: Store, two: Store, common: Sequence[tuple[ClipRecord, ClipRecord]]) -> Iterator[Difference]:
+    yield from _one_sided("clips", "clips", (c.id for c in one.clips), (c.id for c in two.clips))
+    changed: dict[str, list[str]] = {}
+    example: dict[str, str] = {}
+    for mine, other in common:
+        for key in _ABOUT_CLIP:
+            old, new = getattr(mine, key), getattr(other, key)
+            if old != new:
+                changed.setdefault(key, []).append(mine.id)
+                example.setdefault(key, f"{old!r}, {new!r}")
+    for key, ids in changed.items():
+        yield Difference("clips", f"{key} of {len(ids)} clips, as {example[key]}", tuple(ids))
+
+
+def _windows(one: Store, two: Store) -> Iterator[Difference]:
+    starts = [_starts(store) for store in (one, two)]
+    ids = tuple(clip for clip in starts[0] if clip in starts[1] and starts[0][clip] != starts[1][clip])
+    if ids:
+        counts = [sum(len(s[clip]) for clip in ids) for s in starts]
+        yield Difference("windows", f"windows of {len(ids)} clips: {counts[0]}, {counts[1]}", ids)
+
+
+def _starts(store: Store) -> dict[str, set[tuple[int, int]]]:
+    found: dict[str, set[tuple[int, int]]] = {}
+    for split in store.splits:
+        for w in store.windows(split):
+            found.setdefault(w.clip, set()).add((w.start, w.length))
+    return found
+
+
+def _values(one: Store, two: Store, common: Sequence[tuple[ClipRecord, ClipRecord]]) -> Iterator[Difference]:
+    shards = [{s["sha256"] for s in store.meta["shards"]} for store in (one, two)]
+    if shards[0] == shards[1] or one.scope != two.scope or one.fps != two.fps:
+        return
+    for name in _common_fields(one, two, columns=True):
+        ids, shapes, worst, where = [], [], 0.0, ""
+        for clip, rows in _pieces(one, two, name, common):
+            if rows[0].shape != rows[1].shape:
+                shapes.append(clip)
+            elif not np.array_equal(*rows):
+                ids.append(clip)
+                gap = np.abs(rows[0].astype(np.float64) - rows[1])
+                if gap.max() > worst:
+                    worst = float(gap.max())
+                    row, column = np.unravel_index(int(gap.argmax()), gap.shape)
+                    where = f"row {row} of {clip}, column {one.fields[name].labels[column]}"
+        if shapes:
+            unique = tuple(dict.fromkeys(shapes))
+            yield Difference("values", f"{name}: other numbers of rows in {len(unique)} clips", unique)
+        if ids:
+            unique = tuple(dict.fromkeys(ids))
+            said = f"{name}: other values in {len(unique)} of {len(common)} clips, by {worst:.3g} at most ({where})"
+            yield Difference("values", said, unique, {"max_abs": worst})
+
+
+def _pieces(
+    one: Store, two: Store, name: str, common: Sequence[tuple[ClipRecord, ClipRecord]]
+) -> Iterator[tuple[str, tuple[npt.NDArray[Any], npt.NDArray[Any]]]]:
+    """Give the rows of both stores: clip by clip, in window scope window by window."""
+    if one.scope == "track":
+        for mine, _ in common:
+            yield mine.id, (one.clip(mine.id).read(name), two.clip(mine.id).read(name))
+        return
+    others = {(w.clip, w.start, w.length): w for split in two.splits for w in two.windows(split)}
+    for split in one.splits:
+        for window in one.windows(split):
+            other = others.get((window.clip, window.start, window.length))
+            if other is not None:
+                yield window.clip, (one.read(window, name), two.read(other, name))
+
+
+def _rows(kind: str, one: Iterable[Mapping[str, Any]], two: Iterable[Mapping[str, Any]]) -> Iterator[Difference]:
+    """Compare what was left out, or flagged, line by line."""
+    texts = [{json.dumps(row, sort_keys=True): row for row in rows} for rows in (one, two)]
+    for k, side in enumerate(("A", "B")):
+        only = [row for text, row in texts[k].items() if text not in texts[1 - k]]
+        if only:
+            names = tuple(dict.fromkeys(str(row.get("clip") or row.get("file", "")) for row in only))
+            yield Difference(kind, f"{len(only)} lines only in {side}", names)
+
+
+def _notes(one: Store, two: Store) -> Iterator[Difference]:
+    for key, old, new in document_differences(*_meta(one, two, _NOTED)):
+        yield Difference("note", f"{key}: {json.dumps(old)}, {json.dumps(new)}")
+
+
+def _one_sided(kind: str, what: str, one: Iterable[str], two: Iterable[str]) -> Iterator[Difference]:
+    names = [list(one), list(two)]
+    for k, side in enumerate(("A", "B")):
+        other = set(names[1 - k])
+        only = tuple(name for name in names[k] if name not in other)
+        if only:
+            yield Difference(kind, f"{len(only)} {what} only in {side}", only)

@@ -1,0 +1,204 @@
+"""A small corpus and a plug-in feature that takes its time, counts its calls, and kills its process if told to."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dancedata.core.hashing import sha256_file
+from dancedata.datasets.synthetic import write_synthetic
+
+ROOT = Path(__file__).resolve().parents[2]
+SONGS = 4
+
+#: The feature, installed as somebody's distribution. What it does besides is in files of the folder $SLOW.
+FEATURE = '''
+import os, signal, time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+
+from dancedata.core.columns import Columns, Group
+from dancedata.core.errors import DataError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.registry import FEATURES
+
+
+@FEATURES.register("slow")
+@dataclass(frozen=True)
+class Slow:
+    """Time, and a number that says which signal it is."""
+
+    version: ClassVar[int] = 1
+    packages: ClassVar[tuple[str, ...]] = ("numpy",)
+    dtype: ClassVar[str] = "float32"
+
+    @property
+    def columns(self):
+        return Columns((Group("time", 1, "s"), Group("signal", 1, "1")))
+
+    def n_rows(self, n_samples, sample_rate, grid):
+        return FrameGrid.of(sample_rate).resampled_length(n_samples, grid)
+
+    def extract(self, signal, grid, *, start_bpm=None):
+        name = signal.sha256[:6]
+        folder = Path(os.environ["SLOW"])
+        with open(folder / "log", "a") as log:
+            log.write(f"start {name}\\n")
+        kill(folder / f"kill-once-{name}", True)
+        kill(folder / f"kill-{name}", False)
+        time.sleep(float((folder / "seconds").read_text()))
+        rows = np.empty((self.n_rows(signal.n_samples, signal.sample_rate, grid), 2), np.float32)
+        rows[:, 0] = np.arange(len(rows)) / float(grid.rate)
+        rows[:, 1] = int(name, 16)
+        return rows
+
+    def extract_windows(self, signal, starts, n_samples, grid, n_rows, *, start_bpm=None):
+        parts = [signal.part(int(s), int(s) + n_samples) for s in starts]
+        return np.stack([self.extract(part, grid)[:n_rows] for part in parts])
+
+
+def kill(order, once):
+    if order.exists():
+        if once:
+            order.unlink()
+        os.kill(os.getpid(), signal.SIGKILL)
+'''
+RECIPE = """
+recipe: 1
+name: faults
+dataset: {aist++: {}}
+windows: {length_s: 5, stride_s: 0.5}
+motion: {edge151: {}}
+audio: {slow: {}}
+"""
+
+
+class Slow:
+    """The installed feature, and a folder to tell it what to do and to read what it did."""
+
+    def __init__(self, folder: Path, cache: Path, recipe: Path, site: Path) -> None:
+        self.folder, self.cache, self.recipe = folder, cache, recipe
+        paths = [str(site), str(ROOT), os.environ.get("PYTHONPATH", "")]
+        self.environment = {
+            **os.environ,
+            "PYTHONPATH": os.pathsep.join(paths),
+            "DANCEDATA_CACHE": str(cache),
+            "SLOW": str(folder),
+            # Workers of Dask and loky write no code of their own anywhere.
+            "PYTHONDONTWRITEBYTECODE": "1",
+        }
+        self.sleep(0)
+
+    def sleep(self, seconds: float) -> None:
+        """Say how long a song takes."""
+        (self.folder / "seconds").write_text(str(seconds))
+
+    def command(self, *arguments: object) -> list[str]:
+        """Return the command line of `dancedata build` for this recipe."""
+        return [sys.executable, "-m", "dancedata", "build", str(self.recipe), "--quiet", *map(str, arguments)]
+
+    def build(self, source: Path, out: Path, *arguments: object, code: int = 0) -> str:
+        """Run a build to its end, check its exit code, and return what it printed."""
+        command = self.command("--source", source, "--out", out, *arguments)
+        done = subprocess.run(command, env=self.environment, capture_output=True, text=True, check=False)
+        assert done.returncode == code, f"{done.returncode}: {done.stdout}{done.stderr}"
+        assert "Traceback" not in done.stderr, done.stderr
+        return done.stdout + done.stderr
+
+    def log(self, *lines: str) -> list[str]:
+        """Add lines to the log of calls; returns all of it."""
+        path = self.folder / "log"
+        with path.open("a") as log:
+            log.writelines(f"{line}\n" for line in lines)
+        return path.read_text().splitlines()
+
+    def calls(self) -> list[str]:
+        """Return the songs that were computed, one entry a call."""
+        return [line.removeprefix("start ") for line in self.log() if line.startswith("start ")]
+
+    def published(self) -> set[str]:
+        """Return the songs whose features are in the cache."""
+        rows = [np.load(path, mmap_mode="r")[0, 1] for path in (self.cache / "features").rglob("*.npy")]
+        return {f"{int(number):06x}" for number in rows}
+
+    def strays(self) -> list[str]:
+        """Return temporary files and locks in the cache."""
+        return [str(p) for name in ("tmp", "locks") for p in (self.cache / name).glob("*")]
+
+
+@pytest.fixture(scope="session")
+def corpus(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Eight clips of 6 s to four songs. Not to be written into."""
+    return write_synthetic(tmp_path_factory.mktemp("corpus") / "source", songs=SONGS, clips_per_song=2, clip_s=6)
+
+
+@pytest.fixture(scope="session")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the feature as an installed distribution."""
+    site = tmp_path_factory.mktemp("site")
+    info = site / "slow_feature-1.0.dist-info"
+    info.mkdir()
+    (site / "slow_feature.py").write_text(FEATURE, encoding="utf-8")
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: slow-feature\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[dancedata.audio]\nslow = slow_feature\n")
+    return site
+
+
+@pytest.fixture(scope="session")
+def make_slow(site: Path) -> Callable[[Path], Slow]:
+    """Return a function that makes a cache, a recipe and a log in a folder."""
+
+    def make(folder: Path) -> Slow:
+        (folder / "slow").mkdir(parents=True)
+        recipe = folder / "recipe.yaml"
+        recipe.write_text(RECIPE, encoding="utf-8")
+        return Slow(folder / "slow", folder / "cache", recipe, site)
+
+    return make
+
+
+@pytest.fixture
+def slow(make_slow: Callable[[Path], Slow], tmp_path: Path) -> Slow:
+    """The feature with a cache of its own."""
+    return make_slow(tmp_path)
+
+
+@pytest.fixture(scope="session")
+def hashes() -> Callable[[Path], dict[str, str]]:
+    """Return a function: SHA-256 of every file in a folder, by name."""
+    return lambda folder: {p.name: sha256_file(p) for p in sorted(folder.iterdir())}
+
+
+@pytest.fixture(scope="session")
+def undisturbed(
+    make_slow: Callable[[Path], Slow], corpus: Path, tmp_path_factory: pytest.TempPathFactory, hashes: Callable
+) -> dict[str, str]:
+    """Hashes of a dataset that one process built without being disturbed."""
+    folder = tmp_path_factory.mktemp("undisturbed")
+    slow = make_slow(folder)
+    slow.build(corpus, folder / "out", "--jobs", 1)
+    assert len(slow.calls()) == SONGS
+    return hashes(folder / "out")
+
+
+@pytest.fixture
+def out(tmp_path: Path) -> Path:
+    """Where to build; not there yet, nothing beside it."""
+    return tmp_path / "outs" / "out"
+
+
+@pytest.fixture
+def songs(corpus: Path) -> Sequence[str]:
+    """Names of the songs as the log has them."""
+    from dancedata.audio.signal import load_audio
+
+    return [load_audio(path).sha256[:6] for path in sorted((corpus / "wavs").glob("*.wav"))]

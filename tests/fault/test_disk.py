@@ -1,0 +1,267 @@
+"""Full disks, clocks that go backwards, entries that are lost: a correct store or a clear error, never a half one."""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dancedata.core.errors import DanceDataError, StoreError
+from dancedata.pipeline import build as build_module
+from dancedata.pipeline import cache_files
+from dancedata.pipeline.build import build
+from dancedata.pipeline.cache import Cache
+from dancedata.pipeline.execute import Progress, run_units
+from dancedata.pipeline.recipe import parse_recipe
+from dancedata.pipeline.workers import Workers
+from dancedata.store import verify_store
+
+RECIPE = parse_recipe(
+    {
+        "recipe": 1,
+        "name": "faults",
+        "dataset": {"aist++": {"music": "optional"}},
+        "windows": {"length_s": 5, "stride_s": 0.5},
+        "motion": {"edge151": {}},
+    }
+)
+Build = Callable[..., Any]
+
+
+@pytest.fixture
+def run(corpus: Path, out: Path, tmp_path: Path) -> Build:
+    """Build motion only, in this process."""
+    return lambda **options: build(RECIPE, corpus, out, **{"cache": tmp_path / "cache", **options})
+
+
+@pytest.fixture
+def whole(corpus: Path, tmp_path: Path, hashes: Any) -> dict[str, str]:
+    """Hashes of an undisturbed build of the same."""
+    build(RECIPE, corpus, tmp_path / "whole", cache=tmp_path / "cache-of-whole")
+    return dict(hashes(tmp_path / "whole"))
+
+
+def strays(cache: Path) -> list[Path]:
+    return [p for name in ("tmp", "locks") for p in (cache / name).glob("*")]
+
+
+@pytest.mark.parametrize("written", [0, 3, 7, 12, 20, 21, 25, 30])
+def test_a_disk_that_fills_up_is_a_clear_error_and_room_mends_it(
+    run: Build,
+    out: Path,
+    tmp_path: Path,
+    whole: dict[str, str],
+    hashes: Any,
+    monkeypatch: pytest.MonkeyPatch,
+    written: int,
+):
+    """The disk takes so many writes of the cache, and flushes of the store, and no more."""
+    left = written
+
+    def limited(original: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*args: Any) -> Any:
+            nonlocal left
+            left -= 1
+            if left < 0:
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            return original(*args)
+
+        return call
+
+    with monkeypatch.context() as full:
+        full.setattr(cache_files, "_write_all", limited(cache_files._write_all))
+        full.setattr(os, "fsync", limited(os.fsync))
+        with pytest.raises(StoreError, match=r"No space left on device") as caught:
+            run()
+    assert "cannot be written" in str(caught.value)
+    assert not (out / "dataset.json").exists()
+    assert strays(tmp_path / "cache") == []
+    run()
+    assert hashes(out) == whole
+    assert [p for p in verify_store(out) if p.severity == "error"] == []
+
+
+#: Files may be no larger than so many bytes, as where a quota is used up.
+LIMITED = """
+import resource, sys
+resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv.pop(1)),) * 2)
+from dancedata.cli import main
+main()
+"""
+
+
+@pytest.mark.parametrize("size", [100, 60_000])
+def test_a_quota_is_a_clear_error(slow: Any, corpus: Path, out: Path, undisturbed: Any, hashes: Any, size: int):
+    arguments = slow.command("--source", corpus, "--out", out, "--jobs", 1)[3:]
+    command = [sys.executable, "-c", LIMITED, str(size), *arguments]
+    done = subprocess.run(command, env=slow.environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 1, done.stderr
+    assert "cannot be written; found [Errno 27] File too large" in done.stderr
+    assert not out.exists()
+    slow.build(corpus, out, "--jobs", 1)
+    assert hashes(out) == undisturbed
+    assert slow.strays() == []
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """A file system of 300 kB."""
+    folder = tmp_path / "small"
+    folder.mkdir()
+    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=300k", "tmpfs", str(folder)], capture_output=True)
+    if mounted.returncode:
+        pytest.skip("a tmpfs cannot be mounted here")
+    yield folder
+    subprocess.run(["umount", str(folder)], check=True)
+
+
+@pytest.mark.parametrize("place", ["cache", "out"])
+def test_a_small_disk_is_a_clear_error(run: Build, corpus: Path, small_disk: Path, tmp_path: Path, place: str):
+    options = {"cache": small_disk / "cache"} if place == "cache" else {}
+    out = small_disk / "out" if place == "out" else tmp_path / "x" / "out"
+    with pytest.raises(StoreError, match="No space left on device"):
+        build(RECIPE, corpus, out, **{"cache": tmp_path / "cache", "jobs": 2, **options})
+    assert not (out / "dataset.json").exists()
+    assert list(small_disk.rglob("*.tmp")) == []
+
+
+def test_a_clock_that_goes_backwards_changes_nothing(
+    run: Build, out: Path, tmp_path: Path, whole: dict[str, str], hashes: Any, monkeypatch: pytest.MonkeyPatch
+):
+    now = time.time()
+
+    def backwards() -> float:
+        nonlocal now
+        now -= 5000.0
+        return now
+
+    with monkeypatch.context() as clock:
+        clock.setattr(time, "time", backwards)
+        run()
+        assert hashes(out) == whole
+        shutil.rmtree(out)
+        run()
+    assert hashes(out) == whole
+    # Entries from the future are as good as others.
+    for path in (tmp_path / "cache").rglob("*.*"):
+        os.utime(path, (now + 1e8, now + 1e8))
+    shutil.rmtree(out)
+    run()
+    assert hashes(out) == whole
+
+
+@pytest.mark.parametrize("how", ["removed", "damaged"])
+def test_an_entry_that_is_lost_during_a_build_is_computed_again(
+    run: Build,
+    out: Path,
+    tmp_path: Path,
+    whole: dict[str, str],
+    hashes: Any,
+    monkeypatch: pytest.MonkeyPatch,
+    how: str,
+):
+    """`dancedata cache prune` may run at any time, and disks have their moods."""
+    gather = build_module.gather
+
+    def losing(*args: Any, **options: Any) -> Any:
+        clips = gather(*args, **options)
+        path = sorted((tmp_path / "cache" / "motion").rglob("*.npy"))[0]
+        if how == "removed":
+            path.unlink()
+        else:
+            data = bytearray(path.read_bytes())
+            data[len(data) // 2] ^= 1
+            path.write_bytes(data)
+        monkeypatch.setattr(build_module, "gather", gather)
+        return clips
+
+    monkeypatch.setattr(build_module, "gather", losing)
+    run()
+    assert hashes(out) == whole
+
+
+def test_entries_that_are_lost_every_time_end_the_build(
+    run: Build, out: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    gather = build_module.gather
+
+    def losing(*args: Any, **options: Any) -> Any:
+        clips = gather(*args, **options)
+        shutil.rmtree(tmp_path / "cache" / "motion")
+        return clips
+
+    monkeypatch.setattr(build_module, "gather", losing)
+    with pytest.raises(StoreError, match="an entry of the cache is gone"):
+        run()
+    assert not (out / "dataset.json").exists()
+
+
+def test_a_full_cache_that_is_read_only_is_enough(
+    run: Build, corpus: Path, out: Path, tmp_path: Path, whole: Any, hashes: Any, monkeypatch: pytest.MonkeyPatch
+):
+    run()
+    shutil.rmtree(out)
+
+    def refuse(*args: Any, **options: Any) -> Any:
+        raise PermissionError(errno.EACCES, "read-only")
+
+    monkeypatch.setattr(cache_files, "_open_held", refuse)
+    monkeypatch.setattr(os, "utime", refuse)
+    monkeypatch.setattr(os, "access", lambda path, mode: "cache" not in str(path))
+    run()
+    assert hashes(out) == whole
+
+
+def test_where_the_file_system_has_no_locks_builds_work_and_nobody_waits(
+    run: Build, out: Path, tmp_path: Path, whole: dict[str, str], hashes: Any, monkeypatch: pytest.MonkeyPatch
+):
+    def none(fd: int, operation: int) -> None:
+        raise OSError(errno.ENOSYS, "no locks")
+
+    # Of the cache alone: filelock, which locks OUT, has a way of its own.
+    fcntl = cache_files.fcntl
+    without = SimpleNamespace(flock=none, LOCK_EX=fcntl.LOCK_EX, LOCK_NB=fcntl.LOCK_NB)
+    monkeypatch.setattr(cache_files, "fcntl", without)
+    run()
+    assert hashes(out) == whole
+    stray = tmp_path / "cache" / "tmp" / "0.tmp"
+    stray.touch()
+    shutil.rmtree(out)
+    run()
+    assert stray.exists(), "it may be somebody's"
+    os.utime(stray, (0, 0))
+    shutil.rmtree(out)
+    run()
+    assert not stray.exists()
+
+
+def test_what_a_living_process_holds_is_left_alone(tmp_path: Path):
+    cache = Cache(tmp_path)
+    with cache.lock("features", "k"), cache_files.held(tmp_path / "tmp", "a.tmp"):
+        (tmp_path / "tmp" / "b.tmp").touch()
+        (tmp_path / "locks" / "features-old").touch()
+        assert cache_files.sweep(tmp_path) == 2
+        assert len(strays(tmp_path)) == 2
+    assert strays(tmp_path) == []
+
+
+def test_a_worker_that_cannot_mark_what_it_does_says_so(tmp_path: Path):
+    # A folder in which no file can be made, whoever one is.
+    with pytest.raises(DanceDataError, match="the cache cannot be written"):
+        run_units(
+            np.zeros,
+            [(3,), (4,)],
+            jobs=Workers(2, scratch=Path("/proc/self/fd")),
+            label="x",
+            progress=Progress(quiet=True),
+        )

@@ -1,0 +1,154 @@
+"""Builds killed with SIGKILL: the same command goes on, nothing is computed twice, nothing is left lying about."""
+
+from __future__ import annotations
+
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+SONG_S = 0.3
+
+
+@pytest.mark.parametrize("kills", [pytest.param(5), pytest.param(50, marks=pytest.mark.nightly)])
+def test_a_build_killed_at_random_moments_ends_as_if_undisturbed(
+    slow: Any, corpus: Path, out: Path, undisturbed: dict[str, str], hashes: Any, kills: int
+):
+    slow.sleep(SONG_S)
+    chance = random.Random(kills)
+    command = slow.command("--source", corpus, "--out", out, "--jobs", 2)
+    longest = start_s = None
+    done = 0
+    while done < kills:
+        begun = time.monotonic()
+        process = subprocess.Popen(command, env=slow.environment, start_new_session=True)
+        if longest is None:
+            # The first build shows how long it takes; those that follow are killed within that time.
+            assert process.wait() == 0
+            longest = time.monotonic() - begun
+            shutil.rmtree(slow.cache)
+            slow.log("cache removed")
+            shutil.rmtree(out)
+            continue
+        start_s = start_s or 0.2 * longest
+        try:
+            process.wait(timeout=chance.uniform(start_s, longest))
+        except subprocess.TimeoutExpired:
+            # Alternately the machine, as it were, and the one process: its workers live on for a moment.
+            (os.killpg if done % 2 else os.kill)(process.pid, signal.SIGKILL)
+            assert process.wait() == -signal.SIGKILL
+            done += 1
+            slow.log(*(f"published {song}" for song in slow.published()))
+            continue
+        assert process.returncode == 0
+        assert hashes(out) == undisturbed
+        shutil.rmtree(out)
+        shutil.rmtree(slow.cache)
+        slow.log("cache removed")
+    slow.build(corpus, out, "--jobs", 2)
+    assert hashes(out) == undisturbed
+    assert [p.name for p in out.parent.iterdir()] == ["out"]
+    assert slow.strays() == []
+    assert computed_after_publishing(slow.log()) == []
+    assert "nothing to do" in slow.build(corpus, out)
+
+
+def computed_after_publishing(log: list[str]) -> list[str]:
+    """Return songs that were computed although they were in the cache."""
+    published: set[str] = set()
+    wrong = []
+    for line in log:
+        verb, _, song = line.partition(" ")
+        if line == "cache removed":
+            published.clear()
+        elif verb == "published":
+            published.add(song)
+        elif song in published:
+            wrong.append(song)
+    return wrong
+
+
+#: Runs the command line, and kills it at the n-th time that a file is about to be put in its place, or was.
+DYING = """
+import os, signal, sys
+after, left = sys.argv.pop(1) == "after", int(sys.argv.pop(1))
+replace = os.replace
+def dying(*args):
+    global left
+    left -= 1
+    if left == 0 and not after:
+        os.kill(os.getpid(), signal.SIGKILL)
+    replace(*args)
+    if left == 0:
+        os.kill(os.getpid(), signal.SIGKILL)
+os.replace = dying
+from dancedata.cli import main
+main()
+"""
+
+
+BOTH = [(when, n) for n in range(1, 10) for when in ("before", "after")]
+
+
+@pytest.mark.parametrize(
+    "moments",
+    [
+        # The first three die while units are published, the others while the dataset is written.
+        pytest.param([("after", 6), ("before", 12), ("after", 14), ("before", 1), ("after", 3), ("before", 8)]),
+        pytest.param(BOTH * 2, marks=pytest.mark.nightly),
+    ],
+    ids=["some", "all"],
+)
+def test_a_build_killed_at_a_file_that_it_publishes_goes_on(
+    slow: Any, corpus: Path, out: Path, undisturbed: dict[str, str], hashes: Any, moments: list[tuple[str, int]]
+):
+    arguments = slow.command("--source", corpus, "--out", out, "--jobs", 1)[3:]
+    kills = 0
+    for when, n in moments:
+        dying = [sys.executable, "-c", DYING, when, str(n), *arguments]
+        done = subprocess.run(dying, env=slow.environment, capture_output=True, text=True, check=False)
+        slow.log(*(f"published {song}" for song in slow.published()))
+        if (out / "dataset.json").exists():
+            assert hashes(out).items() >= undisturbed.items()
+            shutil.rmtree(out)
+        kills += done.returncode == -signal.SIGKILL
+        assert done.returncode in (0, -signal.SIGKILL), done.stderr
+    assert kills >= 0.8 * len(moments)
+    slow.build(corpus, out, "--jobs", 1)
+    assert hashes(out) == undisturbed
+    assert sorted(slow.calls()) == sorted(set(slow.calls()))
+    assert slow.strays() == []
+
+
+def test_every_unit_is_computed_once_by_builds_that_run_together(
+    slow: Any, corpus: Path, tmp_path: Path, undisturbed: dict[str, str], hashes: Any
+):
+    slow.sleep(0.2)
+    outs = [tmp_path / "outs" / str(i) for i in range(3)]
+    commands = [slow.command("--source", corpus, "--out", out, "--jobs", 1) for out in outs]
+    processes = [subprocess.Popen(command, env=slow.environment) for command in commands]
+    assert [process.wait() for process in processes] == [0, 0, 0]
+    assert [hashes(out) for out in outs] == [undisturbed] * 3
+    assert len(slow.calls()) == len(set(slow.calls())) == 4
+    assert slow.strays() == []
+
+
+def test_two_builds_into_one_folder(slow: Any, corpus: Path, out: Path, undisturbed: dict[str, str], hashes: Any):
+    slow.sleep(0.5)
+    command = slow.command("--source", corpus, "--out", out, "--jobs", 1)
+    pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    processes = [subprocess.Popen(command, env=slow.environment, **pipes) for _ in range(2)]
+    ends = sorted((*process.communicate(), process.returncode) for process in processes)
+    codes = [code for *_, code in ends]
+    assert 0 in codes
+    for printed, said, code in ends:
+        assert "another build is writing there" in said if code else printed
+    assert hashes(out) == undisturbed
+    assert [p.name for p in out.parent.iterdir()] == ["out"]

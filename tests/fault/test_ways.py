@@ -1,0 +1,64 @@
+"""Equal bytes whatever the way: number of jobs, parts, order of files. Dask is in test_workers."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+
+def test_two_jobs_give_the_same_bytes(
+    slow: Any, corpus: Path, out: Path, undisturbed: dict[str, str], hashes: Any, songs: list[str]
+):
+    slow.build(corpus, out, "--jobs", 2)
+    assert hashes(out) == undisturbed
+    assert sorted(slow.calls()) == sorted(songs)
+    assert slow.strays() == []
+
+
+def test_parts_that_are_collected_give_the_same_bytes(
+    slow: Any, corpus: Path, out: Path, undisturbed: dict[str, str], hashes: Any, songs: list[str]
+):
+    clips = 0
+    # In any order, and one of them twice.
+    for part in ("3/4", "1/4", "4/4", "1/4", "2/4"):
+        about = json.loads(slow.build(corpus, out, "--jobs", 1, "--part", part, "--json"))
+        assert about["part"] == part
+        clips += about["clips"] if part != "1/4" else about["clips"] / 2
+        assert not out.exists()
+    assert clips == about["clips_in_all"] == 8
+    assert sorted(slow.calls()) == sorted(songs)
+    slow.build(corpus, out, "--jobs", 1)
+    assert hashes(out) == undisturbed
+    assert sorted(slow.calls()) == sorted(songs), "the build that collects computes nothing"
+
+
+def test_another_order_of_files_gives_the_same_bytes(
+    slow: Any, corpus: Path, out: Path, tmp_path: Path, undisturbed: dict[str, str], hashes: Any
+):
+    source = tmp_path / "source"
+    for path in sorted(corpus.rglob("*"), reverse=True):
+        if path.is_file():
+            (source / path.relative_to(corpus)).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(path, source / path.relative_to(corpus))
+    slow.build(source, out, "--jobs", 1)
+    assert hashes(out) == undisturbed
+
+
+@pytest.mark.parametrize("count", [1, 3, 16])
+def test_parts_share_the_clips_out(corpus: Path, count: int):
+    from dancedata.datasets.aistpp import AistPP
+    from dancedata.pipeline.parts import Part
+
+    clips = AistPP().scan(corpus).clips
+    parts = [Part(k, count).of(clips) for k in range(1, count + 1)]
+    assert sorted(ref.id for part in parts for ref in part) == sorted(ref.id for ref in clips)
+    assert [Part(k, count).of(clips) for k in range(1, count + 1)] == parts
+    sizes = [len(part) for part in parts]
+    assert max(sizes) - min(sizes) <= 2
+    for part in parts:
+        paths = {ref.audio_path for ref in part}
+        assert not paths & {ref.audio_path for other in parts if other is not part for ref in other}

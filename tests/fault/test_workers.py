@@ -1,0 +1,154 @@
+"""Worker processes that die, under loky and under Dask: the build goes on, or names the unit that is to blame."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+CLUSTER = """
+import sys
+from distributed import LocalCluster
+if __name__ == "__main__":
+    n, threads = int(sys.argv[1]), int(sys.argv[2])
+    with LocalCluster(n_workers=n, threads_per_worker=threads, dashboard_address=None, memory_limit=0) as cluster:
+        print(cluster.scheduler_address, flush=True)
+        sys.stdin.read()
+"""
+
+
+def run_cluster(slow: Any, folder: Path, workers: int, threads: int = 1) -> Iterator[list[str]]:
+    """Run a Dask cluster of processes; gives the options of `build` that use it."""
+    pytest.importorskip("distributed")
+    script = folder / "cluster.py"
+    script.write_text(CLUSTER)
+    command = [sys.executable, str(script), str(workers), str(threads)]
+    pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
+    with subprocess.Popen(command, env=slow.environment, text=True, **pipes) as process:
+        try:
+            yield ["--backend", "dask", "--scheduler", process.stdout.readline().strip()]
+        finally:
+            process.stdin.close()
+            process.wait()
+
+
+@pytest.fixture
+def cluster(slow: Any, tmp_path: Path) -> Iterator[list[str]]:
+    """Three workers."""
+    yield from run_cluster(slow, tmp_path, 3)
+
+
+@pytest.fixture
+def threads(slow: Any, tmp_path: Path) -> Iterator[list[str]]:
+    """A worker of two threads."""
+    yield from run_cluster(slow, tmp_path, 1, 2)
+
+
+def test_a_worker_that_is_killed_under_loky_costs_what_it_was_doing(
+    slow: Any, corpus: Path, out: Path, songs: list[str], undisturbed: dict[str, str], hashes: Any
+):
+    for song in songs[1:3]:
+        (slow.folder / f"kill-once-{song}").touch()
+    slow.build(corpus, out, "--jobs", 2)
+    assert hashes(out) == undisturbed
+    assert set(songs[1:3]) <= {song for song in songs if slow.calls().count(song) > 1}
+    assert len(slow.calls()) <= 10
+    assert slow.strays() == []
+
+
+def test_a_unit_that_always_kills_its_worker_is_named(
+    slow: Any, corpus: Path, out: Path, songs: list[str], undisturbed: dict[str, str], hashes: Any
+):
+    order = slow.folder / f"kill-{songs[2]}"
+    order.touch()
+    said = slow.build(corpus, out, "--jobs", 2, code=1)
+    assert "this unit of work kills its worker process (slow)" in said
+    assert str(sorted((corpus / "wavs").glob("*.wav"))[2]) in said
+    assert not out.exists()
+    order.unlink()
+    slow.build(corpus, out, "--jobs", 2)
+    assert hashes(out) == undisturbed
+    assert slow.strays() == []
+
+
+def test_dask_gives_the_same_bytes_and_survives_a_killed_worker(
+    slow: Any,
+    corpus: Path,
+    out: Path,
+    songs: list[str],
+    cluster: list[str],
+    undisturbed: dict[str, str],
+    hashes: Any,
+):
+    slow.build(corpus, out.parent / "first", *cluster)
+    assert hashes(out.parent / "first") == undisturbed
+    assert sorted(slow.calls()) == sorted(songs)
+    slow.sleep(0.3)
+    (slow.folder / f"kill-once-{songs[0]}").touch()
+    again = ["--set", "audio.slow={}", "--set", "fps=60", "--set", "name=again"]
+    slow.build(corpus, out, *cluster, *again)
+    assert slow.calls().count(songs[0]) == 3
+    assert sorted(slow.calls()[4:]) == sorted([*songs, songs[0]]), "only the unit of the dead worker ran again"
+    assert slow.strays() == []
+
+
+@pytest.mark.nightly
+def test_a_unit_that_always_kills_its_dask_worker_is_named(
+    slow: Any, corpus: Path, out: Path, songs: list[str], cluster: list[str]
+):
+    (slow.folder / f"kill-{songs[2]}").touch()
+    said = slow.build(corpus, out, *cluster, code=1)
+    assert "this unit of work kills its worker process (slow)" in said
+    assert str(sorted((corpus / "wavs").glob("*.wav"))[2]) in said
+    assert not out.exists()
+
+
+@pytest.mark.nightly
+def test_workers_of_several_threads_are_refused(slow: Any, corpus: Path, out: Path, threads: list[str]):
+    assert "start workers with --nthreads 1" in slow.build(corpus, out, *threads, code=1)
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "said"),
+    [
+        (["--backend", "dask"], 2, "Give its address"),
+        (["--backend", "spark"], 2, "allowed: loky, dask"),
+        (["--scheduler", "tcp://127.0.0.1:1"], 2, "Add --backend dask"),
+        (["--part", "5/4"], 2, "a part is NUMBER/COUNT"),
+        (["--part", "1/4", "--backend", "dask"], 2, "--part goes with neither"),
+    ],
+)
+def test_wrong_options(corpus: Path, out: Path, options: list[str], code: int, said: str):
+    from typer.testing import CliRunner
+
+    from dancedata.cli import app
+
+    arguments = ["build", "aist++", "--source", str(corpus), "--out", str(out), *options]
+    result = CliRunner().invoke(app, arguments)
+    assert (result.exit_code, said in result.stderr) == (code, True), result.stderr
+    assert not out.exists()
+
+
+def test_a_scheduler_that_does_not_answer(corpus: Path, out: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    pytest.importorskip("distributed")
+    from dancedata.core.errors import DanceDataError
+    from dancedata.pipeline import workers
+    from dancedata.pipeline.build import build
+    from dancedata.pipeline.recipe import load_recipe
+
+    monkeypatch.setattr(workers, "DASK_TIMEOUT_S", 0.5)
+    with pytest.raises(DanceDataError, match="no Dask scheduler that answers"):
+        build(
+            load_recipe("aist++"),
+            corpus,
+            out,
+            cache=tmp_path / "cache",
+            backend="dask",
+            scheduler="tcp://127.0.0.1:9",
+        )
+    assert not out.exists()
