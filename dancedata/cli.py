@@ -87,10 +87,7 @@ def build(
     if as_json:
         _print_json({"built": result.built, **store_json(target)})
         return
-    if result.built:
-        for note in result.scan_notes:
-            typer.echo(f"note: {note}")
-    else:
+    if not result.built:
         typer.echo("nothing to do: this dataset is there already, from the same recipe and source")
     typer.echo(describe_store(target))
 
@@ -131,7 +128,7 @@ def plan(
     folder = _source_of(made, source, target)
     if not folder.exists() and getattr(made.dataset, "generates", False):
         progress.say(f"the dataset {made.dataset.name} writes its own source: {folder}")
-    found = make_plan(made, folder, jobs=jobs, progress=progress)
+    found = make_plan(made, folder, jobs=jobs, cache=cache, progress=progress)
     if as_json:
         _print_json(found.to_json())
     else:
@@ -143,6 +140,8 @@ def plan(
 def check(
     path: Annotated[Path, typer.Argument(help="A built dataset, or a folder to build from.")],
     dataset: Annotated[str | None, typer.Option(help="Reader of a source folder; default: found by itself.")] = None,
+    recipe: Annotated[str | None, typer.Option(help="Read a source folder as this recipe does.")] = None,
+    overrides: Set = None,
     jobs: Jobs = 1,
     quiet: Quiet = False,
     as_json: AsJson = False,
@@ -150,9 +149,17 @@ def check(
     """Check a built dataset or a source folder; exit code 1 if something is wrong."""
     from dancedata.pipeline.check import check as run_check
     from dancedata.pipeline.execute import Progress
+    from dancedata.pipeline.recipe import load_recipe
     from dancedata.pipeline.report import describe_problems
 
-    problems = run_check(path, dataset=dataset, jobs=jobs, progress=Progress(quiet=quiet or as_json))
+    if recipe is not None and dataset is not None:
+        raise UsageError("--dataset and --recipe both choose a reader", fix="give one of them")
+    if overrides and recipe is None:
+        raise UsageError(
+            "--set changes a key of a recipe", fix="name the recipe: dancedata check DIR --recipe RECIPE"
+        )
+    reader = dataset if recipe is None else load_recipe(recipe, overrides or ()).dataset
+    problems = run_check(path, dataset=reader, jobs=jobs, progress=Progress(quiet=quiet or as_json))
     errors = [p for p in problems if p.severity == "error"]
     if as_json:
         _print_json({"path": str(path), "ok": not errors, "problems": [p.to_json() for p in problems]})

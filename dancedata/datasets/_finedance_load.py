@@ -11,22 +11,17 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from dancedata.core.bodies import SMPLX52, SMPLX55
+from dancedata.core.bodies import SMPLX52
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
-from dancedata.core.rotations import matrix_from_6d, rotvec_from_matrix
 from dancedata.core.skeleton import Skeleton
+from dancedata.datasets._finedance_rotations import check_rows, rotations_of
 
 __all__ = ["load_motion", "motion_length"]
 
 JOINTS = SMPLX52.n_joints
 COLUMNS = 3 + 6 * JOINTS
-TOLERANCE = 1e-3
-"""How far the rows of a matrix may be from orthonormal; float32 files are within 1e-7."""
-
-# The file's joints among the skeleton's: all but jaw and eyes.
-_OF_55 = [SMPLX55.index(joint) for joint in SMPLX52.joints]
 # What numpy's reader of headers lets through, besides ValueError, for headers made up to hurt.
 _HEADER_ERRORS = (ValueError, TypeError, OverflowError, SyntaxError, RecursionError, MemoryError, tokenize.TokenError)
 _GET_ANEW = "get the file anew"
@@ -59,7 +54,7 @@ def load_motion(path: Path, frame_rate: int, skeleton: Skeleton, trim_start: int
     array = _read(path)
     _check_finite(path, array)
     rows = array[:, 3:].reshape(len(array), JOINTS, 6)
-    _check_rotations(path, rows)
+    check_rows(path, rows)
     if trim_start >= len(array):
         raise DataError(
             "nothing is left of the motion once its beginning is cut",
@@ -68,9 +63,7 @@ def load_motion(path: Path, frame_rate: int, skeleton: Skeleton, trim_start: int
             found=f"{len(array)} frames, the first {trim_start} of them to be cut",
             fix="check that this is the file of that id, or set trim: false",
         )
-    rotations = np.zeros((len(array), SMPLX55.n_joints, 3))
-    rotations[:, _OF_55] = rotvec_from_matrix(matrix_from_6d(rows))
-    return Motion(array[:, :3], rotations, FrameGrid.of(frame_rate), skeleton, trim_start)
+    return Motion(array[:, :3], rotations_of(rows), FrameGrid.of(frame_rate), skeleton, trim_start)
 
 
 def motion_length(path: Path) -> int | None:
@@ -161,39 +154,6 @@ def _check_finite(path: Path, array: Floats) -> None:
             found=f"{int(bad.sum())} of {len(bad)} frames with NaN or infinity",
             fix=_GET_ANEW,
         )
-
-
-def _check_rotations(path: Path, rows: Floats) -> None:
-    """Check that all 6D rotations (T, 52, 6) are two rows of a rotation matrix."""
-    off = _off_orthonormal(rows[..., :3], rows[..., 3:])
-    bad = off > TOLERANCE
-    if not bad.any():
-        return
-    frame, joint = (int(i) for i in np.argwhere(bad)[0])
-    value = ", ".join(f"{x:.4g}" for x in rows[frame, joint])
-    fix = "normalise the rotations (Gram-Schmidt) if a model made them, or get the file anew"
-    # Two columns, flattened row by row (r00 r01 r10 r11 r20 r21), look just so.
-    if (_off_orthonormal(rows[..., 0::2], rows[..., 1::2]) <= TOLERANCE).all():
-        fix = (
-            "as two columns of the matrix, flattened row by row (Zhou et al. 2019), all of them are rotations: write "
-            "the first two rows instead"
-        )
-    raise DataError(
-        "a 6D rotation is none",
-        reason="bad_rotation",
-        where=f"{path}, frame {frame}, joint {SMPLX52.joints[joint]}",
-        found=f"({value}), {off[frame, joint]:.3g} off; {int(bad.any(axis=1).sum())} of {len(rows)} frames",
-        allowed=f"two rows of a rotation matrix, of length 1 and at right angles within {TOLERANCE:g}",
-        fix=fix,
-    )
-
-
-def _off_orthonormal(a: Floats, b: Floats) -> Floats:
-    """Return how far pairs of vectors (..., 3) are from length 1 and a right angle: the worst of the three."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        lengths = [np.abs(np.linalg.norm(v, axis=-1) - 1) for v in (a, b)]
-        off = np.maximum.reduce([*lengths, np.abs(np.sum(a * b, axis=-1))])
-    return np.asarray(np.nan_to_num(off, nan=np.inf, posinf=np.inf))
 
 
 def _broken(path: Path, problem: str) -> DataError:

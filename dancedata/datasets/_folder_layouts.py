@@ -20,12 +20,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dancedata.core.bodies import SMPLX52, SMPLX55
+from dancedata.core.bodies import SMPLX55
 from dancedata.core.errors import DataError
-from dancedata.core.rotations import matrix_from_6d, rotvec_from_matrix
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.datasets._body_model import SMPLH52
 from dancedata.datasets._bvh_hierarchy import MAX_VALUE
+from dancedata.datasets._finedance_rotations import check_rows, rotations_of
 from dancedata.datasets._folder_arrays import ArrayFile
 from dancedata.datasets._folder_facts import Fact, bad_declaration
 
@@ -50,8 +50,6 @@ _PARTS: dict[str, tuple[tuple[tuple[str, ...], int], ...]] = {
 #: AMASS's names for two parts at once.
 _PAIRS = {"leye_pose": ("pose_eye", 0), "reye_pose": ("pose_eye", 1)}
 _PAIRS |= {"left_hand_pose": ("pose_hand", 0), "right_hand_pose": ("pose_hand", 1)}
-#: Rows of a rotation matrix may be this far from orthonormal.
-_TOLERANCE = 1e-3
 
 Floats = NDArray[np.float64]
 
@@ -225,22 +223,8 @@ def _part(arrays: ArrayFile, names: Sequence[str], width: int, n_frames: int) ->
 
 def _finedance(path: Path, array: Floats) -> Floats:
     rows = array[:, 3:].reshape(len(array), 52, 6)
-    first, second = rows[..., :3], rows[..., 3:]
-    off = np.maximum(np.abs(np.linalg.norm(first, axis=-1) - 1), np.abs(np.linalg.norm(second, axis=-1) - 1))
-    off = np.maximum(off, np.abs(np.sum(first * second, axis=-1)))
-    if off.max() > _TOLERANCE:
-        frame, joint = np.unravel_index(int(off.argmax()), off.shape)
-        raise DataError(
-            "the 6D columns are no rotations",
-            reason="bad_rotation",
-            where=f"{path}, frame {frame}",
-            found=f"{SMPLX52.joints[joint]}: rows {off.max():.3g} away from orthonormal",
-            allowed="the first two rows of a rotation matrix",
-            fix="save unnormalised motion; two columns in place of rows look the same and are turned the other way",
-        )
-    rotations = np.zeros((len(array), SMPLX55.n_joints, 3))
-    rotations[:, [SMPLX55.index(joint) for joint in SMPLX52.joints]] = rotvec_from_matrix(matrix_from_6d(rows))
-    return rotations
+    check_rows(path, rows)
+    return rotations_of(rows)
 
 
 def _finite(arrays: ArrayFile, name: str) -> Floats:

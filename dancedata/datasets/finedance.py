@@ -60,7 +60,7 @@ class FineDance:
     trim : take over the beginnings that Lodge cuts as the clips' ``trim_start``. The frames are kept either way.
     labels : ``required`` sets sequences aside whose label is missing or none of the 16 genres; ``optional`` keeps
         them, without genre.
-    body_model : SMPL-X model file to take the bones from, through the smplx library; without it those that
+    body_model : SMPL-X model file (.npz) to take the bones from; without it those that
         Lodge and FineDance publish are used. FineDance has no betas: all of it is on the neutral body.
     """
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,28 +15,17 @@ from dancedata.core.errors import DataError, StoreError, UsageError
 from dancedata.core.version import __version__
 from dancedata.pipeline.audio_units import libsndfile_version
 from dancedata.pipeline.cache import Cache, EntryLostError, default_cache, package_version
-from dancedata.pipeline.cache_files import sweep
+from dancedata.pipeline.cache_files import running, sweep
 from dancedata.pipeline.card import dataset_card
 from dancedata.pipeline.diff import document_differences, shaping
 from dancedata.pipeline.execute import Progress
 from dancedata.pipeline.gather import Gathered, gather, identify, require_clips
 from dancedata.pipeline.out_folder import check_out, clean, locked, swapped
 from dancedata.pipeline.recipe import Recipe, resolve
+from dancedata.pipeline.rejects import BY_CHOICE
 from dancedata.pipeline.workers import Workers, check_backend, hired
 from dancedata.store import Field, StoredClip, StoreHeader, open_store, write_store
 from dancedata.store.schema import DATASET_FILE
-
-#: Reasons for which a clip is left out by choice; they do not stop a strict build.
-BY_CHOICE = {
-    "ignored",
-    "unassigned",
-    "missing_motion",
-    "unused_music",
-    "extra_file",
-    "no_audio",
-    "still",
-    "short_field",
-}
 
 #: How often a build computes entries of the cache again that were removed or damaged while it ran.
 LOST_ENTRIES = 3
@@ -115,13 +104,15 @@ def build(
             return BuildResult(out, built=made.run(), scan_notes=scan.notes)
 
 
+@contextmanager
 def hired_for(
     recipe: Recipe, source: Path, cache: Cache, jobs: int, backend: str = "loky", scheduler: str | None = None
-) -> AbstractContextManager[Workers]:
-    """Return workers for a recipe, see `hired`; what killed processes left in the cache is removed first."""
+) -> Iterator[Workers]:
+    """Give workers for a recipe, see `hired`; what killed processes left in the cache is removed first."""
     sweep(cache.root)
     packages = {name for feature in recipe.audio for name in feature.packages}
-    return hired(jobs, cache, source, packages, backend=backend, scheduler=scheduler)
+    with running(cache.root), hired(jobs, cache, source, packages, backend=backend, scheduler=scheduler) as workers:
+        yield workers
 
 
 @dataclass(frozen=True)

@@ -7,16 +7,20 @@ from typing import Any, Literal
 
 from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import DataError, SourceError
+from dancedata.core.plugins import Dataset
 from dancedata.core.registry import DATASETS
-from dancedata.pipeline.build import BY_CHOICE
 from dancedata.pipeline.execute import Progress, run_units
-from dancedata.pipeline.rejects import reject_of
+from dancedata.pipeline.rejects import BY_CHOICE, reject_of
 from dancedata.store import Problem, verify_store
 from dancedata.store.schema import DATASET_FILE, is_shard_name
 
 
 def check(
-    path: Path, *, dataset: str | None = None, jobs: int = 1, progress: Progress | None = None
+    path: Path,
+    *,
+    dataset: str | Dataset | None = None,
+    jobs: int = 1,
+    progress: Progress | None = None,
 ) -> list[Problem]:
     """Check a built dataset or a source folder.
 
@@ -25,7 +29,8 @@ def check(
     path
         A folder that `build` wrote, or one to build from.
     dataset
-        Reader for a source folder; default: the first one that recognises it.
+        Reader for a source folder: a name, for one without parameters, or a reader, such as a recipe's. Default: the
+        first one that recognises the folder.
 
     Returns
     -------
@@ -46,9 +51,9 @@ def _is_ours(name: str) -> bool:
     return name == DATASET_FILE or is_shard_name(name)
 
 
-def _scan(path: Path, dataset: str | None) -> tuple[Any, Scan]:
+def _scan(path: Path, dataset: str | Dataset | None) -> tuple[Any, Scan]:
     if dataset is not None:
-        reader = DATASETS.get(dataset)()
+        reader: Any = DATASETS.get(dataset)() if isinstance(dataset, str) else dataset
         if getattr(reader, "generates", False) and not (path.is_dir() and any(path.iterdir())):
             # Its scan would fill the folder.
             raise SourceError("there is nothing to check", where=path, found="no folder, or an empty one")

@@ -10,6 +10,18 @@ from dancedata.core.errors import DataError
 CHANGED = "the file changed while the build was running"
 BUILD_AGAIN = "run the build again when the source is at rest"
 
+#: Reasons for which a clip is left out by choice; they do not stop a strict build.
+BY_CHOICE = {
+    "ignored",
+    "unassigned",
+    "missing_motion",
+    "unused_music",
+    "extra_file",
+    "no_audio",
+    "still",
+    "short_field",
+}
+
 
 def reject_of(error: DataError, clip: str = "", file: Path | None = None) -> Reject:
     """Say in rejects.jsonl what an error says."""

@@ -12,6 +12,7 @@ from typing import Any
 from dancedata.core.registry import CONTACTS, DATASETS, FEATURES, KEYMOTIONS, REPRESENTATIONS
 from dancedata.pipeline.plan import Plan
 from dancedata.pipeline.recipe import load_recipe, recipe_names
+from dancedata.pipeline.rejects import BY_CHOICE
 from dancedata.store import Problem, Store, open_store
 
 _NAMED = 3
@@ -89,7 +90,7 @@ def _describe_sources(about: Mapping[str, Any]) -> list[str]:
     if about["height_m"]:
         low, high = about["height_m"]["min"], about["height_m"]["max"]
         lines.append(f"  lowest to highest joint, +Y up, median of a clip: {low:.2f} to {high:.2f} m")
-    return lines
+    return lines + [f"  source: {note}" for note in about["notes"]]
 
 
 def _describe_rejects(rejects: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -155,21 +156,30 @@ def describe_plan(plan: Plan, out: Path) -> str:
             ["split", "clips", "windows", "frames", "songs"],
             [[s, n["clips"], n["windows"], n["frames"], n["songs"]] for s, n in about["splits"].items()],
         ),
-        *(f"  {name}: {f['columns']} columns, {f['dtype']}" for name, f in about["fields"].items()),
+        *(
+            f"  {name}: {f['columns']} columns, {f['dtype']}{_in_cache(plan, name)}"
+            for name, f in about["fields"].items()
+        ),
         *(f"  would leave out: {reason}: {n}" for reason, n in about["left_out"].items()),
         *(f"  note: {note}" for note in about["notes"]),
     ]
     return "\n".join(lines)
 
 
+def _in_cache(plan: Plan, field: str) -> str:
+    held = plan.cached[field]
+    return f"; in the cache: {held.cached} of {held.of} {held.unit}"
+
+
 def describe_problems(path: Path, problems: Sequence[Problem]) -> str:
-    """Return what `check` prints: every error; of notes of one kind the first few and how many more there are."""
+    """Return what `check` prints: every error; of files left out for one reason the first few, and how many more."""
     errors = [p for p in problems if p.severity == "error"]
     lines = [str(p) for p in errors]
     kinds: dict[str, list[Problem]] = {}
     for problem in problems:
         if problem.severity == "note":
-            kinds.setdefault(problem.message.split(":")[0], []).append(problem)
+            reason = problem.message.split(":")[0]
+            kinds.setdefault(reason if reason in BY_CHOICE else problem.message, []).append(problem)
     for kind, notes in kinds.items():
         lines += [str(p) for p in notes[:_NAMED]]
         if len(notes) > _NAMED:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from fractions import Fraction
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
+from dancedata.core.bodies import carried_over
 from dancedata.core.columns import Columns
 from dancedata.core.grid import FrameGrid
+from dancedata.core.grounding import grounded
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import ContactRule
 from dancedata.core.rotations import (
@@ -96,3 +99,63 @@ class SixD:
         """Decode what `encode` gave; raises what `unpack` raises."""
         translation, matrices = self.unpack(array)
         return Motion(translation, rotvec_from_matrix(matrices), grid, self.skeleton)
+
+
+class SmplX6D:
+    """What Lodge's and FineDance's columns have in common: +Y up, on SMPL-X's joints, some of them grounded.
+
+    A class of this kind says its layout, `default_contacts`, `axes` and whether it is `grounded`.
+    """
+
+    layout: ClassVar[SixD]
+    skeleton: ClassVar[Skeleton]
+    default_contacts: ClassVar[str | None]
+    axes: ClassVar[str]
+    grounded: ClassVar[bool]
+    version: ClassVar[int] = 1
+    rotation_6d: ClassVar[str | None] = CONVENTION
+    rate: ClassVar[Fraction | None] = None
+
+    @property
+    def columns(self) -> Columns:
+        """The columns and their mirror."""
+        return self.layout.columns
+
+    def encode(self, motion: Motion, contacts: ContactRule | None = None) -> npt.NDArray[np.float32]:
+        """Encode a motion.
+
+        Parameters
+        ----------
+        motion
+            On a body of the SMPL family, +Y up. Joints that the layout lacks are left out; fingers that the motion
+            lacks do not turn.
+        contacts
+            Rule for the first four columns; it sees the joints as they are encoded, grounded or not.
+
+        Returns
+        -------
+        (T, D) float32
+
+        Raises
+        ------
+        UsageError
+            For another family of bodies, or without a rule.
+        """
+        rule = parts.required_rule(contacts, self.layout.name)
+        motion = carried_over(motion, self.skeleton)
+        return self.layout.encode(grounded(motion) if self.grounded else motion, rule)
+
+    def decode(self, array: npt.NDArray[Any], grid: FrameGrid) -> Motion:
+        """Decode columns (T, D), not normalised, into a motion at the rate of `grid`.
+
+        What is lost: contacts, `trim_start`, joints that the layout lacks and, where it is grounded, the source's own
+        height (one number). Axis-angle vectors come back with a length of at most pi.
+
+        Raises
+        ------
+        UsageError
+            For another shape.
+        DataError
+            "nan", or "bad_rotation" where six columns span no plane.
+        """
+        return self.layout.decode(array, grid)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import FrozenInstanceError
+from dataclasses import FrozenInstanceError, replace
 from typing import Any
 
 import numpy as np
@@ -145,3 +145,29 @@ def test_no_frame_lies_beyond_its_neighbours(rate: str, n: int, seed: int, size:
     assert (made.translation <= high + 1e-12).all()
     assert angles(made.rotations[0], motion.rotations[0]).max() < 1e-6
     assert THIRTY.seconds(made.n_frames - 1) <= motion.grid.seconds(n - 1)
+
+
+@pytest.mark.parametrize(
+    ("trim", "start", "stop", "expected"),
+    [(5, 0, 10, 5), (5, 3, 10, 2), (5, 5, 10, 0), (5, 8, 10, 0), (5, 0, 4, 0), (5, 0, 5, 0), (5, 0, 6, 5)],
+)
+def test_a_part_keeps_what_is_left_of_the_trim(trim: int, start: int, stop: int, expected: int) -> None:
+    motion = replace(make(10), trim_start=trim)
+    assert motion.part(start, stop).trim_start == expected
+
+
+@pytest.mark.parametrize(
+    ("rate", "trim", "expected"),
+    [
+        (30, 6, 3),  # a frame that is kept
+        (30, 7, 4),  # the next frame that is
+        (30, 19, 9),  # beyond the last one: the last
+        (45, 6, 5),  # 6 / 60 s = 4.5 / 45 s
+        (45, 8, 6),
+        (120, 7, 14),
+    ],
+)
+def test_the_trim_of_another_rate_is_the_first_frame_at_or_after_its_instant(
+    rate: int, trim: int, expected: int
+) -> None:
+    assert replace(make(20), trim_start=trim).resampled(FrameGrid.of(rate)).trim_start == expected

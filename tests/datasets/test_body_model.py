@@ -16,6 +16,9 @@ from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.datasets._body_model import SMPLH52, body_model_skeleton
 from dancedata.datasets.folder import Folder
+from dancedata.pipeline.build import build
+from dancedata.pipeline.recipe import parse_recipe
+from dancedata.store import open_store
 
 N = 20
 
@@ -217,3 +220,27 @@ def test_a_model_that_is_replaced_is_read_again(tmp_path: Path) -> None:
     model(path, SMPLX55, taller=0.1)
     os.utime(path, ns=(1, 1))
     assert not np.allclose(body_model_skeleton(path).offsets, before.offsets)
+
+
+def test_the_content_of_a_model_is_part_of_the_key(tmp_path: Path) -> None:
+    """One cache, one path: another body in the model file is another motion."""
+    source = tmp_path / "source"
+    source.mkdir()
+    np.savez(source / "one.npz", poses=np.zeros((90, 165)), trans=np.zeros((90, 3)), mocap_frame_rate=30.0)
+    (source / "manifest.csv").write_text("motion\none.npz\n")
+    document = {
+        "recipe": 1,
+        "name": "own",
+        "dataset": {"folder": {"music": "optional", "body_model": str(tmp_path / "SMPLX_NEUTRAL.npz")}},
+        "windows": {"length_s": 2, "stride_s": 1},
+        "motion": {"joints": {"body": "smplx55"}},
+    }
+    heights = []
+    for number, taller in enumerate((0.0, 0.1)):
+        model(tmp_path / "SMPLX_NEUTRAL.npz", SMPLX55, taller=taller)
+        build(parse_recipe(document), source, tmp_path / f"out{number}", cache=tmp_path / "cache")
+        with open_store(tmp_path / f"out{number}") as store:
+            (clip,) = store.clips
+            assert clip.height_m is not None
+            heights.append(clip.height_m)
+    assert heights[1] == pytest.approx(1.1 * heights[0], abs=1e-3)

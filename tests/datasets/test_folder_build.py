@@ -9,6 +9,10 @@ import numpy as np
 import pytest
 
 from dancedata.datasets.folder import Folder
+from dancedata.pipeline.build import build
+from dancedata.pipeline.recipe import parse_recipe
+from dancedata.pipeline.report import describe_store
+from dancedata.store import open_store, verify_store
 
 
 def test_the_example_says_what_it_is(tmp_path: Path) -> None:
@@ -34,10 +38,6 @@ def test_the_example_says_what_it_is(tmp_path: Path) -> None:
 @pytest.mark.parametrize("scope", ["track", "window"])
 def test_real_and_made_files_build(shared: Path, tmp_path: Path, scope: str) -> None:
     """The three real BVH files and an AMASS file, two seconds windows, down to a sound store."""
-    from dancedata.pipeline.build import build
-    from dancedata.pipeline.recipe import parse_recipe
-    from dancedata.store import open_store, verify_store
-
     source = tmp_path / "source"
     Folder().make_example(source)
     rows = ["motion,audio,split,up,unit", "motions/amass_poses.npz,music/fast.wav,test,,"]
@@ -62,3 +62,53 @@ def test_real_and_made_files_build(shared: Path, tmp_path: Path, scope: str) -> 
     with open_store(tmp_path / "out") as store:
         assert {clip.id for clip in store.clips} == {"amass_poses", "rokoko_jesse_dance", "cmu_01_01", "fair1_dab"}
         assert np.isfinite(store.read(store.windows("train")[0], "edge151")).all()
+        assert all(c.height_m is not None and 1.2 < c.height_m < 2.2 for c in store.clips)
+    # What a person sees: rates, axes, unit and height.
+    about = describe_store(tmp_path / "out")
+    for words in (
+        "100 a second: 1",
+        "120 a second: 1",
+        "+Z up (declared in the manifest)",
+        "GUESSED",
+        "+Z up, metres",
+    ):
+        assert words in about, about
+
+
+def _height(source: Path, out: Path, **dataset: object) -> float:
+    """Build without music, every time into another folder by one cache, and return the only clip's height, metres."""
+    document = {
+        "recipe": 1,
+        "name": "own",
+        "dataset": {"folder": {"music": "optional", **dataset}},
+        "windows": {"length_s": 2, "stride_s": 1},
+        "motion": {"joints": {}},
+    }
+    result = build(parse_recipe(document), source, out, cache=source.parent / "cache")
+    assert result.built
+    with open_store(out) as store:
+        (clip,) = store.clips
+        joints = store.clip(clip.id).read("joints").reshape(-1, 24, 3)
+        assert clip.height_m is not None
+        np.testing.assert_allclose(np.median(np.ptp(joints[..., 1], axis=1)), clip.height_m, atol=1e-3)
+        return clip.height_m
+
+
+def test_what_is_declared_is_part_of_the_key(tmp_path: Path) -> None:
+    """One file, one cache: another unit in the manifest, or in the recipe, is another motion."""
+    example, source = tmp_path / "example", tmp_path / "source"
+    Folder().make_example(example)
+    source.mkdir()
+    (bvh,) = example.rglob("*.bvh")
+    shutil.copy(bvh, source / "one.bvh")
+
+    def declare(unit: str) -> None:
+        (source / "manifest.csv").write_text(f"motion,unit\none.bvh,{unit}\n")
+
+    declare("cm")
+    metres = _height(source, tmp_path / "cm")
+    declare("inch")
+    assert _height(source, tmp_path / "inch") == pytest.approx(2.54 * metres, abs=1e-3)
+    declare("")
+    assert _height(source, tmp_path / "recipe-cm", unit="cm") == pytest.approx(metres, abs=1e-3)
+    assert _height(source, tmp_path / "recipe-inch", unit="inch") == pytest.approx(2.54 * metres, abs=1e-3)

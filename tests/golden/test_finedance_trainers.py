@@ -154,6 +154,17 @@ def test_lodges_released_key_motion_through_the_reader(store: Store, peers: Path
     dataset = WindowDataset(
         store, preset="lodge-global", fields=("lodge139", "primitives"), normalize=False, primitive_variant="code"
     )
-    a, b = dataset[0], dataset[0]
-    assert (a["primitives"] == b["primitives"]).all()
-    assert a["primitives"].shape == (13, 8, 139)
+    with np.load(peers / "lodge_key_motion.npz") as file:
+        known = dict(zip(file["clip_source"].tolist(), file["L1024_fi256.key_motion"], strict=True))
+    window = next(k for k, w in enumerate(dataset.windows) if (w.clip, w.start) == ("001", 0))
+    # The reference was run without its random shift, so an epoch without one is compared.
+    dataset.set_epoch(next(epoch for epoch in range(100) if dataset._bias(window, epoch) == 0))
+    item = dataset[window]
+    assert item["primitives"].shape == (13, 8, 139)
+    np.testing.assert_allclose(item["primitives"].reshape(104, 139), known["001+0"], rtol=0, atol=MOTION)
+    # Another epoch shifts cues at beats by up to two frames, the same ones whenever it is asked.
+    dataset.set_epoch(next(epoch for epoch in range(100) if dataset._bias(window, epoch) == 2))
+    shifted, again = dataset[window], dataset[window]
+    assert (shifted["primitives"] == again["primitives"]).all()
+    moved = shifted["primitive_start"] - item["primitive_start"]
+    assert set(moved.tolist()) == {0, 2}

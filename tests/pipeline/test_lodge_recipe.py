@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 import dancedata
-from dancedata.core.errors import RecipeError
+from dancedata.core.errors import RecipeError, SourceError
 from dancedata.core.kinematics import forward_kinematics
 from dancedata.core.registry import DATASETS, KEYMOTIONS, REPRESENTATIONS
 from dancedata.datasets.synthetic import write_synthetic
+from dancedata.pipeline.build import build
 from dancedata.pipeline.plan import make_plan
 from dancedata.pipeline.recipe import load_recipe, parse_recipe
 from dancedata.store import verify_store
@@ -117,6 +118,77 @@ def test_mirrored_copies(corpus: Path, run_build, tmp_path: Path) -> None:
     plan = make_plan(load_recipe("aist++", recipe), corpus)
     assert plan.to_json()["splits"]["train"]["clips"] == len(train)
     assert plan.to_json()["splits"]["train"]["windows"] == len(store.windows("train"))
+
+
+def test_a_mirrored_copy_of_columns_with_hands(run_build, tmp_path: Path) -> None:
+    source = tmp_path / "source"
+    DATASETS.get("finedance")().make_example(source)
+    changes = ("audio={}", "windows.length_frames=30", "augment.mirror=true")
+    run_build(source, tmp_path / "out", "finedance", (*changes, "motion={lodge319: {}, finedance319: {}}"))
+    store = dancedata.open(tmp_path / "out")
+    copies = [c for c in store.clips if c.source]
+    assert copies
+    body = REPRESENTATIONS.get("lodge319")().skeleton
+    other_side = list(range(len(body.joints)))
+    for left, right in body.pairs:
+        other_side[left], other_side[right] = right, left
+    for record in copies:
+        for field in ("lodge319", "finedance319"):
+            one, two = (dancedata.decode(store.clip(c).read(field), field) for c in (record.source, record.id))
+            plain = forward_kinematics(body, one.rotations, one.translation)
+            copy = forward_kinematics(body.mirrored(), two.rotations, two.translation)
+            np.testing.assert_allclose(copy[:, other_side] * [-1, 1, 1], plain, atol=1e-5)
+
+
+def test_an_id_that_a_mirrored_copy_would_get(corpus: Path, run_build, names: list[str], tmp_path: Path) -> None:
+    source = tmp_path / "source"
+    shutil.copytree(corpus, source)
+    taken = f"{names[0]}__mirror"
+    shutil.copy(source / "motions" / f"{names[0]}.pkl", source / "motions" / f"{taken}.pkl")
+    recipe = parse_recipe(
+        {
+            "recipe": 1,
+            "name": "x",
+            "dataset": {"folder": {"fps": 60, "music": "optional"}},
+            "windows": {"length_s": 5, "stride_s": 1},
+            "motion": "edge151",
+            "augment": {"mirror": True},
+        }
+    )
+    with pytest.raises(SourceError, match="the id that its neighbour's mirrored copy would get"):
+        build(recipe, source, tmp_path / "out", cache=tmp_path / "cache")
+
+
+def test_windows_lost_to_a_slower_field_are_named(run_build, corpus: Path, tmp_path: Path) -> None:
+    # 599 frames at 60 a second: 300 at 30, and 599 rows at 60 reach only to frame 299.
+    source = tmp_path / "source"
+    shutil.copytree(corpus, source)
+    for path in (source / "motions").glob("*.pkl"):
+        clip = pickle.loads(path.read_bytes())
+        path.write_bytes(pickle.dumps({**clip, **{k: clip[k][:599] for k in ("smpl_poses", "smpl_trans")}}))
+    changes = ("audio={}", "windows.length_frames=100", "windows.stride_frames=100")
+    run_build(source, tmp_path / "out", "aist++", (*changes, "motion={edge151: {}, fact219: {}}"))
+    store = dancedata.open(tmp_path / "out")
+    short = [r for r in store.rejects if r["reason"] == "short_field"]
+    assert {r["clip"] for r in short} == {c.id for c in store.clips}
+    assert {r["window"] for r in short} == {200}
+    assert all("do not all reach" in r["detail"] for r in short)
+    assert {w.start for w in store.windows("train")} == {0, 100}
+
+
+def test_windows_must_be_whole_rows_of_every_field() -> None:
+    document = {
+        "recipe": 1,
+        "name": "x",
+        "dataset": "aist++",
+        "fps": 25,
+        "windows": {"length_frames": 128, "stride_frames": 5},
+        "motion": {"edge151": {}, "fact219": {}},
+    }
+    with pytest.raises(RecipeError, match="no whole number of rows of fact219"):
+        parse_recipe(document)
+    document["windows"] = {"length_frames": 125, "stride_frames": 5}
+    parse_recipe(document)
 
 
 @pytest.mark.parametrize("scope", ["track", "window"])

@@ -221,6 +221,39 @@ def test_a_check_makes_no_corpus(corpus: Path, tmp_path: Path):
     assert as_json("check", corpus, "--dataset", "aist++")["ok"] is True
 
 
+def test_a_source_is_checked_as_a_recipe_reads_it(tmp_path: Path):
+    source = tmp_path / "source"
+    DATASETS.get("folder")().make_example(source)
+    (source / "manifest.csv").write_text("motion,audio\n" + "motions/hips.bvh,music/slow.wav\n")
+    (bvh,) = source.rglob("*.bvh")
+    bvh.rename(bvh.with_name("hips.bvh"))
+    recipe = tmp_path / "own.yaml"
+    recipe.write_text(
+        "{recipe: 1, name: own, dataset: {folder: {unit: cm}}, windows: {length_s: 2, stride_s: 1}, motion: edge151}"
+    )
+    assert "undeclared" in run("check", source, "--dataset", "folder", code=1).stdout
+    assert "cm (declared in the recipe)" in run("check", source, "--recipe", recipe).stdout
+    again = run("check", source, "--recipe", recipe, "--set", "dataset.folder.unit=inch").stdout
+    assert "inch (declared in the recipe)" in again
+    assert "Give one of them" in run("check", source, "--recipe", recipe, "--dataset", "folder", code=2).stderr
+    assert "Name the recipe" in run("check", source, "--set", "dataset.folder.unit=cm", code=2).stderr
+
+
+def test_check_lists_every_note_of_a_source_and_folds_files_left_out(tmp_path: Path):
+    example, source = tmp_path / "example", tmp_path / "source"
+    DATASETS.get("folder")().make_example(example)
+    (source / "motions").mkdir(parents=True)
+    (source / "music").mkdir()
+    shutil.copy(example / "motions" / "amass_poses.npz", source / "motions" / "one.npz")
+    for name in ("one", *(f"spare{number}" for number in range(5))):
+        shutil.copy(example / "music" / "slow.wav", source / "music" / f"{name}.wav")
+    text = run("check", source, "--dataset", "folder").stdout
+    notes = DATASETS.get("folder")().scan(source).notes
+    assert all(note in text for note in notes)
+    assert text.count("spare") == 3
+    assert "2 more (all with --json)" in text
+
+
 # info, list
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -18,7 +19,7 @@ from dancedata.core.movement import Movement
 from dancedata.core.normalize import MinMax
 from dancedata.readers import WindowDataset
 from dancedata.store import Store, open_store
-from dancedata.store.schema import Field
+from dancedata.store.schema import Field, StoredClip
 from dancedata.store.writer import write_store
 from dancedata.testing.stores import random_fields, write_random_store
 
@@ -86,7 +87,7 @@ def test_lists_that_are_ignored_are_named_in_rejects(store: Store) -> None:
 def test_a_protocol_says_which_clips_a_split_has(store: Store) -> None:
     assert _ids(_read(store, protocol="other")) == [*(f"train_c{k:02d}" for k in range(1, 6)), "test_c00"]
     assert _ids(_read(store, split="val", protocol="other")) == ["train_c00", "test_c01"]
-    with pytest.raises(UsageError, match="other has no split 'test'"):
+    with pytest.raises(UsageError, match="no clip of the store is in other's split 'test'"):
         _read(store, split="test", protocol="other")
     # A store without such lists falls back on its own splits.
     assert _ids(_read(store, protocol="third")) == _ids(_read(store))
@@ -169,6 +170,97 @@ def test_a_scaler_of_the_protocols_own_train_clips(store: Store) -> None:
     np.testing.assert_array_equal(everything.data_max, rows.max(axis=0))
     with pytest.raises(UsageError, match="train or over all"):
         WindowDataset(store, fields=("lodge139",), normalizer_over="alll")  # type: ignore[arg-type]
+
+
+def test_a_scaler_is_that_of_whole_clips_however_their_windows_are_chosen(store: Store) -> None:
+    plain = WindowDataset(store, fields=("lodge139",), protocol="one").normalizer("lodge139")
+    for options in ({"trim": True}, {"length_frames": 300}, {"filter": {"movement": {"field": "lodge139"}}}):
+        dataset = WindowDataset(store, fields=("lodge139",), protocol="one", **options)  # type: ignore[arg-type]
+        np.testing.assert_array_equal(dataset.normalizer("lodge139").data_min, plain.data_min)
+    # Fewer clips of the stored train split are another set of train clips too.
+    fewer = WindowDataset(store, fields=("lodge139",), protocol="one", ignore=("ignored",))
+    rows = np.concatenate([store.read(w, "lodge139") for w in fewer.windows])
+    np.testing.assert_array_equal(fewer.normalizer("lodge139").data_min, rows.min(axis=0))
+    np.testing.assert_array_equal(fewer.normalizer("lodge139").data_max, rows.max(axis=0))
+
+
+def _with_clips(store_path: Path, change: Callable[[StoredClip], StoredClip]) -> Store:
+    """Four train clips of one protocol's train and val lists, each changed before it is stored."""
+    made = write_random_store(store_path / "plain", clips={"train": 4}, n_frames=(90, 90), length=30, stride=30)
+    clips = [change(replace(c, lists=(f"p.{'val' if k == 3 else 'train'}",))) for k, c in enumerate(made.clips)]
+    (store_path / "out").mkdir()
+    write_store(store_path / "out", made.header, clips)
+    return open_store(store_path / "out")
+
+
+def test_mirrored_copies_are_for_training_whatever_the_protocol(tmp_path: Path) -> None:
+    sources = {"train_c01": ("p.train",), "train_c02": ("p.val",)}
+    made = _with_clips(
+        tmp_path, lambda c: replace(c, source="train_c00", lists=sources[c.id]) if c.id in sources else c
+    )
+    options = {"fields": ("edge151",), "protocol": "p", "normalize": False}
+    assert _ids(WindowDataset(made, **options)) == ["train_c00", "train_c01"]  # type: ignore[arg-type]
+    assert _ids(WindowDataset(made, "val", **options)) == ["train_c03"]  # type: ignore[arg-type]
+
+
+def test_clips_that_a_protocol_does_not_know_are_named(tmp_path: Path) -> None:
+    made = _with_clips(tmp_path, lambda c: replace(c, lists=()) if c.id == "train_c02" else c)
+    dataset = WindowDataset(made, fields=("edge151",), protocol="p", normalize=False)
+    assert [(r.reason, r.clip, r.detail) for r in dataset.rejects] == [("unassigned", "train_c02", "on no list of p")]
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"movement": {"splits": "train"}}, "splits must be a list"),
+        ({"movement": {"splits": ["trian"]}}, "splits must be a list"),
+        ({"movement": {"min_std": "0.07"}}, "min_std must be a number"),
+        ({"movement": {"min_std": float("nan")}}, "min_std must be a number"),
+        ("movement", "called movement"),
+    ],
+)
+def test_a_movement_filter_that_is_none(store: Store, given: object, said: str) -> None:
+    with pytest.raises(UsageError, match=said):
+        _read(store, filter=given)
+
+
+def test_a_trim_is_rounded_up_to_a_row_of_every_field(tmp_path: Path) -> None:
+    fields = random_fields({"fast": 6, "slow": 6}, {}, fast=30, slow=15)
+    made = write_random_store(
+        tmp_path / "plain", clips={"train": 2}, n_frames=(80, 80), length=20, stride=10, fields=fields
+    )
+    (tmp_path / "out").mkdir()
+    write_store(tmp_path / "out", made.header, [replace(c, trim_start=7) for c in made.clips])
+    store = open_store(tmp_path / "out")
+    both = store.windows("train", fields=("fast", "slow"), trim=True, length_frames=20, stride_frames=10)
+    assert [w.start for w in both][:6] == [8, 18, 28, 38, 48, 58]
+    alone = store.windows("train", fields=("fast",), trim=True, length_frames=20, stride_frames=10)
+    assert [w.start for w in alone][:6] == [7, 17, 27, 37, 47, 57]
+    rows = store.clip(both[0].clip).read("slow")
+    np.testing.assert_array_equal(store.read(both[0], "slow"), rows[4:14])
+
+
+def test_the_filter_looks_at_the_rows_of_a_field_of_another_rate(tmp_path: Path) -> None:
+    fields = random_fields({"edge151": 6, "fast": 6}, {}, fast=60)
+    made = write_random_store(
+        tmp_path / "plain", clips={"train": 1}, n_frames=(90, 90), length=30, stride=30, fields=fields
+    )
+    (clip,) = made.clips
+    rows = {name: np.array(array) for name, array in clip.motion.items()}
+    rows["fast"][60:120] = rows["fast"][60]  # frames 30 .. 59
+    (tmp_path / "out").mkdir()
+    write_store(tmp_path / "out", made.header, [replace(clip, motion=rows)])
+    store = open_store(tmp_path / "out")
+    dataset = _read(store, fields=("edge151",), filter={"movement": {"field": "fast"}})
+    assert [w.start for w in dataset.windows] == [0, 60]
+    assert [r.window for r in dataset.rejects] == [30]
+
+
+def test_local_borders_need_no_key_motions(tmp_path: Path) -> None:
+    made = write_random_store(tmp_path / "none", length=30)
+    item = WindowDataset(made.path, fields=("edge151", "primitives"), primitive_n=30, normalize=False)[0]
+    assert (item["primitives"][:4] == item["edge151"][:4]).all()
+    assert (item["primitives"][4:] == item["edge151"][-4:]).all()
 
 
 def test_primitives_of_stored_minima(store: Store) -> None:
