@@ -49,7 +49,7 @@ def fetch(
 @errors_to_exit_codes
 def convert(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="The folder that fetch wrote.")],
-    out: Annotated[Path, typer.Option(help="Folder to write; safetensors files, 9.2 GB for layer 66.")],
+    out: Annotated[Path, typer.Option(help="Folder to write; safetensors files, 9.3 GB for layer 66.")],
     layer: Annotated[int, typer.Option(min=1, help="Only what this layer needs is kept.")] = 66,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:

@@ -19,8 +19,7 @@ def claimed(devices: tuple[str, ...]) -> str | None:
     from filelock import FileLock, Timeout
 
     for device in devices:
-        name = device.replace(":", "-")
-        lock = FileLock(Path(tempfile.gettempdir()) / f"dancedata-{_user()}-{name}.lock", timeout=0)
+        lock = FileLock(Path(tempfile.gettempdir()) / f"dancedata-{_user()}-{_card(device)}.lock", timeout=0)
         try:
             lock.acquire()
         except (Timeout, OSError):
@@ -28,6 +27,14 @@ def claimed(devices: tuple[str, ...]) -> str | None:
         _held.append(lock)
         return device
     return devices[0] if devices else None
+
+
+def _card(device: str) -> str:
+    """Return a name of the card itself: numbers begin anew in every job of a batch system."""
+    import torch
+
+    # Without an identity (torch < 2.5) the number has to do.
+    return str(getattr(torch.cuda.get_device_properties(device), "uuid", device.replace(":", "-")))
 
 
 def _user() -> str:

@@ -58,7 +58,14 @@ def contexts_of(
     per_context = n_ctx // codes
     tail = math.ceil(TAIL_S * fps)
     overlap = math.ceil(overlap_s * fps / rows)
-    if per_context < 1 or overlap >= per_context or overlap * rows <= tail:
+    if per_context < 1:
+        raise UsageError(
+            "jukebox: contexts cannot overlap at this rate: codes and rows never meet within one",
+            found=f"{fps} rows a second, {codes} codes to {rows} rows",
+            allowed=f"rates at which they meet within {n_ctx} codes, such as 30, 60, 25 or 24",
+            fix="choose one of these",
+        )
+    if overlap >= per_context or overlap * rows <= tail:
         raise UsageError(
             "jukebox: contexts cannot overlap like that",
             found=f"overlap_s {float(overlap_s):g} at {fps} rows a second",

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from dancedata.audio._jukebox_contexts import contexts_of
 from dancedata.audio.jukebox.config import JukeboxConfig
-from dancedata.audio.signal import pcm16
+from dancedata.audio.signal import pcm16, resampled_length
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.columns import Columns, Group
 from dancedata.core.errors import DataError, SourceError, UsageError
@@ -42,7 +42,7 @@ class Jukebox:
 
     Scope window is EDGE's: each window, quantised to 16 bit, by itself, with its own gain and its own start. Scope
     track runs over a song in overlapping contexts of 23.5 s with one gain for the song, which costs about a
-    tenth; docs/decisions/0021 says what differs. The weights are OpenAI's, under a Noncommercial Use License.
+    tenth; docs/decisions/0024 says what differs. The weights are OpenAI's, under a Noncommercial Use License.
 
     Attributes
     ----------
@@ -68,6 +68,7 @@ class Jukebox:
     packages: ClassVar[tuple[str, ...]] = ("torch", "soxr")
     #: The next song is decoded while the device computes.
     reads_ahead: ClassVar[bool] = True
+    uses_tempo: ClassVar[bool] = False
 
     weights: Path | None = field(default=None, metadata={"path": True})
     weights_sha256: str = ""
@@ -111,12 +112,17 @@ class Jukebox:
 
         Raises
         ------
+        SourceError
+            If there is no folder of weights, or they are of another network.
         UsageError
-            If there is no folder of weights, or they are others than `weights_sha256` says.
+            If the weights are others than `weights_sha256` says or lack the layer, or there is no such device.
         """
+        from dancedata.audio.jukebox.arguments import require_device, require_layers
         from dancedata.audio.jukebox.precision import resolve_precision
 
         folder = self._folder()
+        cards = self._devices() or ["cpu" if self.device == "auto" else self.device]
+        device = require_device(cards[0])
         sha256 = json_sha256({"files": _file_hashes(folder, hash_file), "config": self._config.to_json()})
         if self.weights_sha256 not in ("", sha256):
             raise UsageError(
@@ -126,10 +132,8 @@ class Jukebox:
                 allowed=self.weights_sha256,
                 fix="name the folder that has them, or leave weights_sha256 out",
             )
-        import torch
-
-        device = self._devices()[0] if self._devices() else "cpu"
-        precision: Any = resolve_precision(self.precision, torch.device(device))
+        require_layers((self.layer,), _highest_layer(folder))
+        precision: Any = resolve_precision(self.precision, device)
         return replace(self, weights=folder, weights_sha256=sha256, precision=precision)
 
     def workers(self, jobs: int) -> int:
@@ -139,7 +143,6 @@ class Jukebox:
     def n_rows(self, n_samples: int, sample_rate: int, grid: FrameGrid) -> int:
         """Return the rows of a whole song: one for every frame that begins before its last code ends."""
         from dancedata.audio.jukebox.resampling import n_frames
-        from dancedata.audio.signal import resampled_length
 
         config = self._config
         contexts_of(1, n_ctx=config.n_ctx, code_rate=config.code_rate, fps=grid.rate, overlap_s=self._overlap)
@@ -165,7 +168,7 @@ class Jukebox:
         """
         from dancedata.audio.jukebox.clips import prepare
 
-        encoder, config = self._encoder(), self._config
+        encoder, config = self._encoder(self._config.n_ctx), self._config
         audio = prepare(signal.samples, signal.sample_rate, config)
         n_codes = len(audio) // config.hop
         parts = contexts_of(
@@ -208,8 +211,9 @@ class Jukebox:
                 allowed=f"up to {signal.n_samples}",
             )
         clips = [pcm16(signal.samples[start : start + n_samples]) for start in starts]
+        codes = resampled_length(n_samples, signal.sample_rate, self._config.sample_rate) // self._config.hop
         with self._threads():
-            found = self._encoder().embed_batch(
+            found = self._encoder(codes).embed_batch(
                 clips, signal.sample_rate, float(grid.rate), batch_size=self.batch_size or None
             )
         rows = [one[self.layer][:n_rows] for one in found]
@@ -252,21 +256,28 @@ class Jukebox:
 
         return [f"cuda:{k}" for k in range(torch.cuda.device_count())]
 
-    def _encoder(self) -> JukeboxEncoder:
+    def _encoder(self, n_codes: int) -> JukeboxEncoder:
+        """Return the network, with tables for clips of up to so many codes."""
+        from dancedata.audio.jukebox.memory import padded_length
+
         device = self.device
         if device == "auto":
             from dancedata.audio._devices import claimed
 
             device = claimed(tuple(self._devices())) or "cpu"
-        return _loaded(self._folder(), self.layer, self.precision, device)
+        # Whole rows, as it computes: one length for songs of all sample rates.
+        longest = min(padded_length(self._config, max(n_codes, 1)), self._config.n_ctx)
+        return _loaded(self._folder(), self.weights_sha256, self.layer, self.precision, device, longest)
 
     def _threads(self) -> Any:
         """All cores on a CPU: a build runs one process of this feature there."""
         if self._devices():
             return nullcontext()
+        from joblib import cpu_count
         from threadpoolctl import threadpool_limits
 
-        return threadpool_limits(limits=os.cpu_count())
+        # What this process may use: a batch system gives it a part of the machine.
+        return threadpool_limits(limits=cpu_count())
 
     def _stored(self, rows: npt.NDArray[np.float32]) -> npt.NDArray[np.float16]:
         largest = float(np.abs(rows).max(initial=0))
@@ -306,28 +317,51 @@ def config_of(folder: Path) -> JukeboxConfig:
 def _file_hashes(folder: Path, hash_file: Callable[[Path], str]) -> dict[str, str]:
     """Return the hashes of OpenAI's files, also for a folder converted from them."""
     from dancedata.audio.jukebox.conversion import DESCRIPTION_FILE, read_description
+    from dancedata.audio.jukebox.loading import refuse_hugging_face
     from dancedata.audio.jukebox.names import PRIOR_FILE, VQVAE_FILE
 
     if (folder / DESCRIPTION_FILE).exists():
         return dict(read_description(folder).source)
+    refuse_hugging_face(folder)
     missing = [name for name in (VQVAE_FILE, PRIOR_FILE) if not (folder / name).is_file()]
     if missing:
         raise SourceError(
             "a file of Jukebox's weights is missing",
             where=folder,
             found=", ".join(missing) + " not there",
-            fix="dancedata jukebox fetch gets both",
+            fix="get both with `dancedata jukebox fetch`",
         )
     return {name: hash_file(folder / name) for name in (VQVAE_FILE, PRIOR_FILE)}
 
 
-@lru_cache(maxsize=1)
-def _loaded(folder: Path, layer: int, precision: str, device: str) -> JukeboxEncoder:
-    """Load the weights once a process."""
+def _highest_layer(folder: Path) -> int:
+    """Return the last layer that the folder has the weights of."""
+    from dancedata.audio.jukebox.conversion import DESCRIPTION_FILE, read_description
+
+    return read_description(folder).layer if (folder / DESCRIPTION_FILE).exists() else config_of(folder).depth
+
+
+#: The network of this process, by what it was loaded from and for.
+_network: dict[tuple[Any, ...], JukeboxEncoder] = {}
+
+
+def _loaded(
+    folder: Path, weights_sha256: str, layer: int, precision: str, device: str, max_codes: int
+) -> JukeboxEncoder:
+    """Load the weights once a process.
+
+    Their hash is part of what they are known by: other files may have come into the folder since.
+    """
     from dancedata.audio.jukebox import JukeboxEncoder
     from dancedata.audio.jukebox.conversion import DESCRIPTION_FILE
 
-    if (folder / DESCRIPTION_FILE).exists():
-        return JukeboxEncoder.from_converted(folder, layers=(layer,), device=device, precision=precision)
-    config = config_of(folder)
-    return JukeboxEncoder.from_openai(folder, config=config, layers=(layer,), device=device, precision=precision)
+    key = (folder, weights_sha256, layer, precision, device, max_codes)
+    if key not in _network:
+        # The one before goes first: few devices have room for two.
+        _network.clear()
+        how: Any = {"layers": (layer,), "device": device, "precision": precision, "max_codes": max_codes}
+        if (folder / DESCRIPTION_FILE).exists():
+            _network[key] = JukeboxEncoder.from_converted(folder, **how)
+        else:
+            _network[key] = JukeboxEncoder.from_openai(folder, config=config_of(folder), **how)
+    return _network[key]

@@ -138,6 +138,8 @@ class AudioFeature(Protocol):
         of weights. Left out by most.
     workers
         ``workers(jobs) -> int``: processes it is worth running in, if that is not `jobs`.
+    uses_tempo
+        False if it makes nothing of `start_bpm`, which is then no part of the cache key.
     reads_ahead
         True if it computes on a device, so that the next song may be decoded meanwhile.
     make_example

@@ -103,10 +103,11 @@ def test_interrupted_after_any_window_it_goes_on(
     assert len(done) == len(set(done)) == len(wanted)
 
 
+@pytest.mark.parametrize("scope", ["track", "window"])
 def test_killed_from_outside_and_resumed_gives_the_same_bytes(
-    corpus: Path, tmp_path: Path, tiny: SimpleNamespace
+    corpus: Path, tmp_path: Path, tiny: SimpleNamespace, scope: str
 ) -> None:
-    whole = _build(corpus, tmp_path / "whole", "window")
+    whole = _build(corpus, tmp_path / "whole", scope)
     folder = tmp_path / "killed"
     command = [
         sys.executable,
@@ -119,7 +120,7 @@ def test_killed_from_outside_and_resumed_gives_the_same_bytes(
         "--out",
         str(folder / "out"),
     ]
-    for setting in (*SET, "scope=window"):
+    for setting in (*SET, f"scope={scope}"):
         command += ["--set", setting]
     command += ["--cache", str(folder / "cache"), "--jobs", "1", "--quiet"]
     environment = {**os.environ, ENVIRONMENT: str(tiny.folder)}

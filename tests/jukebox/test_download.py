@@ -174,19 +174,23 @@ def test_other_size_on_the_server(server: _Server, tmp_path: Path) -> None:
     assert _left(tmp_path) == []
 
 
-def test_wrong_hash_leaves_nothing(server: _Server, tmp_path: Path) -> None:
-    with pytest.raises(SourceError, match="another SHA-256"):
+def test_a_whole_file_of_another_hash_is_set_aside(server: _Server, tmp_path: Path) -> None:
+    with pytest.raises(SourceError, match=r"another SHA-256.*It lies at .*a\.bin\.mismatch"):
         _fetch(tmp_path, server.url, RemoteFile("a.bin", len(DATA), "0" * 64))
-    assert _left(tmp_path) == []
+    assert _left(tmp_path) == ["a.bin.mismatch"]
+    assert (tmp_path / "a.bin.mismatch").read_bytes() == DATA
 
 
-def test_without_a_stated_length_the_hash_tells(server: _Server, tmp_path: Path) -> None:
+def test_without_a_stated_length_the_size_or_the_hash_tells(server: _Server, tmp_path: Path) -> None:
     server.length = False
     assert _fetch(tmp_path, server.url).read_bytes() == DATA
     server.cut_after = [1000]
-    with pytest.raises(SourceError, match="another size"):
-        _fetch(tmp_path / "cut", server.url)
-    assert _left(tmp_path / "cut") == []
+    assert _fetch(tmp_path / "cut", server.url).read_bytes() == DATA
+    assert server.asked[-1] == "bytes=1000-"
+    server.cut_after = [1000]
+    with pytest.raises(SourceError, match="another SHA-256"):
+        _fetch(tmp_path / "unknown", server.url, RemoteFile("a.bin", None, _remote().sha256))
+    assert _left(tmp_path / "unknown") == []
 
 
 def test_nobody_listens(tmp_path: Path) -> None:

@@ -112,7 +112,7 @@ def test_where_the_weights_are(tiny: SimpleNamespace, tmp_path: Path, monkeypatc
     with pytest.raises(SourceError, match=r"vqvae\.pth\.tar"):
         Jukebox(weights=tmp_path).resolved(sha256_file)
     monkeypatch.setenv(ENVIRONMENT, str(tiny.folder))
-    assert Jukebox(device="cpu").resolved(sha256_file).weights == tiny.folder
+    assert Jukebox(layer=LAYER, device="cpu").resolved(sha256_file).weights == tiny.folder
     assert Jukebox().columns.width == tiny.config.width
 
 
@@ -127,3 +127,12 @@ def test_what_cannot_be_embedded(feature: Jukebox, song: AudioSignal) -> None:
         feature.n_rows(1, 44100, FrameGrid.of("30000/1001"))
     with pytest.raises(UsageError, match="layer"):
         Jukebox(layer=0)
+
+
+@pytest.mark.parametrize("value", [65520.0, -65520.0, np.nan])
+def test_what_float16_cannot_hold_is_never_stored(feature: Jukebox, value: float) -> None:
+    rows = np.array([[1.0, 65500.0]], np.float32)
+    assert np.isfinite(feature._stored(rows)).all()
+    with pytest.raises(DataError, match="does not fit float16") as caught:
+        feature._stored(np.array([[1.0, value]], np.float32))
+    assert caught.value.reason == "overflow"

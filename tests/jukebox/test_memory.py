@@ -62,11 +62,14 @@ def test_batch_size() -> None:
     assert memory.batch_size(REAL, HALF, 1722, 60 * GB) == memory.MAX_BATCH
 
 
-def _limited(room: int, seen: list[int]) -> Any:
+OUT_OF_MEMORY = torch.cuda.OutOfMemoryError("CUDA out of memory. Tried to allocate 9 GiB. More text")
+
+
+def _limited(room: int, seen: list[int], error: RuntimeError = OUT_OF_MEMORY) -> Any:
     def compute(part: list[int]) -> list[int]:
         seen.append(len(part))
         if len(part) > room:
-            raise torch.cuda.OutOfMemoryError("CUDA out of memory. Tried to allocate 9 GiB. More text")
+            raise error
         return [10 * x for x in part]
 
     return compute
@@ -87,6 +90,14 @@ def test_a_single_clip_that_does_not_fit() -> None:
         list(Batches().run([1, 2], 2, _limited(0, [])))
 
 
+def test_a_library_without_its_workspace_is_out_of_memory_and_other_errors_are_not() -> None:
+    seen: list[int] = []
+    blas = RuntimeError("CUDA error: CUBLAS_STATUS_ALLOC_FAILED when calling `cublasCreate(handle)`")
+    assert [len(part) for part in Batches().run([1, 2, 3], 8, _limited(2, seen, blas))] == [1, 1, 1]
+    with pytest.raises(RuntimeError, match="illegal memory access"):
+        list(Batches().run([1, 2, 3], 8, _limited(2, [], RuntimeError("CUDA error: an illegal memory access"))))
+
+
 def test_encoder_survives_running_out_of_memory(tiny_encoder: Any, noise: np.ndarray, monkeypatch: Any) -> None:
     original = tiny_encoder._prior.run
 
@@ -105,3 +116,25 @@ def test_encoder_survives_running_out_of_memory(tiny_encoder: Any, noise: np.nda
     assert len(found) == 5
     for one in found:
         np.testing.assert_array_equal(one[6], expected)
+
+
+@pytest.mark.parametrize(
+    ("gib", "n_codes", "precision", "blocks", "host_gb", "clips"),
+    [
+        (6, 1722, torch.float16, 35, 4.3, 2),
+        (8, 8192, torch.float16, 48, 2.5, 1),
+        (10, 1722, torch.float16, 66, 0, 5),
+        (10, 8192, torch.float32, 62, 0.6, 1),
+        (16, 8192, torch.float16, 66, 0, 17),
+        (80, 8192, torch.float32, 66, 0, 32),
+    ],
+)
+def test_the_table_of_the_documentation(
+    gib: int, n_codes: int, precision: torch.dtype, blocks: int, host_gb: float, clips: int
+) -> None:
+    free = (gib - 1) << 30
+    placement = memory.place(REAL, 66, precision, n_codes, free)
+    away = len(placement.resident) - sum(placement.resident)
+    assert sum(placement.resident) == blocks
+    assert round(away * memory.block_bytes(REAL, precision) / GB, 1) == host_gb
+    assert memory.batch_size(REAL, precision, n_codes, free - placement.weight_bytes) == clips

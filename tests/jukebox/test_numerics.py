@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from typing import Any
 
 import numpy as np
@@ -119,6 +121,39 @@ def test_guard_restores_the_programs_setting(setting: str) -> None:
         assert torch.backends.cudnn.allow_tf32 == tf32
     finally:
         torch.set_float32_matmul_precision(before)
+
+
+@pytest.mark.skipif(not hasattr(torch.backends.cudnn, "conv"), reason="the newer switches are of torch 2.9")
+def test_guard_with_the_newer_switches() -> None:
+    # Each in a process of its own: what is read of a switch may be that above it, and could not be put back.
+    code = """
+import os, torch
+from dancedata.audio.jukebox.precision import exact_float32
+b = torch.backends
+owners = (b.cuda.matmul, b.cudnn.conv, b.mkldnn.conv, b.mkldnn.matmul)
+for switch in (b, b.cudnn, b.cudnn.conv, b.cuda.matmul):
+    for value in ("tf32", "ieee"):
+        if not os.fork():
+            switch.fp32_precision = value
+            before = [owner.fp32_precision for owner in owners]
+            with exact_float32(), exact_float32():
+                assert all(owner.fp32_precision in ("ieee", "none") for owner in owners)
+                assert b.cudnn.conv.fp32_precision == "ieee" and b.cudnn.deterministic
+            assert [owner.fp32_precision for owner in owners] == before and not b.cudnn.deterministic
+            os._exit(0)
+        assert os.wait()[1] == 0, (switch, value)
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_guard_sums_half_precision_in_fp32() -> None:
+    matmul = torch.backends.cuda.matmul
+    before = matmul.allow_fp16_reduced_precision_reduction, matmul.allow_bf16_reduced_precision_reduction
+    assert before == (True, True)
+    with exact_float32():
+        assert not matmul.allow_fp16_reduced_precision_reduction
+        assert not matmul.allow_bf16_reduced_precision_reduction
+    assert before == (matmul.allow_fp16_reduced_precision_reduction, matmul.allow_bf16_reduced_precision_reduction)
 
 
 @pytest.mark.parametrize("place", ["attn_c_attn_b", "attn_c_attn_b of keys", "mlp_c_fc_b", "attn_c_proj_b"])

@@ -33,6 +33,10 @@ def require_device(device: str | torch.device | None) -> torch.device:
         target = torch.device(device)
     except RuntimeError as error:
         raise UsageError("jukebox: unknown device", found=device, allowed="cpu, cuda, cuda:1, ...") from error
+    if target.type not in ("cpu", "cuda"):
+        raise UsageError(
+            "jukebox: it does not compute on such a device", found=device, allowed="cpu, cuda, cuda:1, ..."
+        )
     if target.type == "cuda" and (target.index or 0) >= torch.cuda.device_count():
         raise UsageError(
             "jukebox: there is no such device",

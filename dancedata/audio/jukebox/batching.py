@@ -56,7 +56,9 @@ class Batches:
         """Compute one batch; None, and a lower limit, if the device ran out of memory."""
         try:
             return compute(part)
-        except torch.cuda.OutOfMemoryError as error:
+        except RuntimeError as error:
+            if not _is_out_of_memory(error):
+                raise
             if len(part) > 1:
                 self.limit = len(part) // 2
                 return None
@@ -66,3 +68,8 @@ class Batches:
                 fix="end other programs on the device, or load with a smaller memory_budget, which leaves blocks on "
                 "the host",
             ) from error
+
+
+def _is_out_of_memory(error: RuntimeError) -> bool:
+    """Tell torch's own error, and those of cuBLAS and cuDNN that could not get their workspace."""
+    return isinstance(error, torch.cuda.OutOfMemoryError) or "_STATUS_ALLOC_FAILED" in str(error)

@@ -210,8 +210,10 @@ class _Download:
                 part.write(block)
                 have += len(block)
                 self._report(self._file.name, have, total)
-        # A server that states no length ends the file by closing; only the hash tells whether that was the end.
-        return have == total if total is not None else True
+        # A server that states no length ends the file by closing: whether that was the end tells the known size, or
+        # else the hash.
+        wanted = total if total is not None else self._file.size
+        return wanted is None or have >= wanted
 
     def _failed(self, error: Exception) -> SourceError:
         return SourceError(
@@ -241,16 +243,26 @@ def _copy(source: Path, path: Path, file: RemoteFile, report: Progress) -> None:
 
 
 def _check(path: Path, file: RemoteFile, *, keep: bool, tag: Path | None = None) -> None:
-    """Compare size and hash; a wrong download is removed, for nothing can be made of it."""
+    """Compare size and hash. A wrong download is removed, unless it is as long as it should be: then it is set aside.
+
+    Ten gigabytes are not thrown away for a hash: who knows better may rename the file.
+    """
     size = path.stat().st_size
+    aside = path.with_suffix(".mismatch")
     if file.size is not None and size != file.size:
         what, found, allowed = "size", f"{size} bytes", f"{file.size} bytes"
     elif file.sha256 is not None and (digest := sha256_file(path)) != file.sha256:
         what, found, allowed = "SHA-256", digest, file.sha256
     else:
         return
+    fix = "remove it and fetch again"
     if not keep:
-        path.unlink()
+        if file.size is None or what == "size":
+            path.unlink()
+            fix = "it was removed; fetch again, or from another mirror or folder"
+        else:
+            path.replace(aside)
+            fix = f"it lies at {aside}; fetch again, or from another mirror or folder"
         if tag is not None:
             tag.unlink(missing_ok=True)
     raise SourceError(
@@ -258,5 +270,5 @@ def _check(path: Path, file: RemoteFile, *, keep: bool, tag: Path | None = None)
         where=path,
         found=found,
         allowed=allowed,
-        fix="remove it and fetch again" if keep else "it was removed; fetch again, or from another mirror or folder",
+        fix=fix,
     )

@@ -53,7 +53,7 @@ def open_openai(folder: Path, config: JukeboxConfig) -> Checkpoint:
     DataError
         "unsafe_pickle".
     """
-    _refuse_hugging_face(folder)
+    refuse_hugging_face(folder)
     vqvae = open_torch_file(folder / names.VQVAE_FILE)
     try:
         prior = open_torch_file(folder / names.PRIOR_FILE)
@@ -148,8 +148,8 @@ def _refuse_unknown(source: TensorSource, found: Iterable[str], known: Iterable[
         )
 
 
-def _refuse_hugging_face(folder: Path) -> None:
-    """Refuse a folder with one of the models that are on the Hugging Face hub."""
+def refuse_hugging_face(folder: Path) -> None:
+    """Raise SourceError for a folder with one of the models that are on the Hugging Face hub."""
     try:
         description = json.loads((folder / "config.json").read_text(encoding="utf-8"))
     except (OSError, ValueError):

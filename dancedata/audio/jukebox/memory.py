@@ -113,6 +113,8 @@ def free_memory(device: torch.device) -> int | None:
     """Bytes that may be used on a CUDA device; None for other devices, whose memory is not counted."""
     if device.type != "cuda":
         return None
+    # What torch keeps of freed memory, such as that of an encoder before this one, does not count as free.
+    torch.cuda.empty_cache()
     free, _total = torch.cuda.mem_get_info(device)
     return max(0, free - RESERVE_BYTES)
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
-from typing import Literal, get_args
+from contextlib import ExitStack, contextmanager, suppress
+from typing import Any, Literal, get_args
 
 import torch
 
@@ -13,6 +13,12 @@ from dancedata.core.errors import UsageError
 PrecisionName = Literal["auto", "fp32", "fp16", "bf16"]
 
 _DTYPES = {"fp32": torch.float32, "fp16": torch.float16, "bf16": torch.bfloat16}
+# cuBLAS may add up the parts of a long product in half precision unless it is told not to.
+_HALF_SUMS = {
+    "allow_fp16_reduced_precision_reduction": False,
+    "allow_bf16_reduced_precision_reduction": False,
+    "allow_fp16_accumulation": False,
+}
 
 
 def resolve_precision(name: str, device: torch.device) -> str:
@@ -31,30 +37,70 @@ def compute_dtype(precision: str) -> torch.dtype:
 
 @contextmanager
 def exact_float32() -> Iterator[None]:
-    """Compute fp32 products as fp32, whatever TF32 setting the program has; it is put back afterwards.
+    """Compute fp32 products as fp32, and sum half-precision ones in fp32, whatever the program has set.
 
-    Convolutions use TF32 by default on recent cards, which moves the codes of one clip in some hundred.
+    Its settings are put back afterwards. Convolutions use TF32 by default on recent cards, which moves the codes of
+    one clip in some hundred.
     """
-    matmul = torch.backends.cuda.matmul
-    cudnn = torch.backends.cudnn
+    with ExitStack() as settings:
+        matmul = torch.backends.cuda.matmul
+        for name, value in _HALF_SUMS.items():
+            if hasattr(matmul, name):
+                settings.enter_context(_set(matmul, name, value))
+        settings.enter_context(_exact_matmul())
+        settings.enter_context(_exact_convolutions())
+        yield
+
+
+@contextmanager
+def _exact_matmul() -> Iterator[None]:
     try:
-        legacy = torch.get_float32_matmul_precision()
+        before = torch.get_float32_matmul_precision()
     except RuntimeError:
-        # torch >= 2.9, and the program set the newer, per-backend switch.
-        legacy = ""
-    backend = "" if legacy else matmul.fp32_precision
-    with cudnn.flags(enabled=cudnn.enabled, benchmark=False, deterministic=True, allow_tf32=False):
-        try:
-            if backend:
-                matmul.fp32_precision = "ieee"
-            elif legacy != "highest":
-                torch.set_float32_matmul_precision("highest")
+        # torch >= 2.9, and the program set one of the newer, per-backend switches.
+        with _set(torch.backends.cuda.matmul, "fp32_precision", "ieee"):
             yield
-        finally:
-            if backend:
-                matmul.fp32_precision = backend
-            elif legacy != "highest":
-                torch.set_float32_matmul_precision(legacy)
+        return
+    if before == "highest":
+        yield
+        return
+    try:
+        torch.set_float32_matmul_precision("highest")
+        yield
+    finally:
+        torch.set_float32_matmul_precision(before)
+
+
+@contextmanager
+def _exact_convolutions() -> Iterator[None]:
+    cudnn = torch.backends.cudnn
+    if not hasattr(cudnn, "conv"):  # torch < 2.9
+        with cudnn.flags(enabled=cudnn.enabled, benchmark=False, deterministic=True, allow_tf32=False):
+            yield
+        return
+    # Not by `flags`: it leaves convolutions to the switch above it (torch.backends.fp32_precision), and cannot be
+    # entered where the program treats convolutions and RNNs differently.
+    with ExitStack() as settings:
+        settings.enter_context(_set(cudnn, "benchmark", False))
+        settings.enter_context(_set(cudnn, "deterministic", True))
+        with suppress(RuntimeError):  # the old switch cannot be read where a newer one says otherwise
+            settings.enter_context(_set(cudnn, "allow_tf32", False))
+        # mkldnn is what computes on a CPU; it would take bf16 there.
+        mkldnn: Any = torch.backends.mkldnn
+        for kind in (cudnn.conv, cudnn.rnn, mkldnn.conv, mkldnn.matmul):
+            settings.enter_context(_set(kind, "fp32_precision", "ieee"))
+        yield
+
+
+@contextmanager
+def _set(owner: Any, name: str, value: Any) -> Iterator[None]:
+    """Set one of torch's switches for a while."""
+    before = getattr(owner, name)
+    try:
+        setattr(owner, name, value)
+        yield
+    finally:
+        setattr(owner, name, before)
 
 
 def product(x: torch.Tensor, weight: torch.Tensor, bias: torch.Tensor, *, alpha: float = 1.0) -> torch.Tensor:

@@ -1,0 +1,169 @@
+"""Cards, without one: who computes where, in what precision, and what is free there."""
+
+from __future__ import annotations
+
+import tempfile
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch")
+pytest.importorskip("accelerate")
+
+import torch
+
+from dancedata.audio import _devices, jukebox_feature
+from dancedata.audio.jukebox import memory
+from dancedata.audio.jukebox_feature import Jukebox
+from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.errors import SourceError, UsageError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.hashing import sha256_file
+from dancedata.pipeline import read_ahead
+from dancedata.pipeline.audio_units import track_key, window_key
+from dancedata.pipeline.gather import _jobs_for, _next_songs
+from dancedata.pipeline.recipe import Recipe, WindowSpec
+from dancedata.pipeline.workers import Workers
+
+FPS = FrameGrid.of(30)
+
+
+@pytest.fixture
+def two_cards(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[dict[str, str]]:
+    """Two cards by number and identity."""
+    cards = {"cuda:0": "card-a", "cuda:1": "card-b"}
+    monkeypatch.setattr(torch.cuda, "device_count", lambda: len(cards))
+    monkeypatch.setattr(torch.cuda, "get_device_properties", lambda d: SimpleNamespace(uuid=cards[d]))
+    monkeypatch.setattr(tempfile, "gettempdir", lambda: str(tmp_path))
+    monkeypatch.setattr(_devices, "_held", [])
+    _devices.claimed.cache_clear()
+    yield cards
+    for lock in _devices._held:
+        lock.release()
+    _devices.claimed.cache_clear()
+
+
+def _claim(devices: tuple[str, ...]) -> str | None:
+    """Claim as another process would."""
+    _devices.claimed.cache_clear()
+    return _devices.claimed(devices)
+
+
+def test_one_process_a_card(two_cards: dict[str, str], tiny: SimpleNamespace) -> None:
+    feature = Jukebox(weights=tiny.folder, layer=6).resolved(sha256_file)
+    assert feature.precision == "fp16"
+    assert feature.windows_a_call == 32
+    assert _jobs_for(feature, 16) == 2
+    assert _jobs_for(feature, Workers(16)).n == 2  # type: ignore[union-attr]
+    assert [_claim(tuple(two_cards)) for _ in range(3)] == ["cuda:0", "cuda:1", "cuda:0"]
+    one = Jukebox(weights=tiny.folder, layer=6, device="cuda:1")
+    assert one.workers(16) == 1
+    assert Jukebox(weights=tiny.folder, layer=6, device="cpu").resolved(sha256_file).precision == "fp32"
+
+
+def test_a_card_is_known_by_itself_not_by_its_number(two_cards: dict[str, str]) -> None:
+    # A batch system shows each of its jobs other cards under the same numbers.
+    assert [_claim(tuple(two_cards)) for _ in range(2)] == ["cuda:0", "cuda:1"]
+    two_cards.update({"cuda:0": "card-c", "cuda:1": "card-d"})
+    assert [_claim(tuple(two_cards)) for _ in range(2)] == ["cuda:0", "cuda:1"]
+
+
+def test_memory_that_torch_keeps_counts_as_free(monkeypatch: pytest.MonkeyPatch) -> None:
+    kept = [3 << 30]
+    monkeypatch.setattr(torch.cuda, "empty_cache", kept.clear)
+    monkeypatch.setattr(torch.cuda, "mem_get_info", lambda _device: ((8 << 30) - sum(kept), 8 << 30))
+    assert memory.free_memory(torch.device("cuda:0")) == (8 << 30) - memory.RESERVE_BYTES
+    assert memory.free_memory(torch.device("cpu")) is None
+
+
+def test_what_cannot_be_is_said_before_a_build(tiny: SimpleNamespace, tmp_path: Path) -> None:
+    (tmp_path / "config.json").write_text('{"model_type": "jukebox"}')
+    with pytest.raises(SourceError, match="trained with lyrics"):
+        Jukebox(weights=tmp_path, layer=6).resolved(sha256_file)
+    for wrong, message in (
+        ({"layer": 7}, "1 to 6"),
+        ({"device": "cuda:9"}, "no such device"),
+        ({"device": "mps"}, "such a device"),
+        ({"device": "tpu9"}, "unknown device"),
+    ):
+        with pytest.raises(UsageError, match=message):
+            Jukebox(**{"weights": tiny.folder, "layer": 6, **wrong}).resolved(sha256_file)  # type: ignore[arg-type]
+
+
+def test_one_network_a_process_and_the_one_before_goes_first(
+    tiny: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(jukebox_feature, "_network", {})
+    loaded: list[tuple[int, int]] = []
+    plain = jukebox_feature.config_of
+
+    def counting(folder: Path) -> Any:
+        loaded.append((len(jukebox_feature._network), 0))
+        return plain(folder)
+
+    feature = Jukebox(weights=tiny.folder, layer=3, device="cpu").resolved(sha256_file)
+    first = feature._encoder(1722)
+    assert first is feature._encoder(1725)  # a code more or less, as sample rates have it
+    assert first.max_codes == 1728
+    monkeypatch.setattr(jukebox_feature, "config_of", counting)
+    other = jukebox_feature._loaded(tiny.folder, "other weights by now", 3, "fp32", "cpu", 1728)
+    assert other is not first
+    assert loaded == [(0, 0)]
+    assert list(jukebox_feature._network.values()) == [other]
+    assert feature._encoder(100_000).max_codes == 8192
+
+
+def _recipe(feature: Jukebox, scope: Any) -> Recipe:
+    return Recipe("", "", None, FPS, scope, WindowSpec(150, 15, "time"), (), (feature,), (), False, 1)
+
+
+def test_tempo_is_no_part_of_the_key(tiny: SimpleNamespace) -> None:
+    feature = Jukebox(weights=tiny.folder, layer=6, device="cpu").resolved(sha256_file)
+    for key, scope in ((track_key, "track"), (window_key, "window")):
+        recipe = _recipe(feature, scope)
+        assert key(recipe, feature, 120.0, "a") == key(recipe, feature, None, "a") != key(recipe, feature, None, "b")
+
+
+@pytest.mark.parametrize(
+    "change", [{"layer": 5}, {"precision": "bf16"}, {"overlap_s": 5.0}, {"weights_sha256": "0" * 64}]
+)
+def test_what_shapes_numbers_is_part_of_the_key(tiny: SimpleNamespace, change: dict[str, Any]) -> None:
+    from dataclasses import replace
+
+    feature = Jukebox(weights=tiny.folder, layer=6, device="cpu").resolved(sha256_file)
+    other = replace(feature, **change)
+    assert track_key(_recipe(feature, "track"), feature, None, "a") != track_key(
+        _recipe(other, "track"), other, None, "a"
+    )
+    elsewhere = replace(feature, weights=Path("/other"), device="cuda:1", batch_size=7)
+    assert track_key(_recipe(feature, "track"), feature, None, "a") == track_key(
+        _recipe(elsewhere, "track"), elsewhere, None, "a"
+    )
+
+
+def test_the_next_song_is_decoded_and_hashed_in_another_thread(
+    monkeypatch: pytest.MonkeyPatch, tiny: SimpleNamespace
+) -> None:
+    threads: list[str] = []
+
+    def load(_path: Path) -> AudioSignal:
+        threads.append(threading.current_thread().name)
+        return AudioSignal(np.zeros(10, np.float32), 44100)
+
+    monkeypatch.setattr("dancedata.audio.signal.load_audio", load)
+    read_ahead.read_ahead(Path("a"))
+    signal = read_ahead.decoded(Path("a"))
+    assert "sha256" in vars(signal)
+    assert len(threads) == 1
+    assert threads[0].startswith("read-ahead")
+    read_ahead.decoded(Path("b"))
+    assert threads[1:] == [threading.current_thread().name]
+    songs: Any = [SimpleNamespace(path=Path(name)) for name in "aabc"]
+    paths = [None, Path("b"), Path("c"), None]
+    assert _next_songs(Jukebox(weights=tiny.folder), songs) == paths
+    assert _next_songs(object(), songs) == [None] * 4
