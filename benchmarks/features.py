@@ -11,7 +11,8 @@ what EDGE's `create_dataset` does for every window: load the window's own wav, a
   in the other, and ratios are of one song's times, so that what slows the machine slows both. The median over
   songs is printed with its quartiles. The plain loop does some windows of each song.
 - With `--command`, wall time of the whole command with an empty cache, against the plain loop's wall time in one
-  process after its start-up; median of the rounds.
+  process after its start-up; median of the rounds. Python's compiled files (.pyc) are there, as they are after an
+  installation. As wall time is that of all that runs on the machine, the CPU time of all processes is printed, too.
 """
 
 from __future__ import annotations
@@ -77,10 +78,14 @@ def print_machine() -> None:
     if cpuinfo.is_file():
         lines = cpuinfo.read_text(encoding="utf-8").splitlines()
         model = next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), model)
-    load = f", load {os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else ""
     packages = ("numpy", "scipy", "librosa", "numba", "soxr", "dancedata")
     versions = ", ".join(f"{name} {importlib.metadata.version(name)}" for name in packages)
-    print(f"{model}, {os.cpu_count()} CPUs{load}; Python {platform.python_version()}, {versions}")
+    print(f"{model}, {os.cpu_count()} CPUs, load {_load()}; Python {platform.python_version()}, {versions}")
+
+
+def _load() -> str:
+    """Return how many processes want to run, a mean of the last minute."""
+    return f"{os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else "unknown"
 
 
 def cpu_s(function: Callable[[], object]) -> float:
@@ -98,7 +103,8 @@ def time_features(n_songs: int, n_plain: int) -> None:
     n_windows = sum(count for count, _ in results)
     times = {name: [seconds[name] for _, seconds in results] for name in ("plain", "window", "track")}
     plain_ms = 1e3 * statistics.median(times["plain"])
-    print(f"{n_windows} windows of {n_songs} songs; plain loop {plain_ms:.1f} ms a window (CPU, median of songs)")
+    print(f"{n_windows} windows of {n_songs} songs; load {_load()} at the end")
+    print(f"plain loop: {plain_ms:.1f} ms a window (CPU, median of songs)")
     for name in ("window", "track"):
         ratios = sorted(p / f for p, f in zip(times["plain"], times[name], strict=True))
         low, _, high = statistics.quantiles(ratios, n=4)
@@ -132,45 +138,54 @@ def time_command(n_songs: int, rounds: int, jobs: int) -> None:
             recipe = RECIPE.format(songs=n_songs, clip_s=CLIP_S, scope=scope)
             (folder / f"{scope}.yaml").write_text(recipe, encoding="utf-8")
         _build(folder, "track", jobs)  # writes the corpus
-        times: dict[str, list[float]] = {"plain": [], "window": [], "track": []}
+        times: dict[str, list[tuple[float, float]]] = {"plain": [], "window": [], "track": []}
         for _ in range(rounds):
             times["plain"].append(_plain_loop_s(folder / "source"))
             for scope in ("window", "track"):
                 times[scope].append(_build(folder, scope, jobs))
+        plain_wall, plain_cpu = (statistics.median(spent) for spent in zip(*times["plain"], strict=True))
+        print(f"plain loop, features alone, one process: {plain_wall:.1f} s (CPU {plain_cpu:.1f} s)")
         for scope in ("window", "track"):
-            ratio = statistics.median(p / t for p, t in zip(times["plain"], times[scope], strict=True))
+            ratio = statistics.median(p[0] / t[0] for p, t in zip(times["plain"], times[scope], strict=True))
+            wall, cpu = (statistics.median(spent) for spent in zip(*times[scope], strict=True))
             print(
-                f"{scope} scope, whole command, {jobs} jobs: {statistics.median(times[scope]):.2f} s; plain loop, "
-                f"features alone, one process: {statistics.median(times['plain']):.1f} s; {ratio:.1f} x"
+                f"{scope} scope, whole command, {jobs} jobs: {wall:.2f} s, {ratio:.1f} x (CPU of all processes "
+                f"{cpu:.1f} s, {plain_cpu / cpu:.1f} x); load {_load()}"
             )
 
 
-def _build(folder: Path, scope: str, jobs: int) -> float:
-    """Return the wall seconds of a build with an empty cache."""
+def _build(folder: Path, scope: str, jobs: int) -> tuple[float, float]:
+    """Return the wall and CPU seconds of a build with an empty cache."""
     for old in ("out", "cache"):
         shutil.rmtree(folder / old, ignore_errors=True)
     command = [sys.executable, "-m", "dancedata", "build", str(folder / f"{scope}.yaml")]
     command += ["--source", str(folder / "source"), "--out", str(folder / "out"), "--jobs", str(jobs)]
     environment = {**os.environ, "DANCEDATA_CACHE": str(folder / "cache")}
-    start = time.perf_counter()
+    # Compiled files in a folder of their own, where the environment forbids them beside the code.
+    if environment.pop("PYTHONDONTWRITEBYTECODE", None):
+        environment["PYTHONPYCACHEPREFIX"] = str(folder / "pyc")
+    start, before = time.perf_counter(), os.times()
     subprocess.run(command, check=True, env=environment, capture_output=True)
-    return time.perf_counter() - start
+    spent, after = time.perf_counter() - start, os.times()
+    cpu = after.children_user + after.children_system - before.children_user - before.children_system
+    return spent, cpu
 
 
-def _plain_loop_s(source: Path, n_sampled: int = 40) -> float:
-    """Return the wall seconds of the plain loop for all windows of the corpus, from a sample of them, warm."""
+def _plain_loop_s(source: Path, n_sampled: int = 40) -> tuple[float, float]:
+    """Return wall and CPU seconds of the plain loop for all windows of the corpus, from a sample of them, warm."""
     from dancedata.audio.signal import load_audio
 
     plain = Librosa35(method="librosa")
     signals = [load_audio(path) for path in sorted((source / "wavs").glob("*.wav"))]
     windows = [(signal, start) for signal in signals for start in _starts(signal)]
     sample = [windows[k] for k in np.linspace(0, len(windows) - 1, n_sampled + 1).astype(int)]
-    seconds = []
+    wall, cpu = [], []
     for signal, start in sample:
-        begin = time.perf_counter()
+        begin, begin_cpu = time.perf_counter(), time.process_time()
         plain.extract_windows(signal, np.array([start]), 5 * signal.sample_rate, GRID, N_ROWS, start_bpm=100.0)
-        seconds.append(time.perf_counter() - begin)
-    return statistics.mean(seconds[1:]) * len(windows)
+        wall.append(time.perf_counter() - begin)
+        cpu.append(time.process_time() - begin_cpu)
+    return statistics.mean(wall[1:]) * len(windows), statistics.mean(cpu[1:]) * len(windows)
 
 
 def _starts(signal: AudioSignal) -> list[int]:

@@ -3,6 +3,7 @@
     python benchmarks/reading.py                    3,000 windows, 0, 1 and 2 workers, 5 rounds; 32 GB under --work
     python benchmarks/reading.py --quick            336 windows, 2 rounds
     python benchmarks/reading.py --wide 0           without the wide field
+    python benchmarks/reading.py --peers memmap     against fewer (always against np.load)
 
 A window is (150, 151) float32, (150, 35) float32 and (150, 4800) float16; batches of 64 in a random order, which is
 the same for all loaders that can be asked for a sample (WebDataset and LitData go through their files in order, which
@@ -11,7 +12,8 @@ source. Formats of others store every window by itself, this package stores 125 
 
 A measurement is one epoch of one loader, from iter() to the last batch, start of workers included; one number of each
 array of a batch is looked at. Before it, outside the clock, the loader's files are read once, so that they are in the
-page cache. Rounds are interleaved: each measures every loader once, in a new order. Medians over rounds.
+page cache. Rounds are interleaved: each measures every loader once, in a new order, but for those that read the same
+files, which follow each other: all files together need not fit into memory. Medians over rounds.
 
 The memory-copy rate is that of numpy copying 4.6 GB, batch by batch, from a large array in memory into one reused
 buffer a thread, with as many threads as the BatchLoader has; bytes copied a second, not read plus written.
@@ -57,19 +59,18 @@ def main() -> int:
     parser.add_argument("--quick", action="store_true", help="336 windows, 2 rounds")
     parser.add_argument("--rounds", type=int)
     parser.add_argument("--wide", type=int, default=4800, help="columns of the wide field; 0: without it")
+    parser.add_argument("--peers", nargs="*", help="only peers whose name contains one of these")
     parser.add_argument("--work", type=Path, help="folder for the data; kept. Default: a temporary one")
     parser.add_argument("--json", type=Path, help="write all measurements here as well")
     arguments = parser.parse_args()
     rounds = arguments.rounds or (2 if arguments.quick else 5)
     with tempfile.TemporaryDirectory() as temporary:
         source = make_source(arguments.work or Path(temporary), 336 if arguments.quick else 3000, arguments.wide)
-        measures = measures_of(source)
+        measures = measures_of(source, arguments.peers)
         print(machine(source, rounds), flush=True)
         check(source, measures)
-        found = measure(source, measures, rounds)
+        found = measure(source, measures, rounds, arguments.json)
     print_table(source, found)
-    if arguments.json:
-        arguments.json.write_text(json.dumps({f"{n}, {w}": v for (n, w), v in found.items()}, indent=1))
     return 0 if print_gates(found) else 1
 
 
@@ -88,12 +89,13 @@ def make_source(work: Path, n_windows: int, wide: int) -> Source:
     return Source(folder, WindowDataset(folder / "store", fields=[f.name for f in fields], normalize=False))
 
 
-def measures_of(source: Source) -> dict[tuple[str, int], tuple[Measure, Path]]:
+def measures_of(source: Source, peers: Sequence[str] | None) -> dict[tuple[str, int], tuple[Measure, Path]]:
     """Return what is measured by (name, workers): how to make the loader, and the folder that it reads."""
+    wanted = [k for k in PEERS if k is NpLoad or peers is None or any(p.lower() in k.name.lower() for p in peers)]
     dataset, store = source.dataset, source.dataset.store.path
     augmented = WindowDataset(store, fields=source.fields, mirror=0.5)
     found: dict[tuple[str, int], tuple[Measure, Path]] = {}
-    for kind in PEERS:
+    for kind in wanted:
         if kind.package is not None and importlib.util.find_spec(kind.package) is None:
             print(f"{kind.name}: skipped, {kind.package} is not installed")
             continue
@@ -112,20 +114,16 @@ def measures_of(source: Source) -> dict[tuple[str, int], tuple[Measure, Path]]:
     for workers in (0, 1, 2):
         found["dancedata, DataLoader", workers] = plain(dataset, workers), store
         found["dancedata, DataLoader, mirrored + normalised", workers] = plain(augmented, workers), store
-    kinds: tuple[tuple[str, WindowDataset, dict[str, Any]], ...] = (
-        ("dancedata, BatchLoader", dataset, {}),
-        ("dancedata, BatchLoader, copy=True", dataset, {"copy": True}),
-        ("dancedata, BatchLoader, mirrored + normalised", augmented, {}),
-    )
-    for name, windows, options in kinds:
+    kinds = (("dancedata, BatchLoader", dataset), ("dancedata, BatchLoader, mirrored + normalised", augmented))
+    for name, windows in kinds:
         for threads in (1, 2):
-            loader = BatchLoader(windows, BATCH, sampler=EpochSampler(windows), threads=threads, **options)
+            loader = BatchLoader(windows, BATCH, sampler=EpochSampler(windows), threads=threads)
             found[name, threads] = (lambda made=loader: from_the_start(made)), store
     return found
 
 
 def from_the_start(loader: BatchLoader) -> BatchLoader:
-    """Return the loader, whose buffers stay what they are, at the start of epoch 0."""
+    """Return the loader, which keeps the memory that it has, at the start of epoch 0."""
     loader.sampler.load_state_dict({"epoch": 0, "position": 0})
     return loader
 
@@ -150,21 +148,27 @@ def check(source: Source, measures: dict[tuple[str, int], tuple[Measure, Path]])
 
 
 def measure(
-    source: Source, measures: dict[tuple[str, int], tuple[Measure, Path]], rounds: int
+    source: Source, measures: dict[tuple[str, int], tuple[Measure, Path]], rounds: int, out: Path | None
 ) -> dict[tuple[str, int], list[float]]:
-    """Return bytes a second of every round, by (name, workers)."""
-    names = [*measures, ("memory copy", 1), ("memory copy", 2)]
-    found: dict[tuple[str, int], list[float]] = {name: [] for name in names}
+    """Return bytes a second of every round, by (name, workers); written to `out` after each."""
+    copies = [("memory copy", 1), ("memory copy", 2)]
+    found: dict[tuple[str, int], list[float]] = {name: [] for name in [*measures, *copies]}
+    # What is copied plainly is compared with what is read from the store.
+    groups = {folder: [name for name in measures if measures[name][1] == folder] for _, folder in measures.values()}
+    groups[source.dataset.store.path] += copies
     big = np.ones(1 << 30, dtype=np.uint8)
     dice = random.Random(0)
     for nth in range(rounds):
-        for name in dice.sample(names, len(names)):
+        order = dice.sample(list(groups.values()), len(groups))
+        for name in [name for group in order for name in dice.sample(group, len(group))]:
             if name[0] == "memory copy":
                 found[name].append(copy_rate(big, source.n_bytes, name[1]))
                 continue
             make, folder = measures[name]
             warm(folder)
             found[name].append(source.n_bytes / epoch(make, source))
+        if out is not None:
+            out.write_text(json.dumps({f"{n}, {w}": v for (n, w), v in found.items()}, indent=1))
         print(f"round {nth + 1} of {rounds}, load {os.getloadavg()[0]:.1f}", file=sys.stderr, flush=True)
     return found
 

@@ -24,7 +24,7 @@ from dancedata.core.registry import FEATURES
 from dancedata.pipeline.audio_units import SignalId, extract_track, extract_windows, identify_audio
 from dancedata.pipeline.cache import Cache, CachedArray, EntryLostError, default_cache
 from dancedata.pipeline.execute import one_thread
-from dancedata.pipeline.recipe import Recipe, WindowSpec
+from dancedata.pipeline.recipe import Recipe, WindowSpec, resolve_feature
 from dancedata.pipeline.slots import make_plugin
 
 __all__ = ["FeatureCache"]
@@ -50,6 +50,7 @@ class FeatureCache:
     def __init__(self, root: str | Path | None = None) -> None:
         self.root = (Path(root).expanduser() if root is not None else default_cache()).absolute()
         self._compared: set[Path] = set()
+        self._features: dict[str, Any] = {}
 
     def __repr__(self) -> str:
         """Say where it is."""
@@ -91,7 +92,7 @@ class FeatureCache:
         UsageError
             For an unknown feature, an unknown parameter, or a file that is not there.
         """
-        recipe = _recipe("track", FrameGrid.of(fps), WindowSpec(1, 1, "time"), feature, parameters)
+        recipe = self._recipe("track", FrameGrid.of(fps), WindowSpec(1, 1, "time"), feature, parameters)
         with one_thread():
             signal = self._identify(recipe, song)
             for _ in range(_TRIES):
@@ -130,7 +131,7 @@ class FeatureCache:
         if length_frames < 1 or stride_frames < 1:
             raise UsageError("windows have a length and a stride of at least 1", found=(length_frames, stride_frames))
         spec = WindowSpec(length_frames, stride_frames, "time")
-        recipe = _recipe("window", FrameGrid.of(fps), spec, feature, parameters)
+        recipe = self._recipe("window", FrameGrid.of(fps), spec, feature, parameters)
         plugin, cache = recipe.audio[0], Cache(self.root)
         rows = []
         with one_thread():
@@ -158,18 +159,27 @@ class FeatureCache:
             self._compared.add(array.path)
         return array.mapped()
 
+    def _recipe(
+        self, scope: Any, grid: FrameGrid, windows: WindowSpec, feature: str, parameters: dict[str, Any]
+    ) -> Recipe:
+        """Return as much of a recipe as the features' units of work look at."""
+        plugin = self._feature(feature, parameters)
+        return Recipe(
+            name="", description="", dataset=None, grid=grid, scope=scope, windows=windows, motion=(),
+            audio=(plugin,), keymotion=(), mirror=False, shard_mb=1,
+        )  # fmt: skip
 
-def _recipe(scope: Any, grid: FrameGrid, windows: WindowSpec, feature: str, parameters: dict[str, Any]) -> Recipe:
-    """Return as much of a recipe as the features' units of work look at."""
-    FEATURES.get(feature)  # an unknown name is an error of its own, with the closest known one
-    problems: list[str] = []
-    plugin = make_plugin(FEATURES, "audio", feature, parameters, problems)
-    if problems:
-        raise RecipeError("; ".join(problems))
-    return Recipe(
-        name="", description="", dataset=None, grid=grid, scope=scope, windows=windows, motion=(), audio=(plugin,),
-        keymotion=(), mirror=False, shard_mb=1,
-    )  # fmt: skip
+    def _feature(self, name: str, parameters: dict[str, Any]) -> Any:
+        """Return a feature that is ready to compute, as a build makes it; made once by each object."""
+        asked = repr((name, sorted(parameters.items())))
+        if asked not in self._features:
+            FEATURES.get(name)  # an unknown name is an error of its own, with the closest known one
+            problems: list[str] = []
+            plugin = make_plugin(FEATURES, "audio", name, parameters, problems)
+            if problems:
+                raise RecipeError("; ".join(problems))
+            self._features[asked] = resolve_feature(plugin, Cache(self.root).file_sha256)
+        return self._features[asked]
 
 
 def _found(result: Any) -> Any:

@@ -6,6 +6,11 @@ import os
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+# Machines that run tests are busy: how long an example takes says nothing.
+settings.register_profile("dancedata", deadline=None)
+settings.load_profile("dancedata")
 
 ROOT = Path(__file__).resolve().parent.parent
 

@@ -94,10 +94,11 @@ class _Octave:
         tails = Frames(windows.tail(windows.length - last), 0, half, hop, self.n_end)
         everything = slice(None)
         self.middle = [middle.folded(combine, everything) for combine in (np.add, np.subtract)]
-        self.ends = [
-            np.stack([ends.folded(combine, everything) for ends in (heads, tails)])
-            for combine in (np.add, np.subtract)
-        ]
+        # A window's ends lie together, so that those of neighbours need no copy.
+        self.ends = [np.empty((len(windows.starts), 2, self.n_end, half), dtype=np.float32) for _ in range(2)]
+        for folded, combine in zip(self.ends, (np.add, np.subtract), strict=True):
+            heads.fold_into(combine, folded[:, 0])
+            tails.fold_into(combine, folded[:, 1])
 
     def add_magnitudes(self, run: slice, bank: FilterBank, pitches: Floats) -> None:
         """Add the magnitudes of a run of neighbours to their pitches (W, T, 36)."""
@@ -108,11 +109,10 @@ class _Octave:
         middle = _magnitudes(self.middle[0][rows], self.middle[1][rows], bank)
         for k in range(n_windows):
             pitches[k, self.n_end : self.n_frames - self.n_end] += middle[first[k] : first[k] + n_middle]
-        own = slice(run.start * self.n_end, run.stop * self.n_end)
-        even, odd = (np.reshape(part[:, own], (-1, half)) for part in self.ends)
-        ends = _magnitudes(even, odd, bank).reshape(2, n_windows, self.n_end, BINS_PER_OCTAVE)
-        pitches[:, : self.n_end] += ends[0]
-        pitches[:, self.n_frames - self.n_end :] += ends[1]
+        even, odd = (part[run].reshape(-1, half) for part in self.ends)
+        ends = _magnitudes(even, odd, bank).reshape(n_windows, 2, self.n_end, BINS_PER_OCTAVE)
+        pitches[:, : self.n_end] += ends[:, 0]
+        pitches[:, self.n_frames - self.n_end :] += ends[:, 1]
 
 
 def _runs(tunings: Sequence[int]) -> Iterator[tuple[int, slice]]:

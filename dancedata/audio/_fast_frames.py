@@ -39,8 +39,16 @@ class Frames:
 
         Those are x[m + 1 + j] and x[m - j], m = half. The filters are periodic, so the partner of x[1] is x[0].
         """
-        after, before, ends = self._after[:, part], self._before[:, part], self._ends[:, part]
+        after = self._after[:, part]
         folded: Floats = np.empty(after.shape, dtype=np.float32)
-        combine(after, before, out=folded)
-        combine(ends[..., 0], ends[..., 1], out=folded[..., -1])
+        self._fold(combine, part, folded)
         return folded.reshape(-1, after.shape[2])
+
+    def fold_into(self, combine: Any, out: Floats) -> None:
+        """Write the sums or differences of all frames into an array (W, n_frames, half)."""
+        self._fold(combine, slice(None), out)
+
+    def _fold(self, combine: Any, part: slice, out: Floats) -> None:
+        ends = self._ends[:, part]
+        combine(self._after[:, part], self._before[:, part], out=out)
+        combine(ends[..., 0], ends[..., 1], out=out[..., -1])

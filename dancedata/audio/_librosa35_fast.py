@@ -39,17 +39,22 @@ _PIECE = 1 << 14
 _TILE_S = 64
 
 
-def can_do_windows(n_samples: int, sample_rate: int, rate: int) -> bool:
-    """Tell whether this version can do windows of so many samples; the plain one can do all."""
-    return has_one_bank(rate) and resampled_length(n_samples, sample_rate, rate) >= HOP * _MIN_ROWS
+def why_not_windows(n_samples: int, sample_rate: int, rate: int) -> str:
+    """Say why this version cannot do windows of so many samples; empty if it can. The plain one can do all."""
+    if not has_one_bank(rate):
+        return f"at {rate / HOP:g} frames a second librosa's constant-Q filters are not alike in all octaves"
+    is_short = resampled_length(n_samples, sample_rate, rate) < HOP * _MIN_ROWS
+    return f"it needs more than {_MIN_ROWS} rows" if is_short else ""
 
 
-def can_do_track(samples: Floats, sample_rate: int, rate: int) -> bool:
-    """Tell whether this version can do a signal: neither very short nor with squares beyond single precision."""
-    if not can_do_windows(len(samples), sample_rate, rate):
-        return False
+def why_not_track(samples: Floats, sample_rate: int, rate: int) -> str:
+    """Say why this version cannot do a signal: as for windows, or squares beyond single precision."""
+    reason = why_not_windows(len(samples), sample_rate, rate)
+    if reason:
+        return reason
     peak = float(np.abs(samples).max())
-    return peak == 0 or _MIN_PEAK <= peak <= _MAX_PEAK
+    is_usual = peak == 0 or _MIN_PEAK <= peak <= _MAX_PEAK
+    return "" if is_usual else f"the largest sample is not within {_MIN_PEAK:g} .. {_MAX_PEAK:g}"
 
 
 def track_features(samples: Floats, sample_rate: int, rate: int, start_bpm: float | None, tightness: float) -> Floats:

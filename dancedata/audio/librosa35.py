@@ -5,14 +5,17 @@ and a sample rate of 512 times the frame rate. Sources: FACT (Li et al. 2021, th
 function EDGE (Tseng et al. 2023) and Lodge (Li et al. 2024) took over. The numbers are librosa's own; 0.11
 and 1.0 gave the same bits at 24 frames a second and above, at 20 chroma differing by up to 0.03.
 
-There are two versions of equal numbers: `_librosa35_plain` calls librosa, `_librosa35_fast` is some fifty times
-as fast. docs/decisions/0010 says why they are equal.
+There are two versions of equal numbers: `_librosa35_plain` calls librosa, `_librosa35_fast` is thirty times as
+fast for windows, and eighty for tracks. docs/decisions/0010 says why they are equal.
 """
 
 from __future__ import annotations
 
+import logging
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -26,6 +29,8 @@ from dancedata.core.columns import Columns, Group
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.registry import FEATURES
+
+_log = logging.getLogger(__name__)
 
 HOP = 512
 # The top chroma filter reaches 4,107 Hz, 4,147 with the tuning half a bin up: the Nyquist frequency must
@@ -53,10 +58,12 @@ class Librosa35:
     tightness
         How closely beats keep to the tempo (librosa's `beat_track`); 100 in all reference implementations.
     method
-        "fast" computes once what windows have in common, without librosa; what it cannot do is done as by
-        "librosa", which calls librosa, one call a column group and window, and takes some fifty times as long.
-        The numbers are the same within 1e-4 dB (envelope), 1e-3 dB (MFCC) and 1e-6 (chroma), peaks and beats
-        are equal: docs/decisions/0010.
+        "fast" computes once what windows have in common, without librosa. "librosa" calls librosa, one call a
+        column group and window, and takes thirty times as long (docs/performance.md). The numbers are the same
+        within 1e-4 dB (envelope), 1e-3 dB (MFCC) and 1e-6 (chroma), peaks and beats are equal:
+        docs/decisions/0010. What "fast" cannot do is done as by "librosa", and logged with the reason: signals
+        and windows of less than 17 rows, more than 64 frames a second, and tracks whose largest sample is beyond
+        1e6 or below 1e-6.
     """
 
     tightness: float = 100
@@ -110,7 +117,7 @@ class Librosa35:
         rate = _feature_rate(grid)
         _require_bpm(start_bpm)
         _require_samples(signal)
-        is_fast = self.method == "fast" and fast.can_do_track(signal.samples, signal.sample_rate, rate)
+        is_fast = self._is_fast(lambda: fast.why_not_track(signal.samples, signal.sample_rate, rate))
         compute = fast.track_features if is_fast else plain.track_features
         return compute(signal.samples, signal.sample_rate, rate, start_bpm, self.tightness)
 
@@ -172,10 +179,25 @@ class Librosa35:
             )
         if len(starts) == 0:
             return np.empty((0, n_rows, self.columns.width), dtype=np.float32)
-        is_fast = self.method == "fast" and fast.can_do_windows(n_samples, signal.sample_rate, rate)
+        is_fast = self._is_fast(lambda: fast.why_not_windows(n_samples, signal.sample_rate, rate))
         compute = fast.window_features if is_fast else plain.window_features
         features = compute(signal.samples, starts, n_samples, signal.sample_rate, rate, start_bpm, self.tightness)
         return features[:, :n_rows]
+
+    def _is_fast(self, why_not: Callable[[], str]) -> bool:
+        """Tell which version computes, and log it where that is not the one asked for."""
+        if self.method == "librosa":
+            return False
+        reason = why_not()
+        if reason:
+            _log_fallback(reason)
+        return not reason
+
+
+@lru_cache(maxsize=64)
+def _log_fallback(reason: str) -> None:
+    """Log a reason, once a process."""
+    _log.warning("librosa35: method fast computes as method librosa does, slowly: %s", reason)
 
 
 def _feature_rate(grid: FrameGrid) -> int:

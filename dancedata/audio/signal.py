@@ -24,6 +24,11 @@ if TYPE_CHECKING:
 # Undecoded rest of an mp3, as a part of the file, that tags (lyrics, pictures) at the end can explain.
 _MAX_UNREAD_MP3 = 0.2
 _COUNT_BLOCK = 1 << 18
+#: Most that is decoded, float32 samples of all channels: more than three hours of stereo at 48 kHz.
+MAX_BYTES = 1 << 32
+#: Above BOMB_BYTES, decoding may enlarge a file this many times: speech in opus, 250-fold, is the most in real use.
+BOMB_BYTES = 1 << 26
+BOMB_RATIO = 1000
 
 
 def load_audio(path: Path | str) -> AudioSignal:
@@ -179,6 +184,12 @@ class _Opened:
             self._file.close()
             # soundfile wants to be told the rate of files without a header (.raw), by a TypeError.
             raise _broken(self._path, getattr(error, "error_string", str(error))) from error
+        try:
+            self._require_plausible()
+        except DataError:
+            self._sound.close()
+            self._file.close()
+            raise
         return self._sound
 
     def __exit__(
@@ -195,6 +206,17 @@ class _Opened:
             self._sound.close()
             self._file.close()
 
+    def _require_plausible(self) -> None:
+        """Refuse a length that the header only claims: room would be made for it before anything is decoded."""
+        n_bytes = 4 * self._sound.frames * self._sound.channels
+        size = self._path.stat().st_size
+        if self._sound.frames < 0 or n_bytes > min(MAX_BYTES, max(BOMB_BYTES, BOMB_RATIO * size)):
+            raise _broken(
+                self._path,
+                f"a header that announces {self._sound.frames:,} samples in {self._sound.channels} channels, "
+                f"{n_bytes:,} bytes once decoded, of a file of {size:,}",
+            )
+
     def _require_read_to_the_end(self) -> None:
         size = self._path.stat().st_size
         unread = size - self._file.tell()
@@ -210,6 +232,9 @@ def _decode(path: Path) -> tuple[NDArray[np.float32], int]:
     with _Opened(path) as sound:
         samples: NDArray[np.float32] = sound.read(dtype="float32", always_2d=True)
         sample_rate = int(sound.samplerate)
+        # Of mp3 the header is an estimate; elsewhere it is what `audio_length` has said.
+        if 0 < len(samples) != sound.frames and not _is_mp3(sound):
+            raise _broken(path, f"{len(samples):,} samples where the header announces {sound.frames:,}")
     if samples.shape[0] == 0:
         raise _empty(path)
     return samples, sample_rate

@@ -75,7 +75,8 @@ class Columns:
         if self.mirror is None:
             return
         order, signs = self.mirror.permutation, self.mirror.signs
-        if sorted(order) != list(range(self.width)) or len(signs) != self.width or set(signs) - {1, -1}:
+        lengths = {len(order), len(signs)}  # before a width that a file states is counted up to
+        if lengths != {self.width} or sorted(order) != list(range(self.width)) or set(signs) - {1, -1}:
             raise UsageError("a mirror must be a signed permutation of the columns", found=f"{len(order)} entries")
         if any(order[order[j]] != j or signs[j] != signs[order[j]] for j in range(self.width)):
             raise UsageError("mirroring twice must give back the columns")

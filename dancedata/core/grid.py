@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 from fractions import Fraction
 
 from dancedata.core.errors import UsageError
 
 Number = int | float | str | Fraction
+#: Short enough that no exponent asks for a number of a million digits, as "1e999999999" would.
+_NUMBER = re.compile(r"\s*[+-]?(\d{1,40}(\.\d{0,40})?|\.\d{1,40})([eE][+-]?\d{1,3}|/\d{1,40})?\s*")
 
 
 def as_fraction(value: Number, what: str) -> Fraction:
@@ -20,10 +23,12 @@ def as_fraction(value: Number, what: str) -> Fraction:
         If `value` is no finite number.
     """
     try:
+        if isinstance(value, str) and not _NUMBER.fullmatch(value):
+            raise ValueError(value)
         return Fraction(str(value)) if isinstance(value, float) else Fraction(value)
     except (ValueError, ZeroDivisionError, TypeError, OverflowError) as error:
         raise UsageError(
-            f"{what} is no number", found=repr(value), allowed="a number or a fraction such as 30000/1001"
+            f"{what} is no number", found=_shown(value), allowed="a number or a fraction such as 30000/1001"
         ) from error
 
 
@@ -37,8 +42,13 @@ def as_rate(value: Number) -> Fraction:
     """
     rate = as_fraction(value, "rate")
     if rate <= 0:
-        raise UsageError("a frame rate must be above 0", found=repr(value), allowed="frames a second, > 0")
+        raise UsageError("a frame rate must be above 0", found=_shown(value), allowed="frames a second, > 0")
     return rate
+
+
+def _shown(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:60]}..."
 
 
 @dataclass(frozen=True, order=True)

@@ -113,7 +113,8 @@ def _numbers(path: Path, content: Mapping[str, Any], key: str) -> Floats:
             allowed="an array of floats",
             fix="get the file anew",
         )
-    return array.astype(np.float64)
+    with np.errstate(over="ignore", invalid="ignore"):  # of long doubles; reported as not finite
+        return array.astype(np.float64)
 
 
 def _scaling(path: Path, content: Mapping[str, Any]) -> float:

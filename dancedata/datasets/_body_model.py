@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from dancedata.core.bodies import SMPLX52, SMPLX55
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.skeleton import SMPL24, Skeleton
+from dancedata.datasets._bvh_hierarchy import MAX_VALUE
 from dancedata.datasets._folder_arrays import open_arrays
 
 __all__ = ["GENDERS", "SMPLH52", "body_model_skeleton", "find_model"]
@@ -153,7 +154,7 @@ def _model(file: Path, size: int, changed_ns: int) -> tuple[Floats, Floats]:
 
 
 def _check(file: Path, template: Floats, regressor: Floats, shapes: Floats, parents: Floats | None) -> None:
-    vertices = len(template)
+    vertices = template.shape[0] if template.ndim else 0
     good = (
         template.shape == (vertices, 3)
         and regressor.ndim == 2
@@ -166,8 +167,9 @@ def _check(file: Path, template: Floats, regressor: Floats, shapes: Floats, pare
         raise _no_model(file, found, "(V, 3), (J, V) and (V, 3, B)")
     if len(regressor) not in _BODIES:
         raise _no_model(file, f"{len(regressor)} joints", "55 (SMPL-X), 52 (SMPL-H) or 24 (SMPL)")
-    if not all(np.isfinite(array).all() for array in (template, regressor, shapes)):
-        raise _no_model(file, "NaN or infinity", "finite numbers")
+    # A comparison with NaN is false as well.
+    if not all((np.abs(array) <= MAX_VALUE).all() for array in (template, regressor, shapes)):
+        raise _no_model(file, "NaN, infinity or larger numbers", f"numbers within +-{MAX_VALUE:g}")
     expected = np.array(_BODIES[len(regressor)].parents[1:])
     if parents is not None and not (
         parents.shape == (2, len(regressor)) and np.array_equal(parents[0, 1:], expected)

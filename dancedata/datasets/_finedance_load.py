@@ -17,6 +17,7 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.skeleton import Skeleton
 from dancedata.datasets._finedance_rotations import check_rows, rotations_of
+from dancedata.datasets._npy_header import require_short_header
 
 __all__ = ["load_motion", "motion_length"]
 
@@ -87,7 +88,8 @@ def _read(path: Path) -> Floats:
         raise _broken(path, str(error)) from error
     except _HEADER_ERRORS as error:  # the file changed since its header was read
         raise _broken(path, str(error)) from error
-    return array.astype(np.float64)
+    with np.errstate(over="ignore", invalid="ignore"):  # of long doubles; reported as not finite
+        return array.astype(np.float64)
 
 
 def _header(path: Path, file: BinaryIO) -> tuple[int, ...]:
@@ -96,6 +98,7 @@ def _header(path: Path, file: BinaryIO) -> tuple[int, ...]:
         version = np.lib.format.read_magic(file)
         # Version 3 exists for names of fields in other scripts; plain arrays are 1 or 2.
         read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        require_short_header(file, version)
         shape, _, dtype = read(file)
     except _HEADER_ERRORS as error:
         raise _broken(path, f"no .npy header: {error}") from error

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from dancedata.core.errors import DataError
 from dancedata.core.safe_pickle import load_pickle
+from dancedata.datasets._npy_header import require_short_header
 
 __all__ = ["MAX_ARRAY_BYTES", "ArrayFile", "open_arrays"]
 
@@ -188,7 +189,8 @@ def _text(array: Array) -> str:
 
 
 def _numbers(array: Array) -> NDArray[np.float64]:
-    return array.astype(np.float64)
+    with np.errstate(over="ignore", invalid="ignore"):  # of long doubles; what is infinite is reported by who asked
+        return array.astype(np.float64)
 
 
 def _header(
@@ -199,6 +201,7 @@ def _header(
     if version not in ((1, 0), (2, 0)):
         raise _no_numbers(path, name, f"an array of format {version[0]}.{version[1]}")
     read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    require_short_header(file, version)
     shape, _, dtype = read(file)
     if dtype.hasobject:
         raise DataError(

@@ -13,14 +13,18 @@ from typing import Any, NoReturn
 from dancedata.core.errors import SourceError, did_you_mean
 from dancedata.datasets._folder_facts import Declared
 
-__all__ = ["COLUMNS", "MANIFESTS", "Row", "inside", "read_manifest"]
+__all__ = ["COLUMNS", "MANIFESTS", "Row", "id_problem", "inside", "read_manifest"]
 
 MANIFESTS = ("manifest.csv", "manifest.jsonl")
 _ABOUT = ("id", "motion", "audio", "split", "genre", "music", "dancer", "tempo_bpm")
 _DECLARED = ("fps", "up", "unit", "layout", "gender")
 COLUMNS = (*_ABOUT, *_DECLARED)
-MAX_BYTES = 1 << 26
+#: A hundred thousand clips.
+MAX_BYTES = 1 << 24
+MAX_LINE = 1 << 16
+MAX_ID = 200
 MAX_TEMPO = 1000.0
+ID_ALLOWED = f"at most {MAX_ID} printable characters without slashes, beginning with no dot"
 _DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tabulator"}
 
 
@@ -64,6 +68,9 @@ def read_manifest(path: Path) -> list[Row]:
     except (OSError, UnicodeDecodeError) as error:
         fix = "save it as UTF-8 text"
         raise _bad(path, None, "the manifest cannot be read", str(error)[:200], "UTF-8 text", fix) from error
+    for number, line in enumerate(text.split("\n"), start=1):
+        if len(line) > MAX_LINE:
+            raise _bad(path, number, "a line is too long", f"{len(line):,} characters", f"at most {MAX_LINE:,}")
     lines = _csv(path, text) if path.suffix == ".csv" else _jsonl(path, text)
     rows = [_row(path, line, values) for line, values in lines]
     if not rows:
@@ -176,10 +183,14 @@ def _row(path: Path, line: int, values: dict[str, str]) -> Row:
     tempo = values.get("tempo_bpm")
     if tempo is not None and not _is_tempo(tempo):
         raise _bad(path, line, "tempo_bpm is no tempo", tempo[:40], f"beats a minute, above 0, below {MAX_TEMPO:g}")
-    declared = Declared(**{name: values[name] for name in _DECLARED if name in values})
-    problem = declared.problem()
+    problem = id_problem(values.get("id") or Path(values["motion"]).stem)
     if problem is not None:
-        name, value, allowed = problem
+        found = repr((values.get("id") or values["motion"])[:60])
+        raise _bad(path, line, f"the id {problem}", found, ID_ALLOWED, "give the clip another id")
+    declared = Declared(**{name: values[name] for name in _DECLARED if name in values})
+    wrong = declared.problem()
+    if wrong is not None:
+        name, value, allowed = wrong
         raise _bad(path, line, f"{name} cannot be that", value[:60], allowed, f"correct {name}, or leave it empty")
     return Row(line, values, declared)
 
@@ -201,6 +212,17 @@ def _check_unique(path: Path, rows: list[Row]) -> None:
                 path, row.line, f"two clips are named {name!r}", found, "an id of its own for each", "give ids"
             )
         lines[name] = row.line
+
+
+def id_problem(name: str) -> str | None:
+    """Say why a clip cannot have this id, which becomes part of file names; None if it can."""
+    if not name or name.startswith("."):
+        return "begins with a dot" if name else "is empty"
+    if "/" in name or "\\" in name:
+        return "has a slash in it"
+    if not name.isprintable():
+        return "has characters in it that cannot be printed"
+    return f"is longer than {MAX_ID} characters" if len(name) > MAX_ID else None
 
 
 def clip_id(row: Row) -> str:

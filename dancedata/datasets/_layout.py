@@ -11,6 +11,8 @@ __all__ = ["counted", "describe", "few", "list_folder", "read_names", "relative"
 
 SHOWN = 6
 """How many entries of a folder, or names of a list, a message shows."""
+MAX_LIST_BYTES = 1 << 24
+"""A list of names is never larger."""
 
 
 def list_folder(folder: Path) -> list[Path]:
@@ -96,7 +98,11 @@ def read_names(path: Path) -> list[str]:
         If the file cannot be read or is not text.
     """
     try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
+        with path.open("rb") as file:
+            text = file.read(MAX_LIST_BYTES + 1)
+        if len(text) > MAX_LIST_BYTES:
+            raise OSError(f"more than {MAX_LIST_BYTES:,} bytes")
+        lines = text.decode("utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise SourceError(
             "the list of names cannot be read",

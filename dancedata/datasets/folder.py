@@ -37,7 +37,7 @@ from dancedata.core.registry import DATASETS
 from dancedata.core.skeleton import SMPL24
 from dancedata.datasets._folder_facts import Declared
 from dancedata.datasets._folder_load import SUFFIXES, Reading, describe, load_motion
-from dancedata.datasets._folder_manifest import MANIFESTS, Row, clip_id, inside, read_manifest
+from dancedata.datasets._folder_manifest import MANIFESTS, Row, clip_id, id_problem, inside, read_manifest
 from dancedata.datasets._folder_match import LOOKED_FOR, MUSIC, match_names
 from dancedata.datasets._layout import counted, relative, require_folder
 
@@ -212,7 +212,11 @@ class Folder:
         clips, rejects = [], list(matched.rejects)
         for name, path in matched.motions.items():
             audio = matched.music.get(name)
-            if audio is None and self.music == "required":
+            problem = id_problem(name)
+            if problem is not None:
+                detail = f"its name, the clip's id, {problem}; rename it, or write a manifest with an id"
+                rejects.append(Reject("bad_name", clip=name, file=relative(path, source), detail=detail))
+            elif audio is None and self.music == "required":
                 detail = f"no {name}.wav, .flac, .mp3 or .ogg"
                 rejects.append(Reject("missing_music", clip=name, file=relative(path, source), detail=detail))
             else:

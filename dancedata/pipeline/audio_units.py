@@ -57,19 +57,35 @@ def identify_audio(cache: Cache, recipe: Recipe, path: Path) -> SignalId | Rejec
     """Decode a file and hash its samples, and its windows' in window scope; remembered until the file changes."""
     from dancedata.audio.signal import load_audio
 
-    windows = [str(recipe.fps), recipe.windows.length, recipe.windows.stride] if recipe.scope == "window" else None
-    packages = {"soundfile": package_version("soundfile"), "libsndfile": libsndfile_version()}
     try:
-        key = Cache.key("signal", file=Cache.stat_key("signal", path), windows=windows, packages=packages)
+        key = _signal_key(recipe, path)
         known = cache.json("signals", key)
         if known is None:
             with cache.lock("signals", key):
-                known = cache.json("signals", key) or _hashed(recipe, load_audio(path))
-                cache.put_json("signals", key, known)
+                known = cache.json("signals", key)
+                if known is None:
+                    known = _hashed(recipe, load_audio(path))
+                    cache.put_json("signals", key, known)
     except DataError as error:
         return reject_of(error, file=path)
     except FileNotFoundError:
         return Reject("missing_music", file=str(path), detail=f"{path}: the file vanished during the build")
+    return _signal_id(path, known)
+
+
+def known_signal(cache: Cache, recipe: Recipe, path: Path) -> SignalId | None:
+    """Return what `identify_audio` remembers of a file, None if it would have to decode it."""
+    known = cache.json("signals", _signal_key(recipe, path))
+    return None if known is None else _signal_id(path, known)
+
+
+def _signal_key(recipe: Recipe, path: Path) -> str:
+    windows = [str(recipe.fps), recipe.windows.length, recipe.windows.stride] if recipe.scope == "window" else None
+    packages = {"soundfile": package_version("soundfile"), "libsndfile": libsndfile_version()}
+    return Cache.key("signal", file=Cache.stat_key("signal", path), windows=windows, packages=packages)
+
+
+def _signal_id(path: Path, known: Sequence[Any]) -> SignalId:
     return SignalId(path, known[0], known[1], known[2], tuple(known[3]))
 
 
@@ -182,6 +198,8 @@ def _decoded(signal: SignalId, ahead: Path | None = None) -> AudioSignal:
 
 
 def _feature_key(recipe: Recipe, feature: Any, bpm: float | None, **content: Any) -> str:
+    # Else equal music would be computed again for another tempo, and for none.
+    bpm = bpm if getattr(feature, "uses_tempo", True) else None
     return Cache.key(
         "feature",
         version=[FEATURE_STAGE, feature.version],

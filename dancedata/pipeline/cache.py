@@ -83,10 +83,12 @@ class CachedArray:
     def mapped(self) -> npt.NDArray[Any]:
         """Return all of the entry as a read-only view of the file; EntryLostError as above, checksum unseen.
 
-        It stays valid when the entry is removed from the cache.
+        It stays valid when the entry is removed from the cache, and `prune` leaves it alone as long as it lives.
         """
         try:
             with open(self.path, "rb") as file:
+                # The map keeps the open file, and with it the mark.
+                files.mark_in_use(file.fileno())
                 shape, dtype, begin = files.read_head(file.fileno())
                 data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
         except (OSError, ValueError) as error:
@@ -183,14 +185,22 @@ class Cache:
         with _clear_errors(self.root):
             files.publish(self.root, self._path(stage, key, "json"), files.json_parts(obj), durable=False)
 
+    def holds(self, stage: str, key: str, suffix: str = "npy") -> bool:
+        """Tell whether an entry is there, for those who do not want it; its bytes are not looked at."""
+        return self._path(stage, key, suffix).exists()
+
     def file_sha256(self, path: Path) -> str:
         """Return the SHA-256 of a file's bytes, remembered by path, size, time of change and inode."""
-        key = self.stat_key("sha256", path)
-        known = self.json("files", key)
+        known = self.known_sha256(path)
         if known is None:
             known = sha256_file(path)
-            self.put_json("files", key, known)
-        return str(known)
+            self.put_json("files", self.stat_key("sha256", path), known)
+        return known
+
+    def known_sha256(self, path: Path) -> str | None:
+        """Return what `file_sha256` remembers of a file, None if it would have to read it."""
+        known = self.json("files", self.stat_key("sha256", path))
+        return None if known is None else str(known)
 
     @staticmethod
     def stat_key(what: str, path: Path) -> str:

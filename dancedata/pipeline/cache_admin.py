@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -56,12 +57,21 @@ class StageSum:
 
 @dataclass
 class Pruned:
-    """What was removed, or would be, and what is left; `swept` counts what killed processes left."""
+    """What was removed, or would be, and what is left.
+
+    Attributes
+    ----------
+    in_use
+        Entries among those kept that would have gone, had not a build or a training job that is running used them.
+    swept
+        Files that killed processes left, removed as well.
+    """
 
     removed: int = 0
     removed_bytes: int = 0
     kept: int = 0
     kept_bytes: int = 0
+    in_use: int = 0
     swept: int = 0
     paths: list[Path] = field(default_factory=list)
 
@@ -73,9 +83,10 @@ class Pruned:
         """Return what `cache prune` prints."""
         what = "would remove" if dry else "removed"
         swept = f"; removed {self.swept} files of killed processes" if self.swept else ""
+        in_use = f", {self.in_use} of them because they are in use" if self.in_use else ""
         return (
             f"{what} {self.removed} entries, {size_text(self.removed_bytes)}; "
-            f"{self.kept} are left, {size_text(self.kept_bytes)}{swept}"
+            f"{self.kept} are left, {size_text(self.kept_bytes)}{in_use}{swept}"
         )
 
 
@@ -141,7 +152,10 @@ def size_text(n_bytes: float) -> str:
 def prune(
     root: Path, *, older_than_s: float | None = None, max_bytes: int | None = None, dry: bool = False
 ) -> Pruned:
-    """Remove entries by age and size; a build that runs computes again what it misses.
+    """Remove entries by age and size, those used longest ago first, but none that is in use.
+
+    In use is what a training job has mapped (`FeatureCache`), and what was used since the oldest of the builds
+    began that are running now.
 
     Parameters
     ----------
@@ -156,13 +170,17 @@ def prune(
         raise UsageError("nothing says what to remove", fix="give --older-than 30d, --max-size 50GB, or both")
     now = time.time()
     result = Pruned(swept=0 if dry else files.sweep(root))
+    begun = files.oldest_running(root)
+    # The time of a use is kept to the hour.
+    since = math.inf if begun is None else begun - files.USE_GRANULARITY_S
     found = sorted(entries(root), key=lambda e: (e.used, e.path))
     total = sum(e.size for e in found)
     for entry in found:
         # A use that lies in the future (the clock was set back) is no age.
         old = older_than_s is not None and now - entry.used > older_than_s
         large = max_bytes is not None and total > max_bytes
-        if (old or large) and (dry or _removed(entry)):
+        goes = (old or large) and entry.used < since and (dry or _removed(entry))
+        if goes:
             total -= entry.size
             result.removed += 1
             result.removed_bytes += entry.size
@@ -170,12 +188,11 @@ def prune(
         else:
             result.kept += 1
             result.kept_bytes += entry.size
+            result.in_use += old or large
     return result
 
 
-def verify_cache(
-    root: Path, *, remove: bool = False, advance: Callable[[int], None] = lambda _: None
-) -> tuple[int, list[tuple[Path, str]]]:
+def verify_cache(root: Path, *, remove: bool = False) -> tuple[int, list[tuple[Path, str]]]:
     """Compare every entry with its checksum; returns how many there are, and the damaged ones with what is wrong.
 
     Parameters
@@ -187,7 +204,6 @@ def verify_cache(
     count = 0
     for entry in entries(root):
         count += 1
-        advance(1)
         try:
             files.read_array(entry.path) if entry.path.suffix == ".npy" else files.read_json(entry.path)
         except FileNotFoundError:
@@ -217,11 +233,7 @@ def parse_size(text: str) -> int:
 
 def _removed(entry: Entry) -> bool:
     try:
-        if entry.path.stat().st_mtime != entry.used:
-            return False  # used since it was listed
-        entry.path.unlink()
-    except FileNotFoundError:
-        return True
+        return files.remove_unused(entry.path, entry.used)
     except OSError as error:
         raise StoreError(
             "an entry of the cache cannot be removed",
@@ -229,7 +241,6 @@ def _removed(entry: Entry) -> bool:
             found=str(error),
             fix="entries belong to who made them: their owner can prune them",
         ) from error
-    return True
 
 
 def _days(now: float, used: float | None) -> float | None:

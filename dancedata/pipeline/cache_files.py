@@ -18,7 +18,7 @@ import struct
 import time
 import zlib
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
@@ -28,6 +28,8 @@ import numpy.typing as npt
 
 #: Folders of the cache that hold no entries.
 TEMPORARY, LOCKS = "tmp", "locks"
+#: How the names of files in LOCKS begin that builds hold as long as they run.
+RUNNING = "build-"
 #: Where the file system knows no locks: what has not been touched for this long was left by a killed process.
 ABANDONED_S = 24 * 3600.0
 #: How exactly the time of the last use is kept: a use sooner after the last one writes nothing.
@@ -160,6 +162,56 @@ def held(folder: Path, name: str) -> Iterator[Path]:
         os.close(fd)
 
 
+@contextmanager
+def running(root: Path) -> Iterator[None]:
+    """Say, within the context, that a build is running: `cache prune` leaves alone what it may be using."""
+    with ExitStack() as stack:
+        with suppress(OSError):  # a cache that may only be read is enough for a build that finds all in it
+            stack.enter_context(held(root / LOCKS, f"{RUNNING}{uuid4().hex}"))
+        yield
+
+
+def oldest_running(root: Path) -> float | None:
+    """Return when the oldest of the builds began that are running now, seconds since 1970."""
+    begun = []
+    for path in (root / LOCKS).glob(f"{RUNNING}*"):
+        with suppress(FileNotFoundError):
+            since = path.stat().st_mtime
+            if not left_behind(path):
+                begun.append(since)
+    return min(begun, default=None)
+
+
+def mark_in_use(fd: int) -> None:
+    """Mark an open entry as in use until the last copy of `fd` is closed; FileNotFoundError if it is removed."""
+    _lock(fd, fcntl.LOCK_SH)
+    if not os.fstat(fd).st_nlink:
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
+
+
+def remove_unused(path: Path, used: float) -> bool:
+    """Remove an entry, unless it was used after the time `used` or a process has it mapped; tells whether it is gone.
+
+    Raises
+    ------
+    OSError
+        If it may not be removed.
+    """
+    try:
+        fd = os.open(path, os.O_RDWR)
+    except FileNotFoundError:
+        return True
+    except PermissionError:
+        fd = os.open(path, os.O_RDONLY)
+    try:
+        if os.fstat(fd).st_mtime != used or _lock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB) is False:
+            return False
+        path.unlink(missing_ok=True)
+    finally:
+        os.close(fd)
+    return True
+
+
 def left_behind(path: Path) -> bool:
     """Tell whether a file is there and the process that held it is dead."""
     try:
@@ -203,7 +255,7 @@ def _remove_abandoned(path: Path) -> bool:
 
 def _is_abandoned(fd: int) -> bool:
     """Tell whether nobody holds an open file; if so, the caller holds it until it closes the file."""
-    locked = _lock(fd, wait=False)
+    locked = _lock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
     if locked is None:
         return time.time() - os.fstat(fd).st_mtime > ABANDONED_S
     return locked and os.fstat(fd).st_nlink > 0
@@ -223,7 +275,7 @@ def _open_held(folder: Path, name: str) -> tuple[int, Path]:
             made = True
             continue
         try:
-            _lock(fd, wait=True)
+            _lock(fd, fcntl.LOCK_EX)
             # Whoever held it before has removed it by now: that lock keeps nobody out.
             if os.fstat(fd).st_nlink:
                 return fd, path
@@ -233,12 +285,13 @@ def _open_held(folder: Path, name: str) -> tuple[int, Path]:
         os.close(fd)
 
 
-def _lock(fd: int, *, wait: bool) -> bool | None:
+def _lock(fd: int, operation: int) -> bool | None:
     """Lock an open file; False if another one holds it, None where the file system knows no locks."""
     try:
-        fcntl.flock(fd, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(fd, operation)
     except OSError as error:
-        if error.errno in (errno.EAGAIN, errno.EACCES):
+        # EBADF: NFS, of a file that may only be read. Whether another one holds it cannot be told.
+        if error.errno in (errno.EAGAIN, errno.EACCES, errno.EBADF):
             return False
         if error.errno in _NO_LOCKS:
             return None

@@ -95,14 +95,18 @@ class _Run:
         """Run calls until all are done or a worker dies; returns what was said of that."""
         from joblib import Parallel, delayed
 
-        pool: dict[str, Any] = {"n_jobs": max(2, min(self.workers.n, len(indices))), "backend": "loky"}
+        # Units take paths, not arrays. joblib would make a folder for large ones in /dev/shm, and leave it there
+        # when the build is killed.
+        memory: dict[str, Any] = {"max_nbytes": None, "temp_folder": str(self.scratch)}
+        pool = {"n_jobs": max(2, min(self.workers.n, len(indices))), "backend": "loky", **memory}
         deaths: tuple[type[Exception], ...] = (BrokenExecutor,)
         lost: tuple[type[BaseException], ...] = ()
         if self.workers.backend == "dask":
             from dancedata.pipeline.dask_backend import CLUSTER_LOST, WORKER_DEATHS
 
-            # The backend is the one of the context, and the number of workers the cluster's.
-            pool, deaths, lost = {"n_jobs": -1}, WORKER_DEATHS, CLUSTER_LOST
+            # The backend is the one of the context. All units go to the scheduler at once: workers may come later.
+            pool = {"n_jobs": -1, "pre_dispatch": "all"}
+            deaths, lost = WORKER_DEATHS, CLUSTER_LOST
         tasks = (delayed(_marked)(self.function, self.calls[i], self._mark(i)) for i in indices)
         outcome = Parallel(**pool, return_as="generator")(tasks)
         try:
@@ -114,7 +118,7 @@ class _Run:
         except lost as error:
             raise DanceDataError(
                 f"the Dask cluster was lost during {self.label}",
-                found=f"{type(error).__name__}: {error}",
+                found=f"{type(error).__name__}: {_first_line(error)}",
                 fix="see that the scheduler runs, then run the same command again: it goes on where it was",
             ) from error
         return None

@@ -65,10 +65,7 @@ def hash_motion(cache: Cache, ref: ClipRef) -> str | Reject:
 
 def encode_motion(cache: Cache, recipe: Recipe, ref: ClipRef, sha256: str) -> MotionResult | Reject:
     """Load, check, resample and encode one clip, for every motion and key motion field of the recipe."""
-    loading = _loading(cache, recipe, ref)
-    encoders = _encoders(recipe)
-    keys = {e.name: _motion_key(recipe, e, loading, sha256) for e in encoders}
-    info_key = _info_key(loading, sha256)
+    info_key, keys = motion_keys(cache, recipe, ref, sha256)
     info, arrays = _encoded(cache, info_key, keys)
     if info is None or None in arrays.values():
         try:
@@ -82,6 +79,12 @@ def encode_motion(cache: Cache, recipe: Recipe, ref: ClipRef, sha256: str) -> Mo
     n_frames = grid.resampled_length(n_source, recipe.grid)
     first = min(grid.first_frame_from(trim, recipe.grid), n_frames - 1)
     return MotionResult(n_source, rate, n_frames, first, float(info[4]), tuple(info[2]), found)
+
+
+def motion_keys(cache: Cache, recipe: Recipe, ref: ClipRef, sha256: str) -> tuple[str, dict[str, str]]:
+    """Return the cache key of what is known of a clip, and those of its motion and key motion fields by name."""
+    loading = _loading(cache, recipe, ref)
+    return _info_key(loading, sha256), {e.name: _motion_key(recipe, e, loading, sha256) for e in _encoders(recipe)}
 
 
 def _encoded(

@@ -16,7 +16,7 @@ from dancedata.pipeline.build import hired_for, stop_if_strict
 from dancedata.pipeline.cache import Cache, default_cache
 from dancedata.pipeline.execute import Progress
 from dancedata.pipeline.gather import gather, identify
-from dancedata.pipeline.recipe import Recipe
+from dancedata.pipeline.recipe import Recipe, resolve
 
 
 @dataclass(frozen=True)
@@ -116,6 +116,8 @@ def build_part(
     progress = progress or Progress(quiet=True)
     source = source.absolute()
     store_cache = Cache((cache or default_cache()).absolute())
+    # As in the build that collects: what depends on the machine is in the keys.
+    recipe = resolve(recipe, store_cache.file_sha256)
     scan: Scan = recipe.dataset.scan(source)
     mine = part.of(scan.clips)
     with hired_for(recipe, source, store_cache, jobs) as workers:

@@ -1,9 +1,9 @@
-"""dancedata plan: what a build would make; reads lengths only, computes no feature, writes nothing."""
+"""dancedata plan: what a build would make; reads lengths only, computes no feature, writes no dataset."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,9 +12,11 @@ from dancedata.core.clip import ClipRef, Scan
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.pipeline.build import header_of
+from dancedata.pipeline.cache import Cache, default_cache
 from dancedata.pipeline.execute import Progress, run_units
 from dancedata.pipeline.gather import audio_window_count
 from dancedata.pipeline.motion_units import motion_window_count
+from dancedata.pipeline.plan_cached import Cached, cached_units
 from dancedata.pipeline.recipe import Recipe
 from dancedata.store.schema import sort_splits
 
@@ -44,6 +46,7 @@ class Plan:
     recipe: Recipe
     scan: Scan
     clips: tuple[ClipPlan, ...]
+    cached: Mapping[str, Cached]
 
     def to_json(self) -> dict[str, Any]:
         """Return plain JSON data: counts, columns and bytes."""
@@ -62,6 +65,7 @@ class Plan:
                 "songs": len({c.ref.music for c in mine}),
             }
         fields = {f.name: {"columns": f.columns.width, "dtype": f.dtype} for f in header_of(self.recipe, {}).fields}
+        cached = {name: units.to_json() for name, units in self.cached.items()}
         return {
             "recipe": self.recipe.document,
             "recipe_sha256": self.recipe.sha256,
@@ -69,6 +73,7 @@ class Plan:
             "notes": [*self.scan.notes, *self._notes()],
             "splits": splits,
             "fields": fields,
+            "cached": cached,
             "bytes": self._bytes(kept),
             "left_out": {reason: n for reason, n in sorted(left_out.items()) if n},
         }
@@ -106,12 +111,16 @@ class Plan:
         return total
 
 
-def make_plan(recipe: Recipe, source: Path, *, jobs: int = 1, progress: Progress | None = None) -> Plan:
-    """Find out what `build` would make of a source."""
+def make_plan(
+    recipe: Recipe, source: Path, *, jobs: int = 1, cache: Path | None = None, progress: Progress | None = None
+) -> Plan:
+    """Find out what `build` would make of a source, and what of that is in the cache."""
     scan: Scan = recipe.dataset.scan(source)
     calls = [(recipe, ref) for ref in scan.clips]
     clips = run_units(_clip_plan, calls, jobs=jobs, label="lengths", progress=progress or Progress(quiet=True))
-    return Plan(recipe, scan, tuple(clips))
+    kept = [(clip.ref, clip.n_windows) for clip in clips if clip.n_windows]
+    held = cached_units(Cache((cache or default_cache()).absolute()), recipe, kept)
+    return Plan(recipe, scan, tuple(clips), held)
 
 
 def _clip_plan(recipe: Recipe, ref: ClipRef) -> ClipPlan:

@@ -19,7 +19,7 @@ from dancedata.core.movement import Movement
 from dancedata.core.registry import CONTACTS, DATASETS, FEATURES, KEYMOTIONS, REPRESENTATIONS, Registry
 from dancedata.core.resources import resource, resources
 from dancedata.pipeline.slots import document_of, make_dataclass, make_plugin, one_of
-from dancedata.pipeline.strict_yaml import load_yaml
+from dancedata.pipeline.strict_yaml import load_yaml, read_yaml
 
 
 def _number(value: Any) -> Any:
@@ -176,7 +176,7 @@ def load_recipe(name_or_path: str | Path, overrides: Sequence[str] = ()) -> Reci
     """
     path = _find(str(name_or_path))
     try:
-        document = load_yaml(path.read_text(encoding="utf-8"))
+        document = read_yaml(path)
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise RecipeError("the recipe cannot be read", where=path, found=str(error)) from error
     if not isinstance(document, dict):

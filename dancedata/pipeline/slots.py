@@ -10,6 +10,9 @@ from pydantic import TypeAdapter, ValidationError
 from dancedata.core.errors import DanceDataError, did_you_mean
 from dancedata.core.registry import Registry
 
+#: Made once: it is wanted for every key of the cache.
+_ANY: TypeAdapter[Any] = TypeAdapter(Any)
+
 
 def document_of(plugin: Any, *, loading: bool = False) -> dict[str, Any]:
     """Return a plug-in's parameters as JSON, defaults included; fields marked as paths are left out.
@@ -20,7 +23,7 @@ def document_of(plugin: Any, *, loading: bool = False) -> dict[str, Any]:
     """
     skipped = ("path", "scan") if loading else ("path",)
     fields = [f for f in dataclasses.fields(plugin) if not any(f.metadata.get(mark) for mark in skipped)]
-    return {f.name: TypeAdapter(Any).dump_python(getattr(plugin, f.name), mode="json") for f in fields}
+    return {f.name: _ANY.dump_python(getattr(plugin, f.name), mode="json") for f in fields}
 
 
 def make_plugin(

@@ -2,13 +2,35 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import yaml
 
+#: Of PyYAML, which takes 20 microseconds a character.
+MAX_CHARACTERS = 1 << 15
+MAX_NODES = 2_000
+MAX_DEPTH = 40
+
 
 class _Loader(yaml.SafeLoader):
-    """SafeLoader that refuses a mapping which names a key twice (plain YAML loaders keep the last silently)."""
+    """SafeLoader that refuses a mapping which names a key twice (plain YAML loaders keep the last silently).
+
+    It stops at the limits while it reads: PyYAML takes seconds for ten thousand brackets.
+    """
+
+    _n_nodes = 0
+
+    def fetch_flow_collection_start(self, TokenClass: Any) -> None:  # noqa: N803 -- PyYAML's name
+        if self.flow_level >= MAX_DEPTH:
+            raise yaml.YAMLError(f"it is nested deeper than {MAX_DEPTH} levels")
+        super().fetch_flow_collection_start(TokenClass)
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        self._n_nodes += 1
+        if self._n_nodes > MAX_NODES:
+            raise yaml.YAMLError(f"more than {MAX_NODES:,} values")
+        return super().compose_node(parent, index)
 
 
 def _mapping(loader: _Loader, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
@@ -26,6 +48,50 @@ def _mapping(loader: _Loader, node: yaml.MappingNode, deep: bool = False) -> dic
 _Loader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping)
 
 
+def read_yaml(path: Path) -> Any:
+    """Read a YAML file; raises yaml.YAMLError as `load_yaml` does, OSError and UnicodeDecodeError."""
+    with path.open("rb") as file:
+        # A character has up to four bytes.
+        data = file.read(4 * MAX_CHARACTERS + 1)
+    return load_yaml(data.decode("utf-8"))
+
+
 def load_yaml(text: str) -> Any:
-    """Read YAML; raises yaml.YAMLError."""
-    return yaml.load(text, Loader=_Loader)  # noqa: S506 -- a SafeLoader
+    """Read YAML; raises yaml.YAMLError, also for what only files made up to hurt have.
+
+    That is text of more than MAX_CHARACTERS, nesting deeper than MAX_DEPTH, numbers beyond 64 bits, and aliases that
+    make the document larger than MAX_NODES or endless.
+    """
+    if len(text) > MAX_CHARACTERS:
+        raise yaml.YAMLError(f"{len(text):,} characters; at most {MAX_CHARACTERS:,} are read")
+    try:
+        loaded = yaml.load(text, Loader=_Loader)  # noqa: S506 -- a SafeLoader
+        if _size(loaded, 0) > MAX_NODES:
+            raise yaml.YAMLError(f"more than {MAX_NODES:,} values, aliases followed")
+    except RecursionError as error:
+        raise yaml.YAMLError("it is nested too deep") from error
+    # Numbers and dates that look like ones and are none.
+    except (ValueError, OverflowError, TypeError, AttributeError, KeyError) as error:
+        raise yaml.YAMLError(f"a value cannot be read: {error}") from error
+    return loaded
+
+
+def _size(value: Any, depth: int) -> int:
+    """Count values, shared ones as often as they are named, but not far beyond the limit."""
+    if depth > MAX_DEPTH:
+        raise yaml.YAMLError(f"it is nested deeper than {MAX_DEPTH} levels, or in itself")
+    if isinstance(value, int) and abs(value) >= 1 << 64:
+        raise yaml.YAMLError("a whole number of more than 64 bits")
+    inside = (
+        (*value, *value.values())
+        if isinstance(value, dict)
+        else value
+        if isinstance(value, list | tuple | set)
+        else ()
+    )
+    total = 1
+    for item in inside:
+        total += _size(item, depth + 1)
+        if total > MAX_NODES:
+            break
+    return total

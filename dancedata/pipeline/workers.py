@@ -17,7 +17,7 @@ from uuid import uuid4
 from dancedata.core.errors import DanceDataError, UsageError
 from dancedata.core.version import __version__
 from dancedata.pipeline.cache import Cache, package_version
-from dancedata.pipeline.cache_files import TEMPORARY, held
+from dancedata.pipeline.cache_files import TEMPORARY, held, left_behind
 
 Backend = Literal["loky", "dask"]
 #: Seconds to wait for the scheduler, and for a first worker.
@@ -142,7 +142,9 @@ def _connected(scheduler: str) -> Iterator[None]:
 
 def _close(client: Any) -> None:
     """Leave the cluster; what is still under way there fails to come back, which is nothing to log."""
-    loggers = [logging.getLogger(name) for name in ("tornado.application", "distributed")]
+    # distributed gives several of its loggers levels of their own.
+    names = [name for name in logging.root.manager.loggerDict if name.split(".")[0] == "distributed"]
+    loggers = [logging.getLogger(name) for name in ("tornado.application", *names)]
     levels = [logger.level for logger in loggers]
     for logger in loggers:
         logger.setLevel(logging.CRITICAL + 1)
@@ -188,6 +190,15 @@ def check_surroundings(wanted: Surroundings) -> None:
             raise DanceDataError("a worker sees another cache", where=where, found=wanted.token, fix=shared)
     except OSError as error:
         raise DanceDataError("a worker does not see the cache", where=where, found=str(error), fix=shared) from error
+    if left_behind(wanted.token):
+        # The build holds it. What a worker takes for left behind it would also remove while it is being written.
+        raise DanceDataError(
+            "locks on files in the cache do not reach from one machine to another",
+            where=where,
+            found=f"a lock on {wanted.token.name} that the build holds and the worker does not see",
+            fix="mount the file system with locks (Lustre: flock; NFS: neither nolock nor local_lock), "
+            "or put the cache on another",
+        )
     try:
         same = _listing(wanted.source) == wanted.listing
     except OSError as error:

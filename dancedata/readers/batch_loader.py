@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import threading
 import weakref
 from collections import deque
 from collections.abc import Iterable, Iterator
@@ -30,8 +31,9 @@ Buffer = dict[str, torch.Tensor]
 class BatchLoader:
     """Batches of a `WindowDataset`, equal bit for bit to those of a DataLoader with the same sampler, and faster.
 
-    Threads copy windows from the mapped shards into a ring of buffers, and mirror and normalise them there. Nothing
-    goes through another process, and no memory is touched for the first time after the first few batches::
+    Threads copy windows from the mapped shards into batches, and mirror and normalise them there. Nothing goes
+    through another process, and the memory of a batch that nobody refers to any more becomes that of a later one,
+    so that after a few batches no memory is touched for the first time::
 
         loader = BatchLoader(train, 64, sampler=EpochSampler(train, seed=0))
         for epoch in range(n):
@@ -43,20 +45,19 @@ class BatchLoader:
 
     Attributes
     ----------
-    dataset, sampler, batch_size, drop_last, threads, prefetch, ring, copy
+    dataset, sampler, batch_size, drop_last, threads, prefetch
         As given; `sampler` is the one made if none was given.
     pinned
         Whether batches lie in pinned memory.
 
     Notes
     -----
-    *Batches are overwritten.* The tensors of a batch are valid until `ring` further batches have been asked for:
-    with ``ring=2`` a batch lives on while the next one is in use. Who keeps batches longer, or calls
-    ``list(loader)``, passes ``copy=True``: then each batch is the caller's own, and its memory is used again once
-    no tensor refers to it.
+    *Batches are the caller's own.* They may be kept, written to and passed on; nothing is written into a batch while
+    any tensor or array that shares its memory lives. A loop that lets go of each batch has `prefetch` + 2 of them in
+    memory; one that keeps them all has them all. Only a bare address (``tensor.data_ptr()``) keeps nothing alive.
 
-    *Copies to a GPU* with ``non_blocking=True`` must have finished before `ring` further batches are asked for. A
-    training step that reads its loss has seen to that; with ``copy=True`` torch sees to it.
+    *Copies to a GPU* with ``non_blocking=True`` need no care: torch hands pinned memory out again only after the
+    copies from it are done.
 
     *Order and resuming* are the sampler's. Batches are asked of it `prefetch` ahead, as by a DataLoader with workers:
     in the middle of an epoch the state is ``sampler.at(epoch, consumed)``.
@@ -65,7 +66,10 @@ class BatchLoader:
 
     *Threads and processes.* One iteration at a time: starting another ends the one before, which then raises an
     error. Leaving a loop early stops the threads. An error in a thread is raised where the loop asks for that batch.
-    Threads do not live on in a forked process: iterate anew there. Pickling leaves buffers and threads out.
+    Threads do not live on in a forked process: iterate anew there. Pickling leaves memory and threads out.
+
+    *Files that cannot be mapped* are read all the same, by the same threads; ``dataset.unmapped`` says why, and a
+    warning is logged.
     """
 
     def __init__(
@@ -78,9 +82,7 @@ class BatchLoader:
         drop_last: bool = False,
         threads: int = 2,
         prefetch: int = 2,
-        ring: int = 2,
         pin_memory: bool = False,
-        copy: bool = False,
     ) -> None:
         """Prepare; nothing is read yet.
 
@@ -99,13 +101,9 @@ class BatchLoader:
             That fill batches, one batch each.
         prefetch
             Batches that are filled ahead of the one asked for.
-        ring
-            Batches that stay valid at a time, the one asked for last included.
         pin_memory
             Whether batches lie in pinned memory, for faster copies to a GPU. Without one this is logged and ignored,
             as in a DataLoader.
-        copy
-            Whether each batch has memory of its own.
 
         Raises
         ------
@@ -113,8 +111,8 @@ class BatchLoader:
             For a number that is too small, or `shuffle` beside a sampler.
         """
         self.dataset = dataset
-        self.batch_size, self.threads = _at_least(1, batch_size=batch_size), _at_least(1, threads=threads)
-        self.prefetch, self.ring = _at_least(1, prefetch=prefetch), _at_least(1, ring=ring)
+        self.batch_size, self.threads = _at_least_1(batch_size=batch_size), _at_least_1(threads=threads)
+        self.prefetch = _at_least_1(prefetch=prefetch)
         if sampler is not None and shuffle:
             raise UsageError(
                 "shuffle is for the default sampler", fix="leave it out, or give EpochSampler(..., shuffle=True)"
@@ -122,14 +120,12 @@ class BatchLoader:
         self._own = EpochSampler(dataset, seed=dataset.seed) if shuffle else None
         given: Iterable[int] = SequentialSampler(dataset) if sampler is None else sampler
         self.sampler = given if self._own is None else self._own
-        self.drop_last, self.copy = bool(drop_last), bool(copy)
+        self.drop_last = bool(drop_last)
         self.pinned = bool(pin_memory) and torch.cuda.is_available()
         if pin_memory and not self.pinned:
             _log.warning("pin_memory=True, but torch finds no CUDA device: batches are not pinned")
         self._walk: weakref.ref[_Walk] | None = None
-        self._pool = Pool()
-        self._buffers: list[Buffer] = []
-        self._turn = 0  # batches handed out, which says whose buffer is next
+        self._pool = self._new_pool()
 
     def __len__(self) -> int:
         """Return the batches of a whole epoch, wherever the sampler stands."""
@@ -138,8 +134,8 @@ class BatchLoader:
     def __repr__(self) -> str:
         """Say what is read, and how."""
         return (
-            f"BatchLoader({self.dataset!r}, batch_size={self.batch_size}, threads={self.threads}, "
-            f"prefetch={self.prefetch}, ring={self.ring}, copy={self.copy}, pinned={self.pinned})"
+            f"BatchLoader({self.dataset!r}, batch_size={self.batch_size}, drop_last={self.drop_last}, "
+            f"threads={self.threads}, prefetch={self.prefetch}, pinned={self.pinned})"
         )
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
@@ -156,21 +152,17 @@ class BatchLoader:
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave memory and threads out."""
-        return {**self.__dict__, "_walk": None, "_pool": Pool(), "_buffers": [], "_turn": 0}
+        return {**self.__dict__, "_walk": None, "_pool": self._new_pool()}
+
+    def _new_pool(self) -> Pool:
+        # At an epoch's end all batches that were under way are idle: every field, and primitives, of each.
+        return Pool(kept=(self.prefetch + 2) * (len(self.dataset.fields) + 1))
 
     def _batches(self) -> BatchSampler:
         return BatchSampler(self.sampler, self.batch_size, self.drop_last)
 
-    def _buffer(self, turn: int, fill: Fill) -> Buffer:
-        """Return the memory of a batch, by its number since the loader was made."""
-        if self.copy:
-            return self._new(fill)
-        n_buffers = self.ring + self.prefetch
-        while len(self._buffers) <= turn % n_buffers:
-            self._buffers.append(self._new(fill))
-        return self._buffers[turn % n_buffers]
-
-    def _new(self, fill: Fill) -> Buffer:
+    def _memory(self, fill: Fill) -> Buffer:
+        """Return memory for a batch, of any content, that nothing else refers to."""
         shapes = {name: ((self.batch_size, *shape), dtype) for name, (shape, dtype) in fill.layout.items()}
         if not self.pinned:
             return {name: self._pool.tensor(shape, dtype) for name, (shape, dtype) in shapes.items()}
@@ -182,20 +174,19 @@ class BatchLoader:
 
 
 class _Walk(Iterator[dict[str, Any]]):
-    """One iteration: batches asked for, in order, and the threads that fill them.
-
-    With batch n asked for, batches up to n + prefetch are under way, and those from n - ring + 1 on are valid: as
-    many as there are buffers. So batch n + prefetch takes over the buffer of batch n - ring.
-    """
+    """One iteration: batches asked for, in order, and the threads that fill them."""
 
     def __init__(self, loader: BatchLoader) -> None:
-        self._loader = loader
         self._process = os.getpid()
-        self._fill = loader.dataset._fill()  # made here, not by several threads at once
-        self._indices = iter(loader._batches())
         self._waiting: deque[tuple[Buffer, Future[dict[str, Any]]]] = deque()
         self._ended = False
-        self._threads: ThreadPoolExecutor | None = ThreadPoolExecutor(loader.threads, "BatchLoader")
+        self._known: set[int] = set()
+        self._threads: ThreadPoolExecutor | None = ThreadPoolExecutor(
+            loader.threads, "BatchLoader", initializer=_introduce, initargs=(self._known,)
+        )
+        self._loader = loader
+        self._fill = loader.dataset._fill()  # made here, not by several threads at once
+        self._indices = iter(loader._batches())
         for _ in range(loader.prefetch):
             self._submit()
 
@@ -216,15 +207,15 @@ class _Walk(Iterator[dict[str, Any]]):
             self._ended = True
             self.close()
             raise
-        self._loader._turn += 1
         return {**tensors, **said}
 
     def close(self) -> None:
-        """Stop the threads; what they are at is finished first, as it writes into buffers that others will use."""
+        """Stop the threads, once they are through with the batch that each is at."""
         threads, self._threads = self._threads, None
         self._waiting.clear()
         if threads is not None and self._process == os.getpid():
-            threads.shutdown(wait=True, cancel_futures=True)
+            # The garbage collector may come here in one of them, which cannot wait for itself.
+            threads.shutdown(wait=threading.get_ident() not in self._known, cancel_futures=True)
 
     def __del__(self) -> None:
         self.close()
@@ -234,25 +225,27 @@ class _Walk(Iterator[dict[str, Any]]):
         indices = next(self._indices, None)
         if indices is None or self._threads is None:
             return
-        loader = self._loader
-        request = loader.dataset._request(indices)
-        buffer = loader._buffer(loader._turn + len(self._waiting), self._fill)
-        # Tensors of its own for each batch: what a trainer does to one does not stick to the buffer.
-        tensors = {name: tensor[: len(request)] for name, tensor in buffer.items()}
-        reading = self._threads.submit(_read, loader.dataset, self._fill, request, tensors)
+        request = self._loader.dataset._request(indices)
+        memory = self._loader._memory(self._fill)
+        tensors = {name: tensor[: len(request)] for name, tensor in memory.items()}
+        reading = self._threads.submit(_read, self._loader.dataset, self._fill, request, tensors)
         self._waiting.append((tensors, reading))
 
 
-# Not a method: a thread that holds the last reference to the iteration would have to wait for itself.
+def _introduce(known: set[int]) -> None:
+    known.add(threading.get_ident())
+
+
+# Not a method: a thread that holds the last reference to the iteration would end it.
 def _read(dataset: WindowDataset, fill: Fill, request: Request, tensors: Buffer) -> dict[str, Any]:
     """Fill tensors, and return what the samples say beside them; in a thread."""
     fill(request, {name: tensor.numpy() for name, tensor in tensors.items()})
     return {name: default_collate(values) for name, values in dataset._metadata(request).items()}
 
 
-def _at_least(least: int, **given: int) -> int:
+def _at_least_1(**given: int) -> int:
     ((name, value),) = given.items()
     number = whole(name, value)
-    if number < least:
-        raise UsageError(f"{name} is too small", found=number, allowed=f"{least} or more")
+    if number < 1:
+        raise UsageError(f"{name} is too small", found=number, allowed="1 or more")
     return number

@@ -12,7 +12,13 @@ from typing import Any
 
 import torch
 from torch.utils.data import default_collate
-from torch.utils.data._utils import collate as torch_collate
+
+try:
+    # torch's documentation of default_collate has this as the way to add a type.
+    from torch.utils.data._utils.collate import default_collate_fn_map
+except ImportError:
+    # A torch without it stacks samples of ours like any others: slower, and no less right.
+    default_collate_fn_map = {}
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,13 +38,12 @@ class Batch:
 class Sample(dict[str, Any]):
     """A window as a dict, which remembers the batch that it is a row of. Copies and pickles are plain dicts."""
 
-    __slots__ = ("batch", "nth")
+    __slots__ = ("batch",)
 
-    def __init__(self, values: Mapping[str, Any], batch: Batch, nth: int) -> None:
-        """Make row `nth` of a batch."""
+    def __init__(self, values: Mapping[str, Any], batch: Batch) -> None:
+        """Make a row of a batch."""
         super().__init__(values)
         self.batch = batch
-        self.nth = nth
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Leave the batch out."""
@@ -59,7 +64,7 @@ def collate(samples: Sequence[Any], *, collate_fn_map: Any = None) -> Any:
         How torch passes its collate functions on; not looked at.
     """
     batch = samples[0].batch if isinstance(samples[0], Sample) else None
-    if batch is None or not _is_whole(batch, samples):
+    if batch is None or len(samples) != batch.size or not all(isinstance(s, Sample) for s in samples):
         return default_collate([dict(s) if isinstance(s, Sample) else s for s in samples])
     return {
         name: batch.tensors[name] if _are_rows(batch, name, samples) else default_collate([s[name] for s in samples])
@@ -67,17 +72,9 @@ def collate(samples: Sequence[Any], *, collate_fn_map: Any = None) -> Any:
     }
 
 
-def _is_whole(batch: Batch, samples: Sequence[Any]) -> bool:
-    return len(samples) == batch.size and all(
-        isinstance(s, Sample) and s.batch is batch and s.nth == nth for nth, s in enumerate(samples)
-    )
-
-
 def _are_rows(batch: Batch, name: str, samples: Sequence[Any]) -> bool:
     rows = batch.rows.get(name)
     return rows is not None and all(s.get(name) is row for s, row in zip(samples, rows, strict=True))
 
 
-# Where default_collate looks functions up by type; torch's documentation of it has this as the way to add one's own.
-# A torch without it would stack samples of ours like any others: slower, and no less right.
-getattr(torch_collate, "default_collate_fn_map", {})[Sample] = collate
+default_collate_fn_map[Sample] = collate

@@ -18,8 +18,6 @@ import torch
 
 #: What is smaller comes from the allocator, which keeps small pieces by itself.
 _LARGE = 1 << 20
-#: Pieces that are kept while nothing refers to them: two batches of up to four large fields.
-_KEPT = 8
 
 
 class Pool:
@@ -28,10 +26,17 @@ class Pool:
     Safe under threads; a fork's child begins with what was idle in its parent.
     """
 
-    def __init__(self) -> None:
-        """Begin empty."""
+    def __init__(self, kept: int = 8) -> None:
+        """Begin empty.
+
+        Parameters
+        ----------
+        kept
+            Pieces that are kept while nothing refers to them, the latest ones. Default: those of two batches of four
+            large fields.
+        """
         # Not a lock and a list: memory comes back whenever a tensor goes, in any thread, also in the midst of this.
-        self._idle: deque[npt.NDArray[np.uint8]] = deque(maxlen=_KEPT)
+        self._idle: deque[npt.NDArray[np.uint8]] = deque(maxlen=kept)
 
     def tensor(self, shape: tuple[int, ...], dtype: np.dtype[Any]) -> torch.Tensor:
         """Return a tensor of any content."""
@@ -61,18 +66,33 @@ def shared_tensor(array: npt.NDArray[Any]) -> torch.Tensor:
     """Return a copy of an array that a DataLoader's worker can send to the trainer without copying it once more.
 
     Written to a file in memory instead of into mapped memory: the system then need not clear its pages first, which
-    takes more time than the copy.
+    takes more time than the copy. Where system or torch have no such thing, torch's own shared memory is taken.
     """
-    map_shared = getattr(torch.UntypedStorage, "_new_shared_fd_cpu", None)
-    if map_shared is None:
+    storage = _in_memory_file(array) if array.size else None
+    if storage is None:
         return torch.from_numpy(array).clone().share_memory_()  # type: ignore[no-untyped-call, no-any-return]
-    descriptor = os.memfd_create("dancedata-batch")
-    try:
-        left = array.reshape(-1).view(np.uint8).data
-        while left.nbytes:
-            left = left[os.write(descriptor, left) :]
-        storage = map_shared(descriptor, array.nbytes)  # with a descriptor of its own
-    finally:
-        os.close(descriptor)
     kind = torch.from_numpy(np.empty(0, dtype=array.dtype)).dtype
     return torch.empty(0, dtype=kind).set_(storage, 0, array.shape)  # type: ignore[call-overload, no-any-return]
+
+
+def _in_memory_file(array: npt.NDArray[Any]) -> torch.UntypedStorage | None:
+    """Copy an array into a file in memory, mapped as torch shares memory; None where that is impossible."""
+    # What a process that receives a tensor calls; torch promises no one else that it stays.
+    map_shared = getattr(torch.UntypedStorage, "_new_shared_fd_cpu", None)
+    make_file = getattr(os, "memfd_create", None)
+    if map_shared is None or make_file is None:
+        return None
+    try:
+        descriptor = make_file("dancedata-batch")
+    except OSError:  # forbidden here, or no descriptor is left
+        return None
+    try:
+        left = np.ascontiguousarray(array).reshape(-1).view(np.uint8).data
+        while left.nbytes:
+            left = left[os.write(descriptor, left) :]
+        storage: torch.UntypedStorage = map_shared(descriptor, array.nbytes)  # with a descriptor of its own
+    except (OSError, RuntimeError, TypeError):
+        return None
+    finally:
+        os.close(descriptor)
+    return storage

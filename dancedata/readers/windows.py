@@ -248,11 +248,7 @@ class WindowDataset(Dataset[dict[str, Any]]):
             tensors = {name: shared_tensor(tensor.numpy()) for name, tensor in tensors.items()}
         batch, said = Batch.of(len(request), tensors), self._metadata(request)
         return [
-            Sample(
-                {name: rows[nth] for name, rows in batch.rows.items()} | {k: v[nth] for k, v in said.items()},
-                batch,
-                nth,
-            )
+            Sample({n: rows[nth] for n, rows in batch.rows.items()} | {k: v[nth] for k, v in said.items()}, batch)
             for nth in range(len(request))
         ]
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
@@ -18,7 +17,7 @@ from dancedata.core.clip import Window
 from dancedata.core.columns import Columns
 from dancedata.core.errors import StoreError, UsageError, did_you_mean
 from dancedata.core.normalize import MinMax
-from dancedata.store.dataset_json import REBUILD, Description, load_description
+from dancedata.store.dataset_json import REBUILD, Description, json_lines, json_stats, load_description
 from dancedata.store.locate import RowSpan, locate_stored, locate_view
 from dancedata.store.mapped import WindowRows, locate_windows
 from dancedata.store.rewindow import Cut, cut_windows, stored_windows, wanted_cut
@@ -326,9 +325,11 @@ class Store:
         Raises
         ------
         UsageError, StoreError
-            As `locate`, for the first window that the store does not have.
+            As `locate`, for the first window that the store does not have; if there are no windows.
         """
         f, rate = self.field(field), self._rates[field]
+        if not len(windows):
+            raise UsageError("there are no windows to find rows of", where=str(self.path), found=f"field {field}")
         places = [self._place(clip) for clip in windows.clip_ids]
         shards, shard, first, bad = locate_windows(windows, places, f, rate, self.scope)
         if bad.any():
@@ -373,18 +374,18 @@ class Store:
     @cached_property
     def stats(self) -> dict[str, Any]:
         """stats.json: per field, over the rows that train windows cover."""
-        loaded = self._load(STATS_FILE, json.loads)
-        return dict(loaded)
+        loaded: dict[str, Any] = self._load(STATS_FILE, json_stats)
+        return loaded
 
     @cached_property
     def rejects(self) -> list[dict[str, Any]]:
         """What was left out, and why: rejects.jsonl."""
-        return list(self._load(REJECTS_FILE, _lines))
+        return list(self._load(REJECTS_FILE, json_lines))
 
     @cached_property
     def quality(self) -> list[dict[str, Any]]:
         """Quality flags: quality.jsonl."""
-        return list(self._load(QUALITY_FILE, _lines))
+        return list(self._load(QUALITY_FILE, json_lines))
 
     def normalizer(self, field: str, mirror: bool = False) -> MinMax:
         """Make EDGE's min-max scaler of a field, fitted on train.
@@ -411,8 +412,19 @@ class Store:
                 found=f"splits {', '.join(self.splits)}",
                 fix="pass normalize=False, or build with a train split",
             )
-        scaler = self.stats["fields"][field]["scaler"]
-        plain = MinMax.from_state(scaler)
+        try:
+            plain = MinMax.from_state(self.stats["fields"][field]["scaler"])
+            found = f"{plain.width} columns"
+        except (KeyError, TypeError, ValueError, UsageError) as error:
+            plain, found = None, f"{type(error).__name__}: {error}"
+        if plain is None or plain.width != f.columns.width:
+            raise StoreError(
+                f"the scaler of field {field} cannot be used",
+                where=str(self.path / STATS_FILE),
+                found=found,
+                allowed=f"data_min and data_max of {f.columns.width} columns",
+                fix=REBUILD,
+            )
         if not mirror:
             return plain
         if f.columns.mirror is None:
@@ -423,13 +435,8 @@ class Store:
         path = self.path / name
         try:
             return parse(path.read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, RecursionError) as error:
             raise StoreError(f"{name} cannot be read", where=str(path), found=str(error), fix=REBUILD) from error
-
-
-def _lines(text: str) -> list[Any]:
-    # Not splitlines: it also splits at separators that may stand inside a JSON string.
-    return [json.loads(line) for line in text.split("\n") if line]
 
 
 def _reopen(path: str, sha256: str | None) -> Store:

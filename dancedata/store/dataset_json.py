@@ -16,6 +16,8 @@ from dancedata.core.skeleton import Skeleton
 from dancedata.store.schema import DATASET_FILE, FORMAT, Field, is_shard_name
 
 REBUILD = "build the dataset again"
+#: Larger descriptions are none.
+MAX_BYTES = 1 << 26
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,9 @@ def load_description(folder: Path) -> Description:
     """
     path = folder / DATASET_FILE
     try:
+        if path.stat().st_size > MAX_BYTES:
+            found = f"{path.stat().st_size:,} bytes"
+            raise StoreError("dataset.json is too large", where=str(path), found=found, allowed=f"{MAX_BYTES:,}")
         text = path.read_text(encoding="utf-8")
     except (FileNotFoundError, NotADirectoryError) as error:
         raise StoreError(
@@ -69,7 +74,7 @@ def load_description(folder: Path) -> Description:
         raise StoreError("dataset.json cannot be read", where=str(path), found=str(error), fix=REBUILD) from error
     try:
         document = json.loads(text)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise StoreError("dataset.json is no JSON", where=str(path), found=str(error), fix=REBUILD) from error
     if not isinstance(document, dict) or "format" not in document:
         raise StoreError("dataset.json is not of a dancedata dataset", where=str(path), found="no key 'format'")
@@ -89,6 +94,25 @@ def self_hash(document: Mapping[str, Any]) -> str:
     return json_sha256({k: v for k, v in document.items() if k != "self_sha256"})
 
 
+def json_lines(text: str) -> list[Any]:
+    """Parse one object a line; raises ValueError."""
+    # Not splitlines: it also splits at separators that may stand inside a JSON string.
+    return [_object(json.loads(line)) for line in text.split("\n") if line]
+
+
+def _object(value: Any) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise ValueError(f"a {type(value).__name__} where an object is expected")
+    return value
+
+
+def json_stats(text: str) -> dict[str, Any]:
+    """Parse stats.json; raises ValueError."""
+    stats = _object(json.loads(text))
+    _object(stats.get("fields"))
+    return stats
+
+
 def describe_folder(folder: Path) -> str:
     """Say in a few words what a folder holds, for error texts."""
     if not folder.exists():
@@ -105,6 +129,8 @@ def describe_folder(folder: Path) -> str:
 def _parse(document: dict[str, Any], path: Path) -> Description:
     try:
         windows = document["windows"]
+        if not document["fields"]:
+            raise ValueError("no field")
         return Description(
             meta=document,
             scope=_one_of(document["scope"], ("track", "window")),

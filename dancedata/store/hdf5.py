@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,6 +16,10 @@ import numpy.typing as npt
 from dancedata.core.errors import StoreError
 from dancedata.store.schema import ALIGNMENT
 from dancedata.store.sparse_file import SparseFile
+
+#: A dataset that somebody has compressed may be this large, or this many times what it takes in the file.
+BOMB_BYTES = 1 << 26
+BOMB_RATIO = 100
 
 
 @contextmanager
@@ -44,13 +50,62 @@ def open_file(path: Path) -> Iterator[Any]:
             yield file
     except FileNotFoundError as error:
         raise StoreError("a shard is missing", where=str(path), fix="build the dataset again") from error
-    except (OSError, KeyError, RuntimeError) as error:
+    except (OSError, KeyError, RuntimeError, TypeError, ValueError) as error:  # what h5py makes of a broken file
         raise StoreError(
             "a shard cannot be read",
             where=str(path),
             found=str(error),
             fix="run dancedata check on the dataset",
         ) from error
+
+
+def find_dataset(file: Any, name: str) -> Any:
+    """Return a dataset of a shard, if it can be read without taking more memory than the file is worth.
+
+    Raises
+    ------
+    StoreError
+        If it is not there or no dataset, is reached by a link, lies in another file, holds anything but numbers
+        and fixed-length text, or announces more than the file holds.
+    """
+    where = f"{file.filename}, /{name.strip('/')}"
+    at = file
+    for part in name.strip("/").split("/"):
+        link = at.get(part, getlink=True) if isinstance(at, h5py.Group) else None
+        if not isinstance(link, h5py.HardLink):
+            found = "nothing" if link is None else type(link).__name__
+            raise _refused("a shard lacks a dataset", where, found, "a dataset, not a link to one")
+        at = at[part]
+    if not isinstance(at, h5py.Dataset) or at.shape is None:
+        raise _refused("a shard lacks a dataset", where, type(at).__name__, "a dataset")
+    if at.dtype.kind not in "iufS" or at.dtype.subdtype is not None:
+        raise _refused("a dataset is of a type that no shard has", where, at.dtype, "numbers or fixed-length text")
+    if at.is_virtual or at.external:
+        raise _refused("a dataset lies in another file", where, "virtual or external storage", "data in the shard")
+    _check_size(at, where)
+    return at
+
+
+def _check_size(dataset: Any, where: str) -> None:
+    n_bytes = math.prod(dataset.shape) * dataset.dtype.itemsize
+    stored = dataset.id.get_storage_size()
+    if dataset.chunks is None:
+        # What lies in the object's header, not at a place of its own, is at most 64 KiB.
+        offset = dataset.id.get_offset()
+        held = os.path.getsize(dataset.file.filename) - offset if offset is not None else 1 << 16
+        if n_bytes > max(held, 0):
+            raise _refused("a dataset is larger than its file", where, f"{n_bytes:,} bytes", f"{max(held, 0):,}")
+        return
+    chunk = math.prod(dataset.chunks) * dataset.dtype.itemsize
+    if max(n_bytes, chunk) > max(BOMB_BYTES, BOMB_RATIO * stored):
+        allowed = f"{BOMB_RATIO} times as many, or {BOMB_BYTES:,}"
+        raise _refused("a dataset is packed too tightly", where, f"{n_bytes:,} bytes in {stored:,}", allowed)
+
+
+def _refused(problem: str, where: str, found: object, allowed: str) -> StoreError:
+    return StoreError(
+        problem, where=where, found=str(found), allowed=allowed, fix="get the dataset again from who built it"
+    )
 
 
 def create_dataset(group: Any, name: str, shape: tuple[int, ...], dtype: Any) -> Any:

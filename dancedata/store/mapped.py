@@ -43,10 +43,16 @@ class WindowRows:
             (W,) number of each window's shard in `shards`, and its first row there.
         mapped
             False: read by position.
+
+        Raises
+        ------
+        StoreError
+            If a window's rows lie outside its shard.
         """
         self._field, self._shards = field, shards
         self._shard, self._first, self._n_rows = shard, first, n_rows
         layouts = [reader.layout(field) for reader in shards]
+        self._refuse_outside([layout.n_rows for layout in layouts])
         self.shape = n_rows, layouts[0].width
         self.dtype = layouts[0].dtype.newbyteorder("=")
         found = [reader.mapped_rows(field) if mapped else "mapped=False" for reader in shards]
@@ -56,6 +62,19 @@ class WindowRows:
         n_bytes = sum(layout.n_rows * layout.row_bytes for layout in layouts)
         self._fits = n_bytes < os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2
         self._seen = np.zeros(len(shard), dtype=np.bool_)
+
+    def _refuse_outside(self, shard_rows: Sequence[int]) -> None:
+        """Raise StoreError if a table says that a window lies where its shard has no rows."""
+        n_rows = np.array(shard_rows, dtype=np.int64)[self._shard]
+        bad = np.flatnonzero((self._first < 0) | (self._first > n_rows - self._n_rows))
+        if len(bad):
+            first, place = int(self._first[bad[0]]), int(bad[0])
+            raise StoreError(
+                "rows lie outside the shard",
+                where=f"{self._shards[self._shard[place]].path}, field {self._field}",
+                found=f"rows {first} to {first + self._n_rows} of {n_rows[place]}",
+                fix="run dancedata check on the dataset",
+            )
 
     def view(self, place: int) -> npt.NDArray[Any] | None:
         """Return a window's rows in the mapped file, which cannot be written to; None where nothing is mapped."""
@@ -148,6 +167,8 @@ def _stored(
 ) -> tuple[IntArray, npt.NDArray[np.bool_]]:
     """Find windows that have rows of their own."""
     table = reader.windows
+    if not len(table.clip):
+        return np.zeros_like(start), np.ones(len(start), dtype=np.bool_)
     # (clip, start) as one ascending number, so that one search finds all.
     step = int(table.start.max(initial=0)) + 1
     known = (table.clip * step + table.start)[table.by_start]

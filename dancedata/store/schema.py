@@ -139,7 +139,10 @@ class Field:
 
     @classmethod
     def from_json(cls, obj: Mapping[str, Any]) -> Field:
-        """Read back what `to_json` gave."""
+        """Read back what `to_json` gave; raises ValueError for what it never gives."""
+        known = obj["kind"] in ("motion", "keymotion", "audio") and obj["dtype"] in ("float32", "float16")
+        if not known or not isinstance(obj["name"], str) or not _NAME.match(obj["name"]):
+            raise ValueError(f"a field {obj['name']!r}, {obj['kind']!r} of {obj['dtype']!r}")
         return cls(
             name=obj["name"],
             kind=obj["kind"],

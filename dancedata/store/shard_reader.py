@@ -110,7 +110,11 @@ class ShardReader:
         if self._clips is None:
             with hdf5.open_file(self.path) as file:
                 self._layout = {f.name: _field_layout(file, f, self.path) for f in self._fields}
-                self._clips = _read_clips(file, self.split, self._fields, self._scope)
+                tables = _Tables(file, self.path)
+                clips = _read_clips(tables, self.split, self._fields, self._scope)
+                for name, first in clips.first.items():
+                    _check_spans(tables, self._layout[name], first, clips.available[name])
+                self._clips = clips
         return self._clips
 
     @property
@@ -119,7 +123,7 @@ class ShardReader:
         if self._windows is None:
             n_clips = len(self.clips.records)
             with hdf5.open_file(self.path) as file:
-                self._windows = _read_windows(file, self._fields, n_clips)
+                self._windows = _read_windows(_Tables(file, self.path), self._fields, n_clips)
         return self._windows
 
     def layout(self, field: str) -> FieldLayout:
@@ -242,7 +246,7 @@ class _Map:
 
 def _field_layout(file: Any, f: Field, path: Path) -> FieldLayout:
     name = f"/{f.kind}/{f.name}"
-    dataset = file[name]
+    dataset = hdf5.find_dataset(file, name)
     if dataset.ndim != 2 or dataset.shape[1] != f.columns.width or dataset.dtype != f.disk_dtype:
         raise StoreError(
             "a field has another shape or dtype than dataset.json says",
@@ -256,13 +260,48 @@ def _field_layout(file: Any, f: Field, path: Path) -> FieldLayout:
     return FieldLayout(offset, int(dataset.shape[0]), int(dataset.shape[1]), f.disk_dtype, name)
 
 
-def _read_clips(file: Any, split: str, fields: tuple[Field, ...], scope: str) -> ClipTable:
-    group = file["clips"]
+class _Tables:
+    """The columns of a shard's tables, which have to be one value a row, all of one length."""
+
+    def __init__(self, file: Any, path: Path) -> None:
+        self._file, self._path = file, path
+        self._n_rows: dict[str, int] = {}
+
+    def whole(self, name: str) -> IntArray:
+        """Read a column of whole numbers."""
+        return np.asarray(self._column(name, "iu")[...], dtype=np.int64)
+
+    def numbers(self, name: str) -> list[float]:
+        """Read a column of numbers."""
+        found: list[float] = self._column(name, "f")[...].tolist()
+        return found
+
+    def texts(self, name: str) -> list[str]:
+        """Read a column of texts."""
+        return hdf5.read_strings(self._column(name, "S"))
+
+    def _column(self, name: str, kinds: str) -> Any:
+        column = hdf5.find_dataset(self._file, name)
+        table = name.partition("/")[0]
+        n_rows = self._n_rows.setdefault(table, column.shape[0] if column.ndim else 0)
+        if column.shape != (n_rows,) or column.dtype.kind not in kinds:
+            problem = "a column of a shard's table has another shape or type"
+            raise self.broken(name, problem, f"{column.shape} {column.dtype}", f"({n_rows},), one value a row")
+        return column
+
+    def broken(self, name: str, problem: str, found: object = None, allowed: str | None = None) -> StoreError:
+        """Return the error for a column."""
+        fix = "run dancedata check on the dataset"
+        return StoreError(problem, where=f"{self._path}, /{name}", found=found, allowed=allowed, fix=fix)
+
+
+def _read_clips(tables: _Tables, split: str, fields: tuple[Field, ...], scope: str) -> ClipTable:
     names = ("id", "genre", "music", "dancer", "source", "source_rate", "lists")
-    texts = {name: hdf5.read_strings(group[name]) for name in names}
-    numbers = {
-        name: group[name][...].tolist() for name in ("tempo_bpm", "height_m", "n_flags", "trim_start", "n_frames")
-    }
+    texts = {name: tables.texts(f"clips/{name}") for name in names}
+    numbers = {name: tables.numbers(f"clips/{name}") for name in ("tempo_bpm", "height_m")}
+    counts = {name: tables.whole(f"clips/{name}").tolist() for name in ("n_flags", "trim_start", "n_frames")}
+    if min(counts["n_frames"], default=0) < 0:
+        raise tables.broken("clips/n_frames", "a clip has a negative number of frames", min(counts["n_frames"]))
     records = tuple(
         ClipRecord(
             id=clip_id,
@@ -272,12 +311,12 @@ def _read_clips(file: Any, split: str, fields: tuple[Field, ...], scope: str) ->
             dancer=texts["dancer"][i],
             tempo_bpm=None if math.isnan(numbers["tempo_bpm"][i]) else numbers["tempo_bpm"][i],
             source=texts["source"][i],
-            n_flags=numbers["n_flags"][i],
-            trim_start=numbers["trim_start"][i],
+            n_flags=counts["n_flags"][i],
+            trim_start=counts["trim_start"][i],
             height_m=None if math.isnan(numbers["height_m"][i]) else numbers["height_m"][i],
             source_rate=texts["source_rate"][i],
             lists=tuple(filter(None, texts["lists"][i].split(LIST_SEPARATOR))),
-            n_frames=numbers["n_frames"][i],
+            n_frames=counts["n_frames"][i],
         )
         for i, clip_id in enumerate(texts["id"])
     )
@@ -285,17 +324,32 @@ def _read_clips(file: Any, split: str, fields: tuple[Field, ...], scope: str) ->
     available: dict[str, IntArray] = {}
     for f in fields:
         if f.per_clip or scope == "track":
-            spans = group[f"{f.kind}/{f.name}"]
-            offset = spans["offset"][...] if f.kind == "audio" else 0
-            first[f.name] = spans["start"][...] + offset
-            available[f.name] = spans["length"][...] - offset
+            spans = f"clips/{f.kind}/{f.name}"
+            offset = tables.whole(f"{spans}/offset") if f.kind == "audio" else 0
+            first[f.name] = tables.whole(f"{spans}/start") + offset
+            available[f.name] = tables.whole(f"{spans}/length") - offset
     return ClipTable(records, first, available)
 
 
-def _read_windows(file: Any, fields: tuple[Field, ...], n_clips: int) -> StoredWindows:
-    group = file["windows"]
-    clip, start, length, index = (group[name][...] for name in ("clip", "start", "length", "index"))
+def _check_spans(tables: _Tables, layout: FieldLayout, first: IntArray, available: IntArray) -> None:
+    """Check that clips lie within the rows of a field: readers make room for as many as a clip has."""
+    bad = (first < 0) | (available < 0) | (first > layout.n_rows)
+    bad |= available > layout.n_rows - np.where(bad, 0, first)
+    if bad.any():
+        k = int(np.argmax(bad))
+        found = f"clip {k} from row {first[k]} on, {available[k]} rows"
+        raise tables.broken(
+            f"clips{layout.name}", "spans outside the rows of a field", found, f"{layout.n_rows} rows"
+        )
+
+
+def _read_windows(tables: _Tables, fields: tuple[Field, ...], n_clips: int) -> StoredWindows:
+    clip, start, length, index = (tables.whole(f"windows/{name}") for name in ("clip", "start", "length", "index"))
+    if ((clip < 0) | (clip >= n_clips)).any():
+        raise tables.broken(
+            "windows/clip", "windows of no such clip", f"{clip.min()} to {clip.max()}", f"0 to {n_clips - 1}"
+        )
     by_start = np.lexsort((start, clip))
     clip_begin = np.searchsorted(clip[by_start], np.arange(n_clips + 1))
-    rows = {f.name: group[f"rows/{f.name}"][...] for f in fields}
+    rows = {f.name: tables.whole(f"windows/rows/{f.name}") for f in fields}
     return StoredWindows(clip, start, length, index, rows, by_start, clip_begin)

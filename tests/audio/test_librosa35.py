@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dancedata.audio.librosa35 import Librosa35
+from dancedata.audio.librosa35 import Librosa35, _log_fallback
 from dancedata.audio.signal import pcm16
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
+from dancedata.pipeline.slots import document_of
 
 GRID = FrameGrid.of(30)
 FEATURE = Librosa35()
@@ -202,3 +203,39 @@ def test_bad_tightness(tightness: float) -> None:
 def test_unknown_method() -> None:
     with pytest.raises(UsageError, match="slow"):
         Librosa35(method="slow")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("fps", "seconds", "level", "reason"),
+    [
+        (30, 0.4, 0.3, "more than 16 rows"),
+        (65, 2.0, 0.3, "at 65 frames a second"),
+        (30, 1.0, 1e-7, "the largest sample"),
+        (30, 1.0, 0.3, ""),
+        (64, 1.0, 0.3, ""),
+    ],
+)
+def test_what_the_fast_version_cannot_do_is_logged_once(
+    caplog: pytest.LogCaptureFixture, fps: int, seconds: float, level: float, reason: str
+) -> None:
+    _log_fallback.cache_clear()
+    samples = np.random.default_rng(5).uniform(-level, level, int(seconds * 15360))
+    with caplog.at_level("WARNING"):
+        for feature in (FEATURE, FEATURE, PLAIN):
+            feature.extract(_signal(samples), FrameGrid.of(fps), start_bpm=120.0)
+    assert [reason in message for message in caplog.messages] == ([True] if reason else [])
+
+
+def test_windows_that_the_fast_version_cannot_do_are_logged(caplog: pytest.LogCaptureFixture) -> None:
+    _log_fallback.cache_clear()
+    signal = _signal(np.random.default_rng(5).uniform(-0.3, 0.3, 15360))
+    with caplog.at_level("WARNING"):
+        FEATURE.extract_windows(signal, np.array([0, 512]), 15 * 512, GRID, 16, start_bpm=120.0)
+    assert caplog.messages == [
+        "librosa35: method fast computes as method librosa does, slowly: it needs more than 16 rows"
+    ]
+
+
+def test_the_method_is_part_of_the_cache_key() -> None:
+    documents = [document_of(feature) for feature in (FEATURE, PLAIN)]
+    assert [document["method"] for document in documents] == ["fast", "librosa"]

@@ -170,6 +170,12 @@ ROW = "takes/a.npz,songs/a.wav,30\n"
         ("motion,audio\ntakes/a.npz,song.mid\n", ["song.mid", ".flac"]),
         ('motion,audio\n"takes/a.npz,songs/a.wav\n', ["no CSV"]),
         ("motion,audio\ntakes/a.npz,a\x00b.wav\n", ["readable text"]),
+        *(
+            (f"id,motion\n{name},takes/a.npz\n", ["line 2", "the id", "200 printable characters"])
+            for name in ("a/b", "a\\b", "../a", ".hidden", "..", "x" * 201)
+        ),
+        ("motion\ntakes/.hidden.npz\n", ["line 2", "begins with a dot", "another id"]),
+        ("id,motion\na\x07b,takes/a.npz\n", ["readable text"]),
         ("motion\n" + "x" * 5000 + ".npz\n", ["readable text"]),
         ("motion\n" + "x" * 500 + ".npz\n", ["line 2"]),
     ],
@@ -186,7 +192,8 @@ def test_mistakes_in_a_manifest(source: Path, text: str, words: list[str]) -> No
     ("text", "words"),
     [
         ("nonsense", ["line 1", "no JSON"]),
-        ("[" * 100_000, ["line 1", "no JSON"]),
+        ("[" * 60_000, ["line 1", "no JSON"]),
+        ("[" * 100_000, ["line 1", "too long"]),
         ('{"motion": NaN}', ["NaN"]),
         ('{"motion": "a.npz", "motion": "b.npz"}', ["twice"]),
         ("[1]", ["list"]),
@@ -282,6 +289,16 @@ def test_matching_names_in_two_folders(tmp_path: Path) -> None:
     assert "No manifest: motion and music were matched by file name, motions/ and music/, audio/" in notes
     assert "2 pairs, 1 motions without music" in notes
     assert "none is given, so all 2 clips are in 'train'" in notes
+
+
+def test_names_that_are_no_ids(tmp_path: Path) -> None:
+    for name in ("good", "a\\b", "a\nb", "x" * 201):
+        put_motion(tmp_path, f"{name}.npz")
+    scan = Folder(music="optional").scan(tmp_path)
+    assert [clip.id for clip in scan.clips] == ["good"]
+    bad = {reject.clip: reject for reject in scan.rejects}
+    assert set(bad) == {"a\\b", "a\nb", "x" * 201}
+    assert all(r.reason == "bad_name" and "rename it" in r.detail for r in bad.values())
 
 
 def test_matching_names_side_by_side(tmp_path: Path) -> None:

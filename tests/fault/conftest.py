@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,6 +17,8 @@ from dancedata.datasets.synthetic import write_synthetic
 
 ROOT = Path(__file__).resolve().parents[2]
 SONGS = 4
+#: How the names of folders begin that joblib makes for large arguments, unless it is told otherwise.
+JOBLIB = "joblib_memmapping_folder"
 
 #: The feature, installed as somebody's distribution. What it does besides is in files of the folder $SLOW.
 FEATURE = '''
@@ -87,15 +90,19 @@ class Slow:
 
     def __init__(self, folder: Path, cache: Path, recipe: Path, site: Path) -> None:
         self.folder, self.cache, self.recipe = folder, cache, recipe
+        self.tmp = folder / "tmp"
+        self.tmp.mkdir()
         paths = [str(site), str(ROOT), os.environ.get("PYTHONPATH", "")]
         self.environment = {
             **os.environ,
             "PYTHONPATH": os.pathsep.join(paths),
             "DANCEDATA_CACHE": str(cache),
             "SLOW": str(folder),
+            "TMPDIR": str(self.tmp),
             # Workers of Dask and loky write no code of their own anywhere.
             "PYTHONDONTWRITEBYTECODE": "1",
         }
+        self.pids: list[int] = []
         self.sleep(0)
 
     def sleep(self, seconds: float) -> None:
@@ -108,11 +115,19 @@ class Slow:
 
     def build(self, source: Path, out: Path, *arguments: object, code: int = 0) -> str:
         """Run a build to its end, check its exit code, and return what it printed."""
+        pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+        process = self.start(source, out, *arguments, **pipes)
+        printed, said = process.communicate()
+        assert process.returncode == code, f"{process.returncode}: {printed}{said}"
+        assert "Traceback" not in said, said
+        return str(printed + said)
+
+    def start(self, source: Path, out: Path, *arguments: object, **options: Any) -> subprocess.Popen[Any]:
+        """Begin a build."""
         command = self.command("--source", source, "--out", out, *arguments)
-        done = subprocess.run(command, env=self.environment, capture_output=True, text=True, check=False)
-        assert done.returncode == code, f"{done.returncode}: {done.stdout}{done.stderr}"
-        assert "Traceback" not in done.stderr, done.stderr
-        return done.stdout + done.stderr
+        process = subprocess.Popen(command, env=self.environment, **options)
+        self.pids.append(process.pid)
+        return process
 
     def log(self, *lines: str) -> list[str]:
         """Add lines to the log of calls; returns all of it."""
@@ -130,9 +145,17 @@ class Slow:
         rows = [np.load(path, mmap_mode="r")[0, 1] for path in (self.cache / "features").rglob("*.npy")]
         return {f"{int(number):06x}" for number in rows}
 
+    def entries(self) -> dict[str, int]:
+        """Return the arrays in the cache and the inode of each: one that is published again has another."""
+        return {str(path.relative_to(self.cache)): path.stat().st_ino for path in self.cache.rglob("*.npy")}
+
     def strays(self) -> list[str]:
-        """Return temporary files and locks in the cache."""
-        return [str(p) for name in ("tmp", "locks") for p in (self.cache / name).glob("*")]
+        """Return temporary files and locks: in the cache, in $TMPDIR, and joblib's in shared memory."""
+        folders = [self.cache / "tmp", self.cache / "locks", self.tmp]
+        # A cluster's own folder is not the build's.
+        paths = [path for folder in folders if folder.exists() for path in folder.iterdir()]
+        found = [str(path) for path in paths if path.name != "dask-scratch-space"]
+        return found + [str(path) for pid in self.pids for path in Path("/dev/shm").glob(f"{JOBLIB}_{pid}_*")]
 
 
 @pytest.fixture(scope="session")

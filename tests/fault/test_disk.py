@@ -21,6 +21,7 @@ from dancedata.pipeline import build as build_module
 from dancedata.pipeline import cache_files
 from dancedata.pipeline.build import build
 from dancedata.pipeline.cache import Cache
+from dancedata.pipeline.cache_admin import prune
 from dancedata.pipeline.execute import Progress, run_units
 from dancedata.pipeline.recipe import parse_recipe
 from dancedata.pipeline.workers import Workers
@@ -135,6 +136,19 @@ def test_a_small_disk_is_a_clear_error(run: Build, corpus: Path, small_disk: Pat
     assert list(small_disk.rglob("*.tmp")) == []
 
 
+@pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.parametrize("where", ["file/cache", "/proc/cache"])
+def test_a_cache_that_cannot_be_written_is_a_clear_error(
+    run: Build, out: Path, tmp_path: Path, whole: dict[str, str], hashes: Any, where: str, jobs: int
+):
+    (tmp_path / "file").touch()
+    with pytest.raises(StoreError, match=r"the cache cannot be written.*Set DANCEDATA_CACHE"):
+        run(cache=tmp_path / where, jobs=jobs)
+    assert not out.exists()
+    run()
+    assert hashes(out) == whole
+
+
 def test_a_clock_that_goes_backwards_changes_nothing(
     run: Build, out: Path, tmp_path: Path, whole: dict[str, str], hashes: Any, monkeypatch: pytest.MonkeyPatch
 ):
@@ -158,6 +172,26 @@ def test_a_clock_that_goes_backwards_changes_nothing(
     shutil.rmtree(out)
     run()
     assert hashes(out) == whole
+
+
+def test_pruning_while_a_build_runs_takes_nothing_from_it(
+    run: Build, out: Path, tmp_path: Path, whole: dict[str, str], hashes: Any, monkeypatch: pytest.MonkeyPatch
+):
+    gather = build_module.gather
+    pruned = []
+
+    def pruning(*args: Any, **options: Any) -> Any:
+        clips = gather(*args, **options)
+        pruned.append(prune(tmp_path / "cache", max_bytes=0))
+        return clips
+
+    monkeypatch.setattr(build_module, "gather", pruning)
+    run()
+    assert hashes(out) == whole
+    (result,) = pruned
+    assert (result.removed, result.swept) == (0, 0)
+    assert result.in_use == result.kept > 8
+    assert prune(tmp_path / "cache", max_bytes=0).kept == 0
 
 
 @pytest.mark.parametrize("how", ["removed", "damaged"])

@@ -23,12 +23,12 @@ def test_a_build_killed_at_random_moments_ends_as_if_undisturbed(
 ):
     slow.sleep(SONG_S)
     chance = random.Random(kills)
-    command = slow.command("--source", corpus, "--out", out, "--jobs", 2)
     longest = start_s = None
+    entries: dict[str, int] = {}
     done = 0
     while done < kills:
         begun = time.monotonic()
-        process = subprocess.Popen(command, env=slow.environment, start_new_session=True)
+        process = slow.start(corpus, out, "--jobs", 2, start_new_session=True)
         if longest is None:
             # The first build shows how long it takes; those that follow are killed within that time.
             assert process.wait() == 0
@@ -46,18 +46,23 @@ def test_a_build_killed_at_random_moments_ends_as_if_undisturbed(
             assert process.wait() == -signal.SIGKILL
             done += 1
             slow.log(*(f"published {song}" for song in slow.published()))
+            assert slow.entries().items() >= entries.items(), "a unit was computed and published again"
+            entries = slow.entries()
             continue
         assert process.returncode == 0
         assert hashes(out) == undisturbed
+        assert slow.entries().items() >= entries.items()
         shutil.rmtree(out)
         shutil.rmtree(slow.cache)
+        entries = {}
         slow.log("cache removed")
     slow.build(corpus, out, "--jobs", 2)
     assert hashes(out) == undisturbed
+    assert slow.entries().items() >= entries.items()
     assert [p.name for p in out.parent.iterdir()] == ["out"]
     assert slow.strays() == []
     assert computed_after_publishing(slow.log()) == []
-    assert "nothing to do" in slow.build(corpus, out)
+    assert "nothing to do" in slow.build(corpus, out, "--jobs", 1)
 
 
 def computed_after_publishing(log: list[str]) -> list[str]:
@@ -132,8 +137,7 @@ def test_every_unit_is_computed_once_by_builds_that_run_together(
 ):
     slow.sleep(0.2)
     outs = [tmp_path / "outs" / str(i) for i in range(3)]
-    commands = [slow.command("--source", corpus, "--out", out, "--jobs", 1) for out in outs]
-    processes = [subprocess.Popen(command, env=slow.environment) for command in commands]
+    processes = [slow.start(corpus, out, "--jobs", 1) for out in outs]
     assert [process.wait() for process in processes] == [0, 0, 0]
     assert [hashes(out) for out in outs] == [undisturbed] * 3
     assert len(slow.calls()) == len(set(slow.calls())) == 4
@@ -142,9 +146,8 @@ def test_every_unit_is_computed_once_by_builds_that_run_together(
 
 def test_two_builds_into_one_folder(slow: Any, corpus: Path, out: Path, undisturbed: dict[str, str], hashes: Any):
     slow.sleep(0.5)
-    command = slow.command("--source", corpus, "--out", out, "--jobs", 1)
     pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    processes = [subprocess.Popen(command, env=slow.environment, **pipes) for _ in range(2)]
+    processes = [slow.start(corpus, out, "--jobs", 1, **pipes) for _ in range(2)]
     ends = sorted((*process.communicate(), process.returncode) for process in processes)
     codes = [code for *_, code in ends]
     assert 0 in codes

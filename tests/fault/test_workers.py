@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
+from contextlib import ExitStack, nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -108,9 +113,73 @@ def test_a_unit_that_always_kills_its_dask_worker_is_named(
 
 
 @pytest.mark.nightly
-def test_workers_of_several_threads_are_refused(slow: Any, corpus: Path, out: Path, threads: list[str]):
-    assert "start workers with --nthreads 1" in slow.build(corpus, out, *threads, code=1)
+def test_a_scheduler_that_is_lost_ends_the_build_which_goes_on(
+    slow: Any, corpus: Path, out: Path, tmp_path: Path, undisturbed: dict[str, str], hashes: Any
+):
+    pytest.importorskip("distributed")
+    script = tmp_path / "cluster.py"
+    script.write_text(CLUSTER)
+    pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
+    command = [sys.executable, str(script), "2", "1"]
+    slow.sleep(3)
+    with subprocess.Popen(command, env=slow.environment, text=True, start_new_session=True, **pipes) as cluster:
+        address = cluster.stdout.readline().strip()
+        building = slow.start(
+            corpus, out, "--backend", "dask", "--scheduler", address, stderr=subprocess.PIPE, text=True
+        )
+        while not slow.calls():
+            time.sleep(0.1)
+        os.killpg(cluster.pid, signal.SIGKILL)
+        _, said = building.communicate(timeout=120)
+    assert building.returncode == 1, said
+    assert "the Dask cluster was lost" in said
+    assert "Traceback" not in said
     assert not out.exists()
+    slow.sleep(0)
+    slow.build(corpus, out, "--jobs", 1)
+    assert hashes(out) == undisturbed
+    assert slow.strays() == []
+
+
+@pytest.mark.nightly
+def test_workers_of_several_threads_are_refused(slow: Any, corpus: Path, out: Path, threads: list[str]):
+    assert "Start workers with --nthreads 1" in slow.build(corpus, out, *threads, code=1)
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({}, None),
+        ({"word": "another"}, "a worker sees another cache"),
+        ({"token": Path("/proc/none")}, "a worker does not see the cache"),
+        ({"source": Path("/proc/none")}, "a worker does not see the source"),
+        ({"listing": "another"}, "a worker sees another source"),
+        ({"versions": (("numpy", "0.1"),)}, r"other versions.*numpy [0-9.]*, not 0\.1"),
+        ({"threads": 4}, "Start workers with --nthreads 1"),
+        ({"locked": False}, "locks on files in the cache do not reach"),
+    ],
+)
+def test_a_worker_is_checked_for_what_it_needs(
+    corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wrong: dict[str, Any], said: str | None
+):
+    distributed = pytest.importorskip("distributed")
+    from dancedata.core.errors import DanceDataError
+    from dancedata.pipeline import workers
+    from dancedata.pipeline.cache_files import held
+
+    worker = SimpleNamespace(address="tcp://x", state=SimpleNamespace(nthreads=wrong.pop("threads", 1)))
+    monkeypatch.setattr(distributed, "get_worker", lambda: worker)
+    with ExitStack() as stack:
+        token = tmp_path / "w.token"
+        if wrong.pop("locked", True):
+            stack.enter_context(held(tmp_path, token.name))
+        token.write_text("w")
+        right: dict[str, Any] = {"token": token, "word": "w", "source": corpus}
+        right |= {"listing": workers._listing(corpus), "versions": workers._versions({"librosa"})}
+        around = workers.Surroundings(**{**right, **wrong})
+        stack.enter_context(nullcontext() if said is None else pytest.raises(DanceDataError, match=said))
+        workers.check_surroundings(around)
 
 
 @pytest.mark.parametrize(

@@ -94,6 +94,30 @@ def test_a_plan_gives_the_reasons_that_a_build_gives(source: Path, out: Path, sc
     )
 
 
+@pytest.mark.parametrize("scope", RECIPES)
+def test_a_plan_shows_what_is_in_the_cache(corpus: Path, out: Path, tmp_path: Path, scope: str):
+    where = ("--source", corpus, "--out", out, "--cache", tmp_path / "cache")
+
+    def cached(*overrides: str) -> dict[str, list[int]]:
+        held = as_json("plan", RECIPES[scope], *where, *(word for o in overrides for word in ("--set", o)))["cached"]
+        assert held["librosa35"]["unit"] == {"track": "songs", "window": "windows"}[scope]
+        return {name: [units["cached"], units["of"]] for name, units in held.items()}
+
+    before = cached()
+    assert before["edge151"] == [0, 4]
+    assert before["librosa35"][0] == 0
+    run("build", RECIPES[scope], *where, "--jobs", 1)
+    computed = len(list((tmp_path / "cache" / "features").rglob("*.npy")))
+    # Files are known by now: equal windows of several clips are one.
+    assert cached() == {"edge151": [4, 4], "librosa35": [computed, computed]}
+    assert cached("audio.librosa35.tightness=1") == {"edge151": [4, 4], "librosa35": [0, computed]}
+    assert cached("motion.edge151.contacts.velocity.max_speed_m_s=1")["edge151"] == [0, 4]
+    next((tmp_path / "cache" / "features").rglob("*.npy")).unlink()
+    assert cached()["librosa35"] == [computed - 1, computed]
+    said = run("plan", RECIPES[scope], *where).stdout
+    assert "edge151: 151 columns, float32; in the cache: 4 of 4 clips" in said
+
+
 def test_a_plan_touches_no_dataset_that_is_there(corpus: Path, built_copy: Path, hashes: Callable[[Path], Any]):
     before = hashes(built_copy)
     text = run("plan", "aist++", "--source", corpus, "--out", built_copy, "--set", "windows.stride_s=1").stdout

@@ -1,4 +1,4 @@
-"""BatchLoader against a DataLoader, batch by batch and bit by bit; its ring, its threads, and its end."""
+"""BatchLoader against a DataLoader, batch by batch and bit by bit; its memory, its threads, and its end."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ import gc
 import itertools
 import os
 import pickle
+import random
 import threading
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 pytest.importorskip("torch")
@@ -20,7 +21,7 @@ import torch
 from torch.utils.data import DataLoader
 
 from dancedata.core.errors import StoreError, UsageError
-from dancedata.readers import BatchLoader, EpochSampler, WindowDataset
+from dancedata.readers import BatchLoader, EpochSampler, WindowDataset, memory
 from dancedata.store.dataset import Store
 
 FIELDS = ("lodge139", "fast", "librosa35", "half")
@@ -83,6 +84,12 @@ def no_thread_stays() -> Iterator[None]:
     assert n_threads() == 0
 
 
+@pytest.fixture(autouse=True)
+def small_batches_go_round(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have the small arrays here use memory again as large ones do, at once."""
+    monkeypatch.setattr(memory, "_LARGE", 1)
+
+
 @pytest.mark.parametrize("mode", MODES)
 def test_equals_a_data_loader_epoch_after_epoch(mixed_store: Store, mode: str) -> None:
     ours, theirs = dataset_of(mixed_store, mode), dataset_of(mixed_store, mode)
@@ -93,16 +100,13 @@ def test_equals_a_data_loader_epoch_after_epoch(mixed_store: Store, mode: str) -
 
 
 @pytest.mark.parametrize("drop_last", [False, True])
-@pytest.mark.parametrize(("threads", "prefetch", "ring"), [(1, 1, 1), (3, 1, 2), (2, 5, 1), (1, 40, 4)])
-@pytest.mark.parametrize("copy", [False, True])
-def test_equals_it_with_any_threads_and_buffers(
-    mixed_store: Store, drop_last: bool, threads: int, prefetch: int, ring: int, copy: bool
+@pytest.mark.parametrize(("threads", "prefetch"), [(1, 1), (3, 1), (2, 5), (1, 40)])
+def test_equals_it_with_any_threads_and_prefetch(
+    mixed_store: Store, drop_last: bool, threads: int, prefetch: int
 ) -> None:
     ours, theirs = dataset_of(mixed_store), dataset_of(mixed_store)
     sampler = EpochSampler(ours, seed=1, rank=1, world_size=2)
-    loader = BatchLoader(
-        ours, 7, sampler=sampler, drop_last=drop_last, threads=threads, prefetch=prefetch, ring=ring, copy=copy
-    )
+    loader = BatchLoader(ours, 7, sampler=sampler, drop_last=drop_last, threads=threads, prefetch=prefetch)
     reference: DataLoader[Any] = DataLoader(
         theirs, 7, sampler=EpochSampler(theirs, seed=1, rank=1, world_size=2), drop_last=drop_last
     )
@@ -138,7 +142,7 @@ def test_resumes_in_the_middle_of_an_epoch(mixed_store: Store) -> None:
     def start() -> tuple[EpochSampler, BatchLoader]:
         dataset = dataset_of(mixed_store)
         sampler = EpochSampler(dataset, seed=2)
-        return sampler, BatchLoader(dataset, 8, sampler=sampler, copy=True)
+        return sampler, BatchLoader(dataset, 8, sampler=sampler)
 
     sampler, loader = start()
     whole = [[bits(batch) for batch in loader] for _ in range(3)]
@@ -158,29 +162,67 @@ def test_resumes_in_the_middle_of_an_epoch(mixed_store: Store) -> None:
     assert [bits(batch) for batch in loader] == whole[2]
 
 
-# --- the ring
+# --- memory
 
 
-@pytest.mark.parametrize(("ring", "prefetch"), [(1, 1), (2, 2), (2, 1), (3, 2), (1, 4)])
-def test_a_batch_lives_until_ring_more_are_asked_for(mixed_store: Store, ring: int, prefetch: int) -> None:
-    loader = BatchLoader(dataset_of(mixed_store), 8, ring=ring, prefetch=prefetch, shuffle=True)
-    alive: list[tuple[dict[str, Any], dict[str, Any]]] = []
-    places: list[int] = []
-    epochs = (itertools.islice(loader, stop) for stop in (None, 3, None))  # one is abandoned
-    for batch in itertools.chain.from_iterable(epochs):
-        alive = [*alive, (batch, bits(batch))][-ring:]
-        time.sleep(0.002)  # lets the threads run ahead as far as they may
-        for kept, before in alive:
-            assert bits(kept) == before
-        places.append(batch["half"].data_ptr())
-    assert len(set(places)) <= ring + prefetch
-    assert all(len(set(places[n : n + ring])) == ring for n in range(len(places) - ring))
+def parts_of(batch: dict[str, Any]) -> list[Any]:
+    """What shares a batch's memory without being it: rows, an array, a view as another type, a tensor made of one."""
+    array = batch["lodge139"][:, ::2].numpy()
+    return [
+        batch["fast"][3],
+        batch["half"][2:].numpy(),
+        batch["librosa35"].view(torch.int32),
+        torch.from_numpy(array),
+    ]
 
 
-def test_copy_gives_batches_of_their_own(mixed_store: Store) -> None:
+@pytest.mark.parametrize("prefetch", [1, 3])
+def test_nothing_is_written_into_what_is_kept(mixed_store: Store, prefetch: int) -> None:
+    dataset = dataset_of(mixed_store, "plain")
+    wanted = [parts_of(batch) for batch in DataLoader(dataset, 8)]
+    loader = BatchLoader(dataset, 8, prefetch=prefetch)
+    kept: list[tuple[Any, Any]] = []
+    dice = random.Random(0)
+    for _ in range(3):
+        for nth, batch in enumerate(loader):
+            parts = parts_of(batch)
+            kept += [(parts[k], wanted[nth][k]) for k in range(4) if dice.random() < 0.3]
+            del batch, parts
+    assert len(kept) > 12
+    for part, same in kept:
+        np.testing.assert_array_equal(np.asarray(part), np.asarray(same))
+
+
+def test_what_autograd_keeps_is_not_written_to(mixed_store: Store) -> None:
+    loader = BatchLoader(dataset_of(mixed_store, "plain"), 8)
+    factor = torch.ones((), requires_grad=True)
+    total = torch.zeros(())
+    for batch in loader:
+        total = total + (batch["lodge139"] * factor).sum()
+    total.backward()  # type: ignore[no-untyped-call]
+    wanted = sum(float(batch["lodge139"].sum()) for batch in DataLoader(loader.dataset, 8))
+    assert factor.grad is not None
+    assert float(factor.grad) == pytest.approx(wanted, rel=1e-4, abs=1e-2)
+
+
+@pytest.mark.parametrize("prefetch", [1, 2, 4])
+def test_memory_goes_round(mixed_store: Store, prefetch: int) -> None:
+    loader = BatchLoader(dataset_of(mixed_store), 8, prefetch=prefetch, shuffle=True)
+    places = {name: set[int]() for name in FIELDS}
+    for stop in (None, 3, None, None):  # one epoch is abandoned
+        for batch in itertools.islice(loader, stop):
+            for name in FIELDS:
+                places[name].add(batch[name].data_ptr())
+    for name in FIELDS:
+        assert len(places[name]) <= prefetch + 2
+    assert len(loader) > prefetch + 2
+
+
+def test_kept_batches_are_all_of_the_epoch(mixed_store: Store) -> None:
     dataset = dataset_of(mixed_store)
-    kept = list(BatchLoader(dataset, 8, copy=True))
-    assert_same(kept, DataLoader(dataset, 8))
+    loader = BatchLoader(dataset, 8)
+    for _ in range(2):
+        assert_same(list(loader), DataLoader(dataset, 8))
 
 
 def test_a_batch_may_be_written_to(mixed_store: Store) -> None:
@@ -197,9 +239,54 @@ def test_a_batch_may_be_written_to(mixed_store: Store) -> None:
 # --- threads
 
 
+def test_an_error_before_the_first_batch(mixed_store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    dataset = dataset_of(mixed_store)
+    loader = BatchLoader(dataset, 8)
+
+    def broken() -> None:
+        raise StoreError("a shard is gone")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(dataset, "_fill", broken)
+        with pytest.raises(StoreError, match="gone"):
+            iter(loader)
+    gc.collect()  # an error in __del__ would be one of the test
+    assert n_threads() == 0
+    assert_same(loader, DataLoader(dataset, 8))
+
+
+def test_the_garbage_collector_may_end_it_in_a_thread(mixed_store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    dataset = dataset_of(mixed_store)
+    wanted = [bits(batch) for batch in DataLoader(dataset, 8)]
+    fill, gone, ended = dataset._fill(), threading.Event(), threading.Event()
+
+    def collecting(request: Any, out: Any) -> None:
+        if 17 in request.places and not ended.is_set():
+            assert gone.wait(60)
+            gc.collect()
+            ended.set()
+        fill(request, out)
+
+    collecting.layout = fill.layout  # type: ignore[attr-defined]
+    monkeypatch.setattr(dataset, "_fill", lambda: collecting)
+    loader = BatchLoader(dataset, 8, threads=1)
+    gc.disable()
+    try:
+        batches: Any = iter(loader)
+        next(batches)
+        batches.itself = batches
+        del batches
+        gone.set()
+        assert ended.wait(60)
+    finally:
+        gc.enable()
+    for _ in range(2):
+        assert [bits(batch) for batch in loader] == wanted
+
+
 def test_an_error_in_a_thread_is_raised_in_the_loop(mixed_store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
     dataset = dataset_of(mixed_store)
-    fill, wanted = dataset._fill(), list(BatchLoader(dataset, 8, copy=True))
+    fill, wanted = dataset._fill(), list(BatchLoader(dataset, 8))
 
     def broken(request: Any, out: Any) -> None:
         if 17 in request.places:
@@ -208,7 +295,7 @@ def test_an_error_in_a_thread_is_raised_in_the_loop(mixed_store: Store, monkeypa
 
     broken.layout = fill.layout  # type: ignore[attr-defined]
     monkeypatch.setattr(dataset, "_fill", lambda: broken)
-    batches = iter(BatchLoader(dataset, 8, copy=True))
+    batches = iter(BatchLoader(dataset, 8))
     assert_same(itertools.islice(batches, 2), wanted[:2])
     with pytest.raises(StoreError, match="here"):
         next(batches)
@@ -306,7 +393,6 @@ def test_pickled_without_threads_and_memory(mixed_store: Store) -> None:
         ({"batch_size": 0}, "batch_size"),
         ({"threads": 0}, "threads"),
         ({"prefetch": 0}, "prefetch"),
-        ({"ring": 0}, "ring"),
         ({"threads": 1.5}, "threads"),
         ({"sampler": [1], "shuffle": True}, "shuffle"),
     ],
@@ -329,18 +415,42 @@ def test_pinned_memory_with_a_device(mixed_store: Store) -> None:
     if not torch.cuda.is_available():
         pytest.skip("no CUDA device here")
     dataset = dataset_of(mixed_store)
-    for copy in (False, True):
-        loader = BatchLoader(dataset, 8, pin_memory=True, copy=copy)
-        assert loader.pinned
-        reference: DataLoader[Any] = DataLoader(dataset, 8)
-        for batch, wanted in zip(loader, reference, strict=True):
-            assert batch["half"].is_pinned()
-            on_device = batch["half"].to("cuda", non_blocking=True)
-            torch.cuda.synchronize()
-            assert torch.equal(on_device.cpu(), wanted["half"])
+    loader = BatchLoader(dataset, 8, pin_memory=True)
+    assert loader.pinned
+    reference: DataLoader[Any] = DataLoader(dataset, 8)
+    on_device = []
+    for batch in loader:
+        assert batch["half"].is_pinned()
+        on_device.append(batch["half"].to("cuda", non_blocking=True))
+    torch.cuda.synchronize()
+    for found, wanted in zip(on_device, reference, strict=True):
+        assert torch.equal(found.cpu(), wanted["half"])
+
+
+def test_pinned_memory_is_asked_of_torch(mixed_store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What can be seen of it without a device: every array is torch's, and the batches are the same."""
+    if torch.cuda.is_available():
+        pytest.skip("test_pinned_memory_with_a_device does this")
+    asked: list[tuple[int, ...]] = []
+
+    def empty(shape: tuple[int, ...], *, dtype: torch.dtype, pin_memory: bool) -> torch.Tensor:
+        assert pin_memory
+        asked.append(shape)
+        return torch.zeros(shape, dtype=dtype)
+
+    dataset = dataset_of(mixed_store)
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    loader = BatchLoader(dataset, 8, pin_memory=True)
+    monkeypatch.undo()
+    assert loader.pinned
+    monkeypatch.setattr(torch, "empty", empty)
+    found = list(loader)
+    monkeypatch.undo()
+    assert_same(found, DataLoader(dataset, 8))
+    assert len(asked) == len(FIELDS) * len(loader)
 
 
 def test_repr_says_what_it_is(store_path: Path) -> None:
     text = repr(BatchLoader(WindowDataset(store_path), 64, threads=3))
-    for part in ("WindowDataset(", "batch_size=64", "threads=3", "ring=2"):
+    for part in ("WindowDataset(", "batch_size=64", "threads=3", "prefetch=2"):
         assert part in text

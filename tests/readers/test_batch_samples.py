@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import copy
 import gc
+import importlib.util
+import os
 import pickle
+import sys
 from collections.abc import Mapping
 from typing import Any
 
@@ -17,7 +20,8 @@ import torch
 from torch.utils.data import DataLoader, Subset, default_collate
 
 from dancedata.readers import WindowDataset
-from dancedata.readers.memory import Pool
+from dancedata.readers.collate import collate
+from dancedata.readers.memory import Pool, shared_tensor
 from dancedata.store.dataset import Store
 
 FIELDS = ("lodge139", "fast", "librosa35", "half")
@@ -56,11 +60,11 @@ def assert_equal(found: Mapping[str, Any], wanted: Mapping[str, Any]) -> None:
         assert bits(found[name]) == bits(value), name
 
 
-def plain(dataset: WindowDataset, place: int, name: str) -> np.ndarray[Any, Any]:
+def plain(dataset: WindowDataset, place: int, mirrored: bool, name: str) -> np.ndarray[Any, Any]:
     """Read one field of one window a step at a time, by other means than the dataset."""
     rows = dataset.store.read(dataset.windows[place], name)
     columns = dataset.store.fields[name]
-    if dataset[place]["mirrored"] and dataset.store.field(name).kind == "motion":
+    if mirrored and dataset.store.field(name).kind == "motion":
         assert columns.mirror is not None
         rows = columns.mirror.apply(rows)
     if dataset.relative_root and "translation" in columns.names:
@@ -82,7 +86,7 @@ def test_every_bit_is_what_reading_step_by_step_gives(mixed_store: Store, mode: 
     for place, item in zip(places, batch, strict=True):
         assert_equal(item, dataset[place])
         for name in dataset.fields:
-            assert bits(item[name]) == bits(torch.from_numpy(plain(dataset, place, name)))
+            assert bits(item[name]) == bits(torch.from_numpy(plain(dataset, place, item["mirrored"], name)))
 
 
 @pytest.mark.parametrize("mode", MODES)
@@ -159,7 +163,7 @@ def test_workers_subsets_and_collate_by_name(mixed_store: Store) -> None:
     wanted = [default_collate([dataset[k] for k in range(n, min(n + 4, 30))]) for n in range(0, 30, 4)]
     subset = Subset(dataset, range(30))
     for options in ({}, {"num_workers": 2}, {"collate_fn": WindowDataset.collate, "num_workers": 1}):
-        loader: DataLoader[Any] = DataLoader(subset, 4, **options)  # type: ignore[arg-type]
+        loader: DataLoader[Any] = DataLoader(subset, 4, **options)
         for found, batch in zip(loader, wanted, strict=True):
             assert_equal(found, batch)
 
@@ -199,6 +203,92 @@ def test_what_is_kept_has_a_limit_whatever_the_sizes() -> None:
         assert tensor.shape == (LARGE[0] + more, 3)
         del tensor
     assert 2 <= len(pool._idle) < 10
+
+
+@pytest.mark.parametrize(
+    "array",
+    [
+        np.arange(24, dtype=np.float32).reshape(2, 3, 4),
+        np.arange(24, dtype=np.float16).reshape(4, 6)[:, ::2],
+        np.array([True, False, True]),
+        np.array([[7]], dtype=np.int64),
+        np.zeros((3, 0, 4), dtype=np.float32),
+        np.zeros((0, 4), dtype=np.float32),
+    ],
+)
+@pytest.mark.parametrize("without", ["", "torch", "system", "refused", "changed"])
+def test_shared_copies(array: Any, without: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: Any) -> None:
+        raise OSError(38, "Function not implemented")
+
+    def changed(descriptor: int) -> None:
+        raise AssertionError(descriptor)
+
+    if without == "torch":
+        monkeypatch.setattr(torch.UntypedStorage, "_new_shared_fd_cpu", None)
+    elif without == "system":
+        monkeypatch.delattr(os, "memfd_create", raising=False)
+    elif without == "refused":
+        monkeypatch.setattr(os, "memfd_create", refuse, raising=False)
+    elif without == "changed":
+        monkeypatch.setattr(torch.UntypedStorage, "_new_shared_fd_cpu", changed)
+    shared_tensor(array)  # what torch and Python open once and for all
+    gc.collect()
+    before = len(os.listdir("/proc/self/fd")) if os.path.isdir("/proc/self/fd") else 0
+    found = shared_tensor(array)
+    assert found.is_shared()  # type: ignore[no-untyped-call]
+    assert bits(found) == bits(torch.from_numpy(np.ascontiguousarray(array)))
+    found.fill_(1)
+    del found
+    gc.collect()
+    assert before == (len(os.listdir("/proc/self/fd")) if before else 0)
+
+
+@pytest.mark.filterwarnings("ignore:.*multi-threaded, use of fork:DeprecationWarning")
+@pytest.mark.parametrize("without", ["", "torch", "system"])
+@pytest.mark.parametrize("strategy", ["file_descriptor", "file_system"])
+def test_workers_send_batches_however_memory_is_shared(
+    mixed_store: Store, without: str, strategy: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sharing: Any = torch.multiprocessing
+    if strategy not in sharing.get_all_sharing_strategies():
+        pytest.skip(f"torch has no {strategy} here")
+    if without == "torch":
+        monkeypatch.setattr(torch.UntypedStorage, "_new_shared_fd_cpu", None)
+        if strategy == "file_descriptor":
+            pytest.skip("torch itself needs it to receive batches so")
+    elif without == "system":
+        monkeypatch.delattr(os, "memfd_create", raising=False)
+    dataset = dataset_of(mixed_store, "mirrored and normalised")
+    usual = sharing.get_sharing_strategy()
+    sharing.set_sharing_strategy(strategy)
+    try:
+        found = list(DataLoader(dataset, 16, num_workers=1))
+    finally:
+        sharing.set_sharing_strategy(usual)
+    for one, other in zip(found, DataLoader(dataset, 16), strict=True):
+        assert_equal(one, other)
+
+
+def test_a_torch_that_takes_no_collate_functions(mixed_store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The module as it is without torch's table: its samples are stacked, and right."""
+    monkeypatch.setitem(sys.modules, "torch.utils.data._utils.collate", None)
+    spec = importlib.util.spec_from_file_location("collate_alone", collate.__code__.co_filename)
+    assert spec is not None
+    assert spec.loader is not None
+    alone = importlib.util.module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, "collate_alone", alone)
+    spec.loader.exec_module(alone)
+    items = dataset_of(mixed_store, "normalised").__getitems__([5, 1, 3])
+    tensors = {name: torch.stack([item[name] for item in items]) for name in FIELDS}
+    batch = alone.Batch.of(3, tensors)
+    samples = [alone.Sample({**item, **{f: batch.rows[f][k] for f in FIELDS}}, batch) for k, item in enumerate(items)]
+    wanted = default_collate([dict(item) for item in items])
+    found = default_collate(samples)
+    assert type(found) is dict
+    assert is_copied(found, samples) == list(FIELDS)
+    assert_equal(found, wanted)
+    assert is_copied(alone.collate(samples), samples) == []
 
 
 def test_batches_of_a_loader_are_the_trainers_own(store_path: Any) -> None:

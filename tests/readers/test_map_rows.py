@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import logging
 import mmap
+import re
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,21 +17,34 @@ import pytest
 
 pytest.importorskip("torch")
 
-from dancedata.core.errors import DanceDataError, StoreError
+from dancedata.core.errors import DanceDataError, StoreError, UsageError
 from dancedata.core.hashing import sha256_file
-from dancedata.readers import WindowDataset
+from dancedata.readers import BatchLoader, WindowDataset
 from dancedata.store.dataset import Store, open_store
 from dancedata.store.dataset_json import self_hash
 from dancedata.store.window_list import WindowList
 from dancedata.testing.stores import random_fields, write_random_store
 
 
-def store_of(folder: Path, scope: str, **options: Any) -> Store:
-    """A store of several shards with a field of 60 rows a second and one of half precision."""
+@pytest.fixture(scope="session")
+def stores(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Store]:
+    """By scope, stores of several shards with a field of 60 rows a second and one of half precision."""
     pose, fast, music = random_fields({"pose": 21, "fast": 30}, {"tune": 35}, fast=60)
     fields = (pose, fast, replace(music, dtype="float16"))
-    given = {"scope": scope, "fields": fields, "shard_bytes": 1 << 15, "order": "name", **options}
-    return open_store(write_random_store(folder, **given).path)
+    found = {}
+    for scope in ("track", "window"):
+        folder = tmp_path_factory.mktemp(scope)
+        write_random_store(
+            folder, scope=scope, fields=fields, n_frames=(110, 140), shard_bytes=1 << 15, order="name",
+            clips={"train": 5, "test": 2},
+        )  # fmt: skip
+        found[scope] = open_store(folder)
+    return found
+
+
+def copy_of(store: Store, folder: Path) -> Store:
+    """A copy that may be spoilt."""
+    return open_store(shutil.copytree(store.path, folder / "copy"))
 
 
 def repacked(store: Store, *names: str) -> Store:
@@ -64,9 +79,9 @@ def assert_reads_as_the_store(store: Store, windows: WindowList, **options: Any)
 
 @pytest.mark.parametrize("mapped", [True, False])
 @pytest.mark.parametrize("scope", ["track", "window"])
-def test_windows_are_what_the_store_reads(tmp_path: Path, scope: str, mapped: bool) -> None:
-    store = store_of(tmp_path, scope)
-    assert len(list(tmp_path.glob("train*.h5"))) > 2
+def test_windows_are_what_the_store_reads(stores: dict[str, Store], scope: str, mapped: bool) -> None:
+    store = stores[scope]
+    assert len(list(store.path.glob("train*.h5"))) > 2
     windows = WindowList.joined("both", [store.windows("train"), store.windows("test")])
     assert_reads_as_the_store(store, windows, mapped=mapped)
     shuffled = windows.take(np.random.default_rng(0).permutation(len(windows)))
@@ -74,15 +89,15 @@ def test_windows_are_what_the_store_reads(tmp_path: Path, scope: str, mapped: bo
     assert store.window_rows(windows, "tune", mapped=mapped).unmapped == ("" if mapped else "mapped=False")
 
 
-def test_other_windows_of_a_track(tmp_path: Path) -> None:
-    store = store_of(tmp_path, "track")
+def test_other_windows_of_a_track(stores: dict[str, Store]) -> None:
+    store = stores["track"]
     assert_reads_as_the_store(store, store.windows("train", length_frames=17, stride_frames=3))
 
 
 @pytest.mark.parametrize("scope", ["track", "window"])
 @pytest.mark.parametrize(("start", "length"), [(-1, 30), (10_000, 30), (7, 30), (0, 29), (0, 0), (130, 30)])
-def test_a_window_that_the_store_does_not_have(tmp_path: Path, scope: str, start: int, length: int) -> None:
-    store = store_of(tmp_path, scope, n_frames=(120, 140))
+def test_a_window_that_the_store_does_not_have(stores: dict[str, Store], scope: str, start: int, length: int) -> None:
+    store = stores[scope]
     known = store.windows("train")
     odd = replace(known, start=known.start.copy(), length=np.full(len(known), length))
     odd.start[3] = start
@@ -98,17 +113,49 @@ def test_a_window_that_the_store_does_not_have(tmp_path: Path, scope: str, start
     assert (found[0] == "read") == (scope == "track" and (start, length) in ((7, 30), (0, 29)))
 
 
-def test_windows_of_several_lengths(tmp_path: Path) -> None:
-    store = store_of(tmp_path, "track")
+def test_windows_of_several_lengths_and_none(stores: dict[str, Store]) -> None:
+    store = stores["track"]
     windows = store.windows("train")
-    windows.length[1] -= 1
+    odd = replace(windows, length=windows.length - (np.arange(len(windows)) == 1))
     with pytest.raises(StoreError, match="several lengths"):
-        store.window_rows(windows, "pose")
+        store.window_rows(odd, "pose")
+    with pytest.raises(UsageError, match="no windows"):
+        store.window_rows(windows.take(np.zeros(0, dtype=np.int64)), "pose")
+
+
+def test_windows_of_a_shard_that_has_none(tmp_path: Path, stores: dict[str, Store]) -> None:
+    """A window list of another store, for a clip that this one stores no windows of."""
+    fields = tuple(stores["window"].field(name) for name in stores["window"].fields)
+    write_random_store(
+        tmp_path, scope="window", fields=fields, n_frames=(20, 40), shard_bytes=1, clips={"train": 5, "test": 2}
+    )
+    store, windows = open_store(tmp_path), stores["window"].windows("train")
+    empty = next(iter({c.id for c in store.clips if c.split == "train"} - {w.clip for w in store.windows("train")}))
+    mine = windows.take(np.array([window.clip == empty for window in windows]))
+    assert len(mine)
+    with pytest.raises(StoreError) as error:
+        store.locate(mine[0], "pose")
+    with pytest.raises(StoreError, match=re.escape(str(error.value))):
+        store.window_rows(mine, "pose")
+
+
+@pytest.mark.parametrize("mapped", [True, False])
+@pytest.mark.parametrize("wrong", [-3, 10**6, 2**63 - 1])
+def test_a_table_that_points_outside_its_shard(stores: dict[str, Store], wrong: int, mapped: bool) -> None:
+    store = open_store(stores["window"].path)
+    windows = store.windows("train")
+    shard = store.locate(windows[3], "fast").shard
+    shard.windows.rows["fast"][-1] = wrong
+    with pytest.raises(StoreError, match=rf"{shard.path.name}.*outside the shard.*rows {wrong} to"):
+        store.window_rows(windows, "fast", mapped=mapped)
+    assert store.window_rows(windows, "pose", mapped=mapped).shape == (30, 21)
 
 
 @pytest.mark.parametrize("scope", ["track", "window"])
-def test_compressed_fields_are_read_and_named(tmp_path: Path, caplog: pytest.LogCaptureFixture, scope: str) -> None:
-    plain = store_of(tmp_path, scope)
+def test_compressed_fields_are_read_and_named(
+    tmp_path: Path, stores: dict[str, Store], caplog: pytest.LogCaptureFixture, scope: str
+) -> None:
+    plain = copy_of(stores[scope], tmp_path)
     windows = plain.windows("train")
     wanted = {field: [plain.read(window, field) for window in windows] for field in plain.fields}
     store = repacked(plain, "motion/pose", "audio/tune")
@@ -117,6 +164,10 @@ def test_compressed_fields_are_read_and_named(tmp_path: Path, caplog: pytest.Log
         for place in range(len(dataset)):
             for field in store.fields:
                 np.testing.assert_array_equal(dataset[place][field].numpy(), wanted[field][place])
+        for batch in BatchLoader(dataset, 4):
+            for nth, place in enumerate(batch["index"].tolist()):
+                for field in store.fields:
+                    np.testing.assert_array_equal(batch[field][nth].numpy(), wanted[field][place])
     assert list(dataset.unmapped) == ["pose", "tune"]
     assert "train-00000" in dataset.unmapped["pose"]
     assert "chunked or compressed" in dataset.unmapped["pose"]
@@ -126,9 +177,9 @@ def test_compressed_fields_are_read_and_named(tmp_path: Path, caplog: pytest.Log
     assert not plain.window_rows(windows, "fast").unmapped
 
 
-def test_a_compressed_field_that_is_broken(tmp_path: Path) -> None:
-    store = repacked(store_of(tmp_path, "track"), "motion/pose")
-    path = next(tmp_path.glob("train-00000*.h5"))
+def test_a_compressed_field_that_is_broken(tmp_path: Path, stores: dict[str, Store]) -> None:
+    store = repacked(copy_of(stores["track"], tmp_path), "motion/pose")
+    path = next(store.path.glob("train-00000*.h5"))
     with h5py.File(path, "r") as file:
         chunk = file["motion/pose"].id.get_chunk_info(0)
     with path.open("r+b") as file:
@@ -136,15 +187,17 @@ def test_a_compressed_field_that_is_broken(tmp_path: Path) -> None:
         file.write(bytes(chunk.size))
     with pytest.raises(StoreError, match=r"train-00000.*cannot be read"):
         store.read(store.windows("train")[0], "pose")
+    with pytest.raises(StoreError, match=r"train-00000.*cannot be read"):
+        next(iter(BatchLoader(WindowDataset(store, fields=("pose",), normalize=False), 4)))
 
 
 def test_a_file_system_that_maps_nothing(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+    stores: dict[str, Store], caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refuse(*_: Any, **__: Any) -> None:
         raise OSError(19, "No such device")
 
-    store = store_of(tmp_path, "track")
+    store = open_store(stores["track"].path)
     monkeypatch.setattr(mmap, "mmap", refuse)
     assert_reads_as_the_store(store, store.windows("train"))
     with caplog.at_level(logging.WARNING):
@@ -157,27 +210,27 @@ def test_a_file_system_that_maps_nothing(
     assert "No such device" in caplog.text
 
 
-def test_not_mapped_because_nobody_wants_it(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    dataset = WindowDataset(store_of(tmp_path, "track"), fields=("pose",), normalize=False, mapped=False)
+def test_not_mapped_because_nobody_wants_it(stores: dict[str, Store], caplog: pytest.LogCaptureFixture) -> None:
+    dataset = WindowDataset(stores["track"], fields=("pose",), normalize=False, mapped=False)
     dataset[0]
     assert dataset.unmapped == {"pose": "mapped=False"}
     assert not caplog.records
 
 
-def test_a_shard_cut_short_after_it_was_opened(tmp_path: Path) -> None:
-    store = store_of(tmp_path, "track", clips={"train": 1})
+def test_a_shard_cut_short_after_it_was_opened(tmp_path: Path, stores: dict[str, Store]) -> None:
+    store = copy_of(stores["track"], tmp_path)
     windows = store.windows("train")
-    (shard,) = tmp_path.glob("train*.h5")
-    layout = store.locate(windows[0], "tune").shard.layout("tune")
+    shard = store.locate(windows[0], "tune").shard
+    layout = shard.layout("tune")
     assert layout.offset is not None
-    with shard.open("r+b") as file:
+    with shard.path.open("r+b") as file:
         file.truncate(layout.offset + layout.n_rows * layout.row_bytes - 10)
     with pytest.raises(StoreError, match=r"ends too early.*10 bytes missing"):
         store.window_rows(windows, "tune")
 
 
-def test_closing_leaves_what_was_mapped_readable(tmp_path: Path) -> None:
-    store = store_of(tmp_path, "track")
+def test_closing_leaves_what_was_mapped_readable(stores: dict[str, Store]) -> None:
+    store = open_store(stores["track"].path)
     rows = store.window_rows(store.windows("train"), "pose")
     store.close()
     rows.read_ahead([0, 1])

@@ -1,0 +1,118 @@
+"""What of a plan is in the cache already: units of work that a build would not compute. Opens no source file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from dancedata.core.clip import ClipRef
+from dancedata.core.errors import SourceError, UsageError
+from dancedata.pipeline.audio_units import known_signal, track_key, window_key
+from dancedata.pipeline.cache import Cache
+from dancedata.pipeline.motion_units import motion_keys
+from dancedata.pipeline.recipe import Recipe, resolve_feature
+
+
+@dataclass(frozen=True)
+class Cached:
+    """How many of a field's units of work are in the cache.
+
+    Attributes
+    ----------
+    unit
+        "clips" for motion; "songs" or "windows" for audio, as the scope is. What equals another counts once, as far
+        as the files were looked at before; other files count each.
+    """
+
+    unit: str
+    cached: int
+    of: int
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain JSON data."""
+        return {"unit": self.unit, "cached": self.cached, "of": self.of}
+
+
+def cached_units(cache: Cache, recipe: Recipe, clips: Sequence[tuple[ClipRef, int]]) -> dict[str, Cached]:
+    """Return by field what the cache holds.
+
+    Parameters
+    ----------
+    clips
+        Clips that a build would keep, with their number of windows.
+
+    Notes
+    -----
+    A file is known by its path, size, time of change and inode. One that no build has seen counts as not cached,
+    though a copy of it elsewhere may have been computed.
+    """
+    found = _motion(cache, recipe, [ref for ref, _ in clips])
+    signals = {
+        path: known_signal(cache, recipe, path) for path in {r.audio_path for r, _ in clips} if path is not None
+    }
+    for feature in recipe.audio:
+        found[feature.name] = _audio(cache, recipe, feature, clips, signals)
+    return found
+
+
+def _motion(cache: Cache, recipe: Recipe, refs: Sequence[ClipRef]) -> dict[str, Cached]:
+    names = [plugin.name for plugin in (*recipe.motion, *recipe.keymotion)]
+    held = dict.fromkeys(names, 0)
+    for ref in refs:
+        sha256 = cache.known_sha256(ref.motion_path)
+        if sha256 is None:
+            continue
+        info_key, keys = motion_keys(cache, recipe, ref, sha256)
+        # A clip of which one thing is missing is loaded, and only that is made.
+        known = cache.holds("clips", info_key, "json")
+        for name, key in keys.items():
+            held[name] += known and cache.holds("motion", key)
+    return {name: Cached("clips", held[name], len(refs)) for name in names}
+
+
+def _audio(
+    cache: Cache,
+    recipe: Recipe,
+    feature: Any,
+    clips: Sequence[tuple[ClipRef, int]],
+    signals: dict[Path, Any],
+) -> Cached:
+    unit = "songs" if recipe.scope == "track" else "windows"
+    ready = _resolved(cache, feature)
+    known: set[str] = set()
+    unknown: set[tuple[Any, ...]] = set()
+    for ref, n_windows in clips:
+        signal = None if ref.audio_path is None else signals[ref.audio_path]
+        numbers = [0] if recipe.scope == "track" else range(n_windows)
+        if signal is None or ready is None:
+            unknown.update((ref.audio_path, ref.tempo_bpm, number) for number in numbers)
+        elif recipe.scope == "track":
+            known.add(track_key(recipe, ready, ref.tempo_bpm, signal.sha256))
+        else:
+            known.update(window_key(recipe, ready, ref.tempo_bpm, signal.windows[number]) for number in numbers)
+    return Cached(unit, sum(cache.holds("features", key) for key in known), len(known) + len(unknown))
+
+
+def _resolved(cache: Cache, feature: Any) -> Any | None:
+    """Return a feature as a build computes it; None if that cannot be known here without reading weights."""
+    # ImportError: a login node that plans, without the packages that compute.
+    with suppress(_UnknownError, UsageError, SourceError, ImportError):
+        return resolve_feature(feature, _known(cache))
+    return None
+
+
+class _UnknownError(Exception):
+    pass
+
+
+def _known(cache: Cache) -> Callable[[Path], str]:
+    def sha256(path: Path) -> str:
+        found = cache.known_sha256(path)
+        if found is None:
+            raise _UnknownError
+        return found
+
+    return sha256

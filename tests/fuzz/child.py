@@ -1,0 +1,243 @@
+"""Reads cases in a process of its own, which a broken reader may take down; hunt.py starts it and looks.
+
+A case may end in a valid result or in an error of the DanceDataError family that names the file. All else is a
+finding: another exception, more than a second of processor time, more than 200 MB, anything run or written.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import resource
+import shutil
+import signal
+import sys
+import time
+import traceback
+import typing
+import unicodedata  # noqa: F401 -- Python's parser imports it for letters beyond ASCII
+import warnings
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from random import Random
+from typing import Any
+
+HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE))
+
+from targets import DEFECT, TARGETS, Target  # noqa: E402 -- lies beside this script
+
+from dancedata.core.errors import DanceDataError  # noqa: E402
+
+LIMIT_S = 1.0
+LIMIT_BYTES = 200 << 20
+#: Exit status of a child in which foreign code was about to run.
+TRIPPED = 97
+_FORBIDDEN = [
+    "os.system",
+    "os.exec",
+    "os.fork",
+    "os.forkpty",
+    "os.posix_spawn",
+    "os.spawn",
+    "os.startfile",
+    "os.remove",
+    "os.rename",
+    "os.rmdir",
+    "os.link",
+    "os.symlink",
+    "os.chmod",
+    "os.chown",
+    "os.putenv",
+    "subprocess.Popen",
+    "exec",
+    "code.__new__",
+    "marshal.load",
+    "marshal.loads",
+    "pickle.find_class",
+    "socket.connect",
+    "socket.bind",
+    "ctypes.dlopen",
+    "ctypes.dlsym",
+    "shutil.rmtree",
+    "tempfile.mkstemp",
+    "import",
+]
+
+
+def main() -> None:
+    """Read cases `first` to `first + count` of a target, or given files, and print what became of them."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("target", choices=[*TARGETS, "defect"])
+    parser.add_argument("scratch", type=Path)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--count", type=int, default=0)
+    parser.add_argument("--structured", action="store_true", help="cases that hypothesis makes")
+    parser.add_argument("--files", type=Path, nargs="*", default=())
+    given = parser.parse_args()
+    target = TARGETS.get(given.target, DEFECT)
+    seeds = target.seeds()
+    runner = Runner(target, given.scratch)
+    for seed in [*seeds, *seeds]:
+        runner.read(seed)
+        if runner.outcome.startswith("FINDING") or (seed == seeds[0] and runner.outcome != "valid"):
+            sys.exit(f"a valid file for {given.target} is not read: {runner.outcome} {runner.found}")
+    if given.structured:
+        # Imports all that hypothesis needs before the limits hold.
+        _structured(given.target, runner, given.seed, 2)
+    runner.begin()
+    if given.structured:
+        _structured(given.target, runner, given.seed + given.first, given.count)
+    elif given.files:
+        for path in given.files:
+            runner.run(path.read_bytes())
+    else:
+        for k in range(given.first, given.first + given.count):
+            runner.run(target.mutated(seeds, Random(f"{given.target} {given.seed} {k}")))
+    print(json.dumps(runner.report()))
+
+
+def _structured(name: str, runner: Runner, seed: int, count: int) -> None:
+    import hypothesis
+    import structures
+
+    @hypothesis.seed(seed)
+    @hypothesis.settings(
+        max_examples=count,
+        deadline=None,
+        database=None,
+        phases=[hypothesis.Phase.generate],
+        suppress_health_check=list(hypothesis.HealthCheck),
+    )
+    @hypothesis.given(structures.STRATEGIES[name])
+    def case(data: bytes) -> None:
+        runner.run(data)
+
+    case()
+
+
+class Runner:
+    """Reads cases one after another and keeps count."""
+
+    def __init__(self, target: Target, scratch: Path) -> None:
+        self.target = target
+        self.folder = scratch / "case"
+        self.findings = scratch / "findings"
+        self.findings.mkdir(parents=True, exist_ok=True)
+        self.progress = scratch / "progress"
+        self.outcome = ""
+        self.outcomes: Counter[str] = Counter()
+        self.limited = False
+        self.peak_before = 0
+        self.slowest_s = 0.0
+        self.cases = 0
+        self.found: list[dict[str, str]] = []
+        warnings.simplefilter("error")
+
+    def begin(self) -> None:
+        """From here on the limits hold."""
+        self.cases, self.outcomes = 0, Counter()
+        pages = int(Path("/proc/self/statm").read_text().split()[0])
+        self.peak_before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + LIMIT_BYTES, resource.RLIM_INFINITY))
+        signal.signal(signal.SIGPROF, signal.SIG_DFL)
+        self.limited = True
+        sys.addaudithook(self._audit)
+
+    def run(self, data: bytes) -> None:
+        """Read one case."""
+        # What is known if this case is the last.
+        self.progress.write_text(json.dumps(self.report()))
+        before = time.process_time()
+        if self.limited:
+            # Processor time, for machines may be busy; the system ends the process, whatever it is doing.
+            signal.setitimer(signal.ITIMER_PROF, LIMIT_S)
+        self.read(data)
+        signal.setitimer(signal.ITIMER_PROF, 0)
+        self.slowest_s = max(self.slowest_s, time.process_time() - before)
+        self.cases += 1
+        self.outcomes[self.outcome] += 1
+
+    def read(self, data: bytes) -> None:
+        """Write the case and read it; `outcome` says what came of it."""
+        self.watching = False
+        shutil.rmtree(self.folder, ignore_errors=True)
+        self.folder.mkdir(parents=True)
+        path = self.folder / self.target.file
+        path.write_bytes(data)
+        self.watching = True
+        try:
+            self.target.read(path)
+            self.outcome = "valid"
+        except DanceDataError as error:
+            self.watching = False
+            self.outcome = getattr(error, "reason", type(error).__name__)
+            if any(isinstance(e, MemoryError) and not _parser_gave_up(e) for e in _chain(error)):
+                self._finding("memory", data, error)
+            elif not any(name in str(error) for name in (path.name, str(self.folder), *self.target.also)):
+                self._finding("the error does not name the file", data, error)
+        except BaseException as error:  # noqa: BLE001 -- whatever it is, it is a finding
+            self.watching = False
+            self._finding(type(error).__name__, data, error)
+        finally:
+            self.watching = False
+
+    def report(self) -> dict[str, Any]:
+        """Return what is to be known of all cases."""
+        grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - self.peak_before
+        return {
+            "cases": self.cases,
+            "outcomes": dict(self.outcomes),
+            "slowest_s": round(self.slowest_s, 3),
+            "peak_growth_mb": round(grown / 1024, 1),
+            "findings": self.found,
+        }
+
+    def _finding(self, what: str, data: bytes, error: BaseException) -> None:
+        self.outcome = f"FINDING {what}"
+        frames = traceback.extract_tb(error.__traceback__)
+        at = next((f for f in reversed(frames) if "dancedata" in f.filename and "fuzz" not in f.filename), frames[-1])
+        place = f"{Path(at.filename).name}:{at.lineno}"
+        file = self.findings / f"{len(list(self.findings.iterdir())):04d}-{self.target.file}"
+        file.write_bytes(data)
+        self.found.append({"what": what, "where": place, "error": str(error)[:300], "file": str(file)})
+
+    def _audit(self, event: str, arguments: tuple[Any, ...]) -> None:
+        if not self.watching:
+            return
+        wrong = event in _FORBIDDEN and not _is_own(event, arguments)
+        if event == "open" and isinstance(arguments[1], str) and set(arguments[1]) & set("wax+"):
+            wrong = not str(arguments[0]).startswith(str(self.folder))
+        if wrong:
+            self.watching = False
+            stack = "".join(traceback.format_stack()[-6:-1])
+            os.write(2, f"tripwire: {event} {arguments!r}"[:300].encode() + b"\n" + stack.encode())
+            os._exit(TRIPPED)
+
+
+def _is_own(event: str, arguments: tuple[Any, ...]) -> bool:
+    """Tell whether it is Python's own doing: codecs that are imported, annotations of classes that are evaluated."""
+    if event in ("exec", "marshal.loads"):
+        files = {frame.f_code.co_filename for frame, _ in traceback.walk_stack(None)}
+        # What is imported was looked at when it began.
+        return bool(files & {typing.__file__, "<frozen importlib._bootstrap>"})
+    return event == "import" and str(arguments[0]).startswith("encodings")
+
+
+def _parser_gave_up(error: BaseException) -> bool:
+    """Tell whether Python's parser said MemoryError, as it does of text that is nested too deep."""
+    frames = traceback.extract_tb(error.__traceback__)
+    return bool(frames) and Path(frames[-1].filename).name == "ast.py"
+
+
+def _chain(error: BaseException | None) -> Iterator[BaseException]:
+    while error is not None:
+        yield error
+        error = error.__cause__ or error.__context__
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,185 @@
+"""Fuzzes the readers: broken files of all formats, in child processes that may die.
+
+python tests/fuzz/hunt.py --cases 100000          (a nightly run)
+python tests/fuzz/hunt.py --target bvh --cases 5000 --seed 7 --keep found/
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from pathlib import Path
+from typing import Any
+
+HERE = Path(__file__).resolve().parent
+#: Cases of one child process.
+BATCH = 1000
+#: Hypothesis makes one case in four.
+STRUCTURED_PART = 4
+#: A child that waits for something without using the processor is ended after this time, and so much a case more.
+WAIT_S, WAIT_A_CASE_S = 120, 2
+_ENVIRONMENT = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "1", "PYTHONHASHSEED": "0"}
+
+
+def run_batch(
+    target: str, *, seed: int, first: int, count: int, structured: bool = False, files: Sequence[Path] = ()
+) -> dict[str, Any]:
+    """Run cases in a child; where it dies, the case is a finding and another child goes on after it."""
+    done: dict[str, Any] = {"target": target, "cases": 0, "outcomes": {}, "findings": [], "slowest_s": 0.0}
+    done["peak_growth_mb"] = 0.0
+    begin, files = first, list(files)
+    with tempfile.TemporaryDirectory(prefix="fuzz-") as scratch:
+        while count > 0 or files:
+            report, finding, n_done = _child(target, Path(scratch), seed, begin, count, structured, files)
+            if finding is not None:
+                done["findings"].append(finding)
+            _add(done, report)
+            begin, count, files = begin + n_done, count - n_done, files[n_done:]
+            if finding is None:
+                break
+        for finding in done["findings"]:
+            finding["data"] = Path(finding.pop("file")).read_bytes().hex()
+    return done
+
+
+def _child(
+    target: str, scratch: Path, seed: int, first: int, count: int, structured: bool, files: Sequence[Path]
+) -> tuple[dict[str, Any], dict[str, str] | None, int]:
+    """Return the report, a finding if the child died, and how many cases it began."""
+    command = [sys.executable, "-X", "faulthandler", str(HERE / "child.py"), target, str(scratch)]
+    command += ["--seed", str(seed), "--first", str(first), "--count", str(count)]
+    command += ["--structured"] if structured else []
+    command += ["--files", *map(str, files)] if files else []
+    (scratch / "progress").write_text("")
+    wait_s = WAIT_S + WAIT_A_CASE_S * (count + len(files))
+    try:
+        ended = subprocess.run(
+            command,
+            capture_output=True,
+            text=True,
+            errors="replace",
+            timeout=wait_s,
+            env={**os.environ, **_ENVIRONMENT},
+        )
+        status, said = ended.returncode, ended.stderr
+        if status == 0:
+            report = json.loads(ended.stdout)
+            return report, None, int(report["cases"])
+    except subprocess.TimeoutExpired:
+        status, said = -signal.SIGALRM, f"nothing came within {wait_s} s"
+    progress = (scratch / "progress").read_text()
+    if not progress:
+        raise RuntimeError(f"the child for {target} does not start: {said}")
+    known = json.loads(progress)
+    case = next(path for path in (scratch / "case").iterdir() if path.name == _file_of(target))
+    kept = scratch / "findings" / f"died-{first}-{known['cases']}-{case.name}"
+    shutil.copy(case, kept)
+    what = {97: "foreign code", -signal.SIGPROF: "more than 1 s"}.get(status, f"died, status {status}")
+    report = {**known, "cases": known["cases"] + 1}
+    report["outcomes"][f"FINDING {what}"] = report["outcomes"].get(f"FINDING {what}", 0) + 1
+    return report, {"what": what, "where": "", "error": said[-600:], "file": str(kept)}, report["cases"]
+
+
+def _file_of(target: str) -> str:
+    sys.path.insert(0, str(HERE))
+    from targets import DEFECT, TARGETS
+
+    return TARGETS.get(target, DEFECT).file
+
+
+def _add(done: dict[str, Any], report: dict[str, Any]) -> None:
+    done["cases"] += report["cases"]
+    done["outcomes"] = dict(Counter(done["outcomes"]) + Counter(report["outcomes"]))
+    done["findings"] += report["findings"]
+    for name in ("slowest_s", "peak_growth_mb"):
+        done[name] = max(done[name], report.get(name, 0.0))
+
+
+def hunt(cases: int, seed: int, targets: Sequence[str], workers: int) -> list[dict[str, Any]]:
+    """Run cases over targets, evenly; returns a report for each target."""
+    each = -(-cases // len(targets))
+    batches = []
+    for target in targets:
+        of_hypothesis = 0 if target in WITHOUT_STRUCTURE else each // STRUCTURED_PART
+        for structured, total in ((False, each - of_hypothesis), (True, of_hypothesis)):
+            batches += [(target, k, min(BATCH, total - k), structured) for k in range(0, total, BATCH)]
+    # All targets get their first cases before any gets its last: a run that is stopped has seen all formats.
+    batches.sort(key=lambda batch: batch[1])
+    reports = []
+    with ThreadPoolExecutor(workers) as pool:
+        calls = [
+            pool.submit(run_batch, target, seed=seed, first=first, count=count, structured=structured)
+            for target, first, count, structured in batches
+        ]
+        for call in as_completed(calls):
+            reports.append(call.result())
+            report = reports[-1]
+            done = f"{report['target']}: {report['cases']} cases, {len(report['findings'])} findings"
+            print(
+                done, *sorted({f["what"] + " " + f["where"] for f in report["findings"]}), file=sys.stderr, flush=True
+            )
+    merged: dict[str, dict[str, Any]] = {}
+    for report in reports:
+        done = merged.setdefault(report["target"], {**report, "cases": 0, "outcomes": {}, "findings": []})
+        _add(done, report)
+    return list(merged.values())
+
+
+#: Compressed audio has no structure that could be drawn.
+WITHOUT_STRUCTURE = ("flac", "mp3", "ogg")
+
+
+def main() -> int:
+    """Hunt and print; exit code 1 if anything was found."""
+    sys.path.insert(0, str(HERE))
+    from targets import TARGETS
+
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--cases", type=int, default=100_000)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--target", action="append", choices=TARGETS)
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--keep", type=Path, help="folder for what is found")
+    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--list", action="store_true", help="print the targets")
+    given = parser.parse_args()
+    if given.list:
+        print(*TARGETS)
+        return 0
+    reports = hunt(given.cases, given.seed, given.target or list(TARGETS), given.workers)
+    if given.json:
+        print(json.dumps(reports))
+    else:
+        for report in reports:
+            shown = {k: v for k, v in report.items() if k != "findings"}
+            print(json.dumps(shown))
+    seen: set[tuple[str, str]] = set()
+    for report in reports:
+        for number, finding in enumerate(report["findings"]):
+            if given.keep:
+                given.keep.mkdir(parents=True, exist_ok=True)
+                name = f"{report['target']}-{number:04d}.{finding['what'].split()[0]}"
+                (given.keep / name).write_bytes(bytes.fromhex(finding["data"]))
+                finding["name"] = name
+            if (finding["what"], finding["where"]) not in seen:
+                seen.add((finding["what"], finding["where"]))
+                said = {k: v for k, v in finding.items() if k != "data"}
+                print(f"{report['target']}: {said}", file=sys.stderr)
+    print(
+        f"{sum(r['cases'] for r in reports)} cases, {sum(len(r['findings']) for r in reports)} findings",
+        file=sys.stderr,
+    )
+    return 1 if seen else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

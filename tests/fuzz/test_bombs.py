@@ -1,0 +1,206 @@
+"""Small files that announce or unfold to far more than they are: refused before memory is taken, within a second."""
+
+from __future__ import annotations
+
+import io
+import json
+import struct
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+
+import h5py
+import numpy as np
+import pytest
+
+
+def npy_header(shape: tuple[int, ...], descr: str = "<f4") -> bytes:
+    text = repr({"descr": descr, "fortran_order": False, "shape": shape}).encode() + b"\n"
+    return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(text)) + text
+
+
+def inflated(n_bytes: int) -> bytes:
+    """A zip with `n_bytes` of zeros and a header that fits them."""
+    packed = io.BytesIO()
+    with (
+        zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive,
+        archive.open("poses.npy", "w", force_zip64=True) as member,
+    ):
+        member.write(npy_header((n_bytes // 288, 72)))
+        for _ in range(n_bytes // 288 * 288 // (288 << 12)):
+            member.write(bytes(288 << 12))
+        member.write(bytes(n_bytes // 288 * 288 % (288 << 12)))
+    return packed.getvalue()
+
+
+def wav(n_bytes: int) -> bytes:
+    fmt = struct.pack("<HHIIHH", 1, 1, 48_000, 96_000, 2, 16)
+    size = struct.pack("<I", n_bytes)
+    return b"RIFF" + size + b"WAVEfmt " + struct.pack("<I", 16) + fmt + b"data" + size + bytes(100)
+
+
+def flac(n_samples: int) -> bytes:
+    import soundfile
+
+    file = io.BytesIO()
+    soundfile.write(file, np.zeros(5000, np.float32), 48_000, format="FLAC")
+    data = bytearray(file.getvalue())
+    # STREAMINFO: the last 36 bits of eight are the number of samples.
+    data[21] = data[21] & 0xF0 | n_samples >> 32
+    data[22:26] = struct.pack(">I", n_samples & 0xFFFFFFFF)
+    return bytes(data)
+
+
+def shard(name: str, n_rows: int, *, chunked: bool) -> Callable[[bytes], bytes]:
+    def changed(whole: bytes) -> bytes:
+        memory = io.BytesIO(whole)
+        with h5py.File(memory, "r+") as file:
+            shape, dtype = file[name].shape, file[name].dtype
+            del file[name]
+            options = {"chunks": (1 << 16, *shape[1:]), "compression": "gzip"} if chunked else {}
+            file.create_dataset(name, (n_rows, *shape[1:]), dtype, **options)
+        return memory.getvalue()
+
+    return changed
+
+
+def linked(target: object) -> Callable[[bytes], bytes]:
+    def changed(whole: bytes) -> bytes:
+        memory = io.BytesIO(whole)
+        with h5py.File(memory, "r+") as file:
+            del file["motion/pose"]
+            if target == "virtual":
+                layout = h5py.VirtualLayout((60, 3), "<f4")
+                layout[:] = h5py.VirtualSource("/etc/passwd", "x", (60, 3))
+                file.create_virtual_dataset("motion/pose", layout)
+            elif target == "external":
+                file.create_dataset("motion/pose", (60, 3), "<f4", external=[("/etc/passwd", 0, 720)])
+            else:
+                file["motion/pose"] = target
+        return memory.getvalue()
+
+    return changed
+
+
+HEADER = (
+    "HIERARCHY\nROOT Hips\n{\nOFFSET 0 0 0\nCHANNELS 6 Xposition Yposition Zposition Zrotation Yrotation Xrotation\n"
+)
+END = "End Site\n{\nOFFSET 0 1 0\n}\n}\nMOTION\n"
+DEEP = 100_000
+
+BOMBS: dict[str, list[Callable[[], bytes]]] = {
+    "npy": [
+        lambda: npy_header((1 << 40, 315)),
+        lambda: npy_header((1 << 62, 315)),
+        lambda: npy_header((10**30, 315)),
+        lambda: npy_header((0, 315) * 4000),
+        lambda: npy_header((4,), "<U999999999"),
+        lambda: b"\x93NUMPY\x02\x00\xff\xff\xff\xff{}",
+        lambda: b"\x93NUMPY\x01\x00\x10\x27" + b"(" * 10_000,
+    ],
+    "npz": [lambda: inflated(1 << 30), lambda: inflated(300 << 20)],
+    "body_model": [lambda: inflated(1 << 30)],
+    "bvh": [
+        lambda: (HEADER + END + "Frames: 1000000000\nFrame Time: 0.03\n0 0 0 0 0 0\n").encode(),
+        lambda: (HEADER + "JOINT a\n{\nOFFSET 0 1 0\nCHANNELS 0\n" * DEEP).encode(),
+        lambda: b"HIERARCHY" + b"{" * DEEP,
+        lambda: (HEADER + "CHANNELS 999999999 " + "Xposition " * DEEP + "\n" + END).encode(),
+        lambda: (HEADER + END + "Frames: 1\nFrame Time: 1e-999999999\n0 0 0 0 0 0\n").encode(),
+    ],
+    "flac": [lambda: flac(2**31), lambda: flac(2**36 - 1)],
+    "label": [lambda: b"[" * DEEP, lambda: b'{"style2": ' * DEEP, lambda: b'{"style2": %s}' % (b"9" * DEEP)],
+    "dataset_json": [
+        lambda: b"[" * DEEP,
+        lambda: b'{"format": 1, "fps": "1e999999999", "scope": "track"}',
+        lambda: b'{"format": %s}' % (b"9" * DEEP),
+    ],
+    "stats": [lambda: b'{"fields":' * DEEP],
+    "jsonl": [lambda: b"[" * DEEP, lambda: b'{"motion": ' * DEEP, lambda: b" " * (100 << 20)],
+    "csv": [lambda: b"motion,audio\n" + b"x" * (100 << 20), lambda: b"motion,audio\n" + b"x," * (7 << 20)],
+    "recipe": [
+        lambda: b"[" * DEEP,
+        lambda: b"a: " + b"[" * 200 + b"]" * 200,
+        lambda: b"- " * DEEP,
+        lambda: b"#" * (100 << 20),
+    ],
+    "names": [lambda: b"x\n" * (50 << 20)],
+    "pickle": [
+        lambda: b"\x80\x04\x8e\xff\xff\xff\xff\xff\xff\xff\x0f.",
+        lambda: b"\x80\x05\x96\xff\xff\xff\xff\xff\xff\xff\x0f.",
+        lambda: b"(" * DEEP + b".",
+        lambda: b"\x80\x02]" + b"q\x00]h\x00a" * (DEEP // 10) + b".",
+    ],
+}
+
+
+@pytest.mark.parametrize("target", BOMBS)
+def test_small_files_that_want_much(hunt: ModuleType, tmp_path: Path, target: str) -> None:
+    files = [tmp_path / str(k) for k in range(len(BOMBS[target]))]
+    for path, make in zip(files, BOMBS[target], strict=True):
+        path.write_bytes(make())
+    report = hunt.run_batch(target, seed=0, first=0, count=0, files=files)
+    assert [f"{f['what']} {f['where']} {f['error']}" for f in report["findings"]] == []
+    # What is wrong with a label is no error, but said.
+    assert target == "label" or "valid" not in report["outcomes"], report["outcomes"]
+
+
+def test_shards_that_want_much_or_look_elsewhere(hunt: ModuleType, tmp_path: Path) -> None:
+    from fractions import Fraction
+
+    from dancedata.store.schema import Field
+    from dancedata.testing.stores import random_columns, write_random_store
+
+    fields = (
+        Field("pose", "motion", random_columns(3), Fraction(30)),
+        Field("music", "audio", random_columns(2, mirror=False), Fraction(30), "float16"),
+    )
+    made = write_random_store(tmp_path / "store", fields=fields, clips={"train": 2}, n_frames=(40, 60), length=20)
+    whole = (made.path / "train-00000-of-00001.h5").read_bytes()
+    changes = [
+        shard("motion/pose", 1 << 30, chunked=False),
+        shard("motion/pose", 1 << 55, chunked=True),
+        shard("clips/id", 1 << 40, chunked=True),
+        shard("windows/start", 1 << 30, chunked=False),
+        linked(h5py.ExternalLink("other.h5", "/motion/pose")),
+        linked(h5py.SoftLink("/audio/music")),
+        linked(h5py.SoftLink("/motion/pose")),
+        linked("virtual"),
+        linked("external"),
+    ]
+    files = [tmp_path / str(k) for k in range(len(changes))]
+    for path, change in zip(files, changes, strict=True):
+        path.write_bytes(change(whole))
+    report = hunt.run_batch("hdf5", seed=0, first=0, count=0, files=files)
+    assert [f"{f['what']} {f['where']} {f['error']}" for f in report["findings"]] == []
+    assert report["outcomes"] == {"StoreError": len(changes)}
+
+
+def test_a_wav_is_as_long_as_its_file(tmp_path: Path) -> None:
+    """Whatever its header says: libsndfile looks at the file's size itself."""
+    from dancedata.audio.signal import audio_length, load_audio
+
+    path = tmp_path / "a.wav"
+    for n_bytes in (2**31, 2**32 - 1):
+        path.write_bytes(wav(n_bytes))
+        assert audio_length(path) == (50, 48_000)
+        assert load_audio(path).n_samples == 50
+
+
+def test_a_long_silence_is_read(tmp_path: Path) -> None:
+    """Packed far below its length, but not beyond what is read of any file."""
+    import soundfile
+
+    from dancedata.audio.signal import load_audio
+
+    path = tmp_path / "a.flac"
+    soundfile.write(path, np.zeros(5_000_000, np.int16), 48_000)
+    assert path.stat().st_size * 100 < 4 * 5_000_000
+    assert load_audio(path).n_samples == 5_000_000
+
+
+def test_json_that_python_reads_is_not_refused(tmp_path: Path) -> None:
+    from dancedata.pipeline.strict_yaml import load_yaml
+
+    assert load_yaml("a: &x [1, 2]\nb: *x\n") == {"a": [1, 2], "b": [1, 2]}
+    assert load_yaml(json.dumps({"a": [[[]]], "b": 2**63})) == {"a": [[[]]], "b": 2**63}

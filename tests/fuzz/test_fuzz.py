@@ -1,0 +1,84 @@
+"""Readers of foreign files: 2,000 broken files here, 100,000 in the nightly run; what was found once stays."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+HERE = Path(__file__).resolve().parent
+CASES = 2000
+SEED = 20_260
+FOUND = sorted(folder.name for folder in (HERE / "corpus").iterdir())
+
+
+def said(reports: list[dict[str, Any]]) -> list[str]:
+    return [
+        f"{r['target']}: {f['what']} {f['where']} {f['error']}\n{f['data'][:2000]}"
+        for r in reports
+        for f in r["findings"]
+    ]
+
+
+def targets(hunt: ModuleType) -> list[str]:
+    run = subprocess.run(
+        [sys.executable, str(HERE / "hunt.py"), "--list"], capture_output=True, text=True, check=True
+    )
+    return run.stdout.split()
+
+
+def test_broken_files_are_read_or_refused(hunt: ModuleType) -> None:
+    names = targets(hunt)
+    reports = hunt.hunt(CASES, SEED, names, workers=2)
+    assert said(reports) == []
+    assert sum(report["cases"] for report in reports) >= CASES
+    for report in reports:
+        # Cases that are all refused, or all fine, would try nothing.
+        assert len(report["outcomes"]) > 1 or report["target"] == "label", report
+
+
+@pytest.mark.parametrize("target", FOUND)
+def test_what_was_found_once(hunt: ModuleType, target: str) -> None:
+    files = sorted((HERE / "corpus" / target).iterdir())
+    report = hunt.run_batch(target, seed=0, first=0, count=0, files=files)
+    assert said([report]) == []
+    assert report["cases"] == len(files)
+    assert "valid" not in report["outcomes"], report["outcomes"]
+
+
+def test_the_harness_sees_what_it_looks_for(hunt: ModuleType, tmp_path: Path) -> None:
+    words = {
+        "spins": "more than 1 s",
+        "grows": "MemoryError",
+        "calls": "foreign code",
+        "write": "foreign code",
+        "dies!": "died, status -11",
+        "index": "IndexError",
+    }
+    files = [tmp_path / word.strip("!") for word in words]
+    for path, word in zip(files, words, strict=True):
+        path.write_text(word)
+    report = hunt.run_batch("defect", seed=0, first=0, count=0, files=files)
+    assert {f["what"] for f in report["findings"]} == set(words.values())
+    assert report["cases"] == len(files)
+    assert {bytes.fromhex(f["data"]).decode() for f in report["findings"]} == set(words)
+
+
+@pytest.mark.nightly
+def test_a_hundred_thousand_broken_files(hunt: ModuleType) -> None:
+    reports = hunt.hunt(100_000, SEED + 1, targets(hunt), workers=2)
+    assert said(reports) == []
+
+
+@pytest.mark.nightly
+def test_guided_by_coverage() -> None:
+    """With atheris, where it is installed; a process dies of what is found."""
+    pytest.importorskip("atheris", reason="atheris is not installed: pip install atheris")
+    for target in ("pickle", "npy", "npz", "bvh", "csv", "jsonl", "recipe", "dataset_json"):
+        command = [sys.executable, str(HERE / "guided.py"), target, "-runs=20000", "-seed=1", "-rss_limit_mb=1000"]
+        run = subprocess.run([*command, "-timeout=5"], capture_output=True, text=True, errors="replace")
+        assert run.returncode == 0, run.stderr[-2000:]

@@ -1,0 +1,262 @@
+"""The cache of units of work: keys say all that shapes a result, entries are whole, a key is computed once."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dancedata.core.errors import StoreError
+from dancedata.pipeline import audio_units, cache_files, motion_units
+from dancedata.pipeline import cache as cache_module
+from dancedata.pipeline.audio_units import SignalId, track_key, window_key
+from dancedata.pipeline.cache import Cache, EntryLostError
+from dancedata.pipeline.motion_units import motion_keys
+from dancedata.pipeline.recipe import load_recipe
+
+FORK = multiprocessing.get_context("fork")
+KEY = "ab" + "0" * 62
+
+
+@pytest.fixture
+def own(tmp_path: Path) -> Cache:
+    """A cache of the test's own."""
+    return Cache(tmp_path / "cache")
+
+
+def feature_key(*overrides: str, bpm: float | None = 120.0, sha: str = "s") -> str:
+    recipe = load_recipe("aist++", overrides)
+    return track_key(recipe, recipe.audio[0], bpm, sha)
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        {"overrides": ["audio.librosa35.tightness=1"]},
+        {"overrides": ["fps=60"]},
+        {"overrides": ["scope=window"]},
+        {"bpm": 121.0},
+        {"bpm": None},
+        {"sha": "t"},
+    ],
+)
+def test_what_shapes_a_feature_is_in_its_key(other: dict[str, Any]):
+    assert feature_key(*other.pop("overrides", ()), **other) != feature_key()
+
+
+def test_what_shapes_no_feature_is_not_in_its_key():
+    shaping_nothing = ("windows.stride_s=1", "name=another", "store.shard_mb=1", "motion={joints: {}}")
+    assert feature_key(*shaping_nothing) == feature_key()
+
+
+@pytest.mark.parametrize("package", ["librosa", "numpy", "scipy", "soxr"])
+def test_another_version_of_a_package_is_another_key(package: str, monkeypatch: pytest.MonkeyPatch):
+    before = feature_key()
+    monkeypatch.setattr(audio_units, "package_version", lambda name: "9.9" if name == package else "1.0")
+    one = feature_key()
+    monkeypatch.setattr(audio_units, "package_version", lambda name: "1.0")
+    assert len({before, one, feature_key()}) == 3
+
+
+def test_a_version_of_a_feature_raised_by_hand_is_another_key(monkeypatch: pytest.MonkeyPatch):
+    recipe = load_recipe("aist++-edge-exact")
+    before = window_key(recipe, recipe.audio[0], 120.0, "w")
+    monkeypatch.setattr(type(recipe.audio[0]), "version", 10**6)
+    assert window_key(recipe, recipe.audio[0], 120.0, "w") != before
+
+
+def test_what_shapes_motion_is_in_its_key(corpus: Path, own: Cache, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    def key(*overrides: str, sha: str = "m") -> str:
+        recipe = load_recipe("aist++", overrides)
+        (ref, *_) = recipe.dataset.scan(corpus).clips
+        return motion_keys(own, recipe, ref, sha)[1]["edge151"]
+
+    keys = [key(), key(sha="n"), key("fps=60"), key("motion.edge151.contacts.velocity.max_speed_m_s=1")]
+    keys.append(key("scope=window"))
+    monkeypatch.setattr(motion_units, "package_version", lambda name: "9.9")
+    keys.append(key())
+    assert len(set(keys)) == len(keys)
+
+
+def test_another_body_model_is_another_key(own: Cache, tmp_path: Path):
+    model = tmp_path / "model.npz"
+    keys = []
+    for content in (b"one", b"two"):
+        model.write_bytes(content)
+        recipe = load_recipe("finedance", [f"dataset.finedance.body_model={model}"])
+        ref = motion_units.ClipRef("001", tmp_path / "001.npy", None, music="001", split="train")
+        keys.append(motion_keys(own, recipe, ref, "m"))
+    assert keys[0] != keys[1]
+
+
+def test_hashes_of_files_are_remembered_until_the_file_changes(own: Cache, tmp_path: Path):
+    path = tmp_path / "file"
+    path.write_bytes(b"one")
+    assert own.known_sha256(path) is None
+    first = own.file_sha256(path)
+    assert own.known_sha256(path) == first
+    os.utime(path, ns=(0, 1))  # another time of change
+    assert own.known_sha256(path) is None
+    own.file_sha256(path)
+    # Of the same size and time of change, but another file.
+    (tmp_path / "new").write_bytes(b"two")
+    os.utime(tmp_path / "new", ns=(0, 1))
+    os.replace(tmp_path / "new", path)
+    assert own.known_sha256(path) is None
+    assert own.file_sha256(path) != first
+
+
+@pytest.mark.parametrize(
+    "array",
+    [
+        np.arange(12, dtype=np.float32).reshape(4, 3),
+        np.zeros((0, 5, 2), np.float16),
+        np.asfortranarray(np.arange(6.0).reshape(2, 3)),
+        np.array(3, np.int64),
+    ],
+)
+def test_an_array_comes_back(own: Cache, array: Any):
+    assert own.array("features", KEY) is None
+    assert not own.holds("features", KEY)
+    own.put_array("features", KEY, array)
+    assert own.holds("features", KEY)
+    found = own.array("features", KEY)
+    assert found is not None
+    assert found.shape == array.shape
+    for rows in (np.asarray(found), found.mapped()):
+        assert rows.dtype == array.dtype
+        np.testing.assert_array_equal(rows, array)
+    # It is a file that numpy reads, for whoever wants to look.
+    np.testing.assert_array_equal(np.load(found.path), array)
+
+
+@pytest.mark.parametrize("cut", [1, 10, 60, 127])
+def test_a_shortened_entry_counts_as_missing(own: Cache, cut: int):
+    path = own.put_array("features", KEY, np.arange(3.0)).path
+    os.truncate(path, path.stat().st_size - cut)
+    assert own.array("features", KEY) is None
+
+
+def test_a_changed_bit_is_found_when_it_is_read_and_the_entry_removed(own: Cache):
+    found = own.put_array("features", KEY, np.arange(3.0))
+    data = bytearray(found.path.read_bytes())
+    data[-20] ^= 1
+    found.path.write_bytes(data)
+    with pytest.raises(EntryLostError, match="damaged"):
+        np.asarray(found)
+    assert own.array("features", KEY) is None
+    own.put_json("clips", KEY, [1, 2])
+    path = next((own.root / "clips").rglob("*.json"))
+    path.write_bytes(path.read_bytes().replace(b"2", b"3", 1))
+    assert own.json("clips", KEY) is None
+
+
+def in_processes(n: int, target: Any) -> list[Any]:
+    """Run a function in processes that begin at the same time; returns what they put into the queue."""
+    queue, barrier = FORK.SimpleQueue(), FORK.Barrier(n)
+
+    def run() -> None:
+        barrier.wait()
+        queue.put(target())
+
+    processes = [FORK.Process(target=run) for _ in range(n)]
+    for process in processes:
+        process.start()
+    found = [queue.get() for _ in processes]
+    for process in processes:
+        process.join()
+    return found
+
+
+def test_many_processes_that_want_one_entry_compute_it_once(own: Cache, tmp_path: Path):
+    def compute() -> Any:
+        with (tmp_path / "log").open("a") as log:
+            log.write("computed\n")
+        time.sleep(0.2)
+        return np.arange(5.0)
+
+    sums = in_processes(6, lambda: float(np.asarray(own.once("features", KEY, compute)).sum()))
+    assert sums == [10.0] * 6
+    assert (tmp_path / "log").read_text() == "computed\n"
+    assert list((own.root / "locks").iterdir()) == list((own.root / "tmp").iterdir()) == []
+
+
+def test_who_waits_for_a_process_that_is_killed_computes(own: Cache):
+    ready = FORK.Event()
+
+    def hold() -> None:
+        with own.lock("features", KEY):
+            ready.set()
+            time.sleep(600)
+
+    process = FORK.Process(target=hold)
+    process.start()
+    ready.wait()
+    os.kill(process.pid, signal.SIGKILL)
+    assert np.asarray(own.once("features", KEY, lambda: np.ones(2))).tolist() == [1, 1]
+    process.join()
+
+
+def test_two_that_publish_one_key_leave_a_whole_entry(own: Cache):
+    def publish() -> bool:
+        for _ in range(50):
+            own.put_array("features", KEY, np.arange(5000.0), durable=False)
+            np.asarray(own.array("features", KEY))
+        return True
+
+    assert in_processes(3, publish) == [True] * 3
+    assert list((own.root / "tmp").iterdir()) == []
+
+
+def test_a_computation_that_fails_leaves_nothing(own: Cache):
+    def fail() -> Any:
+        raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        own.once("features", KEY, fail)
+    assert own.array("features", KEY) is None
+    assert [p for p in own.root.rglob("*") if p.is_file()] == []
+
+
+@pytest.mark.parametrize("where", ["file/cache", "/proc/cache"])
+def test_a_cache_that_cannot_be_written_is_a_clear_error(tmp_path: Path, where: str):
+    (tmp_path / "file").touch()
+    cache = Cache(tmp_path / where)
+    for write in (lambda: cache.put_json("clips", KEY, 1), lambda: cache.once("features", KEY, lambda: np.ones(1))):
+        with pytest.raises(StoreError, match="the cache cannot be written"):
+            write()
+
+
+def test_the_last_use_is_noted_once_an_hour(own: Cache):
+    path = own.put_array("features", KEY, np.ones(1)).path
+    for used, noted in ((-1800.0, False), (-2 * cache_files.USE_GRANULARITY_S, True), (1e8, True)):
+        before = time.time() + used
+        os.utime(path, (before, before))
+        own.array("features", KEY)
+        assert (abs(path.stat().st_mtime - before) > 1) is noted
+
+
+def test_the_cache_is_where_the_environment_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("DANCEDATA_CACHE", str(tmp_path / "named"))
+    assert cache_module.default_cache() == tmp_path / "named"
+    monkeypatch.delenv("DANCEDATA_CACHE")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert cache_module.default_cache() == tmp_path / "dancedata"
+
+
+def test_a_song_is_known_by_its_samples_not_its_name(corpus: Path, own: Cache, tmp_path: Path):
+    recipe = load_recipe("aist++")
+    song = sorted((corpus / "wavs").glob("*.wav"))[0]
+    copy = tmp_path / "another.wav"
+    copy.write_bytes(song.read_bytes())
+    assert audio_units.known_signal(own, recipe, song) is None
+    found = [audio_units.identify_audio(own, recipe, path) for path in (song, copy)]
+    assert all(isinstance(signal, SignalId) for signal in found)
+    assert len({signal.sha256 for signal in found}) == 1
+    assert audio_units.known_signal(own, recipe, song) == found[0]

@@ -1,0 +1,186 @@
+"""dancedata cache info, prune and verify, by way of the command line and of the functions behind it."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from dancedata.cli import app
+from dancedata.core.errors import UsageError
+from dancedata.pipeline import cache_files
+from dancedata.pipeline.cache import Cache
+from dancedata.pipeline.cache_admin import parse_age, parse_size, prune
+
+HOUR, DAY = 3600.0, 86400.0
+#: Blocks of a file system are counted in full.
+BIG = 100_000
+
+
+def run(*args: object, code: int = 0) -> str:
+    """Run a command and check its exit code."""
+    result = CliRunner().invoke(app, [str(a) for a in args])
+    assert result.exit_code == code, result.output
+    return result.stdout
+
+
+def as_json(*args: object, code: int = 0) -> Any:
+    """Run a command with --json and parse what it prints."""
+    return json.loads(run(*args, "--json", code=code))
+
+
+def key(number: int) -> str:
+    return f"{number:064x}"
+
+
+@pytest.fixture
+def own(tmp_path: Path) -> Cache:
+    """Five entries of 100 kB, the first not used for five days, the last for one; and one of JSON, used now."""
+    cache = Cache(tmp_path / "cache")
+    for number in range(1, 6):
+        path = cache.put_array("features", key(number), np.full(BIG, number, np.uint8)).path
+        then = time.time() - (6 - number) * DAY
+        os.utime(path, (then, then))
+    cache.put_json("files", key(9), "hash")
+    return cache
+
+
+def left(cache: Cache) -> list[int]:
+    return [number for number in range(1, 10) if cache.holds("features", key(number))]
+
+
+def test_info_sums_by_stage(own: Cache):
+    about = as_json("cache", "info", "--cache", own.root)
+    assert (about["path"], about["entries"]) == (str(own.root), 6)
+    features = about["stages"]["features"]
+    assert features["entries"] == 5
+    assert 5 * BIG <= features["bytes"] <= 6 * BIG
+    assert features["days_unused"] == pytest.approx([1, 5], abs=0.01)
+    said = run("cache", "info", "--cache", own.root)
+    assert "6 entries" in said
+    assert "features" in said
+
+
+def test_an_empty_or_missing_cache_is_no_error(tmp_path: Path):
+    assert as_json("cache", "info", "--cache", tmp_path / "none")["entries"] == 0
+    assert as_json("cache", "prune", "--max-size", "0", "--cache", tmp_path / "none")["removed"] == 0
+    assert as_json("cache", "verify", "--cache", tmp_path / "none")["ok"]
+    assert not (tmp_path / "none").exists()
+
+
+def test_prune_by_age(own: Cache):
+    assert as_json("cache", "prune", "--older-than", "3.5d", "--cache", own.root)["removed"] == 2
+    assert left(own) == [3, 4, 5]
+
+
+def test_prune_by_size_removes_what_was_used_longest_ago(own: Cache):
+    own.array("features", key(1))  # is a use
+    found = as_json("cache", "prune", "--max-size", "350kB", "--cache", own.root)
+    assert left(own) == [1, 4, 5]
+    assert (found["removed"], found["kept"]) == (2, 4)
+    assert found["kept_bytes"] <= 350_000
+
+
+def test_a_dry_run_removes_nothing(own: Cache):
+    said = run("cache", "prune", "--older-than", "2.5d", "--max-size", "1MB", "--dry-run", "--cache", own.root)
+    assert said.startswith("would remove 3 entries")
+    assert left(own) == [1, 2, 3, 4, 5]
+
+
+def test_what_is_mapped_stays(own: Cache):
+    found = own.array("features", key(2))
+    assert found is not None
+    rows = found.mapped()
+    old = time.time() - 9 * DAY
+    os.utime(found.path, (old, old))
+    result = prune(own.root, max_bytes=0)
+    assert (left(own), result.in_use) == ([2], 1)
+    assert (np.asarray(rows) == 2).all()
+    del rows
+    assert prune(own.root, max_bytes=0).removed == 1
+    assert left(own) == []
+
+
+def test_what_a_running_build_may_be_using_stays(own: Cache):
+    with cache_files.running(own.root):
+        own.array("features", key(2))  # as a build that finds it
+        result = prune(own.root, max_bytes=0)
+    # The entry of JSON was used by now as well.
+    assert (left(own), result.in_use) == ([2], 2)
+    assert "2 of them because they are in use" in result.describe(False)
+    assert prune(own.root, max_bytes=0).kept == 0
+
+
+def test_a_build_that_was_killed_keeps_nothing(own: Cache):
+    (own.root / "locks").mkdir(exist_ok=True)
+    (own.root / "locks" / "build-0").touch()
+    result = prune(own.root, max_bytes=0)
+    assert (result.kept, result.swept) == (0, 1)
+
+
+def test_what_was_used_since_it_was_listed_stays(own: Cache, monkeypatch: pytest.MonkeyPatch):
+    remove = cache_files.remove_unused
+
+    def used_meanwhile(path: Path, used: float) -> bool:
+        own.array("features", key(1))
+        return remove(path, used)
+
+    monkeypatch.setattr(cache_files, "remove_unused", used_meanwhile)
+    assert prune(own.root, older_than_s=3.5 * DAY).removed == 1
+    assert left(own) == [1, 3, 4, 5]
+
+
+def test_prune_and_verify_touch_nothing_but_entries(own: Cache):
+    others = [own.root / "notes.txt", own.root / "features" / "00" / "mine.npy", own.root / "data" / "song.wav"]
+    for path in others:
+        path.parent.mkdir(exist_ok=True)
+        path.write_text("somebody's")
+    outside = own.root.parent / "outside"
+    shutil.copytree(own.root / "features" / "00", outside)
+    (own.root / "features" / "01").symlink_to(outside)
+    prune(own.root, max_bytes=0)
+    assert left(own) == []
+    assert all(path.exists() for path in others)
+    assert len(list(outside.iterdir())) == 6
+    assert as_json("cache", "verify", "--cache", own.root)["ok"]
+
+
+@pytest.mark.parametrize("suffix", ["npy", "json"])
+def test_verify_finds_what_is_damaged(own: Cache, suffix: str):
+    assert run("cache", "verify", "--cache", own.root).endswith("6 entries, 0 damaged\n")
+    path = sorted(own.root.rglob(f"*.{suffix}"))[0]
+    data = bytearray(path.read_bytes())
+    data[len(data) * 3 // 4] ^= 1
+    path.write_bytes(data)
+    found = as_json("cache", "verify", "--cache", own.root, code=1)
+    assert [d["path"] for d in found["damaged"]] == [str(path)]
+    assert path.exists()
+    assert f"removed: {path}" in run("cache", "verify", "--remove", "--cache", own.root, code=1)
+    assert not path.exists()
+    assert as_json("cache", "verify", "--cache", own.root)["ok"]
+
+
+def test_prune_wants_to_know_what(own: Cache):
+    run("cache", "prune", "--cache", own.root, code=2)
+    run("cache", "prune", "--max-size", "many", "--cache", own.root, code=2)
+    run("cache", "prune", "--older-than", "1y", "--cache", own.root, code=2)
+    assert len(left(own)) == 5
+
+
+def test_ages_and_sizes():
+    assert [parse_age(text) for text in ("90", "90m", "12h", "1.5d", "2w")] == [90, 5400, 43200, 129600, 1209600]
+    assert [parse_size(text) for text in ("0", "500", "10k", "1.5MB", "2 GB", "1T")] == [
+        0, 500, 10**4, 1_500_000, 2 * 10**9, 10**12,
+    ]  # fmt: skip
+    for text in ("", "-1", "x", "1y", "inf"):
+        with pytest.raises(UsageError):
+            parse_age(text)
+        with pytest.raises(UsageError):
+            parse_size(text)

@@ -1,0 +1,211 @@
+"""FeatureCache: equal to builds and shared with them, computed once whoever asks, and the page's dataset."""
+
+from __future__ import annotations
+
+import multiprocessing
+import pickle
+import re
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import dancedata
+from dancedata.audio.librosa35 import Librosa35
+from dancedata.cache import FeatureCache
+from dancedata.core.errors import DataError, UsageError
+from dancedata.pipeline.cache_admin import prune
+
+FORK = multiprocessing.get_context("fork")
+PAGE = Path(__file__).parents[2] / "docs" / "cache.md"
+VAL = "gBR_sBM_cAll_d04_mBR0_ch01"
+
+
+@pytest.fixture
+def song(corpus: Path) -> Path:
+    """A song of 6 s."""
+    return corpus / "wavs" / "mBR0.wav"
+
+
+@pytest.fixture
+def own(tmp_path: Path) -> FeatureCache:
+    """A cache of the test's own."""
+    return FeatureCache(tmp_path / "cache")
+
+
+@pytest.fixture
+def calls(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[[], int]:
+    """Count computations, also those of forked processes; each takes a moment, so that others come meanwhile."""
+    log = tmp_path / "log"
+    log.touch()
+
+    def counted(original: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*args: Any, **options: Any) -> Any:
+            with log.open("a") as file:
+                file.write("call\n")
+            time.sleep(0.2)
+            return original(*args, **options)
+
+        return call
+
+    for name in ("extract", "extract_windows"):
+        monkeypatch.setattr(Librosa35, name, counted(getattr(Librosa35, name)))
+    return lambda: log.read_text().count("call")
+
+
+def ask_at_once(n: int, ask: Callable[[], Any]) -> list[Any]:
+    """Ask in processes that begin at the same time; returns what they got."""
+    queue, barrier = FORK.SimpleQueue(), FORK.Barrier(n)
+
+    def run() -> None:
+        barrier.wait()
+        queue.put(np.array(ask()))
+
+    processes = [FORK.Process(target=run) for _ in range(n)]
+    for process in processes:
+        process.start()
+    found = [queue.get() for _ in processes]
+    for process in processes:
+        process.join()
+    return found
+
+
+@pytest.mark.parametrize("how", ["get", "get_windows"])
+def test_ranks_that_ask_at_once_compute_once(own: FeatureCache, song: Path, calls: Callable[[], int], how: str):
+    found = ask_at_once(6, lambda: getattr(own, how)("librosa35", song, fps=30, start_bpm=120))
+    assert calls() == 1
+    assert all(np.array_equal(rows, found[0]) for rows in found)
+    assert found[0].shape[-2:] == ((found[0].shape[0], 35) if how == "get" else (150, 35))
+    assert list((own.root / "locks").iterdir()) == list((own.root / "tmp").iterdir()) == []
+    # Another object, another process by and by.
+    getattr(FeatureCache(own.root), how)("librosa35", song, fps=30, start_bpm=120)
+    assert calls() == 1
+
+
+@pytest.mark.parametrize("scope", ["track", "window"])
+def test_what_a_build_computed_is_there_and_the_same(
+    built_in: dict[str, Path], cache: Path, song: Path, calls: Callable[[], int], scope: str
+):
+    with dancedata.open(built_in[scope]) as ds:
+        bpm = next(c.tempo_bpm for c in ds.clips if c.id == VAL)
+        features = FeatureCache(cache)
+        if scope == "track":
+            rows = features.get("librosa35", song, fps=30, start_bpm=bpm)
+            np.testing.assert_array_equal(rows[:150], ds.clip(VAL).read("librosa35")[:150])
+        else:
+            own = [w for split in ds.splits for w in ds.windows(split) if w.clip == VAL]
+            windows = features.get_windows("librosa35", song, fps=30, start_bpm=bpm)
+            for window in own:
+                np.testing.assert_array_equal(windows[window.start // 15], ds.read(window, "librosa35"))
+    # The song is longer than the dance: its last windows are in no dataset.
+    assert calls() == {"track": 0, "window": 1}[scope]
+
+
+def test_a_build_takes_what_a_training_job_computed(
+    run_build: Any, corpus: Path, out: Path, own: FeatureCache, built: Path, calls: Callable[[], int]
+):
+    with dancedata.open(built) as ds:
+        asked = {(c.music, c.tempo_bpm) for c in ds.clips}
+    for music, bpm in asked:
+        own.get("librosa35", corpus / "wavs" / f"{music}.wav", start_bpm=bpm)
+    before = calls()
+    assert before == len(asked) == 2
+    run_build(corpus, out, cache=own.root)
+    assert calls() == before
+
+
+def test_parameters_tempo_and_rate_are_other_features(own: FeatureCache, song: Path, calls: Callable[[], int]):
+    for options in ({}, {"tightness": 1}, {"start_bpm": 100}, {"fps": 60}, {"tightness": 1}):
+        own.get("librosa35", song, **options)
+    assert calls() == 4
+
+
+def test_what_it_gives_may_not_be_written_to(own: FeatureCache, song: Path):
+    rows = own.get("librosa35", song, start_bpm=120)
+    with pytest.raises(ValueError, match="read-only"):
+        rows[0] = 0
+
+
+def test_rows_stay_when_the_cache_is_pruned_and_come_back(own: FeatureCache, song: Path, calls: Callable[[], int]):
+    rows = own.get("librosa35", song, start_bpm=120)
+    copy = np.array(rows)
+    assert prune(own.root, max_bytes=0).in_use == 1
+    np.testing.assert_array_equal(rows, copy)
+    del rows
+    prune(own.root, max_bytes=0)
+    np.testing.assert_array_equal(own.get("librosa35", song, start_bpm=120), copy)
+    assert calls() == 2
+
+
+def test_a_damaged_entry_is_computed_again(own: FeatureCache, song: Path, calls: Callable[[], int]):
+    wanted = np.array(own.get("librosa35", song, start_bpm=120))
+    (path,) = own.root.glob("features/*/*.npy")
+    data = bytearray(path.read_bytes())
+    data[1000] ^= 1
+    path.write_bytes(data)
+    found = FeatureCache(own.root).get("librosa35", song, start_bpm=120)
+    np.testing.assert_array_equal(found, wanted)
+    assert calls() == 2
+
+
+def test_a_song_shorter_than_a_window_has_none(own: FeatureCache, song: Path):
+    assert own.get_windows("librosa35", song, length_frames=300, start_bpm=120).shape == (0, 300, 35)
+
+
+def test_it_is_picklable(own: FeatureCache, song: Path):
+    wanted = own.get("librosa35", song, start_bpm=120)
+    other = pickle.loads(pickle.dumps(own))
+    assert repr(other) == repr(own)
+    np.testing.assert_array_equal(other.get("librosa35", song, start_bpm=120), wanted)
+
+
+def test_errors_say_what_is_wrong(own: FeatureCache, song: Path, tmp_path: Path):
+    with pytest.raises(UsageError, match="librosa35"):
+        own.get("librosa", song)
+    with pytest.raises(UsageError, match="tightness"):
+        own.get("librosa35", song, tightnes=1)
+    with pytest.raises(UsageError, match="no such song"):
+        own.get("librosa35", tmp_path / "none.wav")
+    with pytest.raises(UsageError, match="at least 1"):
+        own.get_windows("librosa35", song, stride_frames=0)
+    (tmp_path / "broken.wav").write_bytes(b"RIFF")
+    with pytest.raises(DataError, match=r"broken\.wav"):
+        own.get("librosa35", tmp_path / "broken.wav")
+    assert not own.root.joinpath("features").exists()
+
+
+@pytest.mark.filterwarnings("ignore:.*multi-threaded, use of fork:DeprecationWarning")
+def test_the_dataset_of_the_page(
+    corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, calls: Callable[[], int]
+):
+    torch = pytest.importorskip("torch")
+    (code,) = re.findall(r"^```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+    monkeypatch.setenv("DANCEDATA_CACHE", str(tmp_path / "cache"))
+    folder = tmp_path / "data"
+    folder.mkdir()
+    for wav in (corpus / "wavs").glob("*.wav"):
+        (folder / wav.name).symlink_to(wav)
+        np.save(folder / f"{wav.stem}.npy", np.zeros((180, 3), np.float32))
+    names: dict[str, Any] = {}
+    exec(compile(code, str(PAGE), "exec"), names)
+    dataset = names["OnTheFly"](folder)
+    # Every worker asks for every song, twice.
+    sampler = [0, 1, 1, 0] * 2
+    batches = list(torch.utils.data.DataLoader(dataset, batch_size=4, sampler=sampler, num_workers=2))
+    assert batches[0]["music"].shape == (4, 150, 35)
+    assert batches[0]["motion"].shape == (4, 150, 3)
+    assert calls() == 2
+
+
+def test_a_feature_is_made_ready_as_in_a_build(
+    own: FeatureCache, song: Path, calls: Callable[[], int], monkeypatch: pytest.MonkeyPatch
+):
+    """As jukebox fixes its precision and the hash of its weights."""
+    own.get("librosa35", song, tightness=7)
+    monkeypatch.setattr(Librosa35, "resolved", lambda self, hash_file: replace(self, tightness=7.0), raising=False)
+    FeatureCache(own.root).get("librosa35", song)
+    assert calls() == 1
