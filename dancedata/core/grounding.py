@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from dancedata.core.errors import UsageError
 from dancedata.core.motion import Motion
 from dancedata.core.rotations import FloatArray
@@ -60,4 +62,4 @@ def grounded(motion: Motion, skeleton: Skeleton | None = None) -> Motion:
     standing = motion.part(frame, frame + 1).on(skeleton or motion.skeleton)
     height = ground_height(standing.joints(), standing.skeleton)
     translation = motion.translation - (0.0, height, 0.0)
-    return Motion(translation, motion.rotations, motion.grid, motion.skeleton, motion.trim_start)
+    return replace(motion, translation=translation)

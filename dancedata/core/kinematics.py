@@ -25,13 +25,23 @@ def forward_kinematics(skeleton: Skeleton, rotations: FloatArray, translation: F
     (T, J, 3) float64
         Positions in metres, in the axes of the input.
     """
-    local = matrix_from_rotvec(rotations)
+    return joint_positions(skeleton, world_matrices(skeleton, matrix_from_rotvec(rotations)), translation)
+
+
+def world_matrices(skeleton: Skeleton, local: Float64Array) -> Float64Array:
+    """Return every joint's rotation in the world, (T, J, 3, 3), from those relative to the parents."""
     world = np.empty_like(local)
-    positions = np.empty((*local.shape[:2], 3), dtype=np.float64)
     world[:, 0] = local[:, 0]
+    for joint in range(1, skeleton.n_joints):
+        world[:, joint] = world[:, skeleton.parents[joint]] @ local[:, joint]
+    return world
+
+
+def joint_positions(skeleton: Skeleton, world: Float64Array, translation: FloatArray) -> Float64Array:
+    """Return joint positions (T, J, 3) from rotations in the world (T, J, 3, 3) and the root's translation (T, 3)."""
+    positions = np.empty((*world.shape[:2], 3), dtype=np.float64)
     positions[:, 0] = skeleton.offsets[0] + translation
     for joint in range(1, skeleton.n_joints):
         parent = skeleton.parents[joint]
-        world[:, joint] = world[:, parent] @ local[:, joint]
         positions[:, joint] = positions[:, parent] + world[:, parent] @ skeleton.offsets[joint]
     return positions

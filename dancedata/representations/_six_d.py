@@ -18,7 +18,6 @@ from dancedata.core.plugins import ContactRule
 from dancedata.core.rotations import (
     Float64Array,
     matrix_from_6d,
-    matrix_from_rotvec,
     rotation_6d,
     rotvec_from_matrix,
 )
@@ -93,7 +92,7 @@ class SixD:
     def encode(self, motion: Motion, rule: ContactRule) -> npt.NDArray[np.float32]:
         """Encode a motion on the layout's joints as it is, +Y up; contacts from its own bones."""
         labels = rule(motion.joints(), motion.grid, motion.skeleton)
-        return self.pack(labels, motion.translation, matrix_from_rotvec(motion.rotations))
+        return self.pack(labels, motion.translation, motion.matrices)
 
     def decode(self, array: npt.NDArray[Any], grid: FrameGrid) -> Motion:
         """Decode what `encode` gave; raises what `unpack` raises."""

@@ -12,11 +12,10 @@ import numpy.typing as npt
 from dancedata.core.bodies import carried_over
 from dancedata.core.columns import Columns
 from dancedata.core.grid import FrameGrid
-from dancedata.core.kinematics import forward_kinematics
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import ContactRule
 from dancedata.core.registry import REPRESENTATIONS
-from dancedata.core.rotations import matrix_from_rotvec, rotvec_from_matrix
+from dancedata.core.rotations import rotvec_from_matrix
 from dancedata.core.skeleton import SMPL24, SMPL24_EDGE, Skeleton
 from dancedata.representations._columns import required_rule
 from dancedata.representations._six_d import CONVENTION, SixD
@@ -71,8 +70,8 @@ class Edge151:
         rule = required_rule(contacts, _LAYOUT.name)
         motion = carried_over(motion, self.skeleton)
         # Contacts need no turning of the world: speeds do not depend on it.
-        joints = forward_kinematics(SMPL24_EDGE, motion.rotations, motion.translation)
-        matrices = matrix_from_rotvec(motion.rotations)
+        joints = motion.joints(SMPL24_EDGE)
+        matrices = motion.matrices.copy()
         matrices[:, 0] = _Z_UP @ matrices[:, 0]
         return _LAYOUT.pack(rule(joints, motion.grid, SMPL24_EDGE), motion.translation @ _Z_UP.T, matrices)
 

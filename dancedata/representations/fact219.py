@@ -15,7 +15,7 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import ContactRule
 from dancedata.core.registry import REPRESENTATIONS
-from dancedata.core.rotations import matrix_from_rotvec, rotvec_from_matrix
+from dancedata.core.rotations import rotvec_from_matrix
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.representations import _columns as parts
 
@@ -69,7 +69,7 @@ class Fact219:
         motion = carried_over(motion, self.skeleton)
         out = np.empty((motion.n_frames, _WIDTH), dtype=np.float32)
         out[:, :3] = motion.translation
-        out[:, 3:] = matrix_from_rotvec(motion.rotations).reshape(motion.n_frames, -1)
+        out[:, 3:] = motion.matrices.reshape(motion.n_frames, -1)
         return out
 
     def decode(self, array: npt.NDArray[Any], grid: FrameGrid) -> Motion:

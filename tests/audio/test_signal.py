@@ -229,3 +229,10 @@ def test_resample_is_librosa_load(
     for rate in (15360, 22050, 44100):
         expected = librosa_load(tmp_path / "a.wav", sr=rate)
         assert np.array_equal(resample(signal.samples, 44100, rate), expected)
+
+
+@pytest.mark.parametrize("channels", [1, 2, 3, 5, 7, 8, 11])
+def test_channels_are_averaged_as_numpy_does(tmp_path: Path, channels: int) -> None:
+    samples = np.random.default_rng(channels).uniform(-1, 1, (20_000, channels)).astype(np.float32)
+    soundfile.write(tmp_path / "a.wav", samples, 8000, subtype="FLOAT")
+    np.testing.assert_array_equal(load_audio(tmp_path / "a.wav").samples, np.mean(samples.T, axis=0))

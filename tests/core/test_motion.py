@@ -171,3 +171,27 @@ def test_the_trim_of_another_rate_is_the_first_frame_at_or_after_its_instant(
     rate: int, trim: int, expected: int
 ) -> None:
     assert replace(make(20), trim_start=trim).resampled(FrameGrid.of(rate)).trim_start == expected
+
+
+def test_parts_of_a_motion_with_matrices_are_those_of_one_without() -> None:
+    plain = make(40)
+    kept = plain.with_matrices()
+    for one, two in (
+        (plain, kept),
+        (plain.part(3, 31), kept.part(3, 31)),
+        (plain.part(3, 31).resampled(THIRTY), kept.part(3, 31).resampled(THIRTY)),
+    ):
+        np.testing.assert_array_equal(two.matrices, one.matrices)
+        np.testing.assert_array_equal(two.joints(), one.joints())
+    assert kept.resampled(FrameGrid.of(45)).matrices.shape == (30, 24, 3, 3)
+    with pytest.raises(ValueError, match="read-only"):
+        kept.matrices[0] = 0
+
+
+def test_matrices_are_those_of_the_rotations_whatever_is_replaced() -> None:
+    kept, other = make(10).with_matrices(), make(10, seed=1)
+    changed = replace(kept, rotations=other.rotations)
+    np.testing.assert_array_equal(changed.matrices, other.matrices)
+    np.testing.assert_array_equal(changed.joints(), replace(kept, rotations=other.rotations, _matrices=None).joints())
+    moved = replace(kept, translation=kept.translation + 1)
+    np.testing.assert_allclose(moved.joints(), kept.joints() + 1)

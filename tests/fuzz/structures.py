@@ -279,14 +279,14 @@ def _shards(draw: Draw) -> bytes:
         for _ in range(draw(st.integers(1, 2))):
             name = draw(_DATASETS)
             kind = draw(st.sampled_from(["values", "values", "replace", "replace", "link", "remove", "huge"]))
-            if name not in file or not isinstance(file[name], h5py.Dataset):
-                continue
-            if kind == "values" and file[name].dtype.kind in "if" and file[name].size:
+            if not isinstance(file.get(name, getlink=True), h5py.HardLink) or not isinstance(
+                file[name], h5py.Dataset
+            ):
+                continue  # changed already
+            if kind == "values" and file[name].dtype.kind in "if" and file[name].shape and file[name].size:
                 row = draw(st.integers(0, file[name].shape[0] - 1))
                 big = np.iinfo(np.int64)
-                value = draw(
-                    st.sampled_from([0, 1, -1, 2**31, big.max, big.min, 10**6]) | st.integers(-9, 99)
-                )
+                value = draw(st.sampled_from([0, 1, -1, 2**31, big.max, big.min, 10**6]) | st.integers(-9, 99))
                 with np.errstate(over="ignore"):
                     file[name][row] = value
                 continue

@@ -87,6 +87,20 @@ def test_truncated_shard_is_not_parsed(make_store: Any, keep: int, monkeypatch: 
     assert "bytes, dataset.json says" in only_error(made.path)
 
 
+def test_changed_shard_of_the_same_size_is_not_parsed(make_store: Any, monkeypatch: Any) -> None:
+    made = make_store()
+    path = made.path / TRAIN
+    data = path.read_bytes()
+    path.write_bytes(bytes(8) + data[8:])
+
+    def parse(path: Path, *others: Any) -> Any:
+        assert path.name != TRAIN
+        return [], ()
+
+    monkeypatch.setattr("dancedata.store.verify.verify_shard", parse)
+    assert "bytes have changed" in only_error(made.path)
+
+
 def test_missing_files(make_store: Any) -> None:
     for name in (TRAIN, "stats.json", "rejects.jsonl", "quality.jsonl"):
         made = make_store()
