@@ -14,19 +14,37 @@ from dancedata.core.skeleton import Skeleton
 
 
 @dataclass(frozen=True, eq=False)
-class _Matrices:
-    """Rotations of a motion as matrices (T, J, 3, 3), relative to the parent and in the world; and whose they are."""
+class _Known:
+    """What is computed once of a whole motion, for it and its parts.
 
-    rotations: Float64Array
-    parents: tuple[int, ...]
+    Attributes
+    ----------
+    local, world
+        Rotations as matrices (T, J, 3, 3), relative to the parents and in the world.
+    places
+        Joint positions (T, J, 3) by the bones they were asked for with.
+    """
+
+    whole: Motion
     local: Float64Array
     world: Float64Array
+    places: list[tuple[Skeleton, Float64Array]] = field(default_factory=list)
 
-    def take(self, frames: slice) -> _Matrices:
-        return _Matrices(self.rotations[frames], self.parents, self.local[frames], self.world[frames])
+    @classmethod
+    def of(cls, whole: Motion) -> _Known:
+        local = whole.matrices
+        world = world_matrices(whole.skeleton, local)
+        for array in (local, world):
+            array.setflags(write=False)
+        return cls(whole, local, world)
 
-    def belong_to(self, motion: Motion) -> bool:
-        return self.parents == motion.skeleton.parents and np.array_equal(self.rotations, motion.rotations)
+    def joints(self, skeleton: Skeleton) -> Float64Array:
+        for bones, places in self.places:
+            if bones is skeleton:
+                return places
+        places = joint_positions(skeleton, self.world, self.whole.translation)
+        self.places.append((skeleton, places))
+        return places
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +77,9 @@ class Motion:
     grid: FrameGrid
     skeleton: Skeleton
     trim_start: int = 0
-    _matrices: _Matrices | None = field(default=None, kw_only=True, repr=False)
+    # What is known of a whole motion, and which of its frames are these. No argument, so that `dataclasses.replace`
+    # makes a motion that knows nothing.
+    _known: tuple[_Known, slice] | None = field(default=None, init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Check and freeze the arrays."""
@@ -92,8 +112,6 @@ class Motion:
             array.setflags(write=False)
         object.__setattr__(self, "translation", translation)
         object.__setattr__(self, "rotations", rotations)
-        if self._matrices is not None and not self._matrices.belong_to(self):
-            object.__setattr__(self, "_matrices", None)  # `dataclasses.replace` with other rotations
 
     @property
     def n_frames(self) -> int:
@@ -107,31 +125,44 @@ class Motion:
         return self._frames(slice(start, stop), self.grid, trim)
 
     def _frames(self, frames: slice, grid: FrameGrid, trim_start: int) -> Motion:
-        matrices = None if self._matrices is None else self._matrices.take(frames)
-        return Motion(
-            self.translation[frames], self.rotations[frames], grid, self.skeleton, trim_start, _matrices=matrices
+        """Return some of the frames as views: they were checked, and cannot change."""
+        made = object.__new__(Motion)
+        if self._known is not None:
+            known, mine = self._known
+            every = range(known.whole.n_frames)[mine][frames]
+            made.__dict__["_known"] = known, slice(every.start, every.stop, every.step)
+        made.__dict__.update(
+            translation=self.translation[frames],
+            rotations=self.rotations[frames],
+            grid=grid,
+            skeleton=self.skeleton,
+            trim_start=trim_start,
         )
+        if made.n_frames == 0:
+            raise DataError("the motion has no frames", reason="empty", found="0 frames")
+        return made
 
     def on(self, skeleton: Skeleton) -> Motion:
         """Return the same translation and rotations on another skeleton of as many joints."""
         return Motion(self.translation, self.rotations, self.grid, skeleton, self.trim_start)
 
-    def with_matrices(self) -> Motion:
-        """Return the same motion with its rotations kept as matrices, which its parts then share.
+    def remembering(self) -> Motion:
+        """Return the same motion, which computes matrices and joint positions once for itself and all its parts.
 
-        For motions of which many overlapping parts are taken: nothing is computed twice, for 144 bytes a joint and
-        frame.
+        For motions of which many overlapping parts are encoded. It takes 144 bytes a joint and frame, and 24 for
+        each skeleton that joints are asked for with.
         """
-        local = self.matrices
-        world = world_matrices(self.skeleton, local)
-        for array in (local, world):
-            array.setflags(write=False)
-        return replace(self, _matrices=_Matrices(self.rotations, self.skeleton.parents, local, world))
+        made = replace(self)
+        made.__dict__["_known"] = _Known.of(self), slice(None)
+        return made
 
     @property
     def matrices(self) -> Float64Array:
-        """Rotations (T, J, 3, 3) relative to the parents, computed anew unless they are kept."""
-        return matrix_from_rotvec(self.rotations) if self._matrices is None else self._matrices.local
+        """Rotations (T, J, 3, 3) relative to the parents; read-only where they are remembered."""
+        if self._known is None:
+            return matrix_from_rotvec(self.rotations)
+        known, mine = self._known
+        return known.local[mine]
 
     def resampled(self, grid: FrameGrid) -> Motion:
         """Return the motion at another rate, from the same first frame.
@@ -165,5 +196,8 @@ class Motion:
         skeleton
             Bones of as many joints with the same parents; default: the motion's own.
         """
-        world = world_matrices(self.skeleton, self.matrices) if self._matrices is None else self._matrices.world
-        return joint_positions(skeleton or self.skeleton, world, self.translation)
+        bones = skeleton or self.skeleton
+        if self._known is None:
+            return joint_positions(bones, world_matrices(self.skeleton, self.matrices), self.translation)
+        known, mine = self._known
+        return known.joints(bones)[mine].copy()

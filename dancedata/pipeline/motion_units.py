@@ -28,8 +28,8 @@ from dancedata.pipeline.slots import document_of
 
 #: Raised by hand when a stage here gives other numbers for the same input.
 MOTION_STAGE = 2
-#: Up to this many values, clips keep their rotations as matrices while they are encoded: 150 MB.
-_KEPT_MATRICES = 2**23
+#: Up to this many values, clips remember matrices and joints while they are encoded: 200 MB.
+_REMEMBERED = 2**23
 
 
 @dataclass(frozen=True)
@@ -104,8 +104,8 @@ def _encode_missing(
     if info is not None and None not in arrays.values():
         return info, arrays
     motion = recipe.dataset.load(ref)
-    if motion.rotations.size * 3 <= _KEPT_MATRICES:
-        motion = motion.with_matrices()  # which every field, and in window scope every window, asks for
+    if motion.rotations.size * 3 <= _REMEMBERED:
+        motion = motion.remembering()  # what every field, and in window scope every window, asks for
     made = {e.name: _encode(recipe, e, motion) for e in _encoders(recipe) if arrays[e.name] is None}
     if sha256_file(ref.motion_path) != sha256:
         raise DataError(CHANGED, reason="changed", where=ref.motion_path, fix=BUILD_AGAIN)

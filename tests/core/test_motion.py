@@ -173,25 +173,31 @@ def test_the_trim_of_another_rate_is_the_first_frame_at_or_after_its_instant(
     assert replace(make(20), trim_start=trim).resampled(FrameGrid.of(rate)).trim_start == expected
 
 
-def test_parts_of_a_motion_with_matrices_are_those_of_one_without() -> None:
+def test_parts_of_a_motion_that_remembers_are_those_of_one_that_does_not() -> None:
     plain = make(40)
-    kept = plain.with_matrices()
-    for one, two in (
-        (plain, kept),
-        (plain.part(3, 31), kept.part(3, 31)),
-        (plain.part(3, 31).resampled(THIRTY), kept.part(3, 31).resampled(THIRTY)),
-    ):
+    kept = plain.remembering()
+    bones = SMPL24.mirrored()
+
+    def part_of(motion: Motion) -> Motion:
+        return motion.part(3, 31).resampled(THIRTY).part(2, 9)
+
+    for one, two in ((plain, kept), (plain.part(3, 31), kept.part(3, 31)), (part_of(plain), part_of(kept))):
+        np.testing.assert_array_equal(two.rotations, one.rotations)
         np.testing.assert_array_equal(two.matrices, one.matrices)
         np.testing.assert_array_equal(two.joints(), one.joints())
+        np.testing.assert_array_equal(two.joints(bones), one.joints(bones))
+        two.joints()[:] = 0  # an array of the caller's own
     assert kept.resampled(FrameGrid.of(45)).matrices.shape == (30, 24, 3, 3)
     with pytest.raises(ValueError, match="read-only"):
         kept.matrices[0] = 0
+    with pytest.raises(DataError, match="no frames"):
+        kept.part(5, 5)
 
 
-def test_matrices_are_those_of_the_rotations_whatever_is_replaced() -> None:
-    kept, other = make(10).with_matrices(), make(10, seed=1)
-    changed = replace(kept, rotations=other.rotations)
+def test_a_motion_made_from_one_that_remembers_is_its_own() -> None:
+    kept, other = make(10).remembering(), make(10, seed=1)
+    changed = replace(kept.part(0, 10), rotations=other.rotations, translation=other.translation)
     np.testing.assert_array_equal(changed.matrices, other.matrices)
-    np.testing.assert_array_equal(changed.joints(), replace(kept, rotations=other.rotations, _matrices=None).joints())
-    moved = replace(kept, translation=kept.translation + 1)
-    np.testing.assert_allclose(moved.joints(), kept.joints() + 1)
+    np.testing.assert_array_equal(changed.joints(), other.joints())
+    on = kept.on(SMPL24.mirrored())
+    np.testing.assert_array_equal(on.joints(), make(10).on(SMPL24.mirrored()).joints())
