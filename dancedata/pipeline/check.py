@@ -10,6 +10,7 @@ from dancedata.core.errors import DataError, SourceError
 from dancedata.core.plugins import Dataset
 from dancedata.core.registry import DATASETS
 from dancedata.pipeline.execute import Progress, run_units
+from dancedata.pipeline.last_words import doing
 from dancedata.pipeline.rejects import BY_CHOICE, reject_of
 from dancedata.store import Problem, verify_store
 from dancedata.store.schema import DATASET_FILE, is_shard_name
@@ -38,7 +39,8 @@ def check(
         Of severity "error" or "note".
     """
     if dataset is None and path.is_dir() and any(_is_ours(p.name) for p in path.iterdir()):
-        return verify_store(path)
+        with doing(f"checking, {path}"):
+            return verify_store(path)
     reader, scan = _scan(path, dataset)
     problems = [Problem("note", str(path), note) for note in scan.notes]
     problems += [_problem(r) for r in scan.rejects]

@@ -17,6 +17,7 @@ from uuid import uuid4
 from dancedata.core.errors import DanceDataError
 from dancedata.pipeline.cache import entered
 from dancedata.pipeline.cache_files import held, left_behind
+from dancedata.pipeline.last_words import doing
 from dancedata.pipeline.workers import Jobs, Workers, check_surroundings
 
 #: Seconds between two lines of progress where there is no terminal.
@@ -48,7 +49,7 @@ def run_units(
     workers = jobs if isinstance(jobs, Workers) else Workers(jobs)
     with progress.stage(label, len(calls)) as advance:
         if workers.backend == "loky" and min(workers.n, len(calls)) == 1:
-            return [_advanced(advance, _pinned(function, call)) for call in calls]
+            return [_advanced(advance, _alone(function, call, label)) for call in calls]
         if workers.scratch is not None and _writable(workers.scratch):
             return _Run(function, calls, workers, workers.scratch, label, advance).results()
         with tempfile.TemporaryDirectory(prefix="dancedata-") as scratch:
@@ -178,6 +179,12 @@ def _writable(folder: Path) -> bool:
 
 def _first_line(error: BaseException | None) -> str:
     return str(error).strip().split("\n")[0]
+
+
+def _alone(function: Callable[..., Any], call: tuple[Any, ...], label: str) -> Any:
+    """Run a unit in this process."""
+    with doing(f"{label}, {unit_name(call)}"):
+        return _pinned(function, call)
 
 
 def _advanced(advance: Callable[[int], None], result: Any) -> Any:

@@ -221,3 +221,24 @@ def test_a_scheduler_that_does_not_answer(corpus: Path, out: Path, tmp_path: Pat
             scheduler="tcp://127.0.0.1:9",
         )
     assert not out.exists()
+
+
+@pytest.mark.parametrize(("end", "said"), [("os.kill(os.getpid(), signal.SIGSEGV)", True), ("None", False)])
+def test_a_crash_in_the_only_process_names_the_file(end: str, said: bool) -> None:
+    """A decoder that crashes with --jobs 1, where no worker stands between it and the command."""
+    code = f"""
+import os, signal
+from pathlib import Path
+from dancedata.pipeline.execute import Progress, run_units
+def decode(path):
+    if path.name == "bad song.wav":
+        {end}
+calls = [(Path("good.wav"),), (Path("bad song.wav"),)]
+run_units(decode, calls, jobs=1, label="decoding music", progress=Progress(quiet=True))
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert (done.returncode == -signal.SIGSEGV) is said
+    if said:
+        assert "error: the process died at decoding music, bad song.wav." in done.stderr
+    else:
+        assert done.stderr == ""
