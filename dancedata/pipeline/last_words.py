@@ -35,7 +35,8 @@ class _Listener:
     def hear(self, text: str) -> None:
         if self.process is None:
             command = [sys.executable, "-I", "-S", "-c", _LISTENER]
-            self.process = subprocess.Popen(command, stdin=subprocess.PIPE, bufsize=0)
+            # Nothing in the command comes from outside.
+            self.process = subprocess.Popen(command, stdin=subprocess.PIPE, bufsize=0)  # noqa: S603
             atexit.register(self.goodbye)
         pipe = self.process.stdin
         if pipe is not None:
