@@ -23,6 +23,7 @@ from torch.utils.data import DataLoader, default_collate
 from dancedata.core.errors import DanceDataError, StoreError, UsageError
 from dancedata.readers import WindowDataset
 from dancedata.store.dataset import Store, open_store
+from dancedata.store.schema import Field
 from dancedata.testing.stores import random_fields, write_random_store
 
 MOTION, AUDIO = "edge151", "librosa35"
@@ -280,13 +281,11 @@ def test_what_is_mirrored_is_a_pure_function_of_seed_epoch_and_index(store: Stor
 
 
 def test_motion_without_a_mirror_is_named(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
-    from types import SimpleNamespace
-
     real = store.field
 
-    def field(name: str) -> object:
+    def field(name: str) -> Field:
         known = real(name)
-        return SimpleNamespace(name=known.name, kind=known.kind, columns=SimpleNamespace(mirror=None))
+        return replace(known, columns=replace(known.columns, mirror=None))
 
     monkeypatch.setattr(store, "field", field)
     with pytest.raises(UsageError, match=MOTION):
