@@ -131,6 +131,7 @@ class Runner:
         self.outcome = ""
         self.outcomes: Counter[str] = Counter()
         self.limited = False
+        self.limit_bytes = resource.RLIM_INFINITY
         self.peak_before = 0
         self.slowest_s = 0.0
         self.cases = 0
@@ -142,7 +143,7 @@ class Runner:
         self.cases, self.outcomes = 0, Counter()
         pages = int(Path("/proc/self/statm").read_text().split()[0])
         self.peak_before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-        resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + LIMIT_BYTES, resource.RLIM_INFINITY))
+        self.limit_bytes = pages * resource.getpagesize() + LIMIT_BYTES
         signal.signal(signal.SIGPROF, signal.SIG_DFL)
         self.limited = True
         sys.addaudithook(self._audit)
@@ -169,6 +170,8 @@ class Runner:
         path = self.folder / self.target.file
         path.write_bytes(data)
         self.watching = True
+        # The limit is the reader's: what makes the cases, an LZMA compressor say, may need more.
+        resource.setrlimit(resource.RLIMIT_AS, (self.limit_bytes, resource.RLIM_INFINITY))
         try:
             self.target.read(path)
             self.outcome = "valid"
@@ -184,6 +187,7 @@ class Runner:
             self._finding(type(error).__name__, data, error)
         finally:
             self.watching = False
+            resource.setrlimit(resource.RLIMIT_AS, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
 
     def report(self) -> dict[str, Any]:
         """Return what is to be known of all cases."""
