@@ -18,19 +18,17 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.clip import Reject
-from dancedata.core.errors import DataError, RecipeError, UsageError
+from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid, Number
 from dancedata.core.registry import FEATURES
-from dancedata.pipeline.audio_units import SignalId, extract_track, extract_windows, identify_audio
+from dancedata.pipeline.audio_units import WINDOWS_A_UNIT, SignalId, extract_track, extract_windows, identify_audio
 from dancedata.pipeline.cache import Cache, CachedArray, EntryLostError, default_cache
 from dancedata.pipeline.execute import one_thread
 from dancedata.pipeline.recipe import Recipe, WindowSpec, resolve_feature
-from dancedata.pipeline.slots import make_plugin
+from dancedata.pipeline.slots import make_named
 
 __all__ = ["FeatureCache"]
 
-#: Windows computed under one lock, as in a build.
-_WINDOWS_A_UNIT = 128
 #: How often an entry is computed again that is damaged, or removed by `dancedata cache prune` in this moment.
 _TRIES = 3
 
@@ -137,8 +135,8 @@ class FeatureCache:
         with one_thread():
             signal = self._identify(recipe, song)
             numbers = range(len(signal.windows))
-            for begin in range(0, len(numbers), _WINDOWS_A_UNIT):
-                some = numbers[begin : begin + _WINDOWS_A_UNIT]
+            for begin in range(0, len(numbers), WINDOWS_A_UNIT):
+                some = numbers[begin : begin + WINDOWS_A_UNIT]
                 found = _found(extract_windows(cache, recipe, plugin, signal, start_bpm, some))
                 rows += [np.asarray(found[number][1]) for number in some]
         if not rows:
@@ -173,11 +171,7 @@ class FeatureCache:
         """Return a feature that is ready to compute, as a build makes it; made once by each object."""
         asked = repr((name, sorted(parameters.items())))
         if asked not in self._features:
-            FEATURES.get(name)  # an unknown name is an error of its own, with the closest known one
-            problems: list[str] = []
-            plugin = make_plugin(FEATURES, "audio", name, parameters, problems)
-            if problems:
-                raise RecipeError("; ".join(problems))
+            plugin = make_named(FEATURES, "audio", name, parameters)
             self._features[asked] = resolve_feature(plugin, Cache(self.root).file_sha256)
         return self._features[asked]
 

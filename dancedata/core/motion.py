@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -152,7 +152,7 @@ class Motion:
         For motions of which many overlapping parts are encoded. It takes 144 bytes a joint and frame, and 24 for
         each skeleton that joints are asked for with.
         """
-        made = replace(self)
+        made = self._frames(slice(None), self.grid, self.trim_start)
         made.__dict__["_known"] = _Known.of(self), slice(None)
         return made
 

@@ -14,11 +14,13 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.safe_pickle import load_pickle
 from dancedata.core.skeleton import SMPL24
+from dancedata.datasets._checks import require_finite
 
 __all__ = ["load_motion"]
 
 KEYS = ("smpl_poses", "smpl_trans", "smpl_scaling")
 JOINTS = 24
+_NOT_FINITE = "get the file anew, or put the sequence on the ignore list"
 
 Floats = NDArray[np.float64]
 
@@ -61,8 +63,8 @@ def load_motion(path: Path, frame_rate: int) -> Motion:
     if len(poses) == 0:
         raise DataError("the motion has no frames", reason="empty", where=str(path), fix="get the file anew")
     rotations = poses.reshape(len(poses), JOINTS, 3)
-    _check_finite(path, "smpl_poses", poses)
-    _check_finite(path, "smpl_trans", trans)
+    require_finite(path, "smpl_poses", poses, _NOT_FINITE)
+    require_finite(path, "smpl_trans", trans, _NOT_FINITE)
     translation = _in_metres(path, trans, _scaling(path, content))
     return Motion(translation=translation, rotations=rotations, grid=FrameGrid.of(frame_rate), skeleton=SMPL24)
 
@@ -137,18 +139,6 @@ def _in_metres(path: Path, trans: Floats, scaling: float) -> Floats:
     if not np.isfinite(translation).all():
         raise _bad_scaling(path, scaling)
     return translation
-
-
-def _check_finite(path: Path, key: str, array: Floats) -> None:
-    bad = np.asarray(~np.isfinite(array.reshape(len(array), -1)).all(axis=1))
-    if bad.any():
-        raise DataError(
-            f"{key} holds values that are not finite",
-            reason="nan",
-            where=f"{path}, frame {int(bad.argmax())}",
-            found=f"{int(bad.sum())} of {len(bad)} frames with NaN or infinity",
-            fix="get the file anew, or put the sequence on the ignore list",
-        )
 
 
 def _bad_shape(path: Path, key: str, array: Floats, allowed: str) -> DataError:

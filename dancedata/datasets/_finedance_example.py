@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dancedata.core.bodies import SMPLX52, SMPLX55, carried_over
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
-from dancedata.core.rotations import matrix_from_rotvec, rotation_6d
+from dancedata.core.rotations import rotation_6d
 from dancedata.datasets._finedance_layout import LABELS, MOTION, MUSIC
 
 __all__ = ["write_example"]
@@ -60,7 +60,7 @@ def _motion(steps: str, n_frames: int) -> Motion:
 
 def _columns(motion: Motion) -> NDArray[np.float32]:
     """FineDance's (T, 315): translation, then 52 joints x 6D."""
-    rows = rotation_6d(matrix_from_rotvec(carried_over(motion, SMPLX52).rotations))
+    rows = rotation_6d(carried_over(motion, SMPLX52).matrices)
     columns = [motion.translation, rows.reshape(motion.n_frames, -1)]
     return np.concatenate(columns, axis=1).astype(np.float32)
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from dancedata.core import atomic
 from dancedata.core.motion import Motion
-from dancedata.core.rotations import matrix_from_rotvec, rotation
+from dancedata.core.rotations import rotation
 from dancedata.core.skeleton import SMPL24
 from dancedata.datasets._body_model import SMPLH52
 from dancedata.datasets._bvh_write import write_bvh
@@ -76,5 +76,4 @@ def _write_bvh(path: Path, motion: Motion) -> None:
     pelvis = (motion.translation + SMPL24.offsets[0]) * 100
     offsets = np.array(SMPL24.offsets) * 100
     offsets[0] = 0.0
-    turns = matrix_from_rotvec(motion.rotations)
-    write_bvh(path, _NAMES.split(), SMPL24.parents, offsets, turns, pelvis, f"{1 / 60:.6f}")
+    write_bvh(path, _NAMES.split(), SMPL24.parents, offsets, motion.matrices, pelvis, f"{1 / 60:.6f}")

@@ -25,6 +25,7 @@ from dancedata.core.errors import DataError
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.datasets._body_model import SMPLH52
 from dancedata.datasets._bvh_hierarchy import MAX_VALUE
+from dancedata.datasets._checks import require_finite
 from dancedata.datasets._finedance_rotations import check_rows, rotations_of
 from dancedata.datasets._folder_arrays import ArrayFile
 from dancedata.datasets._folder_facts import Fact, bad_declaration
@@ -236,15 +237,7 @@ def _finite(arrays: ArrayFile, name: str) -> Floats:
         fix = "take the file away, or save it again"
         raise DataError("the motion has no frames", reason="empty", where=str(arrays.path), found=str(shape), fix=fix)
     array = arrays.read(name).reshape(shape[0], -1)
-    bad: NDArray[np.bool_] = ~np.asarray(np.isfinite(array).all(axis=1))
-    if bad.any():
-        raise DataError(
-            f"{name or 'the array'} holds values that are not finite",
-            reason="nan",
-            where=f"{arrays.path}, frame {int(bad.argmax())}",
-            found=f"{int(bad.sum())} of {len(bad)} frames with NaN or infinity",
-            fix="cut these frames out, or take the file away",
-        )
+    require_finite(arrays.path, name or "the array", array, "cut these frames out, or take the file away")
     if np.abs(array).max() > MAX_VALUE:
         frame = int(np.abs(array).max(axis=1).argmax())
         raise DataError(

@@ -9,14 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.audio_signal import AudioSignal
-from dancedata.core.errors import RecipeError
 from dancedata.core.grid import FrameGrid, Number
 from dancedata.core.hashing import sha256_file
 from dancedata.core.motion import Motion
-from dancedata.core.registry import CONTACTS, FEATURES, REPRESENTATIONS, Registry
+from dancedata.core.registry import CONTACTS, FEATURES, REPRESENTATIONS
 from dancedata.pipeline.execute import one_thread
 from dancedata.pipeline.recipe import resolve_feature
-from dancedata.pipeline.slots import make_plugin, one_of
+from dancedata.pipeline.slots import make_named, one_of, raise_problems
 
 
 def extract(
@@ -48,7 +47,7 @@ def extract(
     """
     from dancedata.audio.signal import load_audio
 
-    plugin = resolve_feature(_make(FEATURES, "audio", feature, parameters), sha256_file)
+    plugin = resolve_feature(make_named(FEATURES, "audio", feature, parameters), sha256_file)
     signal = song if isinstance(song, AudioSignal) else load_audio(song)
     with one_thread():
         rows: npt.NDArray[Any] = plugin.extract(signal, FrameGrid.of(fps), start_bpm=start_bpm)
@@ -62,29 +61,18 @@ def encode(
 
     `contacts` is a rule's name or ``{name: {parameters}}``; default: the representation's own.
     """
-    plugin = _make(REPRESENTATIONS, "motion", representation, parameters)
+    plugin = make_named(REPRESENTATIONS, "motion", representation, parameters)
     rule = contacts if contacts is not None else plugin.default_contacts
     problems: list[str] = []
     made = None if rule is None else one_of(CONTACTS, "contacts", rule, problems)
-    _raise(problems)
+    raise_problems(problems)
     array: npt.NDArray[np.float32] = plugin.encode(motion, made)
     return array
 
 
 def decode(array: npt.NDArray[Any], representation: str, *, fps: Number = 30, **parameters: Any) -> Motion:
     """Decode columns (T, D), not normalised, into a motion at `fps` frames a second."""
-    motion: Motion = _make(REPRESENTATIONS, "motion", representation, parameters).decode(array, FrameGrid.of(fps))
+    motion: Motion = make_named(REPRESENTATIONS, "motion", representation, parameters).decode(
+        array, FrameGrid.of(fps)
+    )
     return motion
-
-
-def _make(registry: Registry, where: str, name: str, parameters: dict[str, Any]) -> Any:
-    registry.get(name)  # an unknown name is an error of its own, with the closest known one
-    problems: list[str] = []
-    made = make_plugin(registry, where, name, parameters, problems)
-    _raise(problems)
-    return made
-
-
-def _raise(problems: list[str]) -> None:
-    if problems:
-        raise RecipeError("; ".join(problems))

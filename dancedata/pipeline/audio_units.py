@@ -23,6 +23,9 @@ from dancedata.pipeline.slots import document_of
 
 #: Raised by hand when a stage here gives other numbers for the same input.
 FEATURE_STAGE = 1
+#: Windows of a song in one unit of work: enough for what neighbours share to pay, few enough to share out a long
+#: song among workers. Whoever asks for windows cuts songs alike, for the first window's lock stands for all.
+WINDOWS_A_UNIT = 128
 
 
 @dataclass(frozen=True)

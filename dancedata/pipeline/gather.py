@@ -13,6 +13,7 @@ from dancedata.core.errors import SourceError, StoreError
 from dancedata.core.hashing import json_sha256
 from dancedata.core.windows import count_windows
 from dancedata.pipeline.audio_units import (
+    WINDOWS_A_UNIT,
     SignalId,
     extract_track,
     extract_windows,
@@ -33,10 +34,6 @@ from dancedata.pipeline.movement import still_windows
 from dancedata.pipeline.recipe import Recipe
 from dancedata.pipeline.workers import Jobs, Workers
 from dancedata.store import AudioBlock, StoredClip
-
-#: Windows of a song in one unit of work: enough for what neighbours share to pay, few enough to share out a long
-#: song among workers.
-_WINDOWS_A_UNIT = 128
 
 
 @dataclass
@@ -369,10 +366,10 @@ def _compute_windows(
 ) -> tuple[dict[str, CachedArray], dict[Path, Reject]]:
     """Return rows by key, and what failed by file."""
     calls = [
-        (cache, gathered.recipe, feature, gathered.signals[path], bpm, numbers[i : i + _WINDOWS_A_UNIT])
+        (cache, gathered.recipe, feature, gathered.signals[path], bpm, numbers[i : i + WINDOWS_A_UNIT])
         for (path, bpm), every in wanted.items()
         for numbers in [sorted(set(every))]
-        for i in range(0, len(numbers), _WINDOWS_A_UNIT)
+        for i in range(0, len(numbers), WINDOWS_A_UNIT)
     ]
     ahead = _next_songs(feature, [call[3] for call in calls])
     with_next = [(*call, then) for call, then in zip(calls, ahead, strict=True)]

@@ -7,7 +7,7 @@ from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
-from dancedata.core.errors import DanceDataError, did_you_mean
+from dancedata.core.errors import DanceDataError, RecipeError, did_you_mean
 from dancedata.core.registry import Registry
 
 #: Made once: it is wanted for every key of the cache.
@@ -39,6 +39,29 @@ def make_plugin(
         problems.append(f"{where}: {error}")
         return None
     return make_dataclass(cls, f"{where}.{name}", parameters, problems, also)
+
+
+def make_named(registry: Registry, where: str, name: str, parameters: dict[str, Any]) -> Any:
+    """Make one plug-in for a call from Python, where a problem is raised at once.
+
+    Raises
+    ------
+    UsageError
+        For an unknown name.
+    RecipeError
+        For parameters that it does not take, all of them.
+    """
+    registry.get(name)  # an unknown name is an error of its own, with the closest known one
+    problems: list[str] = []
+    made = make_plugin(registry, where, name, parameters, problems)
+    raise_problems(problems)
+    return made
+
+
+def raise_problems(problems: list[str]) -> None:
+    """Raise RecipeError if there are any."""
+    if problems:
+        raise RecipeError("; ".join(problems))
 
 
 def make_dataclass(

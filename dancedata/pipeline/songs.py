@@ -19,7 +19,7 @@ from dancedata.pipeline.audio_units import window_samples
 from dancedata.pipeline.cache import Cache, default_cache
 from dancedata.pipeline.execute import one_thread
 from dancedata.pipeline.recipe import Recipe, load_recipe, parse_recipe, resolve_feature
-from dancedata.pipeline.slots import document_of, make_plugin
+from dancedata.pipeline.slots import document_of, make_named
 from dancedata.store import open_store
 from dancedata.store.schema import DATASET_FILE
 
@@ -44,10 +44,7 @@ def find_like(feature: str | None, like: str | None) -> list[Like]:
     Without `feature`, all audio features of `like` are meant, or librosa35.
     """
     if like is None:
-        problems: list[str] = []
-        name = feature or "librosa35"
-        FEATURES.get(name)
-        made = make_plugin(FEATURES, "audio", name, {}, problems)
+        made = make_named(FEATURES, "audio", feature or "librosa35", {})
         return [Like(made, FrameGrid.of(30), None)]
     recipe = _recipe_like(like)
     names = [f.name for f in recipe.audio]
@@ -68,7 +65,6 @@ def write_features(
     """
     from dancedata.audio.signal import load_audio
 
-    likes = [replace(like, feature=_ready(like.feature, weights)) for like in likes]
     absent = [str(song) for song in songs if not song.is_file()]
     if absent:
         raise UsageError("there is no such song; nothing was computed", found=", ".join(absent))
@@ -76,6 +72,8 @@ def write_features(
     twice = sorted({n for n in names if names.count(n) > 1})
     if twice:
         raise UsageError("two songs would be written to one file", found=", ".join(twice), fix="rename one of them")
+    # Only now: weights are ten gigabytes to hash.
+    likes = [replace(like, feature=_ready(like.feature, weights)) for like in likes]
     written = []
     try:
         out.mkdir(parents=True, exist_ok=True)

@@ -66,22 +66,26 @@ def scaler_of(store: Store, name: str, choice: Choice, *, covers_mirror: bool, o
         raise UsageError(
             "a scaler is fitted over train or over all", found=over, fix=did_you_mean(over, ("train", "all"))
         )
-    elif _train_differs(store, choice):
-        # As in stats.json: whole clips' stored windows, neither trimmed nor filtered.
-        train = replace(choice, fields=(name,), cut={}, trim=False, filter=None)
-        windows: Sequence[Window] = select(store, "train", train).windows
-        plain = _fit((store.read(window, name) for window in windows), field.columns.width)
     else:
-        plain = store.normalizer(name)
+        train = _other_train(store, choice)
+        if train is None:
+            plain = store.normalizer(name)
+        else:
+            plain = _fit((store.read(window, name) for window in train), field.columns.width)
     return plain.with_mirror(field.columns.mirror) if covers and field.columns.mirror else plain
 
 
-def _train_differs(store: Store, choice: Choice) -> bool:
-    """Whether the train clips that are chosen are others than those the stored statistics were taken from."""
+def _other_train(store: Store, choice: Choice) -> Sequence[Window] | None:
+    """Return the train windows that are chosen, if those the stored statistics were taken from are of other clips.
+
+    As in stats.json they are whole clips' stored windows, neither trimmed nor filtered.
+    """
     if choice.protocol is None:
-        return False
-    chosen = {w.clip for w in select(store, "train", replace(choice, cut={}, trim=False, filter=None)).windows}
-    return chosen != {w.clip for w in store.windows("train")} if "train" in store.splits else True
+        return None
+    windows = select(store, "train", replace(choice, cut={}, trim=False, filter=None)).windows
+    if "train" in store.splits and {w.clip for w in windows} == {w.clip for w in store.windows("train")}:
+        return None
+    return windows
 
 
 def _all_rows(store: Store, name: str, trim: bool) -> Iterable[npt.NDArray[Any]]:
