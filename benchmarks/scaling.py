@@ -36,7 +36,8 @@ from dancedata.pipeline.cache import Cache
 from dancedata.pipeline.execute import Progress, run_units
 from dancedata.pipeline.gather import gather, identify
 from dancedata.pipeline.plan import make_plan
-from dancedata.pipeline.recipe import Recipe, load_recipe, parse_recipe
+from dancedata.pipeline.recipe import Recipe
+from dancedata.pipeline.recipe_file import load_recipe, parse_recipe
 
 FRAMES, SAMPLE_RATE, CLIPS_A_SONG = 4, 8000, 100
 

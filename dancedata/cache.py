@@ -21,7 +21,15 @@ from dancedata.core.clip import Reject
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid, Number
 from dancedata.core.registry import FEATURES
-from dancedata.pipeline.audio_units import WINDOWS_A_UNIT, SignalId, extract_track, extract_windows, identify_audio
+from dancedata.pipeline.audio_units import (
+    WINDOWS_A_UNIT,
+    FeatureKeys,
+    SignalId,
+    extract_track,
+    extract_windows,
+    identify_audio,
+    known_windows,
+)
 from dancedata.pipeline.cache import Cache, CachedArray, EntryLostError, default_cache
 from dancedata.pipeline.execute import one_thread
 from dancedata.pipeline.recipe import Recipe, WindowSpec, resolve_feature
@@ -93,10 +101,11 @@ class FeatureCache:
         recipe = self._recipe("track", FrameGrid.of(fps), WindowSpec(1, 1, "time"), feature, parameters)
         with one_thread():
             signal = self._identify(recipe, song)
+            key = FeatureKeys(recipe, recipe.audio[0]).track(start_bpm, signal.sha256)
             for _ in range(_TRIES):
-                found = _found(extract_track(Cache(self.root), recipe, recipe.audio[0], signal, start_bpm))
+                found = _found(extract_track(Cache(self.root), recipe, recipe.audio[0], signal, start_bpm, key))
                 try:
-                    return self._mapped(found[1])
+                    return self._mapped(found)
                 except EntryLostError as error:
                     lost = error
         raise lost
@@ -134,11 +143,15 @@ class FeatureCache:
         rows = []
         with one_thread():
             signal = self._identify(recipe, song)
+            every = FeatureKeys(recipe, plugin)
             numbers = range(len(signal.windows))
             for begin in range(0, len(numbers), WINDOWS_A_UNIT):
                 some = numbers[begin : begin + WINDOWS_A_UNIT]
-                found = _found(extract_windows(cache, recipe, plugin, signal, start_bpm, some))
-                rows += [np.asarray(found[number][1]) for number in some]
+                keys = {number: every.window(start_bpm, signal.windows[number]) for number in some}
+                found = known_windows(cache, keys)
+                if found is None:
+                    found = _found(extract_windows(cache, recipe, plugin, signal, start_bpm, keys))
+                rows += [np.asarray(found[number]) for number in some]
         if not rows:
             return np.empty((0, length_frames, plugin.columns.width), plugin.dtype)
         return np.stack(rows)

@@ -67,7 +67,7 @@ def build(
 
     from dancedata.pipeline.build import build as run_build
     from dancedata.pipeline.execute import Progress
-    from dancedata.pipeline.recipe import load_recipe
+    from dancedata.pipeline.recipe_file import load_recipe
     from dancedata.pipeline.report import describe_store, store_json
 
     made = load_recipe(recipe, overrides or ())
@@ -119,7 +119,7 @@ def plan(
     """Show what a build would make; reads lengths only and writes nothing under OUT."""
     from dancedata.pipeline.execute import Progress
     from dancedata.pipeline.plan import make_plan
-    from dancedata.pipeline.recipe import load_recipe
+    from dancedata.pipeline.recipe_file import load_recipe
     from dancedata.pipeline.report import describe_plan
 
     made = load_recipe(recipe, overrides or ())
@@ -149,7 +149,7 @@ def check(
     """Check a built dataset or a source folder; exit code 1 if something is wrong."""
     from dancedata.pipeline.check import check as run_check
     from dancedata.pipeline.execute import Progress
-    from dancedata.pipeline.recipe import load_recipe
+    from dancedata.pipeline.recipe_file import load_recipe
     from dancedata.pipeline.report import describe_problems
 
     if recipe is not None and dataset is not None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from dancedata.core.motion import Motion
-from dancedata.core.rotations import rotation
+from dancedata.core.rotations import angles_between
 
 #: Faster than any joint of a dancer: 45 degrees in a frame at 60 FPS.
 MAX_TURN_DEG_S = 2700.0
@@ -47,8 +47,7 @@ def quality_flags(
     if motion.n_frames < 2:
         return []
     rate = float(motion.grid.rate)
-    here, there = rotation(motion.rotations[:-1]), rotation(motion.rotations[1:])
-    angles = np.degrees((here.inv() * there).magnitude())
+    angles = np.degrees(angles_between(motion.rotations))
     flags = [
         Flag("fast_turn", motion.skeleton.joints[j], int(t), round(float(angles[t, j]), 3), "deg", str(motion.grid))
         for t, j in np.argwhere(angles * rate > max_turn_deg_s)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +18,13 @@ from dancedata.core.clip import Reject
 from dancedata.core.errors import DataError
 from dancedata.core.hashing import sha256_bytes
 from dancedata.pipeline.cache import Cache, CachedArray, package_version
+from dancedata.pipeline.documents import document_of
 from dancedata.pipeline.read_ahead import decoded, read_ahead
 from dancedata.pipeline.recipe import Recipe
 from dancedata.pipeline.rejects import BUILD_AGAIN, CHANGED, reject_of
-from dancedata.pipeline.slots import document_of
 
 #: Raised by hand when a stage here gives other numbers for the same input.
-FEATURE_STAGE = 1
+SIGNAL_STAGE, FEATURE_STAGE = 2, 2
 #: Windows of a song in one unit of work: enough for what neighbours share to pay, few enough to share out a long
 #: song among workers. Whoever asks for windows cuts songs alike, for the first window's lock stands for all.
 WINDOWS_A_UNIT = 128
@@ -30,9 +32,18 @@ WINDOWS_A_UNIT = 128
 
 @dataclass(frozen=True)
 class SignalId:
-    """What an audio file decodes to; `windows` are the hashes of its windows (window scope)."""
+    """What an audio file decodes to.
+
+    Attributes
+    ----------
+    file
+        What the file was like then, see `Cache.stat_key`.
+    windows
+        Hashes of the signal's windows (window scope).
+    """
 
     path: Path
+    file: str
     sha256: str
     sample_rate: int
     n_samples: int
@@ -61,7 +72,8 @@ def identify_audio(cache: Cache, recipe: Recipe, path: Path) -> SignalId | Rejec
     from dancedata.audio.signal import load_audio
 
     try:
-        key = _signal_key(recipe, path)
+        file = Cache.stat_key("signal", path)
+        key = _signal_key(recipe, file)
         known = cache.json("signals", key)
         if known is None:
             with cache.lock("signals", key):
@@ -73,27 +85,27 @@ def identify_audio(cache: Cache, recipe: Recipe, path: Path) -> SignalId | Rejec
         return reject_of(error, file=path)
     except FileNotFoundError:
         return Reject("missing_music", file=str(path), detail=f"{path}: the file vanished during the build")
-    return _signal_id(path, known)
+    return _signal_id(path, file, known)
 
 
 def known_signal(cache: Cache, recipe: Recipe, path: Path) -> SignalId | None:
-    """Return what `identify_audio` remembers of a file, None if it would have to decode it."""
-    known = cache.json("signals", _signal_key(recipe, path))
-    return None if known is None else _signal_id(path, known)
+    """Return what `identify_audio` remembers of a file, None if it would have to look at it."""
+    try:
+        file = Cache.stat_key("signal", path)
+    except FileNotFoundError:
+        return None
+    known = cache.json("signals", _signal_key(recipe, file))
+    return None if known is None else _signal_id(path, file, known)
 
 
-def _signal_key(recipe: Recipe, path: Path) -> str:
-    windows = (
-        ["blocks", str(recipe.fps), recipe.windows.length, recipe.windows.stride]
-        if recipe.scope == "window"
-        else None
-    )
+def _signal_key(recipe: Recipe, file: str) -> str:
+    windows = [str(recipe.fps), recipe.windows.length, recipe.windows.stride] if recipe.scope == "window" else None
     packages = {"soundfile": package_version("soundfile"), "libsndfile": libsndfile_version()}
-    return Cache.key("signal", file=Cache.stat_key("signal", path), windows=windows, packages=packages)
+    return Cache.key("signal", version=SIGNAL_STAGE, file=file, windows=windows, packages=packages)
 
 
-def _signal_id(path: Path, known: Sequence[Any]) -> SignalId:
-    return SignalId(path, known[0], known[1], known[2], tuple(known[3]))
+def _signal_id(path: Path, file: str, known: Sequence[Any]) -> SignalId:
+    return SignalId(path, file, known[0], known[1], known[2], tuple(known[3]))
 
 
 def _hashed(recipe: Recipe, signal: AudioSignal) -> list[Any]:
@@ -110,21 +122,22 @@ def _window_hashes(signal: AudioSignal, starts: Sequence[int], length: int) -> l
 
     Equal windows have equal blocks, whatever song they are in and wherever in it, and so equal hashes.
     """
-    samples = np.ascontiguousarray(signal.samples, dtype="<f4")
-    block = max(1, signal.sample_rate // 4)
-    known: dict[tuple[int, int], str] = {}
+    block = signal.block_samples
+    begins = range(0, signal.n_samples, block)
+    known = {(k, min(k + block, signal.n_samples)): h for k, h in zip(begins, signal.block_sha256s, strict=True)}
     hashes = []
     for start in starts:
         digests = []
         for begin in range(start, start + length, block):
             part = begin, min(begin + block, start + length)
             if part not in known:
-                known[part] = sha256_bytes(samples[slice(*part)].data)
+                known[part] = signal.hash_of(*part)
             digests.append(known[part])
         hashes.append(sha256_bytes(f"{signal.sample_rate} {length} {' '.join(digests)}".encode()))
     return hashes
 
 
+@lru_cache(maxsize=1)
 def libsndfile_version() -> str:
     """Return the version of the library that decodes music."""
     import soundfile
@@ -132,21 +145,57 @@ def libsndfile_version() -> str:
     return str(soundfile.__libsndfile_version__)
 
 
+class FeatureKeys:
+    """The cache keys of a feature's rows. What they have in common is hashed once for each tempo."""
+
+    def __init__(self, recipe: Recipe, feature: Any) -> None:
+        self._recipe, self._feature = recipe, feature
+        self._common: dict[float | None, str] = {}
+
+    def track(self, bpm: float | None, signal: str) -> str:
+        """Return the key of a song's rows; `signal` is the hash of its samples."""
+        return Cache.key("track", common=self._of(bpm), signal=signal)
+
+    def window(self, bpm: float | None, window: str) -> str:
+        """Return the key of a window's rows; `window` is the hash of its samples."""
+        return Cache.key("window", common=self._of(bpm), window=window, rows=self._recipe.windows.length)
+
+    def _of(self, bpm: float | None) -> str:
+        recipe, feature = self._recipe, self._feature
+        # Else equal music would be computed again for another tempo, and for none.
+        bpm = bpm if getattr(feature, "uses_tempo", True) else None
+        if bpm not in self._common:
+            self._common[bpm] = Cache.key(
+                "feature",
+                version=[FEATURE_STAGE, feature.version],
+                feature={feature.name: document_of(feature)},
+                fps=str(recipe.grid),
+                scope=recipe.scope,
+                start_bpm=bpm,
+                packages={name: package_version(name) for name in feature.packages},
+            )
+        return self._common[bpm]
+
+
 def extract_track(
-    cache: Cache, recipe: Recipe, feature: Any, signal: SignalId, bpm: float | None, ahead: Path | None = None
-) -> Any:
-    """Compute a feature of a whole signal; returns (key, CachedArray) or a Reject.
+    cache: Cache,
+    recipe: Recipe,
+    feature: Any,
+    signal: SignalId,
+    bpm: float | None,
+    key: str,
+    ahead: Path | None = None,
+) -> CachedArray | Reject:
+    """Compute a feature of a whole signal, and publish it under `key`.
 
     `ahead` is a file that will be wanted next, for features that compute on a device meanwhile.
     """
-    key = track_key(recipe, feature, bpm, signal.sha256)
     try:
-        rows = cache.once(
+        return cache.once(
             "features", key, lambda: feature.extract(_decoded(signal, ahead), recipe.grid, start_bpm=bpm)
         )
     except DataError as error:
         return reject_of(error, file=signal.path)
-    return key, rows
 
 
 def extract_windows(
@@ -155,57 +204,43 @@ def extract_windows(
     feature: Any,
     signal: SignalId,
     bpm: float | None,
-    numbers: Sequence[int],
+    keys: Mapping[int, str],
     ahead: Path | None = None,
-) -> Any:
-    """Compute a feature of windows, each by itself; returns {number: (key, CachedArray)} or a Reject.
+) -> dict[int, CachedArray] | Reject:
+    """Compute a feature of windows, each by itself, and publish it under `keys`; by the windows' numbers.
 
     Windows of a song go to the feature together, as many at a time as it likes, and are published after each
     call: a build that is killed goes on after the last of them. `ahead` is as for `extract_track`.
     """
-    keys = {number: window_key(recipe, feature, bpm, signal.windows[number]) for number in numbers}
-    found = {number: cache.array("features", key) for number, key in keys.items()}
     try:
-        if None in found.values():
-            # Builds cut a song into the same units, so that the first window's lock keeps others out.
-            with cache.lock("features", keys[numbers[0]]):
-                found = _missing_windows(cache, recipe, feature, signal, bpm, keys, ahead)
+        # Builds cut a song into the same units, so that the first window's lock keeps others out.
+        with cache.lock("features", keys[min(keys)]):
+            found = {number: cache.array("features", key) for number, key in keys.items()}
+            missing = [number for number, array in found.items() if array is None]
+            whole = _decoded(signal, ahead) if missing else None
+            starts, length = window_samples(recipe, signal.n_samples, signal.sample_rate)
+            at_once = getattr(feature, "windows_a_call", len(missing)) or 1
+            for begin in range(0, len(missing), at_once):
+                some = missing[begin : begin + at_once]
+                rows = feature.extract_windows(
+                    whole, starts[some], length, recipe.grid, recipe.windows.length, start_bpm=bpm
+                )
+                for number, own in zip(some, rows, strict=True):
+                    found[number] = cache.put_array("features", keys[number], own, durable=False)
     except DataError as error:
         return reject_of(error, file=signal.path)
-    return {number: (keys[number], array) for number, array in found.items()}
+    return {number: array for number, array in found.items() if array is not None}
 
 
-def _missing_windows(
-    cache: Cache,
-    recipe: Recipe,
-    feature: Any,
-    signal: SignalId,
-    bpm: float | None,
-    keys: dict[int, str],
-    ahead: Path | None,
-) -> dict[int, CachedArray | None]:
-    """Compute what is not in the cache by now; returns all that was asked for."""
-    found = {number: cache.array("features", key) for number, key in keys.items()}
-    missing = [number for number, array in found.items() if array is None]
-    whole = _decoded(signal, ahead) if missing else None
-    starts, length = window_samples(recipe, signal.n_samples, signal.sample_rate)
-    at_once = getattr(feature, "windows_a_call", len(missing)) or 1
-    for begin in range(0, len(missing), at_once):
-        some = missing[begin : begin + at_once]
-        rows = feature.extract_windows(whole, starts[some], length, recipe.grid, recipe.windows.length, start_bpm=bpm)
-        for number, own in zip(some, rows, strict=True):
-            found[number] = cache.put_array("features", keys[number], own, durable=False)
+def known_windows(cache: Cache, keys: Mapping[int, str]) -> dict[int, CachedArray] | None:
+    """Return what `extract_windows` would, if the cache has all of it."""
+    found = {}
+    for number, key in keys.items():
+        array = cache.array("features", key)
+        if array is None:
+            return None
+        found[number] = array
     return found
-
-
-def track_key(recipe: Recipe, feature: Any, bpm: float | None, signal: str) -> str:
-    """Return the cache key of a song's features; `signal` is the hash of its samples."""
-    return _feature_key(recipe, feature, bpm, signal=signal)
-
-
-def window_key(recipe: Recipe, feature: Any, bpm: float | None, window: str) -> str:
-    """Return the cache key of a window's features; `window` is the hash of its samples."""
-    return _feature_key(recipe, feature, bpm, window=window, rows=recipe.windows.length)
 
 
 def _decoded(signal: SignalId, ahead: Path | None = None) -> AudioSignal:
@@ -217,21 +252,9 @@ def _decoded(signal: SignalId, ahead: Path | None = None) -> AudioSignal:
     found = decoded(signal.path)
     if ahead is not None:
         read_ahead(ahead)
-    if found.sha256 != signal.sha256:
+    file = None
+    with suppress(OSError):
+        file = Cache.stat_key("signal", signal.path)
+    if file != signal.file and found.sha256 != signal.sha256:
         raise DataError(CHANGED, reason="changed", where=signal.path, fix=BUILD_AGAIN)
     return found
-
-
-def _feature_key(recipe: Recipe, feature: Any, bpm: float | None, **content: Any) -> str:
-    # Else equal music would be computed again for another tempo, and for none.
-    bpm = bpm if getattr(feature, "uses_tempo", True) else None
-    return Cache.key(
-        "feature",
-        version=[FEATURE_STAGE, feature.version],
-        feature={feature.name: document_of(feature)},
-        fps=str(recipe.grid),
-        scope=recipe.scope,
-        start_bpm=bpm,
-        packages={name: package_version(name) for name in feature.packages},
-        **content,
-    )

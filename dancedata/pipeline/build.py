@@ -19,7 +19,8 @@ from dancedata.pipeline.cache_files import running, sweep
 from dancedata.pipeline.card import dataset_card
 from dancedata.pipeline.diff import document_differences, shaping
 from dancedata.pipeline.execute import Progress
-from dancedata.pipeline.gather import Gathered, gather, identify, require_clips
+from dancedata.pipeline.gather import gather, identify, require_clips
+from dancedata.pipeline.gathered import Gathered
 from dancedata.pipeline.out_folder import check_out, clean, locked, swapped
 from dancedata.pipeline.recipe import Recipe, resolve
 from dancedata.pipeline.rejects import BY_CHOICE

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 
-from dancedata.pipeline.gather import Gathered
+from dancedata.pipeline.gathered import Gathered
 from dancedata.pipeline.recipe import Recipe
 from dancedata.store import StoredClip
 from dancedata.store.schema import sort_splits

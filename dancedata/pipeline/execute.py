@@ -29,9 +29,18 @@ BLIND_DEATHS = 3
 
 
 def run_units(
-    function: Callable[..., Any], calls: Sequence[tuple[Any, ...]], *, jobs: Jobs, label: str, progress: Progress
+    function: Callable[..., Any],
+    calls: Sequence[tuple[Any, ...]],
+    *,
+    jobs: Jobs,
+    label: str,
+    progress: Progress,
+    known: Sequence[Any] = (),
 ) -> list[Any]:
     """Return function(*call) for every call, in order.
+
+    Where `known` has a result that is not None, that is taken instead: for what is in the cache no workers need
+    be started.
 
     BLAS and OpenMP run on one thread in each worker, whatever `jobs` is: sums in another order would change
     last digits, and builds have to be byte-identical.
@@ -47,13 +56,30 @@ def run_units(
     if not calls:
         return []
     workers = jobs if isinstance(jobs, Workers) else Workers(jobs)
-    with progress.stage(label, len(calls)) as advance:
-        if workers.backend == "loky" and min(workers.n, len(calls)) == 1:
-            return [_advanced(advance, _alone(function, call, label)) for call in calls]
-        if workers.scratch is not None and _writable(workers.scratch):
-            return _Run(function, calls, workers, workers.scratch, label, advance).results()
-        with tempfile.TemporaryDirectory(prefix="dancedata-") as scratch:
-            return _Run(function, calls, workers, Path(scratch), label, advance).results()
+    results = list(known) or [None] * len(calls)
+    missing = [index for index, result in enumerate(results) if result is None]
+    with progress.stage(label, len(calls), known=len(calls) - len(missing)) as advance:
+        computed = _run_missing(function, [calls[index] for index in missing], workers, label, advance)
+    for index, result in zip(missing, computed, strict=True):
+        results[index] = result
+    return results
+
+
+def _run_missing(
+    function: Callable[..., Any],
+    calls: Sequence[tuple[Any, ...]],
+    workers: Workers,
+    label: str,
+    advance: Callable[[int], None],
+) -> list[Any]:
+    if workers.backend == "loky" and min(workers.n, len(calls)) <= 1:
+        return [_advanced(advance, _alone(function, call, label)) for call in calls]
+    if not calls:
+        return []
+    if workers.scratch is not None and _writable(workers.scratch):
+        return _Run(function, calls, workers, workers.scratch, label, advance).results()
+    with tempfile.TemporaryDirectory(prefix="dancedata-") as scratch:
+        return _Run(function, calls, workers, Path(scratch), label, advance).results()
 
 
 class _Run:
@@ -233,25 +259,25 @@ class Progress:
             print(text, file=self.stream, flush=True)
 
     @contextmanager
-    def stage(self, label: str, total: int) -> Iterator[Callable[[int], None]]:
-        """Show a stage of `total` steps; gives a function to call with the number of steps done."""
+    def stage(self, label: str, total: int, known: int = 0) -> Iterator[Callable[[int], None]]:
+        """Show a stage of `total` steps, `known` of them done before; gives a function to say how many more are."""
         if self.quiet:
             yield lambda _: None
         elif self.stream.isatty():
             from tqdm import tqdm
 
-            with tqdm(total=total, desc=label, file=self.stream, unit="", dynamic_ncols=True) as bar:
+            with tqdm(total=total, initial=known, desc=label, file=self.stream, unit="", dynamic_ncols=True) as bar:
 
                 def advance(n: int) -> None:
                     bar.update(n)
 
                 yield advance
         else:
-            yield from self._lines(label, total)
+            yield from self._lines(label, total, known)
 
-    def _lines(self, label: str, total: int) -> Iterator[Callable[[int], None]]:
+    def _lines(self, label: str, total: int, known: int) -> Iterator[Callable[[int], None]]:
         started = last = time.monotonic()
-        done = 0
+        done = known
 
         def advance(n: int) -> None:
             nonlocal done, last
@@ -259,7 +285,7 @@ class Progress:
             now = time.monotonic()
             if done < total and now - last >= LINE_INTERVAL_S:
                 last = now
-                left = (now - started) / done * (total - done)
+                left = (now - started) / (done - known) * (total - done)
                 self.say(f"{label}: {done}/{total}, about {left:.0f} s left")
 
         yield advance

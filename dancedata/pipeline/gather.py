@@ -3,92 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from pathlib import Path
-from typing import Any
+from dataclasses import replace
 
 from dancedata.augment.mirror import SUFFIX, mirrored_copy
 from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import SourceError, StoreError
-from dancedata.core.hashing import json_sha256
 from dancedata.core.windows import count_windows
-from dancedata.pipeline.audio_units import (
-    WINDOWS_A_UNIT,
-    SignalId,
-    extract_track,
-    extract_windows,
-    identify_audio,
-    window_key,
-    window_samples,
-)
+from dancedata.pipeline.audio_units import SignalId, identify_audio, known_signal, window_samples
 from dancedata.pipeline.cache import Cache, CachedArray
 from dancedata.pipeline.execute import Progress, run_units
+from dancedata.pipeline.gather_audio import extract_all
+from dancedata.pipeline.gathered import Gathered, window_numbers
 from dancedata.pipeline.motion_units import (
+    MotionKeys,
     MotionResult,
     content_hashes,
     encode_motion,
     hash_motion,
+    known_motion,
     motion_window_count,
 )
 from dancedata.pipeline.movement import still_windows
 from dancedata.pipeline.recipe import Recipe
-from dancedata.pipeline.workers import Jobs, Workers
+from dancedata.pipeline.workers import Jobs
 from dancedata.store import AudioBlock, StoredClip
-
-
-@dataclass
-class Gathered:
-    """What a build knows so far.
-
-    Attributes
-    ----------
-    refs
-        Clips still in the build, by id.
-    rejects
-        All that was left out.
-    motion_sha, signals
-        Identity of every clip's files.
-    content
-        Hashes of files that the dataset's parameters name, such as a body model.
-    audio_problems
-        Clips whose music is missing or broken. Their motion is looked at all the same, so that a build names
-        all that is wrong; then they are set aside.
-    """
-
-    recipe: Recipe
-    scan: Scan
-    refs: dict[str, ClipRef]
-    rejects: list[Reject]
-    motion_sha: dict[str, str] = field(default_factory=dict)
-    signals: dict[Path, SignalId] = field(default_factory=dict)
-    audio_problems: dict[str, Reject] = field(default_factory=dict)
-    quality: list[dict[str, Any]] = field(default_factory=list)
-    content: dict[str, str] = field(default_factory=dict)
-
-    def drop(self, clip: str, reject: Reject) -> None:
-        """Set a clip aside."""
-        self.refs.pop(clip, None)
-        self.rejects.append(reject if reject.clip else replace(reject, clip=clip))
-
-    def signal(self, ref: ClipRef) -> SignalId | None:
-        """Return the identity of a clip's music."""
-        return self.signals.get(ref.audio_path) if ref.audio_path is not None else None
-
-    def source_sha256(self) -> str:
-        """Return a hash of all that went in: clips with their files' contents, and what was left out."""
-        clips = []
-        for ref in self.refs.values():
-            signal = self.signal(ref)
-            clips.append(
-                [
-                    [ref.id, ref.split, ref.music, ref.tempo_bpm, ref.genre, ref.dancer, ref.lists, ref.declared],
-                    self.motion_sha[ref.id],
-                    signal.sha256 if signal else None,
-                ]
-            )
-        problems = [*self.rejects, *self.audio_problems.values()]
-        left_out = sorted([r.reason, r.clip, Path(r.file).name] for r in problems)
-        return json_sha256({"clips": clips, "left_out": left_out, "content": self.content})
 
 
 def identify(cache: Cache, recipe: Recipe, scan: Scan, *, jobs: Jobs, progress: Progress) -> Gathered:
@@ -109,8 +47,9 @@ def identify(cache: Cache, recipe: Recipe, scan: Scan, *, jobs: Jobs, progress: 
 
 def _identify_music(cache: Cache, gathered: Gathered, jobs: Jobs, progress: Progress) -> None:
     paths = sorted({r.audio_path for r in gathered.refs.values() if r.audio_path is not None})
+    known = [known_signal(cache, gathered.recipe, path) for path in paths]
     calls = [(cache, gathered.recipe, path) for path in paths]
-    found = run_units(identify_audio, calls, jobs=jobs, label="decoding music", progress=progress)
+    found = run_units(identify_audio, calls, known=known, jobs=jobs, label="decoding music", progress=progress)
     outcome = dict(zip(paths, found, strict=True))
     gathered.signals = {p: o for p, o in outcome.items() if isinstance(o, SignalId)}
     for ref in list(gathered.refs.values()):
@@ -131,7 +70,7 @@ def gather(cache: Cache, gathered: Gathered, *, jobs: Jobs, progress: Progress) 
     starts = {clip: _starts(gathered, clip, motions[clip]) for clip in list(gathered.refs)}
     for clip in list(gathered.refs):
         starts[clip] = _moving(gathered, clip, motions[clip], starts[clip])
-    audio = _extract_all(cache, gathered, starts, jobs, progress)
+    audio = extract_all(cache, gathered, starts, jobs=jobs, progress=progress)
     clips = []
     for clip in sorted(audio):
         motion, ref = motions[clip], gathered.refs[clip]
@@ -174,11 +113,6 @@ def _check_mirrored_ids(gathered: Gathered) -> None:
         )
 
 
-def window_numbers(recipe: Recipe, starts: Sequence[int]) -> tuple[int, ...]:
-    """Return the numbers of windows among all those of their clip."""
-    return tuple(start // recipe.windows.stride for start in starts)
-
-
 def _stored(
     ref: ClipRef,
     motion: MotionResult,
@@ -207,9 +141,12 @@ def _stored(
 
 def _encode_all(cache: Cache, gathered: Gathered, jobs: Jobs, progress: Progress) -> dict[str, MotionResult]:
     refs = list(gathered.refs.values())
-    calls = [(cache, gathered.recipe, r, gathered.motion_sha[r.id]) for r in refs]
+    every = MotionKeys(cache, gathered.recipe)
+    keys = [every.of(ref, gathered.motion_sha[ref.id]) for ref in refs]
+    known = [known_motion(cache, gathered.recipe, own) for own in keys]
+    calls = [(cache, gathered.recipe, r, gathered.motion_sha[r.id], own) for r, own in zip(refs, keys, strict=True)]
     motions = {}
-    results = run_units(encode_motion, calls, jobs=jobs, label="encoding motion", progress=progress)
+    results = run_units(encode_motion, calls, known=known, jobs=jobs, label="encoding motion", progress=progress)
     for ref, result in zip(refs, results, strict=True):
         if isinstance(result, Reject):
             gathered.drop(ref.id, result)
@@ -279,133 +216,6 @@ def _too_short(recipe: Recipe, ref: ClipRef, motion: MotionResult) -> Reject:
     )
     numbers: dict[str, float | int] = {"motion_s": round(motion_s, 3)}
     return Reject("too_short", ref.id, str(ref.motion_path), detail=detail, numbers=numbers)
-
-
-def _extract_all(
-    cache: Cache, gathered: Gathered, starts: dict[str, tuple[int, ...]], jobs: Jobs, progress: Progress
-) -> dict[str, dict[str, tuple[AudioBlock, ...]]]:
-    """Return per clip and feature the blocks of rows; clips whose music fails are set aside."""
-    audio: dict[str, dict[str, tuple[AudioBlock, ...]]] = {clip: {} for clip in gathered.refs}
-    for feature in gathered.recipe.audio:
-        extract = _extract_tracks if gathered.recipe.scope == "track" else _extract_windows
-        found = extract(cache, gathered, feature, starts, jobs, progress)
-        for clip, blocks in found.items():
-            audio[clip][feature.name] = blocks
-    return {clip: blocks for clip, blocks in audio.items() if clip in gathered.refs}
-
-
-def _extract_tracks(
-    cache: Cache,
-    gathered: Gathered,
-    feature: Any,
-    starts: dict[str, tuple[int, ...]],
-    jobs: Jobs,
-    progress: Progress,
-) -> dict[str, tuple[AudioBlock, ...]]:
-    timelines: dict[tuple[str, float | None], list[str]] = {}
-    signals: dict[str, SignalId] = {}
-    for ref in gathered.refs.values():
-        signal = _need_signal(gathered, ref)
-        signals.setdefault(signal.sha256, signal)
-        timelines.setdefault((signal.sha256, ref.tempo_bpm), []).append(ref.id)
-    songs = [signals[sha] for sha, _ in timelines]
-    ahead = _next_songs(feature, songs)
-    calls = [
-        (cache, gathered.recipe, feature, song, bpm, then)
-        for song, (_, bpm), then in zip(songs, timelines, ahead, strict=True)
-    ]
-    results = run_units(extract_track, calls, jobs=_jobs_for(feature, jobs), label=feature.name, progress=progress)
-    found: dict[str, tuple[AudioBlock, ...]] = {}
-    for clips, result in zip(timelines.values(), results, strict=True):
-        for clip in clips:
-            if isinstance(result, Reject):
-                gathered.drop(clip, result)
-            else:
-                found[clip] = (AudioBlock(result[0], result[1]),)
-    return found
-
-
-def _extract_windows(
-    cache: Cache,
-    gathered: Gathered,
-    feature: Any,
-    starts: dict[str, tuple[int, ...]],
-    jobs: Jobs,
-    progress: Progress,
-) -> dict[str, tuple[AudioBlock, ...]]:
-    """Windows of equal samples and tempo are computed once, whatever files and clips they are in."""
-    recipe = gathered.recipe
-    keys: dict[str, list[str]] = {}
-    owner: dict[str, tuple[Path, float | None]] = {}
-    wanted: dict[tuple[Path, float | None], list[int]] = {}
-    for ref in gathered.refs.values():
-        signal, bpm = _need_signal(gathered, ref), ref.tempo_bpm
-        numbers = window_numbers(recipe, starts[ref.id])
-        keys[ref.id] = [window_key(recipe, feature, bpm, signal.windows[number]) for number in numbers]
-        for number, key in zip(numbers, keys[ref.id], strict=True):
-            if owner.setdefault(key, (signal.path, bpm)) == (signal.path, bpm):
-                wanted.setdefault((signal.path, bpm), []).append(number)
-    arrays, failed = _compute_windows(cache, gathered, feature, wanted, jobs, progress)
-    found: dict[str, tuple[AudioBlock, ...]] = {}
-    for clip, wanted_keys in keys.items():
-        missing = [key for key in wanted_keys if key not in arrays]
-        if missing:
-            gathered.drop(clip, failed[owner[missing[0]][0]])
-        else:
-            found[clip] = tuple(AudioBlock(key, arrays[key]) for key in wanted_keys)
-    return found
-
-
-def _compute_windows(
-    cache: Cache,
-    gathered: Gathered,
-    feature: Any,
-    wanted: dict[tuple[Path, float | None], list[int]],
-    jobs: Jobs,
-    progress: Progress,
-) -> tuple[dict[str, CachedArray], dict[Path, Reject]]:
-    """Return rows by key, and what failed by file."""
-    calls = [
-        (cache, gathered.recipe, feature, gathered.signals[path], bpm, numbers[i : i + WINDOWS_A_UNIT])
-        for (path, bpm), every in wanted.items()
-        for numbers in [sorted(set(every))]
-        for i in range(0, len(numbers), WINDOWS_A_UNIT)
-    ]
-    ahead = _next_songs(feature, [call[3] for call in calls])
-    with_next = [(*call, then) for call, then in zip(calls, ahead, strict=True)]
-    results = run_units(
-        extract_windows, with_next, jobs=_jobs_for(feature, jobs), label=feature.name, progress=progress
-    )
-    arrays: dict[str, CachedArray] = {}
-    failed: dict[Path, Reject] = {}
-    for call, result in zip(calls, results, strict=True):
-        if isinstance(result, Reject):
-            failed[call[3].path] = result
-        else:
-            arrays.update(result.values())
-    return arrays, failed
-
-
-def _jobs_for(feature: Any, jobs: Jobs) -> Jobs:
-    """Return the workers for a feature: one that computes on cards wants one process a card."""
-    if not hasattr(feature, "workers"):
-        return jobs
-    return replace(jobs, n=feature.workers(jobs.n)) if isinstance(jobs, Workers) else int(feature.workers(jobs))
-
-
-def _next_songs(feature: Any, songs: Sequence[SignalId]) -> list[Path | None]:
-    """Return, for each unit of work, the file of the next one, if the feature computes on a device meanwhile."""
-    if not getattr(feature, "reads_ahead", False):
-        return [None] * len(songs)
-    paths: list[Path | None] = [song.path for song in songs]
-    return [then if then != path else None for path, then in zip(paths, [*paths[1:], None], strict=False)]
-
-
-def _need_signal(gathered: Gathered, ref: ClipRef) -> SignalId:
-    signal = gathered.signal(ref)
-    if signal is None:
-        raise StoreError("a clip without music reached the audio features", where=f"clip {ref.id}")
-    return signal
 
 
 def require_clips(clips: Sequence[StoredClip], rejects: Sequence[Reject]) -> None:

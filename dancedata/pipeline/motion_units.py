@@ -22,12 +22,12 @@ from dancedata.core.motion import Motion
 from dancedata.core.quality import MAX_ROOT_SPEED_M_S, MAX_TURN_DEG_S, quality_flags
 from dancedata.core.windows import count_windows
 from dancedata.pipeline.cache import Cache, CachedArray, package_version
+from dancedata.pipeline.documents import document_of
 from dancedata.pipeline.recipe import Recipe
 from dancedata.pipeline.rejects import BUILD_AGAIN, CHANGED, reject_of
-from dancedata.pipeline.slots import document_of
 
 #: Raised by hand when a stage here gives other numbers for the same input.
-MOTION_STAGE = 2
+MOTION_STAGE = 3
 #: Up to this many values, clips remember matrices and joints while they are encoded: 200 MB.
 _REMEMBERED = 2**23
 
@@ -57,6 +57,14 @@ class MotionResult:
     arrays: dict[str, CachedArray] = field(default_factory=dict)
 
 
+@dataclass(frozen=True)
+class ClipKeys:
+    """Cache keys of what is known of a clip, and of its motion and key motion fields by name."""
+
+    info: str
+    fields: dict[str, str]
+
+
 def hash_motion(cache: Cache, ref: ClipRef) -> str | Reject:
     """Return the hash of a motion file."""
     try:
@@ -65,16 +73,55 @@ def hash_motion(cache: Cache, ref: ClipRef) -> str | Reject:
         return Reject("broken_file", clip=ref.id, file=str(ref.motion_path), detail=f"{ref.motion_path}: {error}")
 
 
-def encode_motion(cache: Cache, recipe: Recipe, ref: ClipRef, sha256: str) -> MotionResult | Reject:
+class MotionKeys:
+    """The cache keys of clips. What they have in common is hashed once."""
+
+    def __init__(self, cache: Cache, recipe: Recipe) -> None:
+        dataset = recipe.dataset
+        loading = [dataset.name, dataset.version, document_of(dataset, loading=True), content_hashes(cache, dataset)]
+        limits = [MAX_TURN_DEG_S, MAX_ROOT_SPEED_M_S]
+        self._clip = Cache.key("clip", version=MOTION_STAGE, dataset=loading, limits=limits)
+        self._fields = {
+            encoder.name: Cache.key(
+                "motion",
+                version=[MOTION_STAGE, *encoder.version],
+                dataset=loading,
+                representation={encoder.name: encoder.document},
+                fps=str(encoder.grid),
+                windows=_window_cut(recipe) if recipe.scope == "window" else None,
+                packages={name: package_version(name) for name in ("numpy", "scipy")},
+            )
+            for encoder in _encoders(recipe)
+        }
+
+    def of(self, ref: ClipRef, sha256: str) -> ClipKeys:
+        """Return the keys of a clip; `sha256` is the hash of its file.
+
+        The clip's id is a part of them: what is cut from FineDance's 004 goes by its name.
+        """
+
+        def key(common: str) -> str:
+            return Cache.key("clip", common=common, clip=[ref.id, ref.declared], file=sha256)
+
+        return ClipKeys(key(self._clip), {name: key(common) for name, common in self._fields.items()})
+
+
+def encode_motion(cache: Cache, recipe: Recipe, ref: ClipRef, sha256: str, keys: ClipKeys) -> MotionResult | Reject:
     """Load, check, resample and encode one clip, for every motion and key motion field of the recipe."""
-    info_key, keys = motion_keys(cache, recipe, ref, sha256)
-    info, arrays = _encoded(cache, info_key, keys)
-    if info is None or None in arrays.values():
-        try:
-            with cache.lock("clips", info_key):
-                info, arrays = _encode_missing(cache, recipe, ref, info_key, keys, sha256)
-        except DataError as error:
-            return reject_of(error, clip=ref.id, file=ref.motion_path)
+    try:
+        with cache.lock("clips", keys.info):
+            return _result(recipe, *_encode_missing(cache, recipe, ref, keys, sha256))
+    except DataError as error:
+        return reject_of(error, clip=ref.id, file=ref.motion_path)
+
+
+def known_motion(cache: Cache, recipe: Recipe, keys: ClipKeys) -> MotionResult | None:
+    """Return what `encode_motion` would, if the cache has all of it."""
+    info, arrays = _encoded(cache, keys)
+    return None if info is None or None in arrays.values() else _result(recipe, info, arrays)
+
+
+def _result(recipe: Recipe, info: list[Any], arrays: dict[str, CachedArray | None]) -> MotionResult:
     n_source, rate, trim = int(info[0]), Fraction(info[1]), int(info[3])
     found = {name: array for name, array in arrays.items() if array is not None}
     grid = FrameGrid(rate)
@@ -83,24 +130,16 @@ def encode_motion(cache: Cache, recipe: Recipe, ref: ClipRef, sha256: str) -> Mo
     return MotionResult(n_source, rate, n_frames, first, float(info[4]), tuple(info[2]), found)
 
 
-def motion_keys(cache: Cache, recipe: Recipe, ref: ClipRef, sha256: str) -> tuple[str, dict[str, str]]:
-    """Return the cache key of what is known of a clip, and those of its motion and key motion fields by name."""
-    loading = _loading(cache, recipe, ref)
-    return _info_key(loading, sha256), {e.name: _motion_key(recipe, e, loading, sha256) for e in _encoders(recipe)}
-
-
-def _encoded(
-    cache: Cache, info_key: str, keys: dict[str, str]
-) -> tuple[list[Any] | None, dict[str, CachedArray | None]]:
+def _encoded(cache: Cache, keys: ClipKeys) -> tuple[list[Any] | None, dict[str, CachedArray | None]]:
     """Return what the cache has of a clip."""
-    return cache.json("clips", info_key), {name: cache.array("motion", key) for name, key in keys.items()}
+    return cache.json("clips", keys.info), {name: cache.array("motion", key) for name, key in keys.fields.items()}
 
 
 def _encode_missing(
-    cache: Cache, recipe: Recipe, ref: ClipRef, info_key: str, keys: dict[str, str], sha256: str
+    cache: Cache, recipe: Recipe, ref: ClipRef, keys: ClipKeys, sha256: str
 ) -> tuple[list[Any], dict[str, CachedArray | None]]:
     """Load a clip and publish what the cache does not have of it by now: another process may have made it."""
-    info, arrays = _encoded(cache, info_key, keys)
+    info, arrays = _encoded(cache, keys)
     if info is not None and None not in arrays.values():
         return info, arrays
     motion = recipe.dataset.load(ref)
@@ -112,8 +151,8 @@ def _encode_missing(
     flags = [f.to_json() for f in quality_flags(motion)]
     info = [motion.n_frames, str(motion.grid), flags, motion.trim_start, vertical_extent(motion)]
     for name, array in made.items():
-        arrays[name] = cache.put_array("motion", keys[name], array, durable=False)
-    cache.put_json("clips", info_key, info)
+        arrays[name] = cache.put_array("motion", keys.fields[name], array, durable=False)
+    cache.put_json("clips", keys.info, info)
     return info, arrays
 
 
@@ -204,20 +243,6 @@ def vertical_extent(motion: Motion) -> float:
     return round(float(np.median(heights.max(axis=1) - heights.min(axis=1))), 4)
 
 
-def _numeric_packages() -> dict[str, str]:
-    return {name: package_version(name) for name in ("numpy", "scipy")}
-
-
-def _loading(cache: Cache, recipe: Recipe, ref: ClipRef) -> list[Any]:
-    """Return all of the dataset that shapes what `load` makes of a file.
-
-    The clip's id is a part of it: what is cut from FineDance's 004 goes by its name.
-    """
-    dataset = recipe.dataset
-    parameters = document_of(dataset, loading=True)
-    return [dataset.name, dataset.version, parameters, content_hashes(cache, dataset), ref.id, ref.declared]
-
-
 def content_hashes(cache: Cache, dataset: Any) -> dict[str, str]:
     """Return the hash of every file that a dataset's parameters name, such as a body model.
 
@@ -234,24 +259,6 @@ def content_hashes(cache: Cache, dataset: Any) -> dict[str, str]:
                     named = file.relative_to(root if root.is_dir() else root.parent).as_posix()
                     hashes[f"{f.name}/{named}"] = cache.file_sha256(file)
     return hashes
-
-
-def _info_key(loading: list[Any], sha256: str) -> str:
-    limits = [MAX_TURN_DEG_S, MAX_ROOT_SPEED_M_S]
-    return Cache.key("clip", version=MOTION_STAGE, dataset=loading, file=sha256, limits=limits)
-
-
-def _motion_key(recipe: Recipe, encoder: _Encoder, loading: list[Any], sha256: str) -> str:
-    return Cache.key(
-        "motion",
-        version=[MOTION_STAGE, *encoder.version],
-        dataset=loading,
-        file=sha256,
-        representation={encoder.name: encoder.document},
-        fps=str(encoder.grid),
-        windows=_window_cut(recipe) if recipe.scope == "window" else None,
-        packages=_numeric_packages(),
-    )
 
 
 def _window_cut(recipe: Recipe) -> list[Any]:

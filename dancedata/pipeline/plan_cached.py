@@ -10,9 +10,9 @@ from typing import Any
 
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import SourceError, UsageError
-from dancedata.pipeline.audio_units import known_signal, track_key, window_key
+from dancedata.pipeline.audio_units import FeatureKeys, known_signal
 from dancedata.pipeline.cache import Cache
-from dancedata.pipeline.motion_units import motion_keys
+from dancedata.pipeline.motion_units import MotionKeys
 from dancedata.pipeline.recipe import Recipe, resolve_feature
 
 
@@ -61,14 +61,15 @@ def cached_units(cache: Cache, recipe: Recipe, clips: Sequence[tuple[ClipRef, in
 def _motion(cache: Cache, recipe: Recipe, refs: Sequence[ClipRef]) -> dict[str, Cached]:
     names = [plugin.name for plugin in (*recipe.motion, *recipe.keymotion)]
     held = dict.fromkeys(names, 0)
+    every = MotionKeys(cache, recipe)
     for ref in refs:
         sha256 = cache.known_sha256(ref.motion_path)
         if sha256 is None:
             continue
-        info_key, keys = motion_keys(cache, recipe, ref, sha256)
+        keys = every.of(ref, sha256)
         # A clip of which one thing is missing is loaded, and only that is made.
-        known = cache.holds("clips", info_key, "json")
-        for name, key in keys.items():
+        known = cache.holds("clips", keys.info, "json")
+        for name, key in keys.fields.items():
             held[name] += known and cache.holds("motion", key)
     return {name: Cached("clips", held[name], len(refs)) for name in names}
 
@@ -84,15 +85,16 @@ def _audio(
     ready = _resolved(cache, feature)
     known: set[str] = set()
     unknown: set[tuple[Any, ...]] = set()
+    keys = FeatureKeys(recipe, ready)
     for ref, n_windows in clips:
         signal = None if ref.audio_path is None else signals[ref.audio_path]
         numbers = [0] if recipe.scope == "track" else range(n_windows)
         if signal is None or ready is None:
             unknown.update((ref.audio_path, ref.tempo_bpm, number) for number in numbers)
         elif recipe.scope == "track":
-            known.add(track_key(recipe, ready, ref.tempo_bpm, signal.sha256))
+            known.add(keys.track(ref.tempo_bpm, signal.sha256))
         else:
-            known.update(window_key(recipe, ready, ref.tempo_bpm, signal.windows[number]) for number in numbers)
+            known.update(keys.window(ref.tempo_bpm, signal.windows[number]) for number in numbers)
     return Cached(unit, sum(cache.holds("features", key) for key in known), len(known) + len(unknown))
 
 

@@ -1,4 +1,4 @@
-"""Decodes and hashes the next song while a device computes."""
+"""Decodes the next song while a device computes."""
 
 from __future__ import annotations
 
@@ -13,20 +13,14 @@ _ahead: dict[Path, Future[AudioSignal]] = {}
 
 
 def read_ahead(path: Path) -> None:
-    """Begin to decode and hash a file in another thread; forgets files that were begun and not asked for."""
+    """Begin to decode a file in another thread; forgets files that were begun and not asked for."""
     if not _threads:
         _threads.append(ThreadPoolExecutor(max_workers=1, thread_name_prefix="read-ahead"))
     if path not in _ahead:
         _ahead.clear()
-        _ahead[path] = _threads[0].submit(_decoded_and_hashed, path)
+        from dancedata.audio.signal import load_audio
 
-
-def _decoded_and_hashed(path: Path) -> AudioSignal:
-    from dancedata.audio.signal import load_audio
-
-    signal = load_audio(path)
-    _ = signal.sha256  # kept with the signal; whoever asks for it next need not wait
-    return signal
+        _ahead[path] = _threads[0].submit(load_audio, path)
 
 
 def decoded(path: Path) -> AudioSignal:

@@ -11,7 +11,7 @@ from typing import Any
 
 from dancedata.core.registry import CONTACTS, DATASETS, FEATURES, KEYMOTIONS, REPRESENTATIONS
 from dancedata.pipeline.plan import Plan
-from dancedata.pipeline.recipe import load_recipe, recipe_names
+from dancedata.pipeline.recipe_file import load_recipe, recipe_names
 from dancedata.pipeline.rejects import BY_CHOICE
 from dancedata.store import Problem, Store, open_store
 

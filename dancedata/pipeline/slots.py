@@ -10,21 +10,6 @@ from pydantic import TypeAdapter, ValidationError
 from dancedata.core.errors import DanceDataError, RecipeError, did_you_mean
 from dancedata.core.registry import Registry
 
-#: Made once: it is wanted for every key of the cache.
-_ANY: TypeAdapter[Any] = TypeAdapter(Any)
-
-
-def document_of(plugin: Any, *, loading: bool = False) -> dict[str, Any]:
-    """Return a plug-in's parameters as JSON, defaults included; fields marked as paths are left out.
-
-    A field is a path if its metadata say ``{"path": True}``: what lies there is hashed with the source, and
-    where it lies shapes nothing. With `loading`, a dataset's fields marked ``{"scan": True}`` are left out
-    as well: they decide which clips there are, not what `load` makes of one, so they are no part of its key.
-    """
-    skipped = ("path", "scan") if loading else ("path",)
-    fields = [f for f in dataclasses.fields(plugin) if not any(f.metadata.get(mark) for mark in skipped)]
-    return {f.name: _ANY.dump_python(getattr(plugin, f.name), mode="json") for f in fields}
-
 
 def make_plugin(
     registry: Registry, where: str, name: str, parameters: Any, problems: list[str], also: tuple[str, ...] = ()

@@ -17,9 +17,11 @@ from dancedata.core.hashing import json_sha256
 from dancedata.core.registry import FEATURES
 from dancedata.pipeline.audio_units import window_samples
 from dancedata.pipeline.cache import Cache, default_cache
+from dancedata.pipeline.documents import document_of
 from dancedata.pipeline.execute import one_thread
-from dancedata.pipeline.recipe import Recipe, load_recipe, parse_recipe, resolve_feature
-from dancedata.pipeline.slots import document_of, make_named
+from dancedata.pipeline.recipe import Recipe, resolve_feature
+from dancedata.pipeline.recipe_file import load_recipe, parse_recipe
+from dancedata.pipeline.slots import make_named
 from dancedata.store import open_store
 from dancedata.store.schema import DATASET_FILE
 

@@ -14,7 +14,7 @@ from dancedata.audio.signal import pcm16
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
-from dancedata.pipeline.slots import document_of
+from dancedata.pipeline.documents import document_of
 
 GRID = FrameGrid.of(30)
 FEATURE = Librosa35()

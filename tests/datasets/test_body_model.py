@@ -17,7 +17,7 @@ from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.datasets._body_model import SMPLH52, body_model_skeleton
 from dancedata.datasets.folder import Folder
 from dancedata.pipeline.build import build
-from dancedata.pipeline.recipe import parse_recipe
+from dancedata.pipeline.recipe_file import parse_recipe
 from dancedata.store import open_store
 
 N = 20

@@ -10,7 +10,7 @@ import pytest
 
 from dancedata.datasets.folder import Folder
 from dancedata.pipeline.build import build
-from dancedata.pipeline.recipe import parse_recipe
+from dancedata.pipeline.recipe_file import parse_recipe
 from dancedata.pipeline.report import describe_store
 from dancedata.store import open_store, verify_store
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from dancedata.pipeline.build import build
-from dancedata.pipeline.recipe import load_recipe
+from dancedata.pipeline.recipe_file import load_recipe
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -23,7 +23,7 @@ from dancedata.pipeline.build import build
 from dancedata.pipeline.cache import Cache
 from dancedata.pipeline.cache_admin import prune
 from dancedata.pipeline.execute import Progress, run_units
-from dancedata.pipeline.recipe import parse_recipe
+from dancedata.pipeline.recipe_file import parse_recipe
 from dancedata.pipeline.workers import Workers
 from dancedata.store import verify_store
 

@@ -208,7 +208,7 @@ def test_a_scheduler_that_does_not_answer(corpus: Path, out: Path, tmp_path: Pat
     from dancedata.core.errors import DanceDataError
     from dancedata.pipeline import workers
     from dancedata.pipeline.build import build
-    from dancedata.pipeline.recipe import load_recipe
+    from dancedata.pipeline.recipe_file import load_recipe
 
     monkeypatch.setattr(workers, "DASK_TIMEOUT_S", 0.5)
     with pytest.raises(DanceDataError, match="no Dask scheduler that answers"):

@@ -254,7 +254,7 @@ def _read_label(path: Path) -> None:
 
 
 def _read_recipe(path: Path) -> None:
-    from dancedata.pipeline.recipe import load_recipe
+    from dancedata.pipeline.recipe_file import load_recipe
 
     _require(len(load_recipe(path).sha256) == 64, "no hash")
 

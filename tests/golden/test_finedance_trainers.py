@@ -13,7 +13,7 @@ pytest.importorskip("torch")
 import dancedata
 from dancedata.core.clip import Window
 from dancedata.pipeline.build import build
-from dancedata.pipeline.recipe import load_recipe
+from dancedata.pipeline.recipe_file import load_recipe
 from dancedata.readers import WindowDataset
 from dancedata.store import Store, verify_store
 

@@ -24,7 +24,7 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import sha256_file
 from dancedata.datasets.synthetic import write_synthetic
 from dancedata.pipeline.build import build
-from dancedata.pipeline.recipe import load_recipe
+from dancedata.pipeline.recipe_file import load_recipe
 from dancedata.store import Store, verify_store
 
 SET = ("audio={jukebox: {layer: 6, device: cpu}}", "windows.stride_s=1", "motion={edge151: {}}")

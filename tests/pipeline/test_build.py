@@ -215,7 +215,7 @@ import {module} as module
 def kill(*args): os.kill(os.getpid(), signal.SIGKILL)
 {patch}
 from dancedata.pipeline.build import build
-from dancedata.pipeline.recipe import load_recipe
+from dancedata.pipeline.recipe_file import load_recipe
 build(load_recipe("aist++"), Path(sys.argv[1]), Path(sys.argv[2]), overwrite=True)
 """
 

@@ -15,10 +15,10 @@ import pytest
 from dancedata.core.errors import StoreError
 from dancedata.pipeline import audio_units, cache_files, motion_units
 from dancedata.pipeline import cache as cache_module
-from dancedata.pipeline.audio_units import SignalId, track_key, window_key
+from dancedata.pipeline.audio_units import FeatureKeys, SignalId
 from dancedata.pipeline.cache import Cache, EntryLostError
-from dancedata.pipeline.motion_units import motion_keys
-from dancedata.pipeline.recipe import load_recipe
+from dancedata.pipeline.motion_units import MotionKeys
+from dancedata.pipeline.recipe_file import load_recipe
 
 FORK = multiprocessing.get_context("fork")
 KEY = "ab" + "0" * 62
@@ -32,7 +32,7 @@ def own(tmp_path: Path) -> Cache:
 
 def feature_key(*overrides: str, bpm: float | None = 120.0, sha: str = "s") -> str:
     recipe = load_recipe("aist++", overrides)
-    return track_key(recipe, recipe.audio[0], bpm, sha)
+    return FeatureKeys(recipe, recipe.audio[0]).track(bpm, sha)
 
 
 @pytest.mark.parametrize(
@@ -66,16 +66,16 @@ def test_another_version_of_a_package_is_another_key(package: str, monkeypatch: 
 
 def test_a_version_of_a_feature_raised_by_hand_is_another_key(monkeypatch: pytest.MonkeyPatch):
     recipe = load_recipe("aist++-edge-exact")
-    before = window_key(recipe, recipe.audio[0], 120.0, "w")
+    before = FeatureKeys(recipe, recipe.audio[0]).window(120.0, "w")
     monkeypatch.setattr(type(recipe.audio[0]), "version", 10**6)
-    assert window_key(recipe, recipe.audio[0], 120.0, "w") != before
+    assert FeatureKeys(recipe, recipe.audio[0]).window(120.0, "w") != before
 
 
 def test_what_shapes_motion_is_in_its_key(corpus: Path, own: Cache, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     def key(*overrides: str, sha: str = "m") -> str:
         recipe = load_recipe("aist++", overrides)
         (ref, *_) = recipe.dataset.scan(corpus).clips
-        return motion_keys(own, recipe, ref, sha)[1]["edge151"]
+        return MotionKeys(own, recipe).of(ref, sha).fields["edge151"]
 
     keys = [key(), key(sha="n"), key("fps=60"), key("motion.edge151.contacts.velocity.max_speed_m_s=1")]
     keys.append(key("scope=window"))
@@ -91,7 +91,7 @@ def test_another_body_model_is_another_key(own: Cache, tmp_path: Path):
         model.write_bytes(content)
         recipe = load_recipe("finedance", [f"dataset.finedance.body_model={model}"])
         ref = motion_units.ClipRef("001", tmp_path / "001.npy", None, music="001", split="train")
-        keys.append(motion_keys(own, recipe, ref, "m"))
+        keys.append(MotionKeys(own, recipe).of(ref, "m"))
     assert keys[0] != keys[1]
 
 

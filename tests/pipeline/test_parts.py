@@ -16,7 +16,7 @@ from dancedata.cli import app
 from dancedata.core.errors import DataError, UsageError
 from dancedata.datasets.aistpp import AistPP
 from dancedata.pipeline.parts import Part, build_part
-from dancedata.pipeline.recipe import load_recipe
+from dancedata.pipeline.recipe_file import load_recipe
 
 
 def entries(cache: Path) -> set[str]:

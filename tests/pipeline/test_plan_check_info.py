@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 import dancedata
 from dancedata.cli import app
 from dancedata.core.registry import CONTACTS, DATASETS, FEATURES, REPRESENTATIONS
-from dancedata.pipeline.recipe import recipe_names
+from dancedata.pipeline.recipe_file import recipe_names
 
 RECIPES = {"track": "aist++", "window": "aist++-edge-exact"}
 TRAIN = "gHO_sBM_cAll_d19_mHO3_ch03"

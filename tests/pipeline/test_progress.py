@@ -51,6 +51,21 @@ def test_nothing_if_quiet():
         assert stream.getvalue() == ""
 
 
+def test_what_is_known_is_not_computed(monkeypatch: pytest.MonkeyPatch):
+    stream = io.StringIO()
+    calls = [(1,), (-2,), (3,)]
+    known = [None, "known", None]
+    assert run_units(square, calls, known=known, jobs=1, label="squaring", progress=Progress(stream=stream)) == [
+        1,
+        "known",
+        9,
+    ]
+    assert stream.getvalue() == "squaring: 3/3 in 0.0 s\n"
+    monkeypatch.setattr(execute, "_Run", None)  # worker processes
+    every = ["a", "b", "c"]
+    assert run_units(square, calls, known=every, jobs=2, label="", progress=Progress(quiet=True)) == every
+
+
 def test_no_unit_prints_nothing():
     stream = io.StringIO()
     assert run_units(square, [], jobs=2, label="squaring", progress=Progress(stream=stream)) == []
