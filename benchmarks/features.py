@@ -11,8 +11,11 @@ what EDGE's `create_dataset` does for every window: load the window's own wav, a
   in the other, and ratios are of one song's times, so that what slows the machine slows both. The median over
   songs is printed with its quartiles. The plain loop does some windows of each song.
 - With `--command`, wall time of the whole command with an empty cache, against the plain loop's wall time in one
-  process after its start-up; median of the rounds. Python's compiled files (.pyc) are there, as they are after an
-  installation. As wall time is that of all that runs on the machine, the CPU time of all processes is printed, too.
+  process after its start-up for as many windows as the dataset has; median of the rounds. Two corpora: "demo" is that
+  of `dancedata build demo`, where four clips share a song, and so windows of music, which the plain loop computes for
+  every clip (AIST++ has 23 clips a song); "distinct" has one clip a song, and no window twice. Python's compiled files
+  (.pyc) are there, as they are after an installation. As wall time is that of all that runs on the machine, the CPU
+  time of all processes is printed, too.
 """
 
 from __future__ import annotations
@@ -34,10 +37,12 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from dancedata.audio.librosa35 import Librosa35
+from dancedata.audio.signal import load_audio
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.grid import FrameGrid
 from dancedata.datasets._synthetic_music import SyntheticSong
 from dancedata.datasets.synthetic import synthesise_song
+from dancedata.store import open_store
 
 GRID = FrameGrid.of(30)
 N_ROWS = 150
@@ -45,7 +50,7 @@ GENRES = ("BR", "PO", "LO", "MH", "LH", "HO", "WA", "KR", "JS", "JB")
 CLIP_S = 13.5
 RECIPE = """recipe: 1
 name: benchmark
-dataset: {{synthetic: {{songs: {songs}, clips_per_song: 2, clip_s: {clip_s}}}}}
+dataset: {dataset}
 fps: 30
 scope: {scope}
 windows: {{length_s: 5, stride_s: 0.5}}
@@ -131,50 +136,73 @@ def _song_times(song: SyntheticSong, n_plain: int, plain_first: bool) -> tuple[i
 
 
 def time_command(n_songs: int, rounds: int, jobs: int) -> None:
-    """Time `dancedata build` in both scopes, and the plain loop in one process, in turns."""
+    """Time `dancedata build` of both corpora in both scopes, and the plain loop in one process, in turns."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        for scope in ("window", "track"):
-            recipe = RECIPE.format(songs=n_songs, clip_s=CLIP_S, scope=scope)
-            (folder / f"{scope}.yaml").write_text(recipe, encoding="utf-8")
-        _build(folder, "track", jobs)  # writes the corpus
-        times: dict[str, list[tuple[float, float]]] = {"plain": [], "window": [], "track": []}
+        _write_corpora(folder, n_songs)
+        cases = [(corpus, scope) for corpus in ("demo", "distinct") for scope in ("window", "track")]
+        plain: list[tuple[float, float]] = []
+        times: dict[tuple[str, str], list[tuple[float, float]]] = {case: [] for case in cases}
         for _ in range(rounds):
-            times["plain"].append(_plain_loop_s(folder / "source"))
-            for scope in ("window", "track"):
-                times[scope].append(_build(folder, scope, jobs))
-        plain_wall, plain_cpu = (statistics.median(spent) for spent in zip(*times["plain"], strict=True))
-        print(f"plain loop, features alone, one process: {plain_wall:.1f} s (CPU {plain_cpu:.1f} s)")
-        for scope in ("window", "track"):
-            ratio = statistics.median(p[0] / t[0] for p, t in zip(times["plain"], times[scope], strict=True))
-            wall, cpu = (statistics.median(spent) for spent in zip(*times[scope], strict=True))
+            plain.append(_plain_window_s(folder / "distinct"))
+            for case in cases:
+                times[case].append(_build(folder, *case, jobs))
+        wall, cpu = (1e3 * statistics.median(spent) for spent in zip(*plain, strict=True))
+        print(f"plain loop, features alone, one process: {wall:.0f} ms a window (CPU {cpu:.0f} ms)")
+        for (corpus, scope), spent in times.items():
+            _build(folder, corpus, scope, jobs)
+            with open_store(folder / "out") as store:
+                n_windows = sum(len(store.windows(split)) for split in store.splits)
+            ratio = statistics.median(n_windows * p[0] / t[0] for p, t in zip(plain, spent, strict=True))
+            cpu_ratio = statistics.median(n_windows * p[1] / t[1] for p, t in zip(plain, spent, strict=True))
+            wall, cpu = (statistics.median(s) for s in zip(*spent, strict=True))
             print(
-                f"{scope} scope, whole command, {jobs} jobs: {wall:.2f} s, {ratio:.1f} x (CPU of all processes "
-                f"{cpu:.1f} s, {plain_cpu / cpu:.1f} x); load {_load()}"
+                f"{corpus}, {n_windows} windows, {scope} scope, whole command, {jobs} jobs: {wall:.2f} s, "
+                f"{ratio:.1f} x (CPU of all processes {cpu:.1f} s, {cpu_ratio:.1f} x); load {_load()}"
             )
 
 
-def _build(folder: Path, scope: str, jobs: int) -> tuple[float, float]:
+def _write_corpora(folder: Path, n_songs: int) -> None:
+    """Write recipes, and the sources "demo" and "distinct", the latter with one clip of each song."""
+    made = {"demo": "{seed: 0}", "distinct": f"{{songs: {n_songs}, clips_per_song: 2, clip_s: {CLIP_S}}}"}
+    for corpus, parameters in made.items():
+        recipe = RECIPE.format(dataset=f"{{synthetic: {parameters}}}", scope="track")
+        (folder / "made.yaml").write_text(recipe, encoding="utf-8")
+        _command(folder, ["plan", str(folder / "made.yaml"), "--source", str(folder / corpus)])
+        for scope in ("window", "track"):
+            recipe = RECIPE.format(dataset="aist++", scope=scope)
+            (folder / f"{scope}.yaml").write_text(recipe, encoding="utf-8")
+    songs = set()
+    for path in sorted((folder / "distinct" / "motions").glob("*.pkl")):
+        song = path.stem.split("_")[4]
+        if song in songs:
+            path.unlink()
+        songs.add(song)
+
+
+def _build(folder: Path, corpus: str, scope: str, jobs: int) -> tuple[float, float]:
     """Return the wall and CPU seconds of a build with an empty cache."""
     for old in ("out", "cache"):
         shutil.rmtree(folder / old, ignore_errors=True)
-    command = [sys.executable, "-m", "dancedata", "build", str(folder / f"{scope}.yaml")]
-    command += ["--source", str(folder / "source"), "--out", str(folder / "out"), "--jobs", str(jobs)]
+    command = ["build", str(folder / f"{scope}.yaml"), "--source", str(folder / corpus)]
+    return _command(folder, [*command, "--out", str(folder / "out"), "--jobs", str(jobs)])
+
+
+def _command(folder: Path, arguments: list[str]) -> tuple[float, float]:
+    """Return the wall and CPU seconds of a command, all its processes counted."""
     environment = {**os.environ, "DANCEDATA_CACHE": str(folder / "cache")}
     # Compiled files in a folder of their own, where the environment forbids them beside the code.
     if environment.pop("PYTHONDONTWRITEBYTECODE", None):
         environment["PYTHONPYCACHEPREFIX"] = str(folder / "pyc")
     start, before = time.perf_counter(), os.times()
-    subprocess.run(command, check=True, env=environment, capture_output=True)
+    subprocess.run([sys.executable, "-m", "dancedata", *arguments], check=True, env=environment, capture_output=True)
     spent, after = time.perf_counter() - start, os.times()
     cpu = after.children_user + after.children_system - before.children_user - before.children_system
     return spent, cpu
 
 
-def _plain_loop_s(source: Path, n_sampled: int = 40) -> tuple[float, float]:
-    """Return wall and CPU seconds of the plain loop for all windows of the corpus, from a sample of them, warm."""
-    from dancedata.audio.signal import load_audio
-
+def _plain_window_s(source: Path, n_sampled: int = 40) -> tuple[float, float]:
+    """Return wall and CPU seconds of the plain loop for a window, a mean over windows of all songs, warm."""
     plain = Librosa35(method="librosa")
     signals = [load_audio(path) for path in sorted((source / "wavs").glob("*.wav"))]
     windows = [(signal, start) for signal in signals for start in _starts(signal)]
@@ -185,7 +213,7 @@ def _plain_loop_s(source: Path, n_sampled: int = 40) -> tuple[float, float]:
         plain.extract_windows(signal, np.array([start]), 5 * signal.sample_rate, GRID, N_ROWS, start_bpm=100.0)
         wall.append(time.perf_counter() - begin)
         cpu.append(time.process_time() - begin_cpu)
-    return statistics.mean(wall[1:]) * len(windows), statistics.mean(cpu[1:]) * len(windows)
+    return statistics.mean(wall[1:]), statistics.mean(cpu[1:])
 
 
 def _starts(signal: AudioSignal) -> list[int]:

@@ -63,10 +63,8 @@ def build(
     as_json: AsJson = False,
 ) -> None:
     """Build a dataset: dancedata build aist++ --source DIR --out DIR."""
-    from joblib import cpu_count
-
     from dancedata.pipeline.build import build as run_build
-    from dancedata.pipeline.execute import Progress
+    from dancedata.pipeline.execute import Progress, n_cores
     from dancedata.pipeline.recipe_file import load_recipe
     from dancedata.pipeline.report import describe_store, store_json
 
@@ -75,7 +73,7 @@ def build(
     progress = Progress(quiet=quiet or as_json)
     folder = _source_of(made, source, target)
     options: dict[str, Any] = {
-        "jobs": jobs or cpu_count(), "strict": strict, "cache": cache, "progress": progress,
+        "jobs": jobs or n_cores(), "strict": strict, "cache": cache, "progress": progress,
     }  # fmt: skip
     if part is not None:
         if backend != "loky" or scheduler is not None or overwrite:

@@ -42,13 +42,13 @@ def _quaternion(rotvec: FloatArray) -> Float64Array:
 def matrix_from_rotvec(rotvec: FloatArray) -> Float64Array:
     """Turn axis-angle vectors (..., 3) into matrices (..., 3, 3); lengths beyond pi are fine."""
     w, x, y, z = _quaternion(rotvec)
-    matrix = np.empty((*w.shape, 3, 3))
     xx, yy, zz = x * x, y * y, z * z
     xy, xz, yz, wx, wy, wz = x * y, x * z, y * z, w * x, w * y, w * z
-    matrix[..., 0, 0], matrix[..., 0, 1], matrix[..., 0, 2] = 1 - 2 * (yy + zz), 2 * (xy - wz), 2 * (xz + wy)
-    matrix[..., 1, 0], matrix[..., 1, 1], matrix[..., 1, 2] = 2 * (xy + wz), 1 - 2 * (xx + zz), 2 * (yz - wx)
-    matrix[..., 2, 0], matrix[..., 2, 1], matrix[..., 2, 2] = 2 * (xz - wy), 2 * (yz + wx), 1 - 2 * (xx + yy)
-    return matrix
+    entries = np.empty((9, *w.shape))
+    entries[0], entries[1], entries[2] = 1 - 2 * (yy + zz), 2 * (xy - wz), 2 * (xz + wy)
+    entries[3], entries[4], entries[5] = 2 * (xy + wz), 1 - 2 * (xx + zz), 2 * (yz - wx)
+    entries[6], entries[7], entries[8] = 2 * (xz - wy), 2 * (yz + wx), 1 - 2 * (xx + yy)
+    return np.ascontiguousarray(np.moveaxis(entries, 0, -1)).reshape(*w.shape, 3, 3)
 
 
 def angles_between(rotvecs: FloatArray) -> Float64Array:

@@ -6,6 +6,7 @@ import itertools
 import json
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -73,13 +74,19 @@ def write_store(
             progress(next(done), len(clips))
 
     try:
-        for plan in plans:
-            write_shard(out, plan, advance)
-        write_text(out / STATS_FILE, dump_json(compute_stats(out, header, plans)))
+        with ThreadPoolExecutor(max_workers=1, thread_name_prefix="hashing") as beside:
+            # A shard is hashed while the next one, or the statistics, are worked on.
+            described = []
+            for plan in plans:
+                write_shard(out, plan, advance)
+                described.append(beside.submit(_describe_shard, out, plan))
+            stats = compute_stats(out, header, plans)
+            document["shards"] = [shard.result() for shard in described]
+        write_text(out / STATS_FILE, dump_json(stats))
         write_text(out / REJECTS_FILE, dump_lines([r.to_json() for r in rejects]))
         write_text(out / QUALITY_FILE, dump_lines(quality))
         write_text(out / CARD_FILE, card)
-        _write_document(out, document, plans)
+        _write_document(out, document)
     except OSError as error:
         raise StoreError(
             "the dataset cannot be written",
@@ -100,9 +107,8 @@ def _check_folder(out: Path) -> None:
         )
 
 
-def _write_document(out: Path, document: dict[str, Any], plans: Sequence[ShardPlan]) -> None:
+def _write_document(out: Path, document: dict[str, Any]) -> None:
     """Write dataset.json, with sizes and hashes of all that was written before."""
-    document["shards"] = [_describe_shard(out, p) for p in plans]
     side_files = (STATS_FILE, REJECTS_FILE, QUALITY_FILE, CARD_FILE)
     document["files"] = {name: _describe_file(out / name) for name in side_files}
     document["self_sha256"] = json_sha256(document)
