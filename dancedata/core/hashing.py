@@ -22,9 +22,13 @@ def sha256_bytes(*parts: bytes | memoryview) -> str:
     return digest.hexdigest()
 
 
+#: Made once: json.dumps makes one for every call, which takes longer than a key of the cache does.
+_canonical = json.JSONEncoder(sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+
+
 def canonical_json(obj: Any) -> str:
     """Return the one JSON text of `obj`: keys sorted, no spaces, no NaN."""
-    return json.dumps(obj, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+    return _canonical.encode(obj)
 
 
 def json_sha256(obj: Any) -> str:

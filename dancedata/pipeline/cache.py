@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
+from stat import S_ISLNK
 from typing import Any
 
 import numpy as np
@@ -123,7 +124,7 @@ class Cache:
 
     def array(self, stage: str, key: str) -> CachedArray | None:
         """Return an array if it is there and as long as it should be; its bytes are compared when it is read."""
-        path = self._path(stage, key, "npy")
+        path = self._name(stage, key, "npy")
         try:
             fd = os.open(path, os.O_RDONLY)
         except OSError:
@@ -137,7 +138,7 @@ class Cache:
         finally:
             os.close(fd)
         files.note_use(path, used)
-        return CachedArray(path, shape)
+        return CachedArray(Path(path), shape)
 
     def put_array(self, stage: str, key: str, array: npt.NDArray[Any], *, durable: bool = True) -> CachedArray:
         """Publish an array; if `durable`, it is flushed to disk first."""
@@ -171,13 +172,13 @@ class Cache:
 
     def json(self, stage: str, key: str) -> Any | None:
         """Return JSON data if it is there."""
-        path = self._path(stage, key, "json")
+        path = self._name(stage, key, "json")
         try:
-            found = files.read_json(path)
-            files.note_use(path, path.stat().st_mtime)
+            found, used = files.read_json(path)
         except (OSError, ValueError):
             # As above. Where the cache as a whole is no good, writing to it says so.
             return None
+        files.note_use(path, used)
         return found
 
     def put_json(self, stage: str, key: str, obj: Any) -> None:
@@ -205,12 +206,25 @@ class Cache:
     @staticmethod
     def stat_key(what: str, path: Path) -> str:
         """Return a key that changes when the file at `path` does."""
-        stat = path.stat()
-        identity = [str(path.resolve()), stat.st_size, stat.st_mtime_ns, stat.st_ino]
+        stat = path.lstat()
+        if S_ISLNK(stat.st_mode):
+            path = path.resolve()
+            stat = path.stat()
+        folder, name = os.path.split(path)
+        identity = [f"{_real_folder(folder)}{os.sep}{name}", stat.st_size, stat.st_mtime_ns, stat.st_ino]
         return Cache.key("files", what=what, file=identity)
 
     def _path(self, stage: str, key: str, suffix: str) -> Path:
-        return Path(f"{self.root}{os.sep}{stage}{os.sep}{key[:2]}{os.sep}{key}.{suffix}")
+        return Path(self._name(stage, key, suffix))
+
+    def _name(self, stage: str, key: str, suffix: str) -> str:
+        return f"{self.root}{os.sep}{stage}{os.sep}{key[:2]}{os.sep}{key}.{suffix}"
+
+
+@lru_cache(maxsize=1024)
+def _real_folder(folder: str) -> str:
+    # Many files lie in few folders. Where a link in their path is changed, files have other inodes.
+    return os.path.realpath(folder)
 
 
 @contextmanager

@@ -43,6 +43,7 @@ _HEAD = re.compile(
     rb"'shape': \((?P<shape>[0-9, ]*)\), \} *\n",
     re.DOTALL,
 )
+_JSON_HEAD = re.compile(rb'\{"crc32": (?P<crc>[0-9]{1,10}), "content": ')
 _NO_LOCKS = {errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK, errno.EINVAL}
 
 
@@ -89,23 +90,28 @@ def read_array(path: Path) -> npt.NDArray[Any]:
 
 def json_parts(obj: Any) -> list[bytes | memoryview]:
     """Return the bytes of a JSON entry, which names its own checksum."""
-    text = _canonical(obj)
-    return [f'{{"crc32": {zlib.crc32(text)}, "content": '.encode(), text, b"}\n"]
+    text = json.dumps(obj, sort_keys=True, separators=(",", ":"), allow_nan=False).encode()
+    return [b'{"crc32": %d, "content": ' % zlib.crc32(text), text, b"}\n"]
 
 
-def read_json(path: Path) -> Any:
-    """Read a JSON entry; ValueError if it is damaged, OSError if it cannot be read."""
-    entry = json.loads(path.read_bytes())
-    if not isinstance(entry, dict) or entry.get("crc32") != zlib.crc32(_canonical(entry.get("content"))):
+def read_json(path: str | Path) -> tuple[Any, float]:
+    """Read a JSON entry, and when it was last used; ValueError if it is damaged, OSError if it cannot be read."""
+    fd = os.open(path, os.O_RDONLY)  # half the time of an open file of Python's
+    try:
+        stat = os.fstat(fd)
+        entry = os.pread(fd, stat.st_size, 0)
+    finally:
+        os.close(fd)
+    head = _JSON_HEAD.match(entry)
+    if head is None or entry[-2:] != b"}\n":
+        raise ValueError("it does not begin and end as entries do")
+    text = entry[head.end() : -2]
+    if zlib.crc32(text) != int(head["crc"]):
         raise ValueError("its checksum is not that of its content")
-    return entry["content"]
+    return json.loads(text), stat.st_mtime
 
 
-def _canonical(obj: Any) -> bytes:
-    return json.dumps(obj, sort_keys=True, separators=(",", ":"), allow_nan=False).encode()
-
-
-def note_use(path: Path, used: float) -> None:
+def note_use(path: str, used: float) -> None:
     """Say that an entry is being used, for `prune`: its time of change is the time of its last use.
 
     The access time is no good for it: most file systems are mounted so that it is kept late or never.

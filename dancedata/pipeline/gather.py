@@ -20,6 +20,7 @@ from dancedata.pipeline.motion_units import (
     content_hashes,
     encode_motion,
     hash_motion,
+    known_hash,
     known_motion,
     motion_window_count,
 )
@@ -34,7 +35,9 @@ def identify(cache: Cache, recipe: Recipe, scan: Scan, *, jobs: Jobs, progress: 
     content = content_hashes(cache, recipe.dataset)
     gathered = Gathered(recipe, scan, {r.id: r for r in scan.clips}, list(scan.rejects), content=content)
     refs = list(scan.clips)
-    hashes = run_units(hash_motion, [(cache, r) for r in refs], jobs=1, label="hashing motion", progress=progress)
+    calls = [(cache, ref) for ref in refs]
+    known = [known_hash(cache, ref) for ref in refs]
+    hashes = run_units(hash_motion, calls, known=known, jobs=1, label="hashing motion", progress=progress)
     for ref, sha in zip(refs, hashes, strict=True):
         if isinstance(sha, Reject):
             gathered.drop(ref.id, sha)

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from fractions import Fraction
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -73,6 +73,14 @@ def hash_motion(cache: Cache, ref: ClipRef) -> str | Reject:
         return Reject("broken_file", clip=ref.id, file=str(ref.motion_path), detail=f"{ref.motion_path}: {error}")
 
 
+def known_hash(cache: Cache, ref: ClipRef) -> str | None:
+    """Return what `hash_motion` would, if the cache remembers it."""
+    try:
+        return cache.known_sha256(ref.motion_path)
+    except OSError:
+        return None
+
+
 class MotionKeys:
     """The cache keys of clips. What they have in common is hashed once."""
 
@@ -122,12 +130,17 @@ def known_motion(cache: Cache, recipe: Recipe, keys: ClipKeys) -> MotionResult |
 
 
 def _result(recipe: Recipe, info: list[Any], arrays: dict[str, CachedArray | None]) -> MotionResult:
-    n_source, rate, trim = int(info[0]), Fraction(info[1]), int(info[3])
+    n_source, rate, trim = int(info[0]), _rate(info[1]), int(info[3])
     found = {name: array for name, array in arrays.items() if array is not None}
     grid = FrameGrid(rate)
     n_frames = grid.resampled_length(n_source, recipe.grid)
     first = min(grid.first_frame_from(trim, recipe.grid), n_frames - 1)
     return MotionResult(n_source, rate, n_frames, first, float(info[4]), tuple(info[2]), found)
+
+
+@lru_cache(maxsize=256)
+def _rate(text: str) -> Fraction:
+    return Fraction(text)
 
 
 def _encoded(cache: Cache, keys: ClipKeys) -> tuple[list[Any] | None, dict[str, CachedArray | None]]:

@@ -116,18 +116,25 @@ def make_plan(
 ) -> Plan:
     """Find out what `build` would make of a source, and what of that is in the cache."""
     scan: Scan = recipe.dataset.scan(source)
-    calls = [(recipe, ref) for ref in scan.clips]
-    clips = run_units(_clip_plan, calls, jobs=jobs, label="lengths", progress=progress or Progress(quiet=True))
+    progress = progress or Progress(quiet=True)
+    songs: dict[Path | None, Any] = {None: "missing_music"}
+    if recipe.audio:
+        paths = sorted({ref.audio_path for ref in scan.clips if ref.audio_path is not None})
+        found = run_units(
+            _length, [(path,) for path in paths], jobs=jobs, label="lengths of music", progress=progress
+        )
+        songs.update(zip(paths, found, strict=True))
+    calls = [(recipe, ref, songs[ref.audio_path] if recipe.audio else None) for ref in scan.clips]
+    clips = run_units(_clip_plan, calls, jobs=jobs, label="lengths of motion", progress=progress)
     kept = [(clip.ref, clip.n_windows) for clip in clips if clip.n_windows]
     held = cached_units(Cache((cache or default_cache()).absolute()), recipe, kept)
     return Plan(recipe, scan, tuple(clips), held)
 
 
-def _clip_plan(recipe: Recipe, ref: ClipRef) -> ClipPlan:
+def _clip_plan(recipe: Recipe, ref: ClipRef, samples: tuple[int, int] | str | None) -> ClipPlan:
+    """Plan a clip; `samples` is its music's length and sample rate, the reason why it has none, or None."""
     # As in a build: motion and music are both looked at, so that all that is wrong is named.
-    motion, samples = _try(lambda: recipe.dataset.load(ref)), None
-    if recipe.audio:
-        samples = _try(lambda: _audio_length(ref))
+    motion = _try(lambda: recipe.dataset.load(ref))
     problems = tuple(found for found in (motion, samples) if isinstance(found, str))
     if problems:
         return ClipPlan(ref, problems=problems)
@@ -142,12 +149,12 @@ def _clip_plan(recipe: Recipe, ref: ClipRef) -> ClipPlan:
     return ClipPlan(ref, n_frames, kept, count - kept, rows)
 
 
-def _audio_length(ref: ClipRef) -> tuple[int, int]:
+def _length(path: Path) -> tuple[int, int] | str:
+    """Return samples and sample rate of a file, or the reason code of what is wrong with it."""
     from dancedata.audio.signal import audio_length
 
-    if ref.audio_path is None:
-        raise DataError("the clip has no music", reason="missing_music", where=ref.id)
-    return audio_length(ref.audio_path)
+    found: tuple[int, int] | str = _try(lambda: audio_length(path))
+    return found
 
 
 def _try(call: Callable[[], Any]) -> Any:
