@@ -192,11 +192,14 @@ class Cache:
 
     def file_sha256(self, path: Path) -> str:
         """Return the SHA-256 of a file's bytes, remembered by path, size, time of change and inode."""
-        known = self.known_sha256(path)
-        if known is None:
-            known = sha256_file(path)
-            self.put_json("files", self.stat_key("sha256", path), known)
-        return known
+        return self.known_sha256(path) or self.hashed_sha256(path)
+
+    def hashed_sha256(self, path: Path) -> str:
+        """Return the SHA-256 of a file's bytes, read now, and remember it."""
+        key = self.stat_key("sha256", path)
+        found = sha256_file(path)
+        self.put_json("files", key, found)
+        return found
 
     def known_sha256(self, path: Path) -> str | None:
         """Return what `file_sha256` remembers of a file, None if it would have to read it."""

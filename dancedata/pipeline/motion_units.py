@@ -66,9 +66,9 @@ class ClipKeys:
 
 
 def hash_motion(cache: Cache, ref: ClipRef) -> str | Reject:
-    """Return the hash of a motion file."""
+    """Return the hash of a motion file, read now."""
     try:
-        return cache.file_sha256(ref.motion_path)
+        return cache.hashed_sha256(ref.motion_path)
     except OSError as error:
         return Reject("broken_file", clip=ref.id, file=str(ref.motion_path), detail=f"{ref.motion_path}: {error}")
 
