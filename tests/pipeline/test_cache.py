@@ -12,11 +12,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.clip import Reject
 from dancedata.core.errors import StoreError
 from dancedata.pipeline import audio_units, cache_files, motion_units
 from dancedata.pipeline import cache as cache_module
 from dancedata.pipeline.audio_units import FeatureKeys, SignalId
-from dancedata.pipeline.cache import Cache, EntryLostError
+from dancedata.pipeline.cache import Cache, CachedArray, EntryLostError
 from dancedata.pipeline.motion_units import MotionKeys
 from dancedata.pipeline.recipe_file import load_recipe
 
@@ -260,3 +262,57 @@ def test_a_song_is_known_by_its_samples_not_its_name(corpus: Path, own: Cache, t
     assert all(isinstance(signal, SignalId) for signal in found)
     assert len({signal.sha256 for signal in found}) == 1
     assert audio_units.known_signal(own, recipe, song) == found[0]
+
+
+@pytest.mark.parametrize("how", ["at rest", "touched", "replaced"])
+def test_a_song_that_changes_during_a_build_is_set_aside(
+    corpus: Path, own: Cache, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, how: str
+):
+    recipe = load_recipe("aist++")
+    (feature,) = recipe.audio
+    songs = sorted((corpus / "wavs").glob("*.wav"))
+    song = tmp_path / "song.wav"
+    song.write_bytes(songs[0].read_bytes())
+    identified = audio_units.identify_audio(own, recipe, song)
+    assert isinstance(identified, SignalId)
+    if how == "at rest":
+        # What is as it was is not hashed again.
+        monkeypatch.setattr(AudioSignal, "hash_of", None)
+    elif how == "touched":
+        os.utime(song, (0, 0))
+    else:
+        song.write_bytes(songs[-1].read_bytes())
+    key = FeatureKeys(recipe, feature).track(None, identified.sha256)
+    found = audio_units.extract_track(own, recipe, feature, identified, None, key)
+    if how == "replaced":
+        assert isinstance(found, Reject)
+        assert found.reason == "changed"
+        assert str(song) in found.detail
+        assert own.array("features", key) is None
+    else:
+        assert isinstance(found, CachedArray)
+
+
+def test_a_motion_that_changes_during_a_build_is_set_aside(corpus: Path, own: Cache):
+    recipe = load_recipe("aist++")
+    (ref, *_) = recipe.dataset.scan(corpus).clips
+    keys = MotionKeys(own, recipe).of(ref, "another")
+    found = motion_units.encode_motion(own, recipe, ref, "another", keys)
+    assert isinstance(found, Reject)
+    assert found.reason == "changed"
+    assert motion_units.known_motion(own, recipe, keys) is None
+
+
+def test_a_link_to_a_file_is_known_by_the_file(own: Cache, tmp_path: Path):
+    (tmp_path / "real").mkdir()
+    path, link, linked = tmp_path / "real" / "file", tmp_path / "link", tmp_path / "folder"
+    path.write_bytes(b"one")
+    link.symlink_to(path)
+    linked.symlink_to(path.parent)
+    own.file_sha256(path)
+    assert own.known_sha256(link) == own.known_sha256(linked / "file") == own.known_sha256(path) is not None
+    other = tmp_path / "other"
+    other.write_bytes(b"two")
+    link.unlink()
+    link.symlink_to(other)
+    assert own.known_sha256(link) is None
