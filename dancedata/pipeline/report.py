@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from dancedata.core.registry import CONTACTS, DATASETS, FEATURES, KEYMOTIONS, REPRESENTATIONS
+from dancedata.pipeline.cache_admin import size_text
 from dancedata.pipeline.plan import Plan
 from dancedata.pipeline.recipe_file import load_recipe, recipe_names
 from dancedata.pipeline.rejects import BY_CHOICE
@@ -57,7 +58,7 @@ def describe_store(path: Path) -> str:
     about = store_json(path)
     windows = about["windows"]
     lines = [
-        f"{about.get('name', path.name)}: {path} ({_size(about['bytes'])})",
+        f"{about.get('name', path.name)}: {path} ({size_text(about['bytes'])})",
         f"  {about['scope']} scope, {about['fps']} frames a second, "
         f"windows of {windows['length']} frames every {windows['stride']}",
         *_table(
@@ -149,7 +150,7 @@ def describe_plan(plan: Plan, out: Path) -> str:
     about = plan.to_json()
     windows = about["recipe"]["windows"]
     lines = [
-        f"{plan.recipe.name} into {out}: about {_size(about['bytes'])}",
+        f"{plan.recipe.name} into {out}: about {size_text(about['bytes'])}",
         f"  {plan.recipe.scope} scope, {plan.recipe.grid} frames a second, "
         f"windows of {windows['length_frames']} frames every {windows['stride_frames']}",
         *_table(
@@ -229,11 +230,3 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> list[str]:
         + "  ".join(c.ljust(w) if i == 0 else c.rjust(w) for i, (c, w) in enumerate(zip(row, widths, strict=True)))
         for row in cells
     ]
-
-
-def _size(n_bytes: float) -> str:
-    for unit in ("B", "kB", "MB"):
-        if n_bytes < 1000:
-            return f"{n_bytes:.3g} {unit}"
-        n_bytes /= 1000
-    return f"{n_bytes:.3g} GB"
