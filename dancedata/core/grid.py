@@ -102,12 +102,12 @@ class FrameGrid:
         if n_frames <= 0:
             return 0
         here, there = self._per(target)
-        return (n_frames - 1) * there // here + 1
+        return (int(n_frames) - 1) * there // here + 1
 
     def first_frame_from(self, frame: int, target: FrameGrid) -> int:
         """Return the first frame of `target` that does not lie before `frame` of this grid."""
         here, there = self._per(target)
-        return -(-frame * there // here)
+        return -(-int(frame) * there // here)
 
     def _per(self, target: FrameGrid) -> tuple[int, int]:
         """Return whole numbers that are to each other as the two rates: Fraction takes ten times as long."""

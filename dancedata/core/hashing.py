@@ -22,7 +22,7 @@ def sha256_bytes(*parts: bytes | memoryview) -> str:
     return digest.hexdigest()
 
 
-#: Made once: json.dumps makes one for every call, which takes longer than a key of the cache does.
+#: Made once: json.dumps makes one for every call, which takes longer than the rest of a key.
 _canonical = json.JSONEncoder(sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
 
 

@@ -134,6 +134,10 @@ class _Npz(ArrayFile):
         info = self._members[name]
         if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
             raise _broken(self.path, f"{name} is compressed in a way that numpy never writes")
+        size = self.path.stat().st_size
+        if info.compress_size > size:
+            # zipfile asks for as much memory as is announced here.
+            raise _broken(self.path, f"{name} announces {info.compress_size:,} packed bytes in a file of {size:,}")
         return self._archive.open(info)
 
     def _header(self, name: str, file: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:

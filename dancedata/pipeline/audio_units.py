@@ -80,6 +80,8 @@ def identify_audio(cache: Cache, recipe: Recipe, path: Path) -> SignalId | Rejec
                 known = cache.json("signals", key)
                 if known is None:
                     known = _hashed(recipe, load_audio(path))
+                    if Cache.stat_key("signal", path) != file:
+                        raise DataError(CHANGED, reason="changed", where=path, fix=BUILD_AGAIN)
                     cache.put_json("signals", key, known)
     except DataError as error:
         return reject_of(error, file=path)
@@ -163,7 +165,7 @@ class FeatureKeys:
     def _of(self, bpm: float | None) -> str:
         recipe, feature = self._recipe, self._feature
         # Else equal music would be computed again for another tempo, and for none.
-        bpm = bpm if getattr(feature, "uses_tempo", True) else None
+        bpm = None if bpm is None or not getattr(feature, "uses_tempo", True) else float(bpm)
         if bpm not in self._common:
             self._common[bpm] = Cache.key(
                 "feature",

@@ -73,6 +73,8 @@ class CachedArray:
         """
         try:
             array = files.read_array(self.path)
+        except FileNotFoundError:
+            array = self._read_again()
         except (OSError, ValueError) as error:
             raise self._lost(error) from error
         return np.array(array if self.entries is None else array[list(self.entries)], dtype=dtype)
@@ -95,6 +97,18 @@ class CachedArray:
         except (OSError, ValueError) as error:
             raise self._lost(error) from error
         return np.frombuffer(data, dtype, math.prod(shape), begin).reshape(shape)
+
+    def _read_again(self) -> npt.NDArray[Any]:
+        """Read an entry that is not there, after a look into its folder.
+
+        A network file system remembers for a while that a name was not there when it was last looked for; on
+        another machine the entry was made since then. Listing its folder makes it look.
+        """
+        try:
+            os.listdir(self.path.parent)
+            return files.read_array(self.path)
+        except (OSError, ValueError) as error:
+            raise self._lost(error) from error
 
     def _lost(self, error: Exception) -> EntryLostError:
         if isinstance(error, ValueError):
@@ -198,7 +212,8 @@ class Cache:
         """Return the SHA-256 of a file's bytes, read now, and remember it."""
         key = self.stat_key("sha256", path)
         found = sha256_file(path)
-        self.put_json("files", key, found)
+        if self.stat_key("sha256", path) == key:  # else it changed meanwhile, and is somebody's to find out
+            self.put_json("files", key, found)
         return found
 
     def known_sha256(self, path: Path) -> str | None:
@@ -211,7 +226,7 @@ class Cache:
         """Return a key that changes when the file at `path` does."""
         stat = path.lstat()
         if S_ISLNK(stat.st_mode):
-            path = path.resolve()
+            path = Path(os.path.realpath(path))
             stat = path.stat()
         folder, name = os.path.split(path)
         identity = [f"{_real_folder(folder)}{os.sep}{name}", stat.st_size, stat.st_mtime_ns, stat.st_ino]

@@ -32,13 +32,15 @@ from dancedata.store import AudioBlock, StoredClip
 
 def identify(cache: Cache, recipe: Recipe, scan: Scan, *, jobs: Jobs, progress: Progress) -> Gathered:
     """Find out what every clip's files are: hash motions, decode and hash music."""
-    content = content_hashes(cache, recipe.dataset)
+    content = content_hashes(recipe.dataset, cache.file_sha256)
     gathered = Gathered(recipe, scan, {r.id: r for r in scan.clips}, list(scan.rejects), content=content)
-    refs = list(scan.clips)
-    calls = [(cache, ref) for ref in refs]
-    known = [known_hash(cache, ref) for ref in refs]
-    hashes = run_units(hash_motion, calls, known=known, jobs=1, label="hashing motion", progress=progress)
-    for ref, sha in zip(refs, hashes, strict=True):
+    paths = list(dict.fromkeys(ref.motion_path for ref in scan.clips))
+    calls = [(cache, path) for path in paths]
+    known = [known_hash(cache, path) for path in paths]
+    found = run_units(hash_motion, calls, known=known, jobs=1, label="hashing motion", progress=progress)
+    hashes = dict(zip(paths, found, strict=True))
+    for ref in scan.clips:
+        sha = hashes[ref.motion_path]
         if isinstance(sha, Reject):
             gathered.drop(ref.id, sha)
         else:
@@ -144,7 +146,7 @@ def _stored(
 
 def _encode_all(cache: Cache, gathered: Gathered, jobs: Jobs, progress: Progress) -> dict[str, MotionResult]:
     refs = list(gathered.refs.values())
-    every = MotionKeys(cache, gathered.recipe)
+    every = MotionKeys(gathered.recipe, gathered.content)
     keys = [every.of(ref, gathered.motion_sha[ref.id]) for ref in refs]
     known = [known_motion(cache, gathered.recipe, own) for own in keys]
     calls = [(cache, gathered.recipe, r, gathered.motion_sha[r.id], own) for r, own in zip(refs, keys, strict=True)]

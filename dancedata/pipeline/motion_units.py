@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import lru_cache, partial
@@ -59,42 +59,60 @@ class MotionResult:
 
 @dataclass(frozen=True)
 class ClipKeys:
-    """Cache keys of what is known of a clip, and of its motion and key motion fields by name."""
+    """Cache keys of a clip.
+
+    Attributes
+    ----------
+    info
+        Of what is known of it.
+    fields
+        Of its motion and key motion fields, by name.
+    content
+        Hashes of further files that shaped the keys, see `content_hashes`.
+    """
 
     info: str
     fields: dict[str, str]
+    content: dict[str, str]
 
 
-def hash_motion(cache: Cache, ref: ClipRef) -> str | Reject:
+def hash_motion(cache: Cache, path: Path) -> str | Reject:
     """Return the hash of a motion file, read now."""
     try:
-        return cache.hashed_sha256(ref.motion_path)
+        return cache.hashed_sha256(path)
     except OSError as error:
-        return Reject("broken_file", clip=ref.id, file=str(ref.motion_path), detail=f"{ref.motion_path}: {error}")
+        return Reject("broken_file", file=str(path), detail=f"{path}: {error}")
 
 
-def known_hash(cache: Cache, ref: ClipRef) -> str | None:
+def known_hash(cache: Cache, path: Path) -> str | None:
     """Return what `hash_motion` would, if the cache remembers it."""
     try:
-        return cache.known_sha256(ref.motion_path)
+        return cache.known_sha256(path)
     except OSError:
         return None
 
 
 class MotionKeys:
-    """The cache keys of clips. What they have in common is hashed once."""
+    """The cache keys of clips. What they have in common is hashed once.
 
-    def __init__(self, cache: Cache, recipe: Recipe) -> None:
+    Parameters
+    ----------
+    content
+        Hashes of the files that the dataset's parameters name, see `content_hashes`.
+    """
+
+    def __init__(self, recipe: Recipe, content: Mapping[str, str]) -> None:
         dataset = recipe.dataset
-        loading = [dataset.name, dataset.version, document_of(dataset, loading=True), content_hashes(cache, dataset)]
+        loading = [dataset.name, dataset.version, document_of(dataset, loading=True), dict(content)]
         limits = [MAX_TURN_DEG_S, MAX_ROOT_SPEED_M_S]
+        self._content = dict(content)
         self._clip = Cache.key("clip", version=MOTION_STAGE, dataset=loading, limits=limits)
         self._fields = {
             encoder.name: Cache.key(
                 "motion",
                 version=[MOTION_STAGE, *encoder.version],
                 dataset=loading,
-                representation={encoder.name: encoder.document},
+                representation={encoder.name: encoder.document()},
                 fps=str(encoder.grid),
                 windows=_window_cut(recipe) if recipe.scope == "window" else None,
                 packages={name: package_version(name) for name in ("numpy", "scipy")},
@@ -111,7 +129,7 @@ class MotionKeys:
         def key(common: str) -> str:
             return Cache.key("clip", common=common, clip=[ref.id, ref.declared], file=sha256)
 
-        return ClipKeys(key(self._clip), {name: key(common) for name, common in self._fields.items()})
+        return ClipKeys(key(self._clip), {name: key(common) for name, common in self._fields.items()}, self._content)
 
 
 def encode_motion(cache: Cache, recipe: Recipe, ref: ClipRef, sha256: str, keys: ClipKeys) -> MotionResult | Reject:
@@ -161,6 +179,10 @@ def _encode_missing(
     made = {e.name: _encode(recipe, e, motion) for e in _encoders(recipe) if arrays[e.name] is None}
     if sha256_file(ref.motion_path) != sha256:
         raise DataError(CHANGED, reason="changed", where=ref.motion_path, fix=BUILD_AGAIN)
+    content = content_hashes(recipe.dataset, cache.file_sha256)
+    for named in sorted({*content, *keys.content}):
+        if content.get(named) != keys.content.get(named):
+            raise DataError(CHANGED, reason="changed", where=f"{ref.motion_path} ({named})", fix=BUILD_AGAIN)
     flags = [f.to_json() for f in quality_flags(motion)]
     info = [motion.n_frames, str(motion.grid), flags, motion.trim_start, vertical_extent(motion)]
     for name, array in made.items():
@@ -201,7 +223,7 @@ class _Encoder:
 
     name: str
     grid: FrameGrid
-    document: dict[str, Any]
+    document: Callable[[], dict[str, Any]]
     version: tuple[int, int]
     width: int
     encode: Callable[[Motion], npt.NDArray[np.float32]]
@@ -215,13 +237,15 @@ def _encoders(recipe: Recipe) -> list[_Encoder]:
         encode = partial(slot.representation.encode, contacts=rule)
         found.append(
             _Encoder(
-                slot.name, recipe.grid_of(slot), slot.document(), version, slot.representation.columns.width, encode
+                slot.name, recipe.grid_of(slot), slot.document, version, slot.representation.columns.width, encode
             )
         )
     for plugin in recipe.keymotion:
         version = (plugin.version, 0)
         found.append(
-            _Encoder(plugin.name, recipe.grid, document_of(plugin), version, plugin.columns.width, plugin.analyse)
+            _Encoder(
+                plugin.name, recipe.grid, partial(document_of, plugin), version, plugin.columns.width, plugin.analyse
+            )
         )
     return found
 
@@ -256,10 +280,10 @@ def vertical_extent(motion: Motion) -> float:
     return round(float(np.median(heights.max(axis=1) - heights.min(axis=1))), 4)
 
 
-def content_hashes(cache: Cache, dataset: Any) -> dict[str, str]:
+def content_hashes(dataset: Any, hash_file: Callable[[Path], str]) -> dict[str, str]:
     """Return the hash of every file that a dataset's parameters name, such as a body model.
 
-    Those are the fields whose metadata say ``{"content": True}``. Of a folder, all files count.
+    `hash_file` gives the SHA-256 of a file, such as `Cache.file_sha256`. Those files are the fields whose metadata say ``{"content": True}``. Of a folder, all files count.
     """
     hashes: dict[str, str] = {}
     for f in dataclasses.fields(dataset):
@@ -270,7 +294,7 @@ def content_hashes(cache: Cache, dataset: Any) -> dict[str, str]:
             for file in files:
                 if file.exists():
                     named = file.relative_to(root if root.is_dir() else root.parent).as_posix()
-                    hashes[f"{f.name}/{named}"] = cache.file_sha256(file)
+                    hashes[f"{f.name}/{named}"] = hash_file(file)
     return hashes
 
 

@@ -12,7 +12,7 @@ from dancedata.core.clip import ClipRef
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.pipeline.audio_units import FeatureKeys, known_signal
 from dancedata.pipeline.cache import Cache
-from dancedata.pipeline.motion_units import MotionKeys
+from dancedata.pipeline.motion_units import MotionKeys, content_hashes
 from dancedata.pipeline.recipe import Recipe, resolve_feature
 
 
@@ -61,7 +61,11 @@ def cached_units(cache: Cache, recipe: Recipe, clips: Sequence[tuple[ClipRef, in
 def _motion(cache: Cache, recipe: Recipe, refs: Sequence[ClipRef]) -> dict[str, Cached]:
     names = [plugin.name for plugin in (*recipe.motion, *recipe.keymotion)]
     held = dict.fromkeys(names, 0)
-    every = MotionKeys(cache, recipe)
+    try:
+        every = MotionKeys(recipe, content_hashes(recipe.dataset, _known(cache)))
+    except _UnknownError:
+        # A body model that no build has read.
+        return {name: Cached("clips", 0, len(refs)) for name in names}
     for ref in refs:
         sha256 = cache.known_sha256(ref.motion_path)
         if sha256 is None:

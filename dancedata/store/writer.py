@@ -6,7 +6,7 @@ import itertools
 import json
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from pathlib import Path
 from typing import Any
 
@@ -75,10 +75,11 @@ def write_store(
 
     try:
         with ThreadPoolExecutor(max_workers=1, thread_name_prefix="hashing") as beside:
-            # A shard is hashed while the next one, or the statistics, are worked on.
-            described = []
+            # A shard is hashed while the next one, or the statistics, are worked on; no two wait for it.
+            described: list[Future[dict[str, Any]]] = []
             for plan in plans:
                 write_shard(out, plan, advance)
+                wait(described)
                 described.append(beside.submit(_describe_shard, out, plan))
             stats = compute_stats(out, header, plans)
             document["shards"] = [shard.result() for shard in described]

@@ -6,12 +6,14 @@ import multiprocessing
 import os
 import signal
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from dancedata.audio.signal import load_audio
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.clip import Reject
 from dancedata.core.errors import StoreError
@@ -19,7 +21,10 @@ from dancedata.pipeline import audio_units, cache_files, motion_units
 from dancedata.pipeline import cache as cache_module
 from dancedata.pipeline.audio_units import FeatureKeys, SignalId
 from dancedata.pipeline.cache import Cache, CachedArray, EntryLostError
-from dancedata.pipeline.motion_units import MotionKeys
+from dancedata.pipeline.execute import Progress
+from dancedata.pipeline.gather import identify
+from dancedata.pipeline.motion_units import MotionKeys, content_hashes
+from dancedata.pipeline.recipe import Recipe
 from dancedata.pipeline.recipe_file import load_recipe
 
 FORK = multiprocessing.get_context("fork")
@@ -32,9 +37,17 @@ def own(tmp_path: Path) -> Cache:
     return Cache(tmp_path / "cache")
 
 
+def motion_keys(cache: Cache, recipe: Recipe) -> MotionKeys:
+    return MotionKeys(recipe, content_hashes(recipe.dataset, cache.file_sha256))
+
+
 def feature_key(*overrides: str, bpm: float | None = 120.0, sha: str = "s") -> str:
     recipe = load_recipe("aist++", overrides)
     return FeatureKeys(recipe, recipe.audio[0]).track(bpm, sha)
+
+
+def test_a_tempo_is_a_number_however_it_is_written():
+    assert feature_key(bpm=120) == feature_key(bpm=120.0)
 
 
 @pytest.mark.parametrize(
@@ -77,7 +90,7 @@ def test_what_shapes_motion_is_in_its_key(corpus: Path, own: Cache, tmp_path: Pa
     def key(*overrides: str, sha: str = "m") -> str:
         recipe = load_recipe("aist++", overrides)
         (ref, *_) = recipe.dataset.scan(corpus).clips
-        return MotionKeys(own, recipe).of(ref, sha).fields["edge151"]
+        return motion_keys(own, recipe).of(ref, sha).fields["edge151"]
 
     keys = [key(), key(sha="n"), key("fps=60"), key("motion.edge151.contacts.velocity.max_speed_m_s=1")]
     keys.append(key("scope=window"))
@@ -93,7 +106,7 @@ def test_another_body_model_is_another_key(own: Cache, tmp_path: Path):
         model.write_bytes(content)
         recipe = load_recipe("finedance", [f"dataset.finedance.body_model={model}"])
         ref = motion_units.ClipRef("001", tmp_path / "001.npy", None, music="001", split="train")
-        keys.append(MotionKeys(own, recipe).of(ref, "m"))
+        keys.append(motion_keys(own, recipe).of(ref, "m"))
     assert keys[0] != keys[1]
 
 
@@ -296,7 +309,7 @@ def test_a_song_that_changes_during_a_build_is_set_aside(
 def test_a_motion_that_changes_during_a_build_is_set_aside(corpus: Path, own: Cache):
     recipe = load_recipe("aist++")
     (ref, *_) = recipe.dataset.scan(corpus).clips
-    keys = MotionKeys(own, recipe).of(ref, "another")
+    keys = motion_keys(own, recipe).of(ref, "another")
     found = motion_units.encode_motion(own, recipe, ref, "another", keys)
     assert isinstance(found, Reject)
     assert found.reason == "changed"
@@ -316,3 +329,81 @@ def test_a_link_to_a_file_is_known_by_the_file(own: Cache, tmp_path: Path):
     link.unlink()
     link.symlink_to(other)
     assert own.known_sha256(link) is None
+
+
+def test_a_body_model_that_changes_during_a_build_is_no_part_of_it(corpus: Path, own: Cache):
+    recipe = load_recipe("aist++")
+    (ref, *_) = recipe.dataset.scan(corpus).clips
+    sha = own.file_sha256(ref.motion_path)
+    # As if a model had been there when the keys were made.
+    keys = MotionKeys(recipe, {"body_model/model.npz": "0"}).of(ref, sha)
+    found = motion_units.encode_motion(own, recipe, ref, sha, keys)
+    assert isinstance(found, Reject)
+    assert found.reason == "changed"
+    assert "body_model/model.npz" in found.detail
+    assert motion_units.known_motion(own, recipe, keys) is None
+
+
+def test_a_song_that_changes_while_it_is_looked_at_is_not_remembered(
+    corpus: Path, own: Cache, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    recipe = load_recipe("aist++")
+    song = tmp_path / "song.wav"
+    song.write_bytes(next((corpus / "wavs").glob("*.wav")).read_bytes())
+    before = song.stat()
+    plain = load_audio
+
+    def load(path: Path) -> AudioSignal:
+        os.utime(path, (0, 0))
+        return plain(path)
+
+    monkeypatch.setattr("dancedata.audio.signal.load_audio", load)
+    found = audio_units.identify_audio(own, recipe, song)
+    assert isinstance(found, Reject)
+    assert found.reason == "changed"
+    os.utime(song, ns=(before.st_atime_ns, before.st_mtime_ns))
+    assert audio_units.known_signal(own, recipe, song) is None
+
+
+def test_a_motion_file_of_several_clips_is_hashed_once(corpus: Path, own: Cache, monkeypatch: pytest.MonkeyPatch):
+    recipe = load_recipe("aist++")
+    scan = recipe.dataset.scan(corpus)
+    scan = replace(scan, clips=tuple(replace(scan.clips[0], id=f"clip{i}") for i in range(3)))
+    read: list[Path] = []
+    plain = Cache.hashed_sha256
+
+    def hashed(cache: Cache, path: Path) -> str:
+        read.append(path)
+        return plain(cache, path)
+
+    monkeypatch.setattr(Cache, "hashed_sha256", hashed)
+    gathered = identify(own, recipe, scan, jobs=1, progress=Progress(quiet=True))
+    assert read == [scan.clips[0].motion_path]
+    assert len(gathered.motion_sha) == 3
+
+
+def test_links_that_go_round_are_an_error_of_the_file(own: Cache, tmp_path: Path):
+    loop = tmp_path / "loop"
+    loop.symlink_to(loop)
+    with pytest.raises(OSError, match="loop"):
+        own.file_sha256(loop)
+
+
+def test_an_entry_that_a_network_file_system_does_not_show_yet(own: Cache, monkeypatch: pytest.MonkeyPatch):
+    array = own.put_array("features", KEY, np.arange(3.0))
+    looked: list[Path] = []
+    plain_list, plain_read = os.listdir, cache_files.read_array
+
+    def listdir(path: Path) -> list[str]:
+        looked.append(path)
+        return plain_list(path)
+
+    def read(path: Path) -> np.ndarray:
+        if not looked:
+            raise FileNotFoundError(path)
+        return plain_read(path)
+
+    monkeypatch.setattr(os, "listdir", listdir)
+    monkeypatch.setattr(cache_files, "read_array", read)
+    assert np.array_equal(np.asarray(array), np.arange(3.0))
+    assert looked == [array.path.parent]
