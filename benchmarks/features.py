@@ -62,9 +62,7 @@ audio: {{librosa35: {{}}}}
 def main() -> None:
     """Run what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument(
-        "--songs", type=int, default=40, help="20 windows each, 18 with --command; 2 to 60 (default 40)"
-    )
+    parser.add_argument("--songs", type=int, default=40, help="2 to 60 (default 40)")
     parser.add_argument("--plain-windows", type=int, default=3, help="of each song, by the plain loop (default 3)")
     parser.add_argument("--command", action="store_true", help="time `dancedata build` from the shell instead")
     parser.add_argument("--rounds", type=int, default=3, help="of --command (default 3)")

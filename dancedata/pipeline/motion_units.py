@@ -241,12 +241,8 @@ def _encoders(recipe: Recipe) -> list[_Encoder]:
             )
         )
     for plugin in recipe.keymotion:
-        version = (plugin.version, 0)
-        found.append(
-            _Encoder(
-                plugin.name, recipe.grid, partial(document_of, plugin), version, plugin.columns.width, plugin.analyse
-            )
-        )
+        document, width = partial(document_of, plugin), plugin.columns.width
+        found.append(_Encoder(plugin.name, recipe.grid, document, (plugin.version, 0), width, plugin.analyse))
     return found
 
 
@@ -283,7 +279,12 @@ def vertical_extent(motion: Motion) -> float:
 def content_hashes(dataset: Any, hash_file: Callable[[Path], str]) -> dict[str, str]:
     """Return the hash of every file that a dataset's parameters name, such as a body model.
 
-    `hash_file` gives the SHA-256 of a file, such as `Cache.file_sha256`. Those files are the fields whose metadata say ``{"content": True}``. Of a folder, all files count.
+    Those files are the fields whose metadata say ``{"content": True}``. Of a folder, all files count.
+
+    Parameters
+    ----------
+    hash_file
+        Gives the SHA-256 of a file, such as `Cache.file_sha256`.
     """
     hashes: dict[str, str] = {}
     for f in dataclasses.fields(dataset):
