@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import pkgutil
 from collections.abc import Callable
+from functools import lru_cache
 from importlib.metadata import entry_points
 from typing import Any, TypeVar
 
@@ -71,8 +72,14 @@ class Registry:
         for module in pkgutil.iter_modules(package.__path__):
             if not module.name.startswith("_"):
                 importlib.import_module(f"{self.package}.{module.name}")
-        for entry in entry_points(group=self.package):
+        for entry in _installed().select(group=self.package):
             entry.load()
+
+
+@lru_cache(maxsize=1)
+def _installed() -> Any:
+    # Of all groups at once: each question reads the metadata of all installed packages.
+    return entry_points()
 
 
 DATASETS = Registry("dataset", "dancedata.datasets")
