@@ -14,8 +14,9 @@ what EDGE's `create_dataset` does for every window: load the window's own wav, a
   process after its start-up for as many windows as the dataset has; median of the rounds. Two corpora: "demo" is
   that of `dancedata build demo`, where four clips share a song, and so windows of music, which the plain loop
   computes for every clip (AIST++ has 23 clips a song); "distinct" has one clip a song, and no window twice.
-  Python's compiled files (.pyc) are there, as they are after an installation. As wall time is that of all that
-  runs on the machine, the CPU time of all processes is printed, too.
+  A third, "tiny", of clips with one window, shows what starting up takes. Python's compiled files (.pyc) are
+  there, as they are after an installation. As wall time is that of all that runs on the machine, the CPU time of
+  all processes is printed, too.
 """
 
 from __future__ import annotations
@@ -140,7 +141,7 @@ def time_command(n_songs: int, rounds: int, jobs: int) -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         _write_corpora(folder, n_songs)
-        cases = [(corpus, scope) for corpus in ("demo", "distinct") for scope in ("window", "track")]
+        cases = [(corpus, scope) for corpus in ("demo", "distinct", "tiny") for scope in ("window", "track")]
         plain: list[tuple[float, float]] = []
         n_windows: dict[tuple[str, str], int] = {}
         times: dict[tuple[str, str], list[tuple[float, float]]] = {case: [] for case in cases}
@@ -165,8 +166,12 @@ def time_command(n_songs: int, rounds: int, jobs: int) -> None:
 
 
 def _write_corpora(folder: Path, n_songs: int) -> None:
-    """Write recipes, and the sources "demo" and "distinct", the latter with one clip of each song."""
-    made = {"demo": "{seed: 0}", "distinct": f"{{songs: {n_songs}, clips_per_song: 2, clip_s: {CLIP_S}}}"}
+    """Write recipes, and the sources "demo", "distinct", with one clip of each song, and "tiny"."""
+    made = {
+        "demo": "{seed: 0}",
+        "distinct": f"{{songs: {n_songs}, clips_per_song: 2, clip_s: {CLIP_S}}}",
+        "tiny": "{songs: 2, clips_per_song: 2, clip_s: 5}",
+    }
     for corpus, parameters in made.items():
         recipe = RECIPE.format(dataset=f"{{synthetic: {parameters}}}", scope="track")
         (folder / "made.yaml").write_text(recipe, encoding="utf-8")
