@@ -223,7 +223,7 @@ def units(n: int = 2000) -> None:
         print(f"{'publishing 90 kB, flushed to disk (units above 0.5 s)':<58} {spent:8.1f} us a unit")
 
 
-def throughput(songs: int = 4, clips: int = 4) -> None:
+def throughput(songs: int = 20, clips: int = 8) -> None:
     """Build a synthetic corpus with 1 and 2 jobs, and the second time from the cache."""
     settings = [f"dataset.synthetic.songs={songs}", f"dataset.synthetic.clips_per_song={clips}"]
     recipe: Recipe = load_recipe("demo", settings)
