@@ -24,6 +24,7 @@ from dancedata.pipeline.cache import Cache, CachedArray, EntryLostError
 from dancedata.pipeline.execute import Progress
 from dancedata.pipeline.gather import identify
 from dancedata.pipeline.motion_units import MotionKeys, content_hashes
+from dancedata.pipeline.plan_cached import Cached, cached_units
 from dancedata.pipeline.recipe import Recipe
 from dancedata.pipeline.recipe_file import load_recipe
 
@@ -108,6 +109,16 @@ def test_another_body_model_is_another_key(own: Cache, tmp_path: Path):
         ref = motion_units.ClipRef("001", tmp_path / "001.npy", None, music="001", split="train")
         keys.append(motion_keys(own, recipe).of(ref, "m"))
     assert keys[0] != keys[1]
+
+
+def test_a_plan_reads_no_body_model_and_writes_nothing(own: Cache, tmp_path: Path):
+    model = tmp_path / "model.npz"
+    model.write_bytes(b"one")
+    recipe = load_recipe("finedance", [f"dataset.finedance.body_model={model}"])
+    ref = motion_units.ClipRef("001", tmp_path / "001.npy", None, music="001", split="train")
+    for slot in recipe.motion:
+        assert cached_units(own, replace(recipe, audio=()), [(ref, 1)])[slot.name] == Cached("clips", 0, 1)
+    assert not own.root.exists()
 
 
 def test_hashes_of_files_are_remembered_until_the_file_changes(own: Cache, tmp_path: Path):

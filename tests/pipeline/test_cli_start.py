@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import pickle
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
+
+from dancedata.pipeline.audio_units import SignalId, extract_track, identify_audio
+from dancedata.pipeline.cache import Cache
+from dancedata.pipeline.motion_units import MotionKeys, encode_motion
+from dancedata.pipeline.recipe_file import load_recipe
 
 #: Each of these takes a good part of a second, or needs an extra.
 HEAVY = {"torch", "librosa", "scipy", "numba", "sklearn", "pandas", "matplotlib", "soundfile", "soxr"}
@@ -35,3 +42,23 @@ def test_help_is_light(args: list[str]):
 def test_reading_is_light():
     names = imported("-c", "import dancedata; dancedata.open")
     assert names & (HEAVY | {"joblib", "pydantic", "typer"}) == set()
+
+
+def test_workers_import_neither_pydantic_nor_librosa(corpus: Path, tmp_path: Path):
+    recipe, cache = load_recipe("aist++"), Cache(tmp_path / "cache")
+    (ref, *_) = recipe.dataset.scan(corpus).clips
+    sha = cache.file_sha256(ref.motion_path)
+    keys = MotionKeys(recipe, {}).of(ref, sha)
+    signal = identify_audio(cache, recipe, ref.audio_path)
+    (feature,) = recipe.audio
+    units = [
+        (encode_motion, (cache, recipe, ref, sha, keys)),
+        (extract_track, (cache, recipe, feature, signal, 120.0, "0" * 64)),
+    ]
+    (tmp_path / "units").write_bytes(pickle.dumps(units))
+    code = "import pickle, sys\nfor function, call in pickle.load(open(sys.argv[1], 'rb')): function(*call)"
+    names = imported("-c", code, str(tmp_path / "units"))
+    assert "soxr" in names
+    assert names & {"pydantic", "librosa", "numba", "h5py", "typer", "torch"} == set()
+    assert isinstance(signal, SignalId)
+    assert cache.array("features", "0" * 64) is not None
