@@ -22,13 +22,13 @@ from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid, Number
 from dancedata.core.registry import FEATURES
 from dancedata.pipeline.audio_units import (
-    WINDOWS_A_UNIT,
     FeatureKeys,
     SignalId,
     extract_track,
     extract_windows,
     identify_audio,
     known_windows,
+    window_units,
 )
 from dancedata.pipeline.cache import Cache, CachedArray, EntryLostError, default_cache
 from dancedata.pipeline.execute import one_thread
@@ -144,14 +144,12 @@ class FeatureCache:
         with one_thread():
             signal = self._identify(recipe, song)
             every = FeatureKeys(recipe, plugin)
-            numbers = range(len(signal.windows))
-            for begin in range(0, len(numbers), WINDOWS_A_UNIT):
-                some = numbers[begin : begin + WINDOWS_A_UNIT]
-                keys = {number: every.window(start_bpm, signal.windows[number]) for number in some}
-                found = known_windows(cache, keys)
+            keys = {number: every.window(start_bpm, window) for number, window in enumerate(signal.windows)}
+            for unit in window_units(keys):
+                found = known_windows(cache, unit)
                 if found is None:
-                    found = _found(extract_windows(cache, recipe, plugin, signal, start_bpm, keys))
-                rows += [np.asarray(found[number]) for number in some]
+                    found = _found(extract_windows(cache, recipe, plugin, signal, start_bpm, unit))
+                rows += [np.asarray(found[number]) for number in unit]
         if not rows:
             return np.empty((0, length_frames, plugin.columns.width), plugin.dtype)
         return np.stack(rows)

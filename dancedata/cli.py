@@ -64,7 +64,7 @@ def build(
 ) -> None:
     """Build a dataset: dancedata build aist++ --source DIR --out DIR."""
     from dancedata.pipeline.build import build as run_build
-    from dancedata.pipeline.execute import Progress, n_cores
+    from dancedata.pipeline.execute import Progress
     from dancedata.pipeline.recipe_file import load_recipe
     from dancedata.pipeline.report import describe_store, store_json
 
@@ -72,8 +72,12 @@ def build(
     target = out or Path("data") / made.name
     progress = Progress(quiet=quiet or as_json)
     folder = _source_of(made, source, target)
+    if jobs is None:
+        from joblib import cpu_count
+
+        jobs = cpu_count()
     options: dict[str, Any] = {
-        "jobs": jobs or n_cores(), "strict": strict, "cache": cache, "progress": progress,
+        "jobs": jobs, "strict": strict, "cache": cache, "progress": progress,
     }  # fmt: skip
     if part is not None:
         if backend != "loky" or scheduler is not None or overwrite:

@@ -26,8 +26,8 @@ from dancedata.pipeline.rejects import BUILD_AGAIN, CHANGED, reject_of
 #: Raised by hand when a stage here gives other numbers for the same input.
 SIGNAL_STAGE, FEATURE_STAGE = 2, 2
 #: Windows of a song in one unit of work: enough for what neighbours share to pay, few enough to share out a long
-#: song among workers. Whoever asks for windows cuts songs alike, for the first window's lock stands for all.
-WINDOWS_A_UNIT = 128
+#: song among workers.
+_WINDOWS_A_UNIT = 128
 
 
 @dataclass(frozen=True)
@@ -215,7 +215,7 @@ def extract_windows(
     call: a build that is killed goes on after the last of them. `ahead` is as for `extract_track`.
     """
     try:
-        # Builds cut a song into the same units, so that the first window's lock keeps others out.
+        # All cut songs into the same units, see `window_units`, so that the first window's lock keeps others out.
         with cache.lock("features", keys[min(keys)]):
             found = {number: cache.array("features", key) for number, key in keys.items()}
             missing = [number for number, array in found.items() if array is None]
@@ -232,6 +232,16 @@ def extract_windows(
     except DataError as error:
         return reject_of(error, file=signal.path)
     return {number: array for number, array in found.items() if array is not None}
+
+
+def window_units(keys: Mapping[int, str]) -> list[dict[int, str]]:
+    """Cut a song's windows, keys by number, into the units of work that `extract_windows` takes.
+
+    Whoever asks for windows cuts songs so, for the first window's lock stands for all of its unit.
+    """
+    numbers = sorted(keys)
+    cuts = [numbers[begin : begin + _WINDOWS_A_UNIT] for begin in range(0, len(numbers), _WINDOWS_A_UNIT)]
+    return [{number: keys[number] for number in some} for some in cuts]
 
 
 def known_windows(cache: Cache, keys: Mapping[int, str]) -> dict[int, CachedArray] | None:

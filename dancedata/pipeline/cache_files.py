@@ -26,6 +26,8 @@ from uuid import uuid4
 import numpy as np
 import numpy.typing as npt
 
+from dancedata.core.hashing import canonical_json
+
 #: Folders of the cache that hold no entries.
 TEMPORARY, LOCKS = "tmp", "locks"
 #: How the names of files in LOCKS begin that builds hold as long as they run.
@@ -90,7 +92,7 @@ def read_array(path: Path) -> npt.NDArray[Any]:
 
 def json_parts(obj: Any) -> list[bytes | memoryview]:
     """Return the bytes of a JSON entry, which names its own checksum."""
-    text = json.dumps(obj, sort_keys=True, separators=(",", ":"), allow_nan=False).encode()
+    text = canonical_json(obj).encode()
     return [b'{"crc32": %d, "content": ' % zlib.crc32(text), text, b"}\n"]
 
 

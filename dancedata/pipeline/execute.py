@@ -184,13 +184,6 @@ class _Run:
         return sorted(found)
 
 
-def n_cores() -> int:
-    """Return how many cores this process may use, container limits and affinity considered."""
-    from joblib import cpu_count
-
-    return int(cpu_count())
-
-
 def unit_name(call: Sequence[Any]) -> str:
     """Return how people know a unit of work: its clip and file."""
     for argument in call:

@@ -9,12 +9,12 @@ from typing import Any
 
 from dancedata.core.clip import Reject
 from dancedata.pipeline.audio_units import (
-    WINDOWS_A_UNIT,
     FeatureKeys,
     SignalId,
     extract_track,
     extract_windows,
     known_windows,
+    window_units,
 )
 from dancedata.pipeline.cache import Cache, CachedArray
 from dancedata.pipeline.execute import Progress, run_units
@@ -105,10 +105,8 @@ class _Extraction:
         gathered = self.gathered
         calls: list[tuple[Any, ...]] = []
         for (path, bpm), keys in songs.items():
-            numbers = sorted(keys)
-            for begin in range(0, len(numbers), WINDOWS_A_UNIT):
-                some = {number: keys[number] for number in numbers[begin : begin + WINDOWS_A_UNIT]}
-                calls.append((self.cache, gathered.recipe, self.feature, gathered.signals[path], bpm, some))
+            song = gathered.signals[path]
+            calls += [(self.cache, gathered.recipe, self.feature, song, bpm, unit) for unit in window_units(keys)]
         known = [known_windows(self.cache, call[5]) for call in calls]
         arrays: dict[str, CachedArray] = {}
         failed: dict[Path, Reject] = {}
