@@ -21,7 +21,7 @@ from dancedata.pipeline.diff import document_differences, shaping
 from dancedata.pipeline.execute import Progress
 from dancedata.pipeline.gather import gather, identify, require_clips
 from dancedata.pipeline.gathered import Gathered
-from dancedata.pipeline.out_folder import check_out, clean, locked, swapped
+from dancedata.pipeline.out_folder import check_out, locked, new_dataset
 from dancedata.pipeline.recipe import Recipe, resolve
 from dancedata.pipeline.rejects import BY_CHOICE
 from dancedata.pipeline.workers import Workers, check_backend, hired
@@ -98,7 +98,7 @@ def build(
     store_cache = Cache((cache or default_cache()).absolute())
     recipe = resolve(recipe, store_cache.file_sha256)
     with locked(out):
-        check_out(out)
+        check_out(out, overwrite=overwrite)
         scan: Scan = recipe.dataset.scan(source)
         with hired_for(recipe, source, store_cache, jobs, backend, scheduler) as workers:
             made = _Build(recipe, source, out, scan, store_cache, workers, progress, overwrite, strict)
@@ -151,12 +151,8 @@ class _Build:
         stop_if_strict(self.strict, gathered.rejects)
         require_clips(clips, gathered.rejects)
         gathered.rejects = [_relative(r, self.source) for r in gathered.rejects]
-        if (self.out / DATASET_FILE).exists():
-            with swapped(self.out) as fresh:
-                _write(fresh, self.recipe, gathered, clips, source_sha256, self.progress)
-        else:
-            clean(self.out)
-            _write(self.out, self.recipe, gathered, clips, source_sha256, self.progress)
+        with new_dataset(self.out) as folder:
+            _write(folder, self.recipe, gathered, clips, source_sha256, self.progress)
         return True
 
 

@@ -12,11 +12,11 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, TextIO
-from uuid import uuid4
 
 from dancedata.core.errors import DanceDataError
+from dancedata.core.locks import left_behind
 from dancedata.pipeline.cache import entered
-from dancedata.pipeline.cache_files import held, left_behind
+from dancedata.pipeline.cache_files import held, temporary_name
 from dancedata.pipeline.last_words import doing
 from dancedata.pipeline.workers import Jobs, Workers, check_surroundings
 
@@ -96,7 +96,7 @@ class _Run:
     ) -> None:
         self.function, self.calls, self.workers, self.label, self.advance = function, calls, workers, label, advance
         self.scratch = scratch
-        self.name = uuid4().hex
+        self.name = temporary_name()
         self.found: dict[int, Any] = {}
 
     def results(self) -> list[Any]:
