@@ -14,22 +14,20 @@ from dancedata.core.clip import Reject, Scan
 from dancedata.core.errors import DataError, StoreError, UsageError
 from dancedata.core.version import __version__
 from dancedata.pipeline.audio_units import libsndfile_version
-from dancedata.pipeline.cache import Cache, EntryLostError, default_cache, package_version
+from dancedata.pipeline.cache import Cache, default_cache, package_version
 from dancedata.pipeline.cache_files import running, sweep
 from dancedata.pipeline.card import dataset_card
 from dancedata.pipeline.diff import document_differences, shaping
 from dancedata.pipeline.execute import Progress
 from dancedata.pipeline.gather import gather, identify, require_clips
 from dancedata.pipeline.gathered import Gathered
+from dancedata.pipeline.lost_entries import with_lost_entries
 from dancedata.pipeline.out_folder import check_out, locked, new_dataset
 from dancedata.pipeline.recipe import Recipe, resolve
 from dancedata.pipeline.rejects import BY_CHOICE
 from dancedata.pipeline.workers import Workers, check_backend, hired
 from dancedata.store import Field, StoredClip, StoreHeader, open_store, write_store
 from dancedata.store.schema import DATASET_FILE
-
-#: How often a build computes entries of the cache again that were removed or damaged while it ran.
-LOST_ENTRIES = 3
 
 
 @dataclass(frozen=True)
@@ -132,12 +130,7 @@ class _Build:
 
     def run(self) -> bool:
         """Build; False if the dataset is there already."""
-        for _ in range(LOST_ENTRIES):
-            try:
-                return self._run()
-            except EntryLostError as error:
-                self.progress.say(f"{error.where}: {error.problem}; it is computed again")
-        return self._run()
+        return with_lost_entries(self.cache, lambda cache: replace(self, cache=cache)._run(), self.progress)
 
     def _run(self) -> bool:
         gathered = identify(self.cache, self.recipe, self.scan, jobs=self.workers, progress=self.progress)
