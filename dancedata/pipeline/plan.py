@@ -14,7 +14,7 @@ from dancedata.core.grid import FrameGrid
 from dancedata.pipeline.build import header_of
 from dancedata.pipeline.cache import Cache, default_cache
 from dancedata.pipeline.execute import Progress, run_units
-from dancedata.pipeline.gather import audio_window_count
+from dancedata.pipeline.gather import audio_window_count, scan_source
 from dancedata.pipeline.motion_units import motion_window_count
 from dancedata.pipeline.plan_cached import Cached, cached_units
 from dancedata.pipeline.recipe import Recipe
@@ -115,7 +115,7 @@ def make_plan(
     recipe: Recipe, source: Path, *, jobs: int = 1, cache: Path | None = None, progress: Progress | None = None
 ) -> Plan:
     """Find out what `build` would make of a source, and what of that is in the cache."""
-    scan: Scan = recipe.dataset.scan(source)
+    scan = scan_source(recipe, source)
     progress = progress or Progress(quiet=True)
     songs: dict[Path | None, Any] = {None: "missing_music"}
     if recipe.audio:
