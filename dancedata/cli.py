@@ -133,7 +133,8 @@ def plan(
     found = make_plan(made, folder, jobs=jobs, cache=cache, progress=progress)
     if as_json:
         _print_json(found.to_json())
-    else:
+    found.require_clips()
+    if not as_json:
         typer.echo(describe_plan(found, target))
 
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from dancedata.core.clip import Reject, Scan
-from dancedata.core.errors import DataError, StoreError, UsageError
+from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.version import __version__
 from dancedata.pipeline.audio_units import libsndfile_version
 from dancedata.pipeline.cache import Cache, EntryLostError, default_cache, package_version
@@ -19,11 +19,11 @@ from dancedata.pipeline.cache_files import running, sweep
 from dancedata.pipeline.card import dataset_card
 from dancedata.pipeline.diff import document_differences, shaping
 from dancedata.pipeline.execute import Progress
-from dancedata.pipeline.gather import gather, identify, require_clips
+from dancedata.pipeline.gather import gather, identify
 from dancedata.pipeline.gathered import Gathered
+from dancedata.pipeline.left_out import nothing_left, stop_if_strict
 from dancedata.pipeline.out_folder import check_out, clean, locked, swapped
 from dancedata.pipeline.recipe import Recipe, resolve
-from dancedata.pipeline.rejects import BY_CHOICE
 from dancedata.pipeline.workers import Workers, check_backend, hired
 from dancedata.store import Field, StoredClip, StoreHeader, open_store, write_store
 from dancedata.store.schema import DATASET_FILE
@@ -144,13 +144,14 @@ class _Build:
         source_sha256 = gathered.source_sha256()
         if (self.out / DATASET_FILE).exists() and not self.overwrite:
             _require_same(self.out, self.recipe, source_sha256)
-            stop_if_strict(self.strict, _rejects_there(self.out))
+            stop_if_strict(self.strict, _rejects_there(self.out), self.scan)
             return False
-        stop_if_strict(self.strict, [*gathered.rejects, *gathered.audio_problems.values()])
+        stop_if_strict(self.strict, [*gathered.rejects, *gathered.audio_problems.values()], self.scan)
         clips = gather(self.cache, gathered, jobs=self.workers, progress=self.progress)
-        stop_if_strict(self.strict, gathered.rejects)
-        require_clips(clips, gathered.rejects)
-        gathered.rejects = [_relative(r, self.source) for r in gathered.rejects]
+        stop_if_strict(self.strict, gathered.rejects, self.scan)
+        gathered.rejects = [relative_to(r, self.source) for r in gathered.rejects]
+        if not clips:
+            raise nothing_left(self.source, self.scan, gathered.rejects)
         if (self.out / DATASET_FILE).exists():
             with swapped(self.out) as fresh:
                 _write(fresh, self.recipe, gathered, clips, source_sha256, self.progress)
@@ -256,20 +257,7 @@ def _rejects_there(out: Path) -> list[Reject]:
         return [Reject(**row) for row in store.rejects]
 
 
-def _relative(reject: Reject, source: Path) -> Reject:
+def relative_to(reject: Reject, source: Path) -> Reject:
     """Name files relative to the source: where it lies shapes no byte of a dataset."""
     prefix = f"{source}{os.sep}"
     return replace(reject, file=reject.file.removeprefix(prefix), detail=reject.detail.replace(prefix, ""))
-
-
-def stop_if_strict(strict: bool, rejects: Sequence[Reject]) -> None:
-    """Raise DataError for the first broken clip, if the build is strict."""
-    broken = [r for r in rejects if r.reason not in BY_CHOICE]
-    if strict and broken:
-        first = broken[0]
-        raise DataError(
-            f"{len(broken)} broken clip{'s' * (len(broken) != 1)} in a strict build, the first: {first.detail}",
-            reason=first.reason,
-            where=first.clip or first.file,
-            fix="mend or remove it, or build without --strict to set it aside",
-        )
