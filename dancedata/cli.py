@@ -66,7 +66,8 @@ def build(
     from dancedata.pipeline.build import build as run_build
     from dancedata.pipeline.execute import Progress
     from dancedata.pipeline.recipe_file import load_recipe
-    from dancedata.pipeline.report import describe_store, store_json
+    from dancedata.pipeline.report import store_json
+    from dancedata.pipeline.summary import describe_built, describe_unchanged
 
     made = load_recipe(recipe, overrides or ())
     target = out or Path("data") / made.name
@@ -84,21 +85,19 @@ def build(
             raise UsageError("--part goes with neither --backend, --scheduler nor --overwrite")
         _build_part(made, folder, part, options, as_json)
         return
-    progress.say(f"building {made.name} from {folder} into {target}")
+    progress.announce(f"building {made.name} from {folder} into {target}")
     result = run_build(made, folder, target, overwrite=overwrite, backend=backend, scheduler=scheduler, **options)
     if as_json:
         _print_json({"built": result.built, **store_json(target)})
         return
-    if not result.built:
-        typer.echo("nothing to do: this dataset is there already, from the same recipe and source")
-    typer.echo(describe_store(target))
+    typer.echo(describe_built(target) if result.built else describe_unchanged(target))
 
 
 def _build_part(recipe: Any, source: Path, text: str, options: dict[str, Any], as_json: bool) -> None:
     from dancedata.pipeline.parts import Part, build_part
 
     part = Part.parse(text)
-    options["progress"].say(f"computing part {text} of {recipe.name} from {source}")
+    options["progress"].announce(f"computing part {text} of {recipe.name} from {source}")
     result = build_part(recipe, source, part, **options)
     if as_json:
         _print_json(result.to_json())

@@ -109,6 +109,12 @@ class Reject:
             row["numbers"] = dict(self.numbers)
         return row
 
+    @classmethod
+    def from_json(cls, row: Mapping[str, Any]) -> Reject:
+        """Read what `to_json` gave; keys that this version does not have are passed over."""
+        texts = {name: str(row.get(name, "")) for name in ("clip", "file", "detail", "music", "fix")}
+        return cls(str(row["reason"]), window=row.get("window"), numbers=row.get("numbers", {}), **texts)
+
 
 @dataclass(frozen=True)
 class Scan:

@@ -254,7 +254,7 @@ def _reject_order(reject: Reject) -> tuple[str, int, str, str]:
 
 def _rejects_there(out: Path) -> list[Reject]:
     with open_store(out) as store:
-        return [Reject(**row) for row in store.rejects]
+        return [Reject.from_json(row) for row in store.rejects]
 
 
 def relative_to(reject: Reject, source: Path) -> Reject:

@@ -252,18 +252,36 @@ class Progress:
     def __init__(self, quiet: bool = False, stream: TextIO | None = None) -> None:
         self.quiet = quiet
         self.stream = stream if stream is not None else sys.stderr
+        self._announced: list[str] = []
+
+    def announce(self, text: str) -> None:
+        """Print a line as soon as there is something to do: what finds all done is silent."""
+        self._announced.append(text)
 
     def say(self, text: str) -> None:
         """Print a line."""
         if not self.quiet:
-            print(text, file=self.stream, flush=True)
+            lines, self._announced = [*self._announced, text], []
+            print("\n".join(lines), file=self.stream, flush=True)
+
+    def _begin(self) -> None:
+        """Print what was announced."""
+        if self._announced:
+            last = self._announced.pop()
+            self.say(last)
 
     @contextmanager
     def stage(self, label: str, total: int, known: int = 0) -> Iterator[Callable[[int], None]]:
         """Show a stage of `total` steps, `known` of them done before; gives a function to say how many more are."""
         if self.quiet:
             yield lambda _: None
-        elif self.stream.isatty():
+            return
+        if known == total:
+            self.announce(f"{label}: {total}/{total} in the cache")
+            yield lambda _: None
+            return
+        self._begin()
+        if self.stream.isatty():
             from tqdm import tqdm
 
             with tqdm(total=total, initial=known, desc=label, file=self.stream, unit="", dynamic_ncols=True) as bar:

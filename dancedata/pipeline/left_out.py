@@ -45,7 +45,7 @@ def stop_if_strict(strict: bool, rejects: Sequence[Reject], scan: Scan) -> None:
     """Raise DataError for the broken clips, if the build is strict."""
     broken = [r for r in rejects if r.reason not in BY_CHOICE]
     if strict and broken:
-        text = _report(f"{_counted(len(broken), 'broken clip')} in a strict build", broken, scan)
+        text = _report(f"{counted(len(broken), 'broken clip')} in a strict build", broken, scan)
         fix = "mend or remove what is broken, or build without --strict to set it aside"
         raise DataError(text, reason=broken[0].reason, fix=fix)
 
@@ -55,6 +55,11 @@ def _report(problem: str, rejects: Sequence[Reject], scan: Scan) -> str:
     lines = [f"  {line}" if line.startswith(" ") else f"  - {line}" for line in left_out]
     notes = [f"  - {note}" for note in scan.notes]
     return "\n".join([problem, *lines, "what was found in the source", *notes]) + "\n"
+
+
+def counted(n: int, noun: str) -> str:
+    """Say a number of things: "1 clip", "1,408 clips"."""
+    return f"{n:,} {noun}{'' if n == 1 else 's'}"
 
 
 def _rank(reason: str, n: int) -> tuple[int, int, str]:
@@ -68,7 +73,7 @@ def _rank(reason: str, n: int) -> tuple[int, int, str]:
 def _reason(reason: str, rejects: Sequence[Reject], details: bool) -> list[str]:
     songs = Counter(r.music for r in rejects if r.music)
     if songs:
-        return [f"{reason}: {_counted(len(rejects), 'clip')}", *_songs(songs, rejects)]
+        return [f"{reason}: {counted(len(rejects), 'clip')}", *_songs(songs, rejects)]
     names = list(dict.fromkeys(r.clip or r.file for r in rejects))
     line = f"{reason}: {len(rejects)} ({_few(names)})"
     if details and rejects[0].detail:
@@ -84,16 +89,12 @@ def _songs(songs: Counter[str], rejects: Sequence[Reject]) -> list[str]:
     lines = []
     for song in ordered[:_NAMED]:
         fix = f"; {fixes[song]}" if song in fixes else ""
-        lines.append(f"  song {song} is missing: {_counted(songs[song], 'clip')}{fix}")
+        lines.append(f"  song {song} is missing: {counted(songs[song], 'clip')}{fix}")
     rest = ordered[_NAMED:]
     if rest:
-        clips = _counted(sum(songs[song] for song in rest), "clip")
-        lines.append(f"  {_counted(len(rest), 'song')} more: {clips} ({_few(rest)})")
+        clips = counted(sum(songs[song] for song in rest), "clip")
+        lines.append(f"  {counted(len(rest), 'song')} more: {clips} ({_few(rest)})")
     return lines
-
-
-def _counted(n: int, noun: str) -> str:
-    return f"{n:,} {noun}{'' if n == 1 else 's'}"
 
 
 def _few(names: Iterable[str]) -> str:
