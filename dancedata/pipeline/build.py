@@ -24,6 +24,7 @@ from dancedata.pipeline.gathered import Gathered
 from dancedata.pipeline.left_out import nothing_left, stop_if_strict
 from dancedata.pipeline.out_folder import check_out, clean, locked, swapped
 from dancedata.pipeline.recipe import Recipe, resolve
+from dancedata.pipeline.source_record import SourceRecord, source_differences
 from dancedata.pipeline.workers import Workers, check_backend, hired
 from dancedata.store import Field, StoredClip, StoreHeader, open_store, write_store
 from dancedata.store.schema import DATASET_FILE
@@ -141,9 +142,9 @@ class _Build:
 
     def _run(self) -> bool:
         gathered = identify(self.cache, self.recipe, self.scan, jobs=self.workers, progress=self.progress)
-        source_sha256 = gathered.source_sha256()
+        inputs = gathered.source_sha256(), SourceRecord.of_source(gathered, self.source)
         if (self.out / DATASET_FILE).exists() and not self.overwrite:
-            _require_same(self.out, self.recipe, source_sha256)
+            _require_same(self.out, self.recipe, *inputs)
             stop_if_strict(self.strict, _rejects_there(self.out), self.scan)
             return False
         stop_if_strict(self.strict, [*gathered.rejects, *gathered.audio_problems.values()], self.scan)
@@ -154,10 +155,10 @@ class _Build:
             raise nothing_left(self.source, self.scan, gathered.rejects)
         if (self.out / DATASET_FILE).exists():
             with swapped(self.out) as fresh:
-                _write(fresh, self.recipe, gathered, clips, source_sha256, self.progress)
+                _write(fresh, self.recipe, gathered, clips, _meta(self.recipe, gathered, *inputs), self.progress)
         else:
             clean(self.out)
-            _write(self.out, self.recipe, gathered, clips, source_sha256, self.progress)
+            _write(self.out, self.recipe, gathered, clips, _meta(self.recipe, gathered, *inputs), self.progress)
         return True
 
 
@@ -183,10 +184,9 @@ def _write(
     recipe: Recipe,
     gathered: Gathered,
     clips: list[StoredClip],
-    source_sha256: str,
+    meta: Mapping[str, Any],
     progress: Progress,
 ) -> None:
-    meta = _meta(recipe, gathered, source_sha256)
     with progress.stage("writing", len(clips)) as advance:
         write_store(
             out,
@@ -200,7 +200,7 @@ def _write(
         )
 
 
-def _meta(recipe: Recipe, gathered: Gathered, source_sha256: str) -> dict[str, Any]:
+def _meta(recipe: Recipe, gathered: Gathered, source_sha256: str, record: SourceRecord) -> dict[str, Any]:
     packages = {"numpy", "scipy", "h5py", "soundfile"}
     versions = {"libsndfile": libsndfile_version()}
     packages.update(name for feature in recipe.audio for name in feature.packages)
@@ -210,7 +210,11 @@ def _meta(recipe: Recipe, gathered: Gathered, source_sha256: str) -> dict[str, A
         "recipe": recipe.document,
         "recipe_sha256": recipe.sha256,
         "source_sha256": source_sha256,
-        "source": {"layout": gathered.scan.layout, "notes": list(gathered.scan.notes)},
+        "source": {
+            "layout": gathered.scan.layout,
+            "notes": list(gathered.scan.notes),
+            "clips": record.to_json(),
+        },
         "dataset": recipe.dataset.name,
         "licence": recipe.dataset.licence,
         "citation": recipe.dataset.citation,
@@ -224,9 +228,10 @@ def _meta(recipe: Recipe, gathered: Gathered, source_sha256: str) -> dict[str, A
     }
 
 
-def _require_same(out: Path, recipe: Recipe, source_sha256: str) -> None:
+def _require_same(out: Path, recipe: Recipe, source_sha256: str, record: SourceRecord) -> None:
     """Raise StoreError with the difference, if `out` was made by another recipe or from another source."""
-    meta = open_store(out).meta
+    store = open_store(out)
+    meta = store.meta
     old, new = shaping(meta.get("recipe", {})), shaping(recipe.document)
     differences = [
         f"{key}: {json.dumps(a)} there, {json.dumps(b)} now" for key, a, b in document_differences(old, new)
@@ -240,10 +245,12 @@ def _require_same(out: Path, recipe: Recipe, source_sha256: str) -> None:
             fix="choose another --out, or --overwrite to replace it",
         )
     if meta.get("source_sha256") != source_sha256:
+        found = source_differences(SourceRecord.of_store(store), record, "there", "now")
+        listed = "\n".join(f"  - {difference}" for difference in found) or "  - (another version of dancedata)"
         raise StoreError(
-            "the dataset there was made from another source: files, splits or metadata of its clips differ",
+            "the dataset there was made from another source",
             where=out,
-            found=f"source {source_sha256[:12]}, built from {str(meta.get('source_sha256'))[:12]}",
+            found=f"these differences:\n{listed}\n",
             fix="choose another --out, or --overwrite to build it anew (only what changed is computed)",
         )
 

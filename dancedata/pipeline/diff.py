@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from dancedata.pipeline.source_record import SourceRecord, source_differences
 from dancedata.store import Store, open_store
 from dancedata.store.schema import ClipRecord
 
@@ -109,8 +110,10 @@ def _recipes(one: Store, two: Store) -> Iterator[Difference]:
     if one.meta.get("source_sha256") != two.meta.get("source_sha256"):
         hashes = [str(store.meta.get("source_sha256"))[:12] for store in (one, two)]
         yield Difference("source", f"built from other files, splits or metadata of clips: {hashes[0]}, {hashes[1]}")
-    for key, old, new in document_differences(one.meta.get("content", {}), two.meta.get("content", {})):
-        yield Difference("source", f"{key}: {str(old)[:12]}, {str(new)[:12]}")
+        records = SourceRecord.of_store(one), SourceRecord.of_store(two)
+        # The metadata of clips are compared by themselves.
+        for found in source_differences(*records, "in A", "in B", about=False):
+            yield Difference("source", found.message, found.names)
 
 
 def _stores(one: Store, two: Store) -> Iterator[Difference]:
