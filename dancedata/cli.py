@@ -213,17 +213,14 @@ def features(
     as_json: AsJson = False,
 ) -> None:
     """Compute features of your own music, exactly as in training."""
-    from dancedata.pipeline.songs import find_like, write_features
+    from dancedata.pipeline.songs import describe_features, find_like, write_features
 
     written = write_features(songs, out, find_like(feature, like), bpm, weights)
     if as_json:
         _print_json(written)
         return
     for about in written:
-        shape = " x ".join(str(n) for n in about["shape"])
-        typer.echo(
-            f"{out / about['file']}: {shape} {about['dtype']}, {about['fps']} a second, {about['scope']} scope"
-        )
+        typer.echo(describe_features(out, about))
 
 
 @app.command()

@@ -7,11 +7,18 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+import soundfile
 from click.testing import Result
 from typer.testing import CliRunner
 
+import dancedata
+from dancedata.audio.librosa35 import Librosa35
+from dancedata.audio.signal import load_audio
 from dancedata.cli import app
+from dancedata.core.errors import DataError
+from dancedata.core.grid import FrameGrid
 from dancedata.core.registry import DATASETS
 
 
@@ -135,8 +142,6 @@ def test_a_plan_of_nothing_ends_with_1_and_a_builds_words(larger: Path, out: Pat
     elif broken == "too short":
         longer = ("--set", "windows.length_s=60")
     else:
-        import soundfile
-
         for path in (larger / "wavs").iterdir():
             samples, rate = soundfile.read(path)
             soundfile.write(path, samples[: 2 * rate], rate)
@@ -237,3 +242,83 @@ def test_flags_are_summed_up_by_kind(built_copy: Path):
     (built_copy / "quality.jsonl").write_text("".join(json.dumps(flag) + "\n" for flag in flags))
     said = describe_built(built_copy)
     assert "  flagged, not repaired (quality.jsonl): fast_turn in 1 clip, root_jump in 2 clips\n" in said
+
+
+# Features of one's own songs
+
+
+def about_of(folder: Path) -> dict[str, Any]:
+    (path,) = folder.glob("*.json")
+    found: dict[str, Any] = json.loads(path.read_text())
+    return found
+
+
+def test_an_estimated_tempo_is_printed_stored_and_gives_the_same_rows(corpus: Path, tmp_path: Path):
+    song = corpus / "wavs" / "mHO3.wav"
+    said = run("features", song, "--out", tmp_path / "a").stdout
+    about = about_of(tmp_path / "a")
+    assert about["tempo_estimated"] is True
+    assert about["start_bpm"] is None
+    assert 60 < about["tempo_bpm"] < 240
+    assert f"tempo estimated: {about['tempo_bpm']:.5g} BPM" in said
+    plain = Librosa35(method="librosa")
+    assert about["tempo_bpm"] == pytest.approx(plain.estimated_bpm(load_audio(song), FrameGrid.of(30)))
+    run("features", song, "--out", tmp_path / "b", "--bpm", repr(about["tempo_bpm"]))
+    rows = [(tmp_path / name / "mHO3.librosa35.npy").read_bytes() for name in "ab"]
+    assert rows[0] == rows[1]
+    assert np.array_equal(np.load(tmp_path / "a" / "mHO3.librosa35.npy"), dancedata.extract("librosa35", song))
+    assert about_of(tmp_path / "b")["tempo_estimated"] is False
+    assert "tempo estimated" not in run("features", song, "--out", tmp_path / "b", "--bpm", 120).stdout
+
+
+def test_the_tempo_of_every_window_is_stored(corpus: Path, tmp_path: Path):
+    song = corpus / "wavs" / "mHO3.wav"
+    said = run("features", song, "--out", tmp_path / "a", "--like", "aist++-edge-exact").stdout
+    about = about_of(tmp_path / "a")
+    tempos = about["tempo_bpm"]
+    assert len(tempos) == about["shape"][0] > 1
+    assert f"tempo of each window estimated: {min(tempos):.5g} to {max(tempos):.5g} BPM" in said
+    rows = np.load(tmp_path / "a" / "mHO3.librosa35.npy")
+    for tempo in set(tempos):
+        run("features", song, "--out", tmp_path / "b", "--like", "aist++-edge-exact", "--bpm", repr(tempo))
+        own = np.load(tmp_path / "b" / "mHO3.librosa35.npy")
+        same = [k for k, t in enumerate(tempos) if t == tempo]
+        assert np.array_equal(rows[same], own[same])
+
+
+@pytest.mark.parametrize("songs", [("bad",), ("good", "bad"), ("good", "short")])
+def test_features_that_fail_leave_nothing_behind(corpus: Path, tmp_path: Path, songs: tuple[str, ...]):
+    (tmp_path / "bad.wav").write_bytes(b"no music")
+    soundfile.write(tmp_path / "short.wav", np.zeros(48_000), 48_000)
+    shutil.copy(corpus / "wavs" / "mHO3.wav", tmp_path / "good.wav")
+    paths = [tmp_path / f"{name}.wav" for name in songs]
+    code = 2 if "short" in songs else 1
+    run("features", *paths, "--out", tmp_path / "new" / "out", "--like", "aist++-edge-exact", code=code)
+    assert not (tmp_path / "new").exists()
+
+
+def test_features_that_fail_late_leave_nothing_of_their_own(
+    corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    real, calls = Librosa35.extract, []
+
+    def extract(self: Librosa35, *args: Any, **options: Any) -> Any:
+        calls.append(1)
+        if len(calls) == 2:
+            raise DataError("no more", reason="broken_audio")
+        return real(self, *args, **options)
+
+    monkeypatch.setattr(Librosa35, "extract", extract)
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "mine.txt").write_text("mine")
+    run("features", corpus / "wavs" / "mHO3.wav", corpus / "wavs" / "mBR0.wav", "--out", out, code=1)
+    assert [path.name for path in out.iterdir()] == ["mine.txt"]
+
+
+def test_a_folder_is_not_a_song(corpus: Path, tmp_path: Path):
+    said = run("features", corpus / "wavs", "--out", tmp_path / "out", code=2).stderr
+    assert "this is a folder, not a song" in said
+    assert "2 audio files, such as mBR0.wav" in said
+    assert f"dancedata features {corpus}/wavs/*.wav" in said
+    assert not (tmp_path / "out").exists()
