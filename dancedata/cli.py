@@ -326,7 +326,3 @@ def _print_json(obj: Any) -> None:
 def main() -> None:
     """Run the command line."""
     app(prog_name="dancedata")
-
-
-if __name__ == "__main__":
-    main()

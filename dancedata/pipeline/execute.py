@@ -18,6 +18,7 @@ from dancedata.core.errors import DanceDataError
 from dancedata.pipeline.cache import entered
 from dancedata.pipeline.cache_files import held, left_behind
 from dancedata.pipeline.last_words import doing
+from dancedata.pipeline.shielded import shielded
 from dancedata.pipeline.workers import Jobs, Workers, check_surroundings
 
 #: Seconds between two lines of progress where there is no terminal.
@@ -120,6 +121,8 @@ class _Run:
 
     def _run(self, indices: Sequence[int]) -> BaseException | None:
         """Run calls until all are done or a worker dies; returns what was said of that."""
+        from multiprocessing import resource_tracker
+
         from joblib import Parallel, delayed
 
         # Units take paths, not arrays. joblib would make a folder for large ones in /dev/shm, and leave it there
@@ -135,7 +138,11 @@ class _Run:
             pool = {"n_jobs": -1, "pre_dispatch": "all"}
             deaths, lost = WORKER_DEATHS, CLUSTER_LOST
         tasks = (delayed(_marked)(self.function, self.calls[i], self._mark(i)) for i in indices)
-        outcome = Parallel(**pool, return_as="generator")(tasks)
+        if self.workers.backend == "loky":
+            # It would be started with the workers, and let SIGINT through to them.
+            resource_tracker.ensure_running()
+        with shielded():
+            outcome = Parallel(**pool, return_as="generator")(tasks)
         try:
             for index, result in zip(indices, outcome, strict=True):
                 self.found[index] = result
