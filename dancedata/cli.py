@@ -35,6 +35,7 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print no progress.")]
 CACHE_HELP = "Cache folder; default $DANCEDATA_CACHE, else the user's cache folder."
 CacheFolder = Annotated[Path | None, typer.Option("--cache", help=CACHE_HELP)]
+ATOL_HELP = "Floating-point values that differ by no more than this are the same; default: compared exactly."
 PART_HELP = "Compute the K-th of N shares of the work into the cache and write no dataset, for job arrays."
 
 
@@ -228,19 +229,22 @@ def features(
 def diff(
     a: Annotated[Path, typer.Argument(metavar="A", help="A built dataset.")],
     b: Annotated[Path, typer.Argument(metavar="B", help="Another.")],
+    atol: Annotated[float | None, typer.Option(help=ATOL_HELP)] = None,
     as_json: AsJson = False,
 ) -> None:
     """Show in what two built datasets differ; exit code 1 if they do."""
     from dancedata.pipeline.diff import diff as run_diff
 
-    found = run_diff(a, b)
+    found = run_diff(a, b, atol=atol)
     differences = [d for d in found if d.kind != "note"]
     if as_json:
-        _print_json({"a": str(a), "b": str(b), "same": not differences, "differences": [d.to_json() for d in found]})
+        listed = [d.to_json() for d in found]
+        _print_json({"a": str(a), "b": str(b), "atol": atol, "same": not differences, "differences": listed})
     else:
         for difference in found:
             typer.echo(str(difference))
-        typer.echo(f"{len(differences)} differences" if differences else "the same data")
+        same = "the same data" + (f" within {atol:g}" if atol is not None else "")
+        typer.echo(f"{len(differences)} differences" if differences else same)
     if differences:
         raise typer.Exit(1)
 
