@@ -13,7 +13,7 @@ from dancedata.core.hashing import json_sha256
 from dancedata.pipeline.gathered import Gathered
 from dancedata.store import Store
 
-#: Digits of a hash that are kept: among 100,000 clips two are equal by chance once in 50,000 datasets.
+#: Digits of a hash that are kept: another file has the same ones once in 2.8e14 times.
 DIGITS = 12
 #: Of more clips no record is kept: dataset.json has to stay small enough to be read (`store.dataset_json.MAX_BYTES`).
 MAX_CLIPS = 200_000
