@@ -28,6 +28,7 @@ from dancedata.pipeline.audio_units import (
     extract_windows,
     identify_audio,
     known_windows,
+    window_samples,
     window_units,
 )
 from dancedata.pipeline.cache import Cache, CachedArray, EntryLostError, default_cache
@@ -100,7 +101,7 @@ class FeatureCache:
         """
         recipe = self._recipe("track", FrameGrid.of(fps), WindowSpec(1, 1, "time"), feature, parameters)
         with one_thread():
-            signal = self._identify(recipe, song)
+            signal = self._identify(song)
             key = FeatureKeys(recipe, recipe.audio[0]).track(start_bpm, signal.sha256)
             for _ in range(_TRIES):
                 found = _found(extract_track(Cache(self.root), recipe, recipe.audio[0], signal, start_bpm, key))
@@ -142,9 +143,10 @@ class FeatureCache:
         plugin, cache = recipe.audio[0], Cache(self.root)
         rows = []
         with one_thread():
-            signal = self._identify(recipe, song)
+            signal = self._identify(song)
             every = FeatureKeys(recipe, plugin)
-            keys = {number: every.window(start_bpm, window) for number, window in enumerate(signal.windows)}
+            count = len(window_samples(recipe, signal.n_samples, signal.sample_rate)[0])
+            keys = {number: every.window(start_bpm, signal, number) for number in range(count)}
             for unit in window_units(keys):
                 found = known_windows(cache, unit)
                 if found is None:
@@ -154,11 +156,11 @@ class FeatureCache:
             return np.empty((0, length_frames, plugin.columns.width), plugin.dtype)
         return np.stack(rows)
 
-    def _identify(self, recipe: Recipe, song: str | Path) -> SignalId:
+    def _identify(self, song: str | Path) -> SignalId:
         path = Path(song).expanduser().absolute()
         if not path.is_file():
             raise UsageError("there is no such song", found=path)
-        signal: SignalId = _found(identify_audio(Cache(self.root), recipe, path))
+        signal: SignalId = _found(identify_audio(Cache(self.root), path))
         return signal
 
     def _mapped(self, array: CachedArray) -> npt.NDArray[Any]:

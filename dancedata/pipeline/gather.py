@@ -53,8 +53,8 @@ def identify(cache: Cache, recipe: Recipe, scan: Scan, *, jobs: Jobs, progress: 
 
 def _identify_music(cache: Cache, gathered: Gathered, jobs: Jobs, progress: Progress) -> None:
     paths = sorted({r.audio_path for r in gathered.refs.values() if r.audio_path is not None})
-    known = [known_signal(cache, gathered.recipe, path) for path in paths]
-    calls = [(cache, gathered.recipe, path) for path in paths]
+    known = [known_signal(cache, path) for path in paths]
+    calls = [(cache, path) for path in paths]
     found = run_units(identify_audio, calls, known=known, jobs=jobs, label="decoding music", progress=progress)
     outcome = dict(zip(paths, found, strict=True))
     gathered.signals = {p: o for p, o in outcome.items() if isinstance(o, SignalId)}

@@ -74,7 +74,7 @@ class _Extraction:
         return found
 
     def windows(self, starts: dict[str, tuple[int, ...]]) -> dict[str, tuple[AudioBlock, ...]]:
-        """Return a block for every window; windows of equal samples and tempo share theirs."""
+        """Return a block for every window; the same window of equal songs, at one tempo, has one."""
         gathered, every = self.gathered, FeatureKeys(self.gathered.recipe, self.feature)
         wanted: dict[str, list[str]] = {}
         owner: dict[str, tuple[Path, float | None]] = {}
@@ -84,7 +84,7 @@ class _Extraction:
             song = songs.setdefault((signal.path, bpm), {})
             wanted[ref.id] = []
             for number in window_numbers(gathered.recipe, starts[ref.id]):
-                key = song.get(number) or every.window(bpm, signal.windows[number])
+                key = song.get(number) or every.window(bpm, signal, number)
                 if owner.setdefault(key, (signal.path, bpm)) == (signal.path, bpm):
                     song[number] = key
                 wanted[ref.id].append(key)
