@@ -113,7 +113,7 @@ class Reject:
     def from_json(cls, row: Mapping[str, Any]) -> Reject:
         """Read what `to_json` gave; keys that this version does not have are passed over."""
         texts = {name: str(row.get(name, "")) for name in ("clip", "file", "detail", "music", "fix")}
-        return cls(str(row["reason"]), window=row.get("window"), numbers=row.get("numbers", {}), **texts)
+        return cls(str(row.get("reason", "")), window=row.get("window"), numbers=row.get("numbers", {}), **texts)
 
 
 @dataclass(frozen=True)

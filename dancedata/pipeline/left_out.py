@@ -8,6 +8,7 @@ from pathlib import Path
 
 from dancedata.core.clip import Reject, Scan
 from dancedata.core.errors import DataError, StoreError
+from dancedata.core.text import counted
 from dancedata.pipeline.rejects import BY_CHOICE
 
 #: Names that a line shows; reasons that a list shows.
@@ -57,11 +58,6 @@ def _report(problem: str, rejects: Sequence[Reject], scan: Scan) -> str:
     return "\n".join([problem, *lines, "what was found in the source", *notes]) + "\n"
 
 
-def counted(n: int, noun: str) -> str:
-    """Say a number of things: "1 clip", "1,408 clips"."""
-    return f"{n:,} {noun}{'' if n == 1 else 's'}"
-
-
 def _rank(reason: str, n: int) -> tuple[int, int, str]:
     if reason in _FIRST:
         return 0, 0, reason
@@ -94,6 +90,9 @@ def _songs(songs: Counter[str], rejects: Sequence[Reject]) -> list[str]:
     if rest:
         clips = counted(sum(songs[song] for song in rest), "clip")
         lines.append(f"  {counted(len(rest), 'song')} more: {clips} ({_few(rest)})")
+    nameless = [r.clip for r in rejects if not r.music]
+    if nameless:
+        lines.append(f"  no song is named: {counted(len(nameless), 'clip')} ({_few(nameless)})")
     return lines
 
 

@@ -11,8 +11,9 @@ from typing import Any
 
 from dancedata.core.clip import Reject
 from dancedata.core.registry import CONTACTS, DATASETS, FEATURES, KEYMOTIONS, REPRESENTATIONS
+from dancedata.core.text import counted
 from dancedata.pipeline.cache_admin import size_text
-from dancedata.pipeline.left_out import counted, left_out_lines
+from dancedata.pipeline.left_out import left_out_lines
 from dancedata.pipeline.plan import Plan
 from dancedata.pipeline.recipe_file import load_recipe, recipe_names
 from dancedata.pipeline.rejects import BY_CHOICE

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.hashing import json_sha256
+from dancedata.core.text import counted
 from dancedata.pipeline.gathered import Gathered
 from dancedata.store import Store
 
@@ -134,7 +135,7 @@ def _changed_files(old: SourceRecord, new: SourceRecord, common: Sequence[str]) 
         clips = [clip for clip in common if _part(old, clip, place) != _part(new, clip, place)]
         files = dict.fromkeys(new.files[clip][place] or clip if clip in new.files else clip for clip in clips)
         if clips:
-            found.append(SourceDifference(f"other {what} of {_clips(clips)}", tuple(files)))
+            found.append(SourceDifference(f"other {what} of {counted(len(clips), 'clip')}", tuple(files)))
     return found
 
 
@@ -152,7 +153,7 @@ def _changed_about(
     for key, clips in by_key.items():
         first = clips[0]
         values = f", as {old.about[first][key]!r} {then}, {new.about[first][key]!r} {now}" if key in _ABOUT else ""
-        found.append(SourceDifference(f"{key} of {_clips(clips)}{values}", tuple(clips)))
+        found.append(SourceDifference(f"{key} of {counted(len(clips), 'clip')}{values}", tuple(clips)))
     return found
 
 
@@ -165,7 +166,7 @@ def _moved(old: SourceRecord, new: SourceRecord, then: str, now: str) -> list[So
         if pair[0] != pair[1]:
             groups.setdefault(pair, []).append(clip)
     return [
-        SourceDifference(f"{_clips(clips)} {pair[0]} {then}, {pair[1]} {now}", tuple(clips))
+        SourceDifference(f"{counted(len(clips), 'clip')} {pair[0]} {then}, {pair[1]} {now}", tuple(clips))
         for pair, clips in sorted(groups.items())
     ]
 
@@ -189,8 +190,3 @@ def _spare_files(old: SourceRecord, new: SourceRecord, then: str, now: str) -> l
 
 def _part(record: SourceRecord, clip: str, place: int) -> str:
     return (record.clips or {})[clip].split()[place]
-
-
-def _clips(clips: Iterable[str]) -> str:
-    n = len(list(clips))
-    return f"{n:,} clip{'' if n == 1 else 's'}"

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from dancedata.core.clip import Reject
+from dancedata.core.text import counted
 from dancedata.pipeline.cache_admin import size_text
-from dancedata.pipeline.left_out import counted, left_out_lines
+from dancedata.pipeline.left_out import left_out_lines
 from dancedata.store import Store, open_store
 
 

@@ -17,9 +17,11 @@ import dancedata
 from dancedata.audio.librosa35 import Librosa35
 from dancedata.audio.signal import load_audio
 from dancedata.cli import app
+from dancedata.core.clip import Reject
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.registry import DATASETS
+from dancedata.pipeline.left_out import left_out_lines
 
 
 def run(*args: object, code: int = 0) -> Result:
@@ -83,10 +85,7 @@ def test_what_matters_comes_first_and_motion_that_is_not_there_last(larger: Path
     assert {row["music"] for row in rows} == {"mHO3"}
 
 
-def test_many_songs_are_summed_up(out: Path, tmp_path: Path):
-    from dancedata.core.clip import Reject
-    from dancedata.pipeline.left_out import left_out_lines
-
+def test_many_songs_are_summed_up():
     songs = [f"m{genre}{n}" for genre in ("BR", "HO") for n in range(6)]
     rejects = [Reject("missing_music", f"c{k}", music=song) for song in songs for k in range(int(song[-1]) + 1)]
     assert left_out_lines(rejects) == [
@@ -95,6 +94,15 @@ def test_many_songs_are_summed_up(out: Path, tmp_path: Path):
         "  song mHO5 is missing: 6 clips",
         "  song mBR4 is missing: 5 clips",
         "  9 songs more: 25 clips (mHO4, mBR3, mHO3, ... 6 more)",
+    ]
+
+
+def test_clips_that_name_no_song_are_counted():
+    rejects = [Reject("missing_music", "a", music="blue"), Reject("missing_music", "b")]
+    assert left_out_lines(rejects) == [
+        "missing_music: 2 clips",
+        "  song blue is missing: 1 clip",
+        "  no song is named: 1 clip (b)",
     ]
 
 
