@@ -21,6 +21,7 @@ from dancedata.pipeline.cache import Cache, CachedArray, package_version
 from dancedata.pipeline.documents import document_of
 from dancedata.pipeline.read_ahead import decoded, read_ahead
 from dancedata.pipeline.recipe import Recipe
+from dancedata.pipeline.reference_process import expected
 from dancedata.pipeline.rejects import BUILD_AGAIN, CHANGED, reject_of
 
 #: Raised by hand when a stage here gives other numbers for the same input.
@@ -122,6 +123,11 @@ def libsndfile_version() -> str:
     return str(soundfile.__libsndfile_version__)
 
 
+def is_exact(feature: Any) -> bool:
+    """Tell whether a feature's bits are promised, so that it has to be computed with `expected` instructions."""
+    return bool(getattr(feature, "exact", True))
+
+
 class FeatureKeys:
     """The cache keys of a feature's rows. What they have in common is hashed once for each tempo."""
 
@@ -159,6 +165,7 @@ class FeatureKeys:
                 scope=recipe.scope,
                 start_bpm=bpm,
                 packages={name: package_version(name) for name in feature.packages},
+                arithmetic=expected() if is_exact(feature) else None,
             )
         return self._common[bpm]
 

@@ -13,6 +13,7 @@ from dancedata.pipeline.audio_units import (
     SignalId,
     extract_track,
     extract_windows,
+    is_exact,
     known_windows,
     window_units,
 )
@@ -124,7 +125,15 @@ class _Extraction:
         calls = [(*call, next(ahead)) if result is None else call for call, result in zip(calls, known, strict=True)]
         # Whoever has it all already need not look for cards.
         jobs = _jobs_for(self.feature, self.jobs) if missing else self.jobs
-        return run_units(function, calls, known=known, jobs=jobs, label=self.feature.name, progress=self.progress)
+        return run_units(
+            function,
+            calls,
+            known=known,
+            jobs=jobs,
+            label=self.feature.name,
+            progress=self.progress,
+            exact=is_exact(self.feature),
+        )
 
 
 def _jobs_for(feature: Any, jobs: Jobs) -> Jobs:

@@ -14,7 +14,7 @@ from dancedata.core.grid import FrameGrid
 from dancedata.pipeline.build import header_of, relative_to
 from dancedata.pipeline.cache import Cache, default_cache
 from dancedata.pipeline.execute import Progress, run_units
-from dancedata.pipeline.gather import audio_window_count
+from dancedata.pipeline.gather import audio_window_count, scan_source
 from dancedata.pipeline.left_out import nothing_left
 from dancedata.pipeline.motion_units import motion_window_count
 from dancedata.pipeline.plan_cached import Cached, cached_units
@@ -128,7 +128,7 @@ def make_plan(
 ) -> Plan:
     """Find out what `build` would make of a source, and what of that is in the cache."""
     source = source.absolute()  # as in a build, so that both say the same
-    scan: Scan = recipe.dataset.scan(source)
+    scan = scan_source(recipe, source)
     progress = progress or Progress(quiet=True)
     songs: dict[Path | None, Any] = {}
     if recipe.audio:

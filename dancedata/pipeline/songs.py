@@ -18,10 +18,10 @@ from dancedata.core.errors import StoreError, UsageError, did_you_mean
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import json_sha256
 from dancedata.core.registry import FEATURES
-from dancedata.pipeline.audio_units import window_samples
+from dancedata.pipeline.audio_units import is_exact, window_samples
 from dancedata.pipeline.cache import Cache, default_cache
 from dancedata.pipeline.documents import document_of
-from dancedata.pipeline.execute import one_thread
+from dancedata.pipeline.execute import exactly, on_one_thread
 from dancedata.pipeline.recipe import Recipe, resolve_feature
 from dancedata.pipeline.recipe_file import load_recipe, parse_recipe
 from dancedata.pipeline.slots import make_named
@@ -83,8 +83,8 @@ def write_features(
                 for like in likes:
                     path = out / f"{song.stem}.{like.feature.name}.npy"
                     new.update(p for p in (path, path.with_suffix(".json")) if not p.exists())
-                    with one_thread():
-                        computed = _compute(like, signal, bpm, song)
+                    compute = exactly if is_exact(like.feature) else on_one_thread
+                    computed = compute(_compute, like, signal, bpm, song)
                     with atomic_file(path) as temporary, open(temporary, "wb") as file:
                         np.save(file, computed.rows)
                     about = _about(like, song, signal, computed, bpm, path)
