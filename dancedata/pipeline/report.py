@@ -56,6 +56,13 @@ def _field_json(store: Store, name: str) -> dict[str, Any]:
     }
 
 
+#: Until when a window needs music: the two scopes differ by a window where the music ends within its last frame.
+_MUSIC_OF_WINDOWS = {
+    "track": "a frame is an instant: a window has music up to its last frame, not up to the next one after it",
+    "window": "a window has music for its whole length, in samples, as EDGE counts",
+}
+
+
 def describe_store(path: Path) -> str:
     """Return what `info` prints of a built dataset."""
     about = store_json(path)
@@ -64,6 +71,7 @@ def describe_store(path: Path) -> str:
         f"{about.get('name', path.name)}: {path} ({size_text(about['bytes'])})",
         f"  {about['scope']} scope, {about['fps']} frames a second, "
         f"windows of {windows['length']} frames every {windows['stride']}",
+        f"  {_MUSIC_OF_WINDOWS[about['scope']]}",
         *_table(
             ["split", "clips", "windows", "songs", "minutes"],
             [
