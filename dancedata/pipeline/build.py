@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from dancedata.core.clip import Reject, Scan
-from dancedata.core.errors import DataError, StoreError, UsageError
+from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.version import __version__
 from dancedata.pipeline.audio_units import libsndfile_version
 from dancedata.pipeline.cache import Cache, default_cache, package_version
@@ -19,13 +19,14 @@ from dancedata.pipeline.cache_files import running, sweep
 from dancedata.pipeline.card import dataset_card
 from dancedata.pipeline.diff import document_differences, shaping
 from dancedata.pipeline.execute import Progress
-from dancedata.pipeline.gather import gather, identify, require_clips, scan_source
+from dancedata.pipeline.gather import gather, identify, scan_source
 from dancedata.pipeline.gathered import Gathered
+from dancedata.pipeline.left_out import nothing_left, stop_if_strict
 from dancedata.pipeline.lost_entries import with_lost_entries
 from dancedata.pipeline.out_folder import check_out, locked, new_dataset
 from dancedata.pipeline.recipe import Recipe, resolve
 from dancedata.pipeline.reference_process import expected
-from dancedata.pipeline.rejects import BY_CHOICE
+from dancedata.pipeline.source_record import SourceRecord, source_differences
 from dancedata.pipeline.workers import Workers, check_backend, hired
 from dancedata.store import Field, StoredClip, StoreHeader, open_store, write_store
 from dancedata.store.schema import DATASET_FILE
@@ -135,18 +136,19 @@ class _Build:
 
     def _run(self) -> bool:
         gathered = identify(self.cache, self.recipe, self.scan, jobs=self.workers, progress=self.progress)
-        source_sha256 = gathered.source_sha256()
+        inputs = gathered.source_sha256(), SourceRecord.of_source(gathered, self.source)
         if (self.out / DATASET_FILE).exists() and not self.overwrite:
-            _require_same(self.out, self.recipe, source_sha256)
-            stop_if_strict(self.strict, _rejects_there(self.out))
+            _require_same(self.out, self.recipe, *inputs)
+            stop_if_strict(self.strict, _rejects_there(self.out), self.scan)
             return False
-        stop_if_strict(self.strict, [*gathered.rejects, *gathered.audio_problems.values()])
+        stop_if_strict(self.strict, [*gathered.rejects, *gathered.audio_problems.values()], self.scan)
         clips = gather(self.cache, gathered, jobs=self.workers, progress=self.progress)
-        stop_if_strict(self.strict, gathered.rejects)
-        require_clips(clips, gathered.rejects)
-        gathered.rejects = [_relative(r, self.source) for r in gathered.rejects]
+        stop_if_strict(self.strict, gathered.rejects, self.scan)
+        gathered.rejects = [relative_to(r, self.source) for r in gathered.rejects]
+        if not clips:
+            raise nothing_left(self.source, self.scan, gathered.rejects)
         with new_dataset(self.out) as folder:
-            _write(folder, self.recipe, gathered, clips, source_sha256, self.progress)
+            _write(folder, self.recipe, gathered, clips, _meta(self.recipe, gathered, *inputs), self.progress)
         return True
 
 
@@ -172,10 +174,9 @@ def _write(
     recipe: Recipe,
     gathered: Gathered,
     clips: list[StoredClip],
-    source_sha256: str,
+    meta: Mapping[str, Any],
     progress: Progress,
 ) -> None:
-    meta = _meta(recipe, gathered, source_sha256)
     with progress.stage("writing", len(clips)) as advance:
         write_store(
             out,
@@ -189,7 +190,7 @@ def _write(
         )
 
 
-def _meta(recipe: Recipe, gathered: Gathered, source_sha256: str) -> dict[str, Any]:
+def _meta(recipe: Recipe, gathered: Gathered, source_sha256: str, record: SourceRecord) -> dict[str, Any]:
     packages = {"numpy", "scipy", "h5py", "soundfile"}
     versions = {"libsndfile": libsndfile_version()}
     packages.update(name for feature in recipe.audio for name in feature.packages)
@@ -199,7 +200,11 @@ def _meta(recipe: Recipe, gathered: Gathered, source_sha256: str) -> dict[str, A
         "recipe": recipe.document,
         "recipe_sha256": recipe.sha256,
         "source_sha256": source_sha256,
-        "source": {"layout": gathered.scan.layout, "notes": list(gathered.scan.notes)},
+        "source": {
+            "layout": gathered.scan.layout,
+            "notes": list(gathered.scan.notes),
+            "clips": record.to_json(),
+        },
         "dataset": recipe.dataset.name,
         "licence": recipe.dataset.licence,
         "citation": recipe.dataset.citation,
@@ -214,9 +219,10 @@ def _meta(recipe: Recipe, gathered: Gathered, source_sha256: str) -> dict[str, A
     }
 
 
-def _require_same(out: Path, recipe: Recipe, source_sha256: str) -> None:
+def _require_same(out: Path, recipe: Recipe, source_sha256: str, record: SourceRecord) -> None:
     """Raise StoreError with the difference, if `out` was made by another recipe or from another source."""
-    meta = open_store(out).meta
+    store = open_store(out)
+    meta = store.meta
     old, new = shaping(meta.get("recipe", {})), shaping(recipe.document)
     differences = [
         f"{key}: {json.dumps(a)} there, {json.dumps(b)} now" for key, a, b in document_differences(old, new)
@@ -230,10 +236,12 @@ def _require_same(out: Path, recipe: Recipe, source_sha256: str) -> None:
             fix="choose another --out, or --overwrite to replace it",
         )
     if meta.get("source_sha256") != source_sha256:
+        found = source_differences(SourceRecord.of_store(store), record, "there", "now")
+        listed = "\n".join(f"  - {difference}" for difference in found) or "  - (another version of dancedata)"
         raise StoreError(
-            "the dataset there was made from another source: files, splits or metadata of its clips differ",
+            "the dataset there was made from another source",
             where=out,
-            found=f"source {source_sha256[:12]}, built from {str(meta.get('source_sha256'))[:12]}",
+            found=f"these differences:\n{listed}\n",
             fix="choose another --out, or --overwrite to build it anew (only what changed is computed)",
         )
 
@@ -244,23 +252,10 @@ def _reject_order(reject: Reject) -> tuple[str, int, str, str]:
 
 def _rejects_there(out: Path) -> list[Reject]:
     with open_store(out) as store:
-        return [Reject(**row) for row in store.rejects]
+        return [Reject.from_json(row) for row in store.rejects]
 
 
-def _relative(reject: Reject, source: Path) -> Reject:
+def relative_to(reject: Reject, source: Path) -> Reject:
     """Name files relative to the source: where it lies shapes no byte of a dataset."""
     prefix = f"{source}{os.sep}"
     return replace(reject, file=reject.file.removeprefix(prefix), detail=reject.detail.replace(prefix, ""))
-
-
-def stop_if_strict(strict: bool, rejects: Sequence[Reject]) -> None:
-    """Raise DataError for the first broken clip, if the build is strict."""
-    broken = [r for r in rejects if r.reason not in BY_CHOICE]
-    if strict and broken:
-        first = broken[0]
-        raise DataError(
-            f"{len(broken)} broken clip{'s' * (len(broken) != 1)} in a strict build, the first: {first.detail}",
-            reason=first.reason,
-            where=first.clip or first.file,
-            fix="mend or remove it, or build without --strict to set it aside",
-        )

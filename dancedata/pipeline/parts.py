@@ -12,11 +12,12 @@ from typing import Any
 
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import UsageError
-from dancedata.pipeline.build import hired_for, stop_if_strict
+from dancedata.pipeline.build import hired_for
 from dancedata.pipeline.cache import Cache, default_cache
 from dancedata.pipeline.execute import Progress
 from dancedata.pipeline.gather import gather, identify, scan_source
 from dancedata.pipeline.gathered import Gathered
+from dancedata.pipeline.left_out import stop_if_strict
 from dancedata.pipeline.lost_entries import with_lost_entries
 from dancedata.pipeline.recipe import Recipe, resolve
 
@@ -127,9 +128,9 @@ def build_part(
 
         def run(cache: Cache) -> Gathered:
             gathered = identify(cache, recipe, share, jobs=workers, progress=progress)
-            stop_if_strict(strict, [*gathered.rejects, *gathered.audio_problems.values()])
+            stop_if_strict(strict, [*gathered.rejects, *gathered.audio_problems.values()], scan)
             gather(cache, gathered, jobs=workers, progress=progress)
-            stop_if_strict(strict, gathered.rejects)
+            stop_if_strict(strict, gathered.rejects, scan)
             return gathered
 
         gathered = with_lost_entries(store_cache, run, progress)

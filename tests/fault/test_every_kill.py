@@ -60,7 +60,7 @@ class Hunter:
     environment: dict[str, str]
     chance: random.Random
     output: Path
-    groups: list[int] = field(default_factory=list)
+    orphans: set[tuple[int, str]] = field(default_factory=set)
     kills: Counter[tuple[str, str]] = field(default_factory=Counter)
 
     def run(
@@ -89,7 +89,6 @@ class Hunter:
         with self.output.open("w") as output:
             options: dict[str, Any] = {"stdout": output, "stderr": output, "start_new_session": True}
             process = subprocess.Popen(list(map(str, command)), env=self.environment, **options)
-        self.groups.append(process.pid)
         with suppress(subprocess.TimeoutExpired):
             process.wait(timeout=self.chance.uniform(0.25, 1.0) * longest)
         struck = process.poll() is None and self._strike(process, way, meanwhile)
@@ -108,6 +107,7 @@ class Hunter:
 
     def _strike(self, process: subprocess.Popen[bytes], way: str, meanwhile: Any) -> bool:
         """Kill; tells whether anything was hit."""
+        self.orphans |= {(pid, start_of(pid)) for pid in descendants(process.pid)}
         if way == "worker":
             worker = self._worker(process)
             if worker is not None:
@@ -134,6 +134,14 @@ class Hunter:
                 return self.chance.choice(workers)
             time.sleep(0.02)
         return None
+
+
+def start_of(pid: int) -> str:
+    """Return when a process began, which tells it from a later one of the same number; empty if it has ended."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[19]
+    except OSError:
+        return ""
 
 
 def command_of(pid: int) -> bytes:
@@ -195,9 +203,11 @@ def hunter(slow: Any, kills: int, tmp_path: Path) -> Any:
     """A hunter whose moments depend on the number of kills alone."""
     hunter = Hunter(slow.environment, random.Random(kills), tmp_path / "said")
     yield hunter
-    for group in hunter.groups:
-        with suppress(ProcessLookupError):
-            os.killpg(group, signal.SIGKILL)
+    # Workers that outlive their parent wait minutes for work before they end.
+    for pid, start in hunter.orphans:
+        if start and start_of(pid) == start:
+            with suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
     for (kind, way), n in sorted(hunter.kills.items()):
         print(f"{kind}: {way}: {n}")
 
