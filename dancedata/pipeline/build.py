@@ -21,6 +21,7 @@ from dancedata.pipeline.diff import document_differences, shaping
 from dancedata.pipeline.execute import Progress
 from dancedata.pipeline.gather import gather, identify, require_clips
 from dancedata.pipeline.gathered import Gathered
+from dancedata.pipeline.implausible import stop_if_implausible
 from dancedata.pipeline.out_folder import check_out, clean, locked, swapped
 from dancedata.pipeline.recipe import Recipe, resolve
 from dancedata.pipeline.rejects import BY_CHOICE
@@ -85,7 +86,7 @@ def build(
     SourceError, StoreError
         If the source or `out` cannot be used.
     DataError
-        With `strict`, for the first broken clip.
+        With `strict`, for the first clip that is broken or whose unit is implausible.
     """
     progress = progress or Progress(quiet=True)
     check_backend(backend, scheduler)
@@ -144,11 +145,14 @@ class _Build:
         source_sha256 = gathered.source_sha256()
         if (self.out / DATASET_FILE).exists() and not self.overwrite:
             _require_same(self.out, self.recipe, source_sha256)
-            stop_if_strict(self.strict, _rejects_there(self.out))
+            with open_store(self.out) as store:
+                stop_if_strict(self.strict, [Reject(**row) for row in store.rejects])
+                stop_if_implausible(self.strict, store.quality)
             return False
         stop_if_strict(self.strict, [*gathered.rejects, *gathered.audio_problems.values()])
         clips = gather(self.cache, gathered, jobs=self.workers, progress=self.progress)
         stop_if_strict(self.strict, gathered.rejects)
+        stop_if_implausible(self.strict, gathered.quality)
         require_clips(clips, gathered.rejects)
         gathered.rejects = [_relative(r, self.source) for r in gathered.rejects]
         if (self.out / DATASET_FILE).exists():
@@ -249,11 +253,6 @@ def _require_same(out: Path, recipe: Recipe, source_sha256: str) -> None:
 
 def _reject_order(reject: Reject) -> tuple[str, int, str, str]:
     return reject.clip, -1 if reject.window is None else reject.window, reject.reason, reject.file
-
-
-def _rejects_there(out: Path) -> list[Reject]:
-    with open_store(out) as store:
-        return [Reject(**row) for row in store.rejects]
 
 
 def _relative(reject: Reject, source: Path) -> Reject:

@@ -16,6 +16,7 @@ from dancedata.pipeline.build import hired_for, stop_if_strict
 from dancedata.pipeline.cache import Cache, default_cache
 from dancedata.pipeline.execute import Progress
 from dancedata.pipeline.gather import gather, identify
+from dancedata.pipeline.implausible import stop_if_implausible
 from dancedata.pipeline.recipe import Recipe, resolve
 
 
@@ -128,5 +129,6 @@ def build_part(
         songs = len(gathered.signals)
         gather(store_cache, gathered, jobs=workers, progress=progress)
         stop_if_strict(strict, gathered.rejects)
+        stop_if_implausible(strict, gathered.quality)
     left_out = Counter(reject.reason for reject in gathered.rejects)
     return PartResult(part, len(scan.clips), len(mine), songs, dict(sorted(left_out.items())))

@@ -11,10 +11,12 @@ from typing import Any
 from dancedata.core.clip import ClipRef, Scan
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
+from dancedata.core.quality import implausible_flags
 from dancedata.pipeline.build import header_of
 from dancedata.pipeline.cache import Cache, default_cache
 from dancedata.pipeline.execute import Progress, run_units
 from dancedata.pipeline.gather import audio_window_count
+from dancedata.pipeline.implausible import describe_implausible
 from dancedata.pipeline.motion_units import motion_window_count
 from dancedata.pipeline.plan_cached import Cached, cached_units
 from dancedata.pipeline.recipe import Recipe
@@ -29,6 +31,8 @@ class ClipPlan:
     ----------
     n_without_music
         Windows that would be left out because the music ends before they do.
+    implausible
+        What a unit makes of the body or its path.
     """
 
     ref: ClipRef
@@ -37,6 +41,7 @@ class ClipPlan:
     n_without_music: int = 0
     audio_rows: tuple[int, ...] = ()
     problems: tuple[str, ...] = ()
+    implausible: tuple[dict[str, Any], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -82,11 +87,12 @@ class Plan:
         return 2 if self.recipe.mirror and split == "train" else 1
 
     def _notes(self) -> list[str]:
+        notes = [line.strip() for line in describe_implausible(row for c in self.clips for row in c.implausible)]
         chosen = self.recipe.windows.filter
-        if chosen is None:
-            return []
-        where = ", ".join(chosen.splits)
-        return [f"windows of {where} are counted before the movement filter, which looks at encoded motion"]
+        if chosen is not None:
+            where = ", ".join(chosen.splits)
+            notes.append(f"windows of {where} are counted before the movement filter, which looks at encoded motion")
+        return notes
 
     def _bytes(self, kept: list[ClipPlan]) -> int:
         """Estimate the size of the shards, tables aside; equal windows of several files are counted each."""
@@ -138,15 +144,16 @@ def _clip_plan(recipe: Recipe, ref: ClipRef, samples: tuple[int, int] | str | No
     problems = tuple(found for found in (motion, samples) if isinstance(found, str))
     if problems:
         return ClipPlan(ref, problems=problems)
+    implausible = tuple({"clip": ref.id, **flag.to_json()} for flag in implausible_flags(motion))
     n_frames = FrameGrid(motion.grid.rate).resampled_length(motion.n_frames, recipe.grid)
     count = motion_window_count(recipe, motion.n_frames, motion.grid.rate)
     if not count or samples is None:
-        return ClipPlan(ref, n_frames, count, problems=() if count else ("too_short",))
+        return ClipPlan(ref, n_frames, count, problems=() if count else ("too_short",), implausible=implausible)
     kept = min(count, audio_window_count(recipe, *samples))
     if not kept:
         return ClipPlan(ref, problems=("short_audio",))
     rows = tuple(f.n_rows(*samples, recipe.grid) for f in recipe.audio)
-    return ClipPlan(ref, n_frames, kept, count - kept, rows)
+    return ClipPlan(ref, n_frames, kept, count - kept, rows, implausible=implausible)
 
 
 def _length(path: Path) -> tuple[int, int] | str:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from dancedata.core.clip import Reject
 from dancedata.core.errors import DataError
+from dancedata.core.quality import IMPLAUSIBLE
 
 CHANGED = "the file changed while the build was running"
 BUILD_AGAIN = "run the build again when the source is at rest"
@@ -21,6 +22,9 @@ BY_CHOICE = {
     "still",
     "short_field",
 }
+
+#: Reasons that `check` reports as notes; all others are errors.
+NOTED = {*BY_CHOICE, *IMPLAUSIBLE}
 
 
 def reject_of(error: DataError, clip: str = "", file: Path | None = None) -> Reject:
