@@ -49,6 +49,10 @@ class BuildResult:
     built: bool
     scan_notes: tuple[str, ...]
 
+    def __repr__(self) -> str:
+        """Show where the dataset is, and whether it was built now."""
+        return f"BuildResult({str(self.out)!r}, built={self.built}, {len(self.scan_notes)} notes)"
+
 
 def build(
     recipe: Recipe,

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.store import Store, open_store
+from dancedata.store.clip_view import ClipView
 from dancedata.store.schema import ClipRecord
 
 #: Names shown in a line at most; JSON has all.
@@ -141,7 +142,7 @@ def _common_fields(one: Store, two: Store, *, columns: bool) -> list[str]:
     return [name for name, yes in zip(names, same, strict=True) if yes]
 
 
-def _clips(one: Store, two: Store, common: Sequence[tuple[ClipRecord, ClipRecord]]) -> Iterator[Difference]:
+def _clips(one: Store, two: Store, common: Sequence[tuple[ClipView, ClipView]]) -> Iterator[Difference]:
     yield from _one_sided("clips", "clips", (c.id for c in one.clips), (c.id for c in two.clips))
     changed: dict[str, list[str]] = {}
     example: dict[str, str] = {}
@@ -171,7 +172,7 @@ def _starts(store: Store) -> dict[str, set[tuple[int, int]]]:
     return found
 
 
-def _values(one: Store, two: Store, common: Sequence[tuple[ClipRecord, ClipRecord]]) -> Iterator[Difference]:
+def _values(one: Store, two: Store, common: Sequence[tuple[ClipView, ClipView]]) -> Iterator[Difference]:
     shards = [{s["sha256"] for s in store.meta["shards"]} for store in (one, two)]
     if shards[0] == shards[1] or one.scope != two.scope or one.fps != two.fps:
         return
@@ -197,12 +198,12 @@ def _values(one: Store, two: Store, common: Sequence[tuple[ClipRecord, ClipRecor
 
 
 def _pieces(
-    one: Store, two: Store, name: str, common: Sequence[tuple[ClipRecord, ClipRecord]]
+    one: Store, two: Store, name: str, common: Sequence[tuple[ClipView, ClipView]]
 ) -> Iterator[tuple[str, tuple[npt.NDArray[Any], npt.NDArray[Any]]]]:
     """Give the rows of both stores: clip by clip, in window scope window by window."""
     if one.scope == "track":
-        for mine, _ in common:
-            yield mine.id, (one.clip(mine.id).read(name), two.clip(mine.id).read(name))
+        for clip, same in common:
+            yield clip.id, (clip.read(name), same.read(name))
         return
     others = {(w.clip, w.start, w.length): w for split in two.splits for w in two.windows(split)}
     for split in one.splits:

@@ -53,6 +53,11 @@ class Plan:
     clips: tuple[ClipPlan, ...]
     cached: Mapping[str, Cached]
 
+    def __repr__(self) -> str:
+        """Show how much would be built; `to_json` has the rest."""
+        windows = sum(c.n_windows for c in self.clips)
+        return f"Plan({self.recipe.name!r}, {sum(c.n_windows > 0 for c in self.clips)} clips, {windows} windows)"
+
     def to_json(self) -> dict[str, Any]:
         """Return plain JSON data: counts, columns and bytes."""
         kept = [c for c in self.clips if c.n_windows]
