@@ -14,7 +14,7 @@ _NAMED = 3
 
 def implausible_problems(quality: Iterable[Mapping[str, Any]]) -> list[Reject]:
     """Return one problem for each row of quality.jsonl that concerns a unit; `reason` is the row's kind."""
-    rows = [row for row in quality if row.get("kind") in IMPLAUSIBLE]
+    rows = [row for row in quality if row.get("kind") in IMPLAUSIBLE and isinstance(row.get("value"), int | float)]
     return [Reject(str(row["kind"]), clip=str(row.get("clip", "")), detail=_found(row)) for row in rows]
 
 

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from dancedata.core.errors import DataError
 from dancedata.core.motion import Motion
+from dancedata.core.quality import implausible_flags
 from dancedata.core.safe_pickle import load_pickle
 from dancedata.core.skeleton import SMPL24
 from dancedata.datasets import _aistpp_load
@@ -126,6 +127,19 @@ def test_numbers_at_the_end_of_their_range_are_no_crash() -> None:
     rotations = np.random.default_rng(0).normal(0, 1e300, (40, 24, 3))
     with pytest.raises(DataError):
         require_rotations(Path("x"), "poses", rotations, rotations[:, 1], SMPL24.parents)
+
+
+def test_the_reference_corpus_is_rotations(peers: Any) -> None:
+    motions = [_aistpp_load.load_motion(path, 60) for path in sorted((peers / "inputs").rglob("*.pkl"))]
+    for path in sorted((peers / "inputs").rglob("*.npy")):
+        motions.append(load_motion(path, Reading(Declared("30"), Declared())))
+    assert len(motions) == 6 + 3
+    for motion in motions:
+        require_rotations(Path("x"), "poses", motion.rotations, motion.translation, motion.skeleton.parents)
+        still = np.zeros((motion.n_frames, 3))
+        with pytest.raises(DataError, match="parents are constant"):
+            require_rotations(Path("x"), "poses", motion.joints(), still, motion.skeleton.parents)
+        assert implausible_flags(motion) == []
 
 
 def test_real_motions_are_rotations_and_their_joints_are_not(shared: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 import shutil
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from typer.testing import CliRunner
 
 from dancedata.cli import app
 from dancedata.core.errors import DataError
+from dancedata.datasets.aistpp import AistPP
 from dancedata.datasets.folder import Folder
 from dancedata.pipeline.build import build
 from dancedata.pipeline.parts import Part, build_part
@@ -84,6 +86,24 @@ def test_strict_stops_before_and_after_the_build(source: Path, tmp_path: Path) -
         build(made, source, tmp_path / "out", cache=tmp_path / "cache")
     with pytest.raises(DataError, match="an implausible unit"):
         build_part(made, source, Part(1, 1), cache=tmp_path / "cache", strict=True)
+
+
+def test_every_reader_is_judged(tmp_path: Path) -> None:
+    """AIST++ divides its translation by smpl_scaling: a file in metres that keeps the usual factor is far off."""
+    reader = AistPP()
+    reader.make_example(tmp_path / "source")
+    first, *rest = (ref.motion_path for ref in reader.scan(tmp_path / "source").clips)
+    with first.open("rb") as file:
+        content = pickle.load(file)
+    first.write_bytes(pickle.dumps({**content, "smpl_trans": content["smpl_trans"] / content["smpl_scaling"]}))
+    made = load_recipe("aist++", ["audio={}"])
+    build(made, tmp_path / "source", tmp_path / "out", cache=tmp_path / "cache")
+    with open_store(tmp_path / "out") as store:
+        assert [(f["clip"], f["kind"]) for f in store.quality] == [(first.stem, "implausible_root")]
+    assert rest
+    with pytest.raises(DataError, match="1 clip with an implausible unit"):
+        build(made, tmp_path / "source", tmp_path / "again", cache=tmp_path / "cache", strict=True)
+    assert not (tmp_path / "again/dataset.json").exists()
 
 
 def test_a_plausible_unit_says_nothing(source: Path, tmp_path: Path) -> None:
