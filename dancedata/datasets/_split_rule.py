@@ -57,7 +57,7 @@ class SplitRule:
         problems = [f"unknown key {key!r}; {did_you_mean(str(key), _KEYS)}" for key in given if key not in _KEYS]
         parts = {name: _fraction(name, given.get(name, 0), problems) for name in (_VAL, _TEST)}
         by, seed = given.get("by"), given.get("seed", 0)
-        if by not in _NOUNS:
+        if not isinstance(by, str) or by not in _NOUNS:
             said = "missing" if by is None else f"{by!r}"
             problems.append(f"by is {said}; allowed: {', '.join(_NOUNS)}")
         if not isinstance(seed, int) or isinstance(seed, bool) or not 0 <= seed < 2**63:

@@ -123,6 +123,7 @@ def test_an_empty_split_names_a_seed_that_does() -> None:
     [
         ({"val": 0.1}, "by is missing; allowed: music, dancer, genre, clip"),
         ({"val": 0.1, "by": "song"}, "by is 'song'"),
+        ({"val": 0.1, "by": ["music"]}, "by is ['music']"),
         ({"val": 0.1, "bye": "music", "by": "clip"}, "unknown key 'bye'; did you mean 'by'?"),
         ({"val": 1.5, "by": "clip"}, "val is '1.5'"),
         ({"val": -0.1, "by": "clip"}, "val is '-0.1'"),
