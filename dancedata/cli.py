@@ -12,6 +12,7 @@ from dancedata.cli_errors import errors_to_exit_codes as _errors_to_exit_codes
 from dancedata.cli_jukebox import app as jukebox
 from dancedata.core.errors import UsageError
 from dancedata.core.version import __version__
+from dancedata.pipeline.arithmetic import adopt
 
 app = typer.Typer(
     help="Turn dance motion capture and music into training data.",
@@ -328,6 +329,7 @@ def _print_json(obj: Any) -> None:
 
 def main() -> None:
     """Run the command line."""
+    adopt()
     app(prog_name="dancedata")
 
 

@@ -8,13 +8,21 @@ import shutil
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-import numpy as np
 import pytest
 from hypothesis import settings
+
+from dancedata.pipeline import arithmetic
 
 # Machines that run tests are busy: how long an example takes says nothing.
 settings.register_profile("dancedata", deadline=None)
 settings.load_profile("dancedata")
+
+# Tests compute as the command line does, in their own process, where they can replace functions. With this variable
+# they keep the kernels that the processor or OPENBLAS_CORETYPE chooses: tests of numbers have to pass on all of them.
+if not os.environ.get("DANCEDATA_TEST_NATIVE"):
+    arithmetic.adopt()
+
+import numpy as np  # noqa: E402 (kernels are chosen before)
 
 ROOT = Path(__file__).resolve().parent.parent
 #: A compact set of reference outputs, part of the project; its README says what it holds.

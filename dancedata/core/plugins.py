@@ -138,6 +138,9 @@ class AudioFeature(Protocol):
         of weights. Left out by most.
     workers
         ``workers(jobs) -> int``: processes it is worth running in, if that is not `jobs`.
+    exact
+        False if bits may differ between machines, within a tolerance, as those of a network on a GPU do; it is then
+        computed in whichever process asks. Else, and where it is left out, bits are the same on every machine.
     uses_tempo
         False if it makes nothing of `start_bpm`, which is then no part of the cache key.
     reads_ahead

@@ -19,11 +19,12 @@ from dancedata.pipeline.cache_files import running, sweep
 from dancedata.pipeline.card import dataset_card
 from dancedata.pipeline.diff import document_differences, shaping
 from dancedata.pipeline.execute import Progress
-from dancedata.pipeline.gather import gather, identify, require_clips
+from dancedata.pipeline.gather import gather, identify, require_clips, scan_source
 from dancedata.pipeline.gathered import Gathered
 from dancedata.pipeline.implausible import stop_if_implausible
 from dancedata.pipeline.out_folder import check_out, clean, locked, swapped
 from dancedata.pipeline.recipe import Recipe, resolve
+from dancedata.pipeline.reference_process import expected
 from dancedata.pipeline.rejects import BY_CHOICE
 from dancedata.pipeline.workers import Workers, check_backend, hired
 from dancedata.store import Field, StoredClip, StoreHeader, open_store, write_store
@@ -104,7 +105,7 @@ def build(
     recipe = resolve(recipe, store_cache.file_sha256)
     with locked(out):
         check_out(out)
-        scan: Scan = recipe.dataset.scan(source)
+        scan = scan_source(recipe, source)
         with hired_for(recipe, source, store_cache, jobs, backend, scheduler) as workers:
             made = _Build(recipe, source, out, scan, store_cache, workers, progress, overwrite, strict)
             return BuildResult(out, built=made.run(), scan_notes=scan.notes)
@@ -226,6 +227,7 @@ def _meta(recipe: Recipe, gathered: Gathered, source_sha256: str) -> dict[str, A
         "skeletons": {slot.name: slot.representation.skeleton.name for slot in recipe.motion},
         "genre_ids": dict(getattr(recipe.dataset, "genre_ids", {})),
         "content": gathered.content,
+        "arithmetic": expected(),
         "packages": {**versions, **{name: package_version(name) for name in sorted(packages)}},
         "quality_flags": len(gathered.quality),
     }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 from dancedata.augment.mirror import SUFFIX, mirrored_copy
 from dancedata.core.clip import ClipRef, Reject, Scan
@@ -11,7 +12,7 @@ from dancedata.core.errors import SourceError, StoreError
 from dancedata.core.windows import count_windows
 from dancedata.pipeline.audio_units import SignalId, identify_audio, known_signal, window_samples
 from dancedata.pipeline.cache import Cache, CachedArray
-from dancedata.pipeline.execute import Progress, run_units
+from dancedata.pipeline.execute import Progress, exactly, run_units
 from dancedata.pipeline.gather_audio import extract_all
 from dancedata.pipeline.gathered import Gathered, window_numbers
 from dancedata.pipeline.motion_units import (
@@ -30,6 +31,13 @@ from dancedata.pipeline.workers import Jobs
 from dancedata.store import AudioBlock, StoredClip
 
 
+def scan_source(recipe: Recipe, source: Path) -> Scan:
+    """List what the source holds. A dataset that writes its own source computes it as results are computed."""
+    generates = getattr(recipe.dataset, "generates", False)
+    scan: Scan = exactly(recipe.dataset.scan, source) if generates else recipe.dataset.scan(source)
+    return scan
+
+
 def identify(cache: Cache, recipe: Recipe, scan: Scan, *, jobs: Jobs, progress: Progress) -> Gathered:
     """Find out what every clip's files are: hash motions, decode and hash music."""
     content = content_hashes(recipe.dataset, cache.file_sha256)
@@ -37,7 +45,7 @@ def identify(cache: Cache, recipe: Recipe, scan: Scan, *, jobs: Jobs, progress: 
     paths = list(dict.fromkeys(ref.motion_path for ref in scan.clips))
     calls = [(cache, path) for path in paths]
     known = [known_hash(cache, path) for path in paths]
-    found = run_units(hash_motion, calls, known=known, jobs=1, label="hashing motion", progress=progress)
+    found = run_units(hash_motion, calls, known=known, jobs=1, label="hashing motion", progress=progress, exact=False)
     hashes = dict(zip(paths, found, strict=True))
     for ref in scan.clips:
         sha = hashes[ref.motion_path]
@@ -52,8 +60,8 @@ def identify(cache: Cache, recipe: Recipe, scan: Scan, *, jobs: Jobs, progress: 
 
 def _identify_music(cache: Cache, gathered: Gathered, jobs: Jobs, progress: Progress) -> None:
     paths = sorted({r.audio_path for r in gathered.refs.values() if r.audio_path is not None})
-    known = [known_signal(cache, gathered.recipe, path) for path in paths]
-    calls = [(cache, gathered.recipe, path) for path in paths]
+    known = [known_signal(cache, path) for path in paths]
+    calls = [(cache, path) for path in paths]
     found = run_units(identify_audio, calls, known=known, jobs=jobs, label="decoding music", progress=progress)
     outcome = dict(zip(paths, found, strict=True))
     gathered.signals = {p: o for p, o in outcome.items() if isinstance(o, SignalId)}

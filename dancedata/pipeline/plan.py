@@ -15,7 +15,7 @@ from dancedata.core.quality import implausible_flags
 from dancedata.pipeline.build import header_of
 from dancedata.pipeline.cache import Cache, default_cache
 from dancedata.pipeline.execute import Progress, run_units
-from dancedata.pipeline.gather import audio_window_count
+from dancedata.pipeline.gather import audio_window_count, scan_source
 from dancedata.pipeline.implausible import describe_implausible
 from dancedata.pipeline.motion_units import motion_window_count
 from dancedata.pipeline.plan_cached import Cached, cached_units
@@ -126,7 +126,7 @@ def make_plan(
     recipe: Recipe, source: Path, *, jobs: int = 1, cache: Path | None = None, progress: Progress | None = None
 ) -> Plan:
     """Find out what `build` would make of a source, and what of that is in the cache."""
-    scan: Scan = recipe.dataset.scan(source)
+    scan = scan_source(recipe, source)
     progress = progress or Progress(quiet=True)
     songs: dict[Path | None, Any] = {None: "missing_music"}
     if recipe.audio:

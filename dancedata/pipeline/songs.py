@@ -15,10 +15,10 @@ from dancedata.core.errors import StoreError, UsageError, did_you_mean
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import json_sha256
 from dancedata.core.registry import FEATURES
-from dancedata.pipeline.audio_units import window_samples
+from dancedata.pipeline.audio_units import is_exact, window_samples
 from dancedata.pipeline.cache import Cache, default_cache
 from dancedata.pipeline.documents import document_of
-from dancedata.pipeline.execute import one_thread
+from dancedata.pipeline.execute import exactly, on_one_thread
 from dancedata.pipeline.recipe import Recipe, resolve_feature
 from dancedata.pipeline.recipe_file import load_recipe, parse_recipe
 from dancedata.pipeline.slots import make_named
@@ -82,8 +82,8 @@ def write_features(
         for song in songs:
             signal = load_audio(song)
             for like in likes:
-                with one_thread():
-                    rows, starts = _compute(like, signal, bpm, song)
+                compute = exactly if is_exact(like.feature) else on_one_thread
+                rows, starts = compute(_compute, like, signal, bpm, song)
                 path = out / f"{song.stem}.{like.feature.name}.npy"
                 with atomic_file(path) as temporary, open(temporary, "wb") as file:
                     np.save(file, rows)
