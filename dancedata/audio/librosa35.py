@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from dancedata.audio import _librosa35_fast as fast
 from dancedata.audio import _librosa35_plain as plain
-from dancedata.audio.signal import resampled_length
+from dancedata.audio.signal import pcm16, resampled_length
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.columns import Columns, Group
 from dancedata.core.errors import DataError, UsageError
@@ -120,6 +120,26 @@ class Librosa35:
         is_fast = self._is_fast(lambda: fast.why_not_track(signal.samples, signal.sample_rate, rate))
         compute = fast.track_features if is_fast else plain.track_features
         return compute(signal.samples, signal.sample_rate, rate, start_bpm, self.tightness)
+
+    def estimated_bpm(self, signal: AudioSignal, grid: FrameGrid) -> float:
+        """Return the tempo that `extract` starts from where none is given, beats a minute."""
+        rate = _feature_rate(grid)
+        _require_samples(signal)
+        is_fast = self._is_fast(lambda: fast.why_not_track(signal.samples, signal.sample_rate, rate))
+        estimate = fast.estimated_bpm if is_fast else plain.estimated_bpm
+        return estimate(signal.samples, signal.sample_rate)
+
+    def estimated_window_bpms(
+        self, signal: AudioSignal, starts: NDArray[np.int64], n_samples: int, grid: FrameGrid
+    ) -> list[float]:
+        """Return the tempos that `extract_windows` starts from where none is given, one a window."""
+        rate = _feature_rate(grid)
+        _require_samples(signal)
+        _require_windows(signal, starts, n_samples)
+        is_fast = self._is_fast(lambda: fast.why_not_windows(n_samples, signal.sample_rate, rate))
+        estimate = fast.estimated_bpm if is_fast else plain.estimated_bpm
+        windows = (pcm16(signal.samples[int(start) : int(start) + n_samples]) for start in starts)
+        return [estimate(window, signal.sample_rate) for window in windows]
 
     def extract_windows(
         self,

@@ -25,6 +25,8 @@ class ClipRef:
     declared
         What the source says of how this file is to be read, apart from the dataset's parameters: (name, value),
         such as ("fps", "120") from a manifest. It is for `load`, and part of the cache key.
+    music_fix
+        Where there is no `audio_path`: what to do about it, such as which file to rename; "" if nothing is known.
     """
 
     id: str
@@ -38,6 +40,7 @@ class ClipRef:
     lists: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     declared: tuple[tuple[str, str], ...] = ()
+    music_fix: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +83,10 @@ class Reject:
         First frame of the window, where only a window was left out.
     numbers
         What was measured.
+    music
+        The song that is missing, where one is: clips are many, songs are few.
+    fix
+        What to do about it, where that is known.
     """
 
     reason: str
@@ -88,17 +95,25 @@ class Reject:
     window: int | None = None
     detail: str = ""
     numbers: Mapping[str, float | int] = field(default_factory=dict)
+    music: str = ""
+    fix: str = ""
 
     def to_json(self) -> dict[str, Any]:
         """Return plain JSON data, without what is empty."""
         row: dict[str, Any] = {"reason": self.reason}
-        for name in ("clip", "file", "window", "detail"):
+        for name in ("clip", "file", "window", "detail", "music", "fix"):
             value = getattr(self, name)
             if value not in ("", None):
                 row[name] = value
         if self.numbers:
             row["numbers"] = dict(self.numbers)
         return row
+
+    @classmethod
+    def from_json(cls, row: Mapping[str, Any]) -> Reject:
+        """Read what `to_json` gave; keys that this version does not have are passed over."""
+        texts = {name: str(row.get(name, "")) for name in ("clip", "file", "detail", "music", "fix")}
+        return cls(str(row.get("reason", "")), window=row.get("window"), numbers=row.get("numbers", {}), **texts)
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable
+
+from dancedata.core.nearest import closest
+
+#: Known names that a message lists: all joints of a skeleton, not all clips of a dataset.
+_LISTED = 60
 
 
 class DanceDataError(Exception):
@@ -103,9 +107,16 @@ class DataError(DanceDataError):
         self.reason = reason
 
 
-def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Return "did you mean 'x'? known: a, b, c" for a misspelt name."""
+def did_you_mean(name: str, known: Iterable[str], also: Iterable[str] = ()) -> str:
+    """Return "did you mean 'x'? known: a, b, c" for a misspelt name.
+
+    Parameters
+    ----------
+    also
+        Names that may be meant and are not listed.
+    """
     names = [str(k) for k in known]
-    close = difflib.get_close_matches(str(name), names, n=1, cutoff=0.5)
-    listed = f"known: {', '.join(names)}" if names else "none is known"
-    return f"did you mean {close[0]!r}? {listed}" if close else listed
+    close = closest(str(name), [*names, *also])
+    more = f" and {len(names) - _LISTED:,} more" if len(names) > _LISTED else ""
+    listed = f"known: {', '.join(names[:_LISTED])}{more}" if names else "none is known"
+    return f"did you mean {close!r}? {listed}" if close is not None else listed

@@ -143,6 +143,9 @@ class AudioFeature(Protocol):
         computed in whichever process asks. Else, and where it is left out, bits are the same on every machine.
     uses_tempo
         False if it makes nothing of `start_bpm`, which is then no part of the cache key.
+    estimated_bpm, estimated_window_bpms
+        ``estimated_bpm(signal, grid) -> float`` and ``estimated_window_bpms(signal, starts, n_samples, grid)``, a
+        list: the tempos that `extract` and `extract_windows` estimate where `start_bpm` is None, for people to see.
     reads_ahead
         True if it computes on a device, so that the next song may be decoded meanwhile.
     make_example

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from dancedata.core.errors import SourceError
+from dancedata.core.text import counted
 
 __all__ = ["counted", "describe", "few", "list_folder", "read_names", "relative", "require_folder"]
 
@@ -71,11 +72,6 @@ def few(names: Sequence[str] | Iterable[str], shown: int = SHOWN) -> str:
     names = list(names)
     text = ", ".join(names[:shown])
     return text if len(names) <= shown else f"{text} and {len(names) - shown:,} more"
-
-
-def counted(n: int, noun: str) -> str:
-    """Say a number of things: "1 clip", "1,408 clips"."""
-    return f"{n:,} {noun}{'' if n == 1 else 's'}"
 
 
 def relative(path: Path, source: Path) -> str:

@@ -40,6 +40,7 @@ from dancedata.datasets._folder_load import SUFFIXES, Reading, describe, load_mo
 from dancedata.datasets._folder_manifest import MANIFESTS, Row, clip_id, id_problem, inside, read_manifest
 from dancedata.datasets._folder_match import LOOKED_FOR, MUSIC, match_names
 from dancedata.datasets._layout import counted, relative, require_folder
+from dancedata.datasets._near_music import NearMusic
 from dancedata.datasets._split_rule import SplitRule
 
 __all__ = ["Folder"]
@@ -179,8 +180,9 @@ class Folder:
         audio = {row.get("audio") for row in rows if row.get("audio")}
         stems = Counter(Path(text).stem for text in audio)
         clips, rejects = [], []
+        near = _near_listed(source, audio)
         for row in rows:
-            clip = self._clip(source, manifest, row, stems)
+            clip = self._clip(source, manifest, row, stems, near)
             if not isinstance(clip, Reject):
                 clips.append(clip)
             else:
@@ -188,7 +190,7 @@ class Folder:
         notes = [f"Manifest: {manifest.name}, {counted(len(rows), 'clip')}."]
         return clips, rejects, notes, f"manifest ({manifest.suffix.removeprefix('.')})"
 
-    def _clip(self, source: Path, manifest: Path, row: Row, stems: Counter[str]) -> ClipRef | Reject:
+    def _clip(self, source: Path, manifest: Path, row: Row, stems: Counter[str], near: NearMusic) -> ClipRef | Reject:
         name, split = clip_id(row), row.get("split") or self._default_split
         _check_row(manifest, row, split)
         motion = inside(source, row.get("motion"), manifest, row.line, "motion")
@@ -197,7 +199,9 @@ class Folder:
         if not motion.is_file():
             return Reject("missing_motion", clip=name, file=row.get("motion"), detail="listed, but not there")
         if audio is not None and not audio.is_file():
-            return Reject("missing_music", clip=name, file=text, detail=f"{manifest.name} names {text}: not there")
+            detail = f"{manifest.name} names {text}: not there"
+            fix = near.fix(Path(text).with_suffix("").as_posix())
+            return Reject("missing_music", clip=name, file=text, detail=detail, music=text, fix=fix)
         if audio is None and self.music == "required":
             return Reject("missing_music", clip=name, detail=f"{manifest.name} names no audio")
         song = Path(text)
@@ -219,15 +223,18 @@ class Folder:
         clips, rejects = [], list(matched.rejects)
         for name, path in matched.motions.items():
             audio = matched.music.get(name)
+            fix = matched.near.fix(matched.music_folder + name) if audio is None else ""
             problem = id_problem(name)
             if problem is not None:
                 detail = f"its name, the clip's id, {problem}; rename it, or write a manifest with an id"
                 rejects.append(Reject("bad_name", clip=name, file=relative(path, source), detail=detail))
             elif audio is None and self.music == "required":
                 detail = f"no {name}.wav, .flac, .mp3 or .ogg"
-                rejects.append(Reject("missing_music", clip=name, file=relative(path, source), detail=detail))
+                file = relative(path, source)
+                rejects.append(Reject("missing_music", clip=name, file=file, detail=detail, music=name, fix=fix))
             else:
-                clips.append(ClipRef(name, path, audio, self._default_split, music=name if audio else ""))
+                music = name if audio else ""
+                clips.append(ClipRef(name, path, audio, self._default_split, music=music, music_fix=fix))
         return clips, rejects, list(matched.notes), matched.layout
 
     def _described(self, clips: list[ClipRef]) -> tuple[list[ClipRef], list[str]]:
@@ -261,6 +268,14 @@ class Folder:
             return clips, [f"Splits: none is given, so all {counted(len(clips), 'clip')} are in {self.split!r}."]
         said = ", ".join(f"{n:,} {split}" for split, n in sorted(splits.items()))
         return clips, [f"Splits: {said or 'no clip is left'}."]
+
+
+def _near_listed(source: Path, audio: set[str]) -> NearMusic:
+    """Music in the folders that the manifest names, apart from that which it names."""
+    listed = {source / text for text in audio if ".." not in Path(text).parts and not Path(text).is_absolute()}
+    folders = sorted({path.parent for path in listed})
+    stems = {path.stem for path in listed}
+    return NearMusic(source, (*folders, source), listed, stems.__contains__)
 
 
 def _check_row(manifest: Path, row: Row, split: str) -> None:

@@ -108,4 +108,5 @@ def _check_clip(reader: Any, ref: ClipRef) -> list[Reject]:
 
 def _problem(reject: Reject) -> Problem:
     severity: Literal["error", "note"] = "note" if reject.reason in NOTED else "error"
-    return Problem(severity, reject.clip or reject.file, f"{reject.reason}: {reject.detail or reject.file}")
+    fix = f"; {reject.fix}" if reject.fix else ""
+    return Problem(severity, reject.clip or reject.file, f"{reject.reason}: {reject.detail or reject.file}{fix}")

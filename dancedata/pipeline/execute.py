@@ -20,6 +20,7 @@ from dancedata.pipeline.cache import entered
 from dancedata.pipeline.cache_files import held, left_behind
 from dancedata.pipeline.last_words import doing
 from dancedata.pipeline.reference_process import ReferenceProcessError, compute
+from dancedata.pipeline.shielded import shielded
 from dancedata.pipeline.workers import Jobs, Workers, check_surroundings
 
 T = TypeVar("T")
@@ -127,6 +128,8 @@ class _Run:
 
     def _run(self, indices: Sequence[int]) -> BaseException | None:
         """Run calls until all are done or a worker dies; returns what was said of that."""
+        from multiprocessing import resource_tracker
+
         from joblib import Parallel, delayed
 
         # Units take paths, not arrays. joblib would make a folder for large ones in /dev/shm, and leave it there
@@ -145,7 +148,11 @@ class _Run:
         try:
             # Workers are started when they are needed.
             with adopted_by_children():
-                outcome = Parallel(**pool, return_as="generator")(tasks)
+                if self.workers.backend == "loky":
+                    # It would be started with the workers, and let SIGINT through to them.
+                    resource_tracker.ensure_running()
+                with shielded():
+                    outcome = Parallel(**pool, return_as="generator")(tasks)
                 for index, result in zip(indices, outcome, strict=True):
                     self.found[index] = result
                     self.advance(1)
@@ -278,18 +285,36 @@ class Progress:
     def __init__(self, quiet: bool = False, stream: TextIO | None = None) -> None:
         self.quiet = quiet
         self.stream = stream if stream is not None else sys.stderr
+        self._announced: list[str] = []
+
+    def announce(self, text: str) -> None:
+        """Print a line as soon as there is something to do: what finds all done is silent."""
+        self._announced.append(text)
 
     def say(self, text: str) -> None:
         """Print a line."""
         if not self.quiet:
-            print(text, file=self.stream, flush=True)
+            lines, self._announced = [*self._announced, text], []
+            print("\n".join(lines), file=self.stream, flush=True)
+
+    def _begin(self) -> None:
+        """Print what was announced."""
+        if self._announced:
+            last = self._announced.pop()
+            self.say(last)
 
     @contextmanager
     def stage(self, label: str, total: int, known: int = 0) -> Iterator[Callable[[int], None]]:
         """Show a stage of `total` steps, `known` of them done before; gives a function to say how many more are."""
         if self.quiet:
             yield lambda _: None
-        elif self.stream.isatty():
+            return
+        if known == total:
+            self.announce(f"{label}: {total}/{total} in the cache")
+            yield lambda _: None
+            return
+        self._begin()
+        if self.stream.isatty():
             from tqdm import tqdm
 
             with tqdm(total=total, initial=known, desc=label, file=self.stream, unit="", dynamic_ncols=True) as bar:

@@ -8,6 +8,7 @@ from typing import Any
 from dancedata.core.clip import Reject
 from dancedata.core.errors import DataError
 from dancedata.core.quality import IMPLAUSIBLE, PLAUSIBLE_BODY_M, PLAUSIBLE_ROOT
+from dancedata.core.text import counted
 
 _NAMED = 3
 
@@ -35,8 +36,8 @@ def describe_implausible(quality: Iterable[Mapping[str, Any]]) -> list[str]:
     problems = implausible_problems(quality)
     if not problems:
         return []
-    n = len({p.clip for p in problems})
-    lines = [f"  implausible: {n} clip{'s' * (n != 1)}; correct the unit that was declared:"]
+    clips = counted(len({p.clip for p in problems}), "clip")
+    lines = [f"  implausible: {clips}; correct the unit that was declared:"]
     lines += [f"    {p.clip}: {p.reason}: {p.detail}" for p in problems[:_NAMED]]
     more = len(problems) - _NAMED
     return [*lines, f"    ... {more} more"] if more > 0 else lines
@@ -46,9 +47,9 @@ def stop_if_implausible(strict: bool, quality: Sequence[Mapping[str, Any]]) -> N
     """Raise DataError for the first clip with an implausible unit, if the build is strict."""
     problems = implausible_problems(quality)
     if strict and problems:
-        first, n = problems[0], len({p.clip for p in problems})
+        first, clips = problems[0], counted(len({p.clip for p in problems}), "clip")
         raise DataError(
-            f"{n} clip{'s' * (n != 1)} with an implausible unit in a strict build, the first: {first.detail}",
+            f"{clips} with an implausible unit in a strict build, the first: {first.detail}",
             reason=first.reason,
             where=first.clip,
             fix="correct the unit that was declared, or build without --strict to keep the clip, with a flag",

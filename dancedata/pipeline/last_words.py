@@ -13,10 +13,11 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
+from dancedata.pipeline.shielded import shielded
+
 _LISTENER = r"""
 import signal, sys
-for number in (signal.SIGINT, signal.SIGTERM):
-    signal.signal(number, signal.SIG_IGN)
+signal.signal(signal.SIGTERM, signal.SIG_IGN)
 last = b""
 for line in sys.stdin.buffer:
     last = line.strip()
@@ -35,8 +36,9 @@ class _Listener:
     def hear(self, text: str) -> None:
         if self.process is None:
             command = [sys.executable, "-I", "-S", "-c", _LISTENER]
-            # Nothing in the command comes from outside.
-            self.process = subprocess.Popen(command, stdin=subprocess.PIPE, bufsize=0)  # noqa: S603
+            with shielded():
+                # Nothing in the command comes from outside.
+                self.process = subprocess.Popen(command, stdin=subprocess.PIPE, bufsize=0)  # noqa: S603
             atexit.register(self.goodbye)
         pipe = self.process.stdin
         if pipe is not None:

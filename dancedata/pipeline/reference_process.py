@@ -27,6 +27,7 @@ import cloudpickle
 
 from dancedata.core.errors import DanceDataError
 from dancedata.pipeline import arithmetic
+from dancedata.pipeline.shielded import shielded
 
 T = TypeVar("T")
 
@@ -112,7 +113,7 @@ class ReferenceProcess:
     def _start(self) -> None:
         ours, theirs = Pipe()
         command = [sys.executable, "-c", _START, str(theirs.fileno()), json.dumps(sys.path)]
-        with theirs:
+        with theirs, shielded():  # Ctrl-C is for the process that asks
             # Nothing in the command comes from outside.
             self._process = subprocess.Popen(  # noqa: S603
                 command, env=arithmetic.environment(), stdin=subprocess.DEVNULL, pass_fds=[theirs.fileno()]
@@ -139,8 +140,6 @@ class ReferenceProcess:
 
 def serve(fd: int) -> None:
     """Compute what comes through a pipe until its other end is closed."""
-    # Ctrl-C is for the process that asks.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
     pipe = Connection(fd)
     with suppress(EOFError, ConnectionError):
         pipe.send_bytes(pickle.dumps(arithmetic.here()))

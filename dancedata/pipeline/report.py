@@ -9,10 +9,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from dancedata.core.clip import Reject
 from dancedata.core.quality import IMPLAUSIBLE
 from dancedata.core.registry import CONTACTS, DATASETS, FEATURES, KEYMOTIONS, REPRESENTATIONS
+from dancedata.core.text import counted
 from dancedata.pipeline.cache_admin import size_text
 from dancedata.pipeline.implausible import describe_implausible
+from dancedata.pipeline.left_out import left_out_lines
 from dancedata.pipeline.plan import Plan
 from dancedata.pipeline.recipe_file import load_recipe, recipe_names
 from dancedata.pipeline.rejects import NOTED
@@ -55,6 +58,13 @@ def _field_json(store: Store, name: str) -> dict[str, Any]:
     }
 
 
+#: Until when a window needs music: the two scopes differ by a window where the music ends within its last frame.
+_MUSIC_OF_WINDOWS = {
+    "track": "a frame is an instant: a window has music up to its last frame, not up to the next one after it",
+    "window": "a window has music for its whole length, in samples, as EDGE counts",
+}
+
+
 def describe_store(path: Path) -> str:
     """Return what `info` prints of a built dataset."""
     about = store_json(path)
@@ -63,6 +73,7 @@ def describe_store(path: Path) -> str:
         f"{about.get('name', path.name)}: {path} ({size_text(about['bytes'])})",
         f"  {about['scope']} scope, {about['fps']} frames a second, "
         f"windows of {windows['length']} frames every {windows['stride']}",
+        f"  {_MUSIC_OF_WINDOWS[about['scope']]}",
         *_table(
             ["split", "clips", "windows", "songs", "minutes"],
             [
@@ -100,13 +111,8 @@ def _describe_sources(about: Mapping[str, Any]) -> list[str]:
 def _describe_rejects(rejects: Sequence[Mapping[str, Any]]) -> list[str]:
     if not rejects:
         return ["  nothing was left out"]
-    lines = ["  left out (rejects.jsonl):"]
-    for reason, n in sorted(Counter(r["reason"] for r in rejects).items()):
-        names = [str(r.get("clip") or r.get("file", "")) for r in rejects if r["reason"] == reason]
-        names = list(dict.fromkeys(names))
-        more = f", ... {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-        lines.append(f"    {reason}: {n} ({', '.join(names[:_NAMED])}{more})")
-    return lines
+    lines = left_out_lines([Reject.from_json(row) for row in rejects], details=True)
+    return ["  left out (rejects.jsonl):", *(f"    {line}" for line in lines)]
 
 
 def _describe_quality(flags: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -164,10 +170,16 @@ def describe_plan(plan: Plan, out: Path) -> str:
             f"  {name}: {f['columns']} columns, {f['dtype']}{_in_cache(plan, name)}"
             for name, f in about["fields"].items()
         ),
-        *(f"  would leave out: {reason}: {n}" for reason, n in about["left_out"].items()),
+        *(line if line.startswith(" ") else f"  would leave out: {line}" for line in _would_leave_out(plan)),
         *(f"  note: {note}" for note in about["notes"]),
     ]
     return "\n".join(lines)
+
+
+def _would_leave_out(plan: Plan) -> list[str]:
+    windows = sum(clip.n_without_music for clip in plan.clips)
+    lines = [line.replace("  ", "    ", 1) if line.startswith(" ") else line for line in left_out_lines(plan.rejects)]
+    return [*lines, f"no_audio: {counted(windows, 'window')}"] if windows else lines
 
 
 def _in_cache(plan: Plan, field: str) -> str:
