@@ -16,6 +16,7 @@ from dancedata.pipeline.build import hired_for
 from dancedata.pipeline.cache import Cache, default_cache
 from dancedata.pipeline.execute import Progress
 from dancedata.pipeline.gather import gather, identify, scan_source
+from dancedata.pipeline.implausible import stop_if_implausible
 from dancedata.pipeline.left_out import stop_if_strict
 from dancedata.pipeline.recipe import Recipe, resolve
 
@@ -129,5 +130,6 @@ def build_part(
         songs = len(gathered.signals)
         gather(store_cache, gathered, jobs=workers, progress=progress)
         stop_if_strict(strict, gathered.rejects, scan)
+        stop_if_implausible(strict, gathered.quality)
     left_out = Counter(reject.reason for reject in gathered.rejects)
     return PartResult(part, len(scan.clips), len(mine), songs, dict(sorted(left_out.items())))
