@@ -51,6 +51,11 @@ class AudioSignal:
         samples.setflags(write=False)
         object.__setattr__(self, "samples", samples)
 
+    def __repr__(self) -> str:
+        """Show length and rate; not the samples."""
+        seconds = self.n_samples / self.sample_rate
+        return f"AudioSignal({self.n_samples} samples at {self.sample_rate} Hz, {seconds:.2f} s)"
+
     @property
     def n_samples(self) -> int:
         """Number of samples n."""

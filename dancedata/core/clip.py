@@ -136,3 +136,8 @@ class Scan:
     clips: tuple[ClipRef, ...]
     rejects: tuple[Reject, ...] = ()
     notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        """Show how much was found; `clips`, `rejects` and `notes` say what."""
+        counts = f"{len(self.clips)} clips, {len(self.rejects)} rejects, {len(self.notes)} notes"
+        return f"Scan(layout={self.layout!r}, {counts})"

@@ -15,6 +15,7 @@ from dancedata.core.motion import Motion
 from dancedata.core.safe_pickle import load_pickle
 from dancedata.core.skeleton import SMPL24
 from dancedata.datasets._checks import require_finite
+from dancedata.datasets._positions import require_rotations
 
 __all__ = ["load_motion"]
 
@@ -43,7 +44,7 @@ def load_motion(path: Path, frame_rate: int) -> Motion:
     ------
     DataError
         reason ``broken_file``, ``unsafe_pickle``, ``missing_key``, ``bad_shape``, ``empty``,
-        ``length_mismatch``, ``nan`` or ``bad_scaling``.
+        ``length_mismatch``, ``nan``, ``not_rotations`` or ``bad_scaling``.
     """
     content = _read(path)
     poses = _numbers(path, content, "smpl_poses")
@@ -65,6 +66,7 @@ def load_motion(path: Path, frame_rate: int) -> Motion:
     rotations = poses.reshape(len(poses), JOINTS, 3)
     require_finite(path, "smpl_poses", poses, _NOT_FINITE)
     require_finite(path, "smpl_trans", trans, _NOT_FINITE)
+    require_rotations(path, "smpl_poses", rotations, trans, SMPL24.parents)
     translation = _in_metres(path, trans, _scaling(path, content))
     return Motion(translation=translation, rotations=rotations, grid=FrameGrid.of(frame_rate), skeleton=SMPL24)
 

@@ -21,6 +21,7 @@ from dancedata.pipeline.diff import document_differences, shaping
 from dancedata.pipeline.execute import Progress
 from dancedata.pipeline.gather import gather, identify, scan_source
 from dancedata.pipeline.gathered import Gathered
+from dancedata.pipeline.implausible import stop_if_implausible
 from dancedata.pipeline.left_out import nothing_left, stop_if_strict
 from dancedata.pipeline.lost_entries import with_lost_entries
 from dancedata.pipeline.out_folder import check_out, locked, new_dataset
@@ -47,6 +48,10 @@ class BuildResult:
     out: Path
     built: bool
     scan_notes: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        """Show where the dataset is, and whether it was built now."""
+        return f"BuildResult({str(self.out)!r}, built={self.built}, {len(self.scan_notes)} notes)"
 
 
 def build(
@@ -85,7 +90,7 @@ def build(
     SourceError, StoreError
         If the source or `out` cannot be used.
     DataError
-        With `strict`, for the first broken clip.
+        With `strict`, for the first clip that is broken or whose unit is implausible.
     """
     progress = progress or Progress(quiet=True)
     check_backend(backend, scheduler)
@@ -139,11 +144,14 @@ class _Build:
         inputs = gathered.source_sha256(), SourceRecord.of_source(gathered, self.source)
         if (self.out / DATASET_FILE).exists() and not self.overwrite:
             _require_same(self.out, self.recipe, *inputs)
-            stop_if_strict(self.strict, _rejects_there(self.out), self.scan)
+            with open_store(self.out) as store:
+                stop_if_strict(self.strict, [Reject.from_json(row) for row in store.rejects], self.scan)
+                stop_if_implausible(self.strict, store.quality)
             return False
         stop_if_strict(self.strict, [*gathered.rejects, *gathered.audio_problems.values()], self.scan)
         clips = gather(self.cache, gathered, jobs=self.workers, progress=self.progress)
         stop_if_strict(self.strict, gathered.rejects, self.scan)
+        stop_if_implausible(self.strict, gathered.quality)
         gathered.rejects = [relative_to(r, self.source) for r in gathered.rejects]
         if not clips:
             raise nothing_left(self.source, self.scan, gathered.rejects)
@@ -248,11 +256,6 @@ def _require_same(out: Path, recipe: Recipe, source_sha256: str, record: SourceR
 
 def _reject_order(reject: Reject) -> tuple[str, int, str, str]:
     return reject.clip, -1 if reject.window is None else reject.window, reject.reason, reject.file
-
-
-def _rejects_there(out: Path) -> list[Reject]:
-    with open_store(out) as store:
-        return [Reject.from_json(row) for row in store.rejects]
 
 
 def relative_to(reject: Reject, source: Path) -> Reject:

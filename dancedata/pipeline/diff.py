@@ -16,6 +16,7 @@ from dancedata.core.errors import UsageError
 from dancedata.pipeline.diff_rows import is_same_number, unmatched
 from dancedata.pipeline.source_record import SourceRecord, source_differences
 from dancedata.store import Store, open_store
+from dancedata.store.clip_view import ClipView
 from dancedata.store.schema import ClipRecord
 
 #: Names shown in a line at most; JSON has all.
@@ -156,7 +157,7 @@ def _common_fields(one: Store, two: Store, *, columns: bool) -> list[str]:
 
 
 def _clips(
-    one: Store, two: Store, common: Sequence[tuple[ClipRecord, ClipRecord]], atol: float | None
+    one: Store, two: Store, common: Sequence[tuple[ClipView, ClipView]], atol: float | None
 ) -> Iterator[Difference]:
     yield from _one_sided("clips", "clips", (c.id for c in one.clips), (c.id for c in two.clips))
     changed: dict[str, list[str]] = {}
@@ -188,7 +189,7 @@ def _starts(store: Store) -> dict[str, set[tuple[int, int]]]:
 
 
 def _values(
-    one: Store, two: Store, common: Sequence[tuple[ClipRecord, ClipRecord]], atol: float | None
+    one: Store, two: Store, common: Sequence[tuple[ClipView, ClipView]], atol: float | None
 ) -> Iterator[Difference]:
     shards = [{s["sha256"] for s in store.meta["shards"]} for store in (one, two)]
     if shards[0] == shards[1] or one.scope != two.scope or one.fps != two.fps:
@@ -217,7 +218,7 @@ class _Gap:
     where: str = ""
 
 
-def _gap(one: Store, two: Store, name: str, common: Sequence[tuple[ClipRecord, ClipRecord]]) -> _Gap:
+def _gap(one: Store, two: Store, name: str, common: Sequence[tuple[ClipView, ClipView]]) -> _Gap:
     found = _Gap()
     for clip, rows in _pieces(one, two, name, common):
         if rows[0].shape != rows[1].shape:
@@ -233,12 +234,12 @@ def _gap(one: Store, two: Store, name: str, common: Sequence[tuple[ClipRecord, C
 
 
 def _pieces(
-    one: Store, two: Store, name: str, common: Sequence[tuple[ClipRecord, ClipRecord]]
+    one: Store, two: Store, name: str, common: Sequence[tuple[ClipView, ClipView]]
 ) -> Iterator[tuple[str, tuple[npt.NDArray[Any], npt.NDArray[Any]]]]:
     """Give the rows of both stores: clip by clip, in window scope window by window."""
     if one.scope == "track":
-        for mine, _ in common:
-            yield mine.id, (one.clip(mine.id).read(name), two.clip(mine.id).read(name))
+        for clip, same in common:
+            yield clip.id, (clip.read(name), same.read(name))
         return
     others = {(w.clip, w.start, w.length): w for split in two.splits for w in two.windows(split)}
     for split in one.splits:

@@ -19,7 +19,13 @@ from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import sha256_file
 from dancedata.core.motion import Motion
-from dancedata.core.quality import MAX_ROOT_SPEED_M_S, MAX_TURN_DEG_S, quality_flags
+from dancedata.core.quality import (
+    MAX_ROOT_SPEED_M_S,
+    MAX_TURN_DEG_S,
+    PLAUSIBLE_BODY_M,
+    PLAUSIBLE_ROOT,
+    quality_flags,
+)
 from dancedata.core.windows import count_windows
 from dancedata.pipeline.cache import Cache, CachedArray, package_version
 from dancedata.pipeline.documents import document_of
@@ -105,7 +111,7 @@ class MotionKeys:
     def __init__(self, recipe: Recipe, content: Mapping[str, str]) -> None:
         dataset = recipe.dataset
         loading = [dataset.name, dataset.version, document_of(dataset, loading=True), dict(content)]
-        limits = [MAX_TURN_DEG_S, MAX_ROOT_SPEED_M_S]
+        limits = [MAX_TURN_DEG_S, MAX_ROOT_SPEED_M_S, *PLAUSIBLE_BODY_M, *PLAUSIBLE_ROOT]
         self._content = dict(content)
         arithmetic = expected()
         self._clip = Cache.key("clip", version=MOTION_STAGE, dataset=loading, limits=limits, arithmetic=arithmetic)

@@ -17,6 +17,7 @@ from dancedata.pipeline.cache import Cache, default_cache
 from dancedata.pipeline.execute import Progress
 from dancedata.pipeline.gather import gather, identify, scan_source
 from dancedata.pipeline.gathered import Gathered
+from dancedata.pipeline.implausible import stop_if_implausible
 from dancedata.pipeline.left_out import stop_if_strict
 from dancedata.pipeline.lost_entries import with_lost_entries
 from dancedata.pipeline.recipe import Recipe, resolve
@@ -131,6 +132,7 @@ def build_part(
             stop_if_strict(strict, [*gathered.rejects, *gathered.audio_problems.values()], scan)
             gather(cache, gathered, jobs=workers, progress=progress)
             stop_if_strict(strict, gathered.rejects, scan)
+            stop_if_implausible(strict, gathered.quality)
             return gathered
 
         gathered = with_lost_entries(store_cache, run, progress)

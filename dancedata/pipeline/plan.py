@@ -11,10 +11,12 @@ from typing import Any
 from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
+from dancedata.core.quality import implausible_flags
 from dancedata.pipeline.build import header_of, relative_to
 from dancedata.pipeline.cache import Cache, default_cache
 from dancedata.pipeline.execute import Progress, run_units
 from dancedata.pipeline.gather import audio_window_count, scan_source
+from dancedata.pipeline.implausible import describe_implausible
 from dancedata.pipeline.left_out import nothing_left
 from dancedata.pipeline.motion_units import motion_window_count
 from dancedata.pipeline.plan_cached import Cached, cached_units
@@ -31,6 +33,8 @@ class ClipPlan:
     ----------
     n_without_music
         Windows that would be left out because the music ends before they do.
+    implausible
+        What a unit makes of the body or its path.
     """
 
     ref: ClipRef
@@ -39,6 +43,7 @@ class ClipPlan:
     n_without_music: int = 0
     audio_rows: tuple[int, ...] = ()
     problems: tuple[Reject, ...] = ()
+    implausible: tuple[dict[str, Any], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -50,6 +55,11 @@ class Plan:
     scan: Scan
     clips: tuple[ClipPlan, ...]
     cached: Mapping[str, Cached]
+
+    def __repr__(self) -> str:
+        """Show how much would be built; `to_json` has the rest."""
+        windows = sum(c.n_windows for c in self.clips)
+        return f"Plan({self.recipe.name!r}, {sum(c.n_windows > 0 for c in self.clips)} clips, {windows} windows)"
 
     @property
     def rejects(self) -> list[Reject]:
@@ -94,11 +104,12 @@ class Plan:
         return 2 if self.recipe.mirror and split == "train" else 1
 
     def _notes(self) -> list[str]:
+        notes = [line.strip() for line in describe_implausible(row for c in self.clips for row in c.implausible)]
         chosen = self.recipe.windows.filter
-        if chosen is None:
-            return []
-        where = ", ".join(chosen.splits)
-        return [f"windows of {where} are counted before the movement filter, which looks at encoded motion"]
+        if chosen is not None:
+            where = ", ".join(chosen.splits)
+            notes.append(f"windows of {where} are counted before the movement filter, which looks at encoded motion")
+        return notes
 
     def _bytes(self, kept: list[ClipPlan]) -> int:
         """Estimate the size of the shards, tables aside; equal windows of several files are counted each."""
@@ -153,18 +164,19 @@ def _clip_plan(recipe: Recipe, ref: ClipRef, samples: tuple[int, int] | Reject |
     problems = tuple(replace(found, clip=ref.id) for found in (motion, samples) if isinstance(found, Reject))
     if problems or isinstance(samples, Reject):
         return ClipPlan(ref, problems=problems)
+    implausible = tuple({"clip": ref.id, **flag.to_json()} for flag in implausible_flags(motion))
     n_frames = FrameGrid(motion.grid.rate).resampled_length(motion.n_frames, recipe.grid)
     count = motion_window_count(recipe, motion.n_frames, motion.grid.rate)
     if not count:
         return ClipPlan(ref, n_frames, problems=(too_short(recipe, ref, motion.n_frames, motion.grid.rate),))
     if samples is None:
-        return ClipPlan(ref, n_frames, count)
+        return ClipPlan(ref, n_frames, count, implausible=implausible)
     kept = min(count, audio_window_count(recipe, *samples))
     if not kept:
         audio_s = round(samples[0] / samples[1], 3)
         return ClipPlan(ref, problems=(short_audio(recipe, ref, ref.audio_path or ref.motion_path, audio_s),))
     rows = tuple(f.n_rows(*samples, recipe.grid) for f in recipe.audio)
-    return ClipPlan(ref, n_frames, kept, count - kept, rows)
+    return ClipPlan(ref, n_frames, kept, count - kept, rows, implausible=implausible)
 
 
 def _length(path: Path) -> tuple[int, int] | Reject:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.errors import DataError
+from dancedata.core.quality import IMPLAUSIBLE
 from dancedata.pipeline.recipe import Recipe
 
 CHANGED = "the file changed while the build was running"
@@ -23,6 +24,9 @@ BY_CHOICE = {
     "still",
     "short_field",
 }
+
+#: Reasons that `check` reports as notes; all others are errors.
+NOTED = {*BY_CHOICE, *IMPLAUSIBLE}
 
 
 def reject_of(error: DataError, clip: str = "", file: Path | None = None) -> Reject:

@@ -10,13 +10,15 @@ from pathlib import Path
 from typing import Any
 
 from dancedata.core.clip import Reject
+from dancedata.core.quality import IMPLAUSIBLE
 from dancedata.core.registry import CONTACTS, DATASETS, FEATURES, KEYMOTIONS, REPRESENTATIONS
 from dancedata.core.text import counted
 from dancedata.pipeline.cache_admin import size_text
+from dancedata.pipeline.implausible import describe_implausible
 from dancedata.pipeline.left_out import left_out_lines
 from dancedata.pipeline.plan import Plan
 from dancedata.pipeline.recipe_file import load_recipe, recipe_names
-from dancedata.pipeline.rejects import BY_CHOICE
+from dancedata.pipeline.rejects import NOTED
 from dancedata.store import Problem, Store, open_store
 
 _NAMED = 3
@@ -89,7 +91,8 @@ def describe_store(path: Path) -> str:
     lines += _describe_sources(about)
     with open_store(path) as store:
         lines += _describe_rejects(store.rejects)
-        lines += _describe_quality(store.quality)
+        lines += describe_implausible(store.quality)
+        lines += _describe_quality([f for f in store.quality if f["kind"] not in IMPLAUSIBLE])
     lines.append(f"  licence: {about.get('licence', 'unknown')}")
     return "\n".join(lines)
 
@@ -192,7 +195,7 @@ def describe_problems(path: Path, problems: Sequence[Problem]) -> str:
     for problem in problems:
         if problem.severity == "note":
             reason = problem.message.split(":")[0]
-            kinds.setdefault(reason if reason in BY_CHOICE else problem.message, []).append(problem)
+            kinds.setdefault(reason if reason in NOTED else problem.message, []).append(problem)
     for kind, notes in kinds.items():
         lines += [str(p) for p in notes[:_NAMED]]
         if len(notes) > _NAMED:

@@ -8,8 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from dancedata.core.clip import Reject
+from dancedata.core.quality import IMPLAUSIBLE
 from dancedata.core.text import counted
 from dancedata.pipeline.cache_admin import size_text
+from dancedata.pipeline.implausible import describe_implausible
 from dancedata.pipeline.left_out import left_out_lines
 from dancedata.store import Store, open_store
 
@@ -22,7 +24,8 @@ def describe_built(path: Path) -> str:
             f"  {'; '.join(_split(split, n) for split, n in store.meta['counts'].items())}",
             f"  {_windows(store)}; {_fields(store)}",
             *_left_out([Reject.from_json(row) for row in store.rejects]),
-            *_flagged(store.quality),
+            *describe_implausible(store.quality),
+            *_flagged([flag for flag in store.quality if flag["kind"] not in IMPLAUSIBLE]),
         ]
     return "\n".join([*lines, next_steps(path)])
 

@@ -92,7 +92,12 @@ class Hunter:
         with suppress(subprocess.TimeoutExpired):
             process.wait(timeout=self.chance.uniform(0.25, 1.0) * longest)
         struck = process.poll() is None and self._strike(process, way, meanwhile)
-        process.wait(timeout=120)
+        try:
+            process.wait(timeout=120)
+        except subprocess.TimeoutExpired:
+            process.send_signal(signal.SIGABRT)  # shows where it waits
+            process.wait()
+            raise AssertionError(f"{kind}, {way}: it does not end: {self.output.read_text()}") from None
         if struck:
             self.kills[kind, way] += 1
         if process.returncode == -signal.SIGKILL:
@@ -201,6 +206,7 @@ def kills(request: pytest.FixtureRequest) -> int:
 @pytest.fixture
 def hunter(slow: Any, kills: int, tmp_path: Path) -> Any:
     """A hunter whose moments depend on the number of kills alone."""
+    slow.environment["PYTHONFAULTHANDLER"] = "1"
     hunter = Hunter(slow.environment, random.Random(kills), tmp_path / "said")
     yield hunter
     # Workers that outlive their parent wait minutes for work before they end.
