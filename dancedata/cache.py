@@ -33,15 +33,13 @@ from dancedata.pipeline.audio_units import (
     window_samples,
     window_units,
 )
-from dancedata.pipeline.cache import Cache, CachedArray, EntryLostError, default_cache
-from dancedata.pipeline.execute import exactly, on_one_thread
+from dancedata.pipeline.cache import Cache, CachedArray, default_cache
+from dancedata.pipeline.execute import Progress, exactly, on_one_thread
+from dancedata.pipeline.lost_entries import with_lost_entries
 from dancedata.pipeline.recipe import Recipe, WindowSpec, resolve_feature
 from dancedata.pipeline.slots import make_named
 
 __all__ = ["FeatureCache"]
-
-#: How often an entry is computed again that is damaged, or removed by `dancedata cache prune` in this moment.
-_TRIES = 3
 
 
 class FeatureCache:
@@ -102,18 +100,17 @@ class FeatureCache:
             For an unknown feature, an unknown parameter, or a file that is not there.
         """
         recipe = self._recipe("track", FrameGrid.of(fps), WindowSpec(1, 1, "time"), feature, parameters)
-        plugin, cache = recipe.audio[0], Cache(self.root)
+        plugin = recipe.audio[0]
         signal = self._identify(song)
         key = FeatureKeys(recipe, plugin).track(start_bpm, signal.sha256)
-        for _ in range(_TRIES):
+
+        def read(cache: Cache) -> npt.NDArray[Any]:
             found = cache.array("features", key)
             if found is None:
                 found = _computed(plugin, extract_track, cache, recipe, plugin, signal, start_bpm, key)
-            try:
-                return self._mapped(found)
-            except EntryLostError as error:
-                lost = error
-        raise lost
+            return self._mapped(found)
+
+        return with_lost_entries(Cache(self.root), read, Progress(quiet=True))
 
     def get_windows(
         self,
@@ -144,20 +141,31 @@ class FeatureCache:
             raise UsageError("windows have a length and a stride of at least 1", found=(length_frames, stride_frames))
         spec = WindowSpec(length_frames, stride_frames, "time")
         recipe = self._recipe("window", FrameGrid.of(fps), spec, feature, parameters)
-        plugin, cache = recipe.audio[0], Cache(self.root)
-        rows = []
+        plugin = recipe.audio[0]
+        rows: list[npt.NDArray[Any]] = []
         signal = self._identify(song)
         every = FeatureKeys(recipe, plugin)
         count = len(window_samples(recipe, signal.n_samples, signal.sample_rate)[0])
         keys = {number: every.window(start_bpm, signal, number) for number in range(count)}
         for unit in window_units(keys):
-            found = known_windows(cache, unit)
-            if found is None:
-                found = _computed(plugin, extract_windows, cache, recipe, plugin, signal, start_bpm, unit)
-            rows += [np.asarray(found[number]) for number in unit]
+            rows += self._unit(recipe, signal, start_bpm, unit)
         if not rows:
             return np.empty((0, length_frames, plugin.columns.width), plugin.dtype)
         return np.stack(rows)
+
+    def _unit(
+        self, recipe: Recipe, signal: SignalId, start_bpm: float | None, unit: dict[int, str]
+    ) -> list[npt.NDArray[Any]]:
+        """Return the rows of some windows, keys by number; those that are damaged in the cache are computed again."""
+        plugin = recipe.audio[0]
+
+        def read(cache: Cache) -> list[npt.NDArray[Any]]:
+            found = known_windows(cache, unit)
+            if found is None:
+                found = _computed(plugin, extract_windows, cache, recipe, plugin, signal, start_bpm, unit)
+            return [np.asarray(found[number]) for number in unit]
+
+        return with_lost_entries(Cache(self.root), read, Progress(quiet=True))
 
     def _identify(self, song: str | Path) -> SignalId:
         path = Path(song).expanduser().absolute()

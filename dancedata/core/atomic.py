@@ -4,20 +4,31 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+#: How the names begin of files and folders that are dancedata's own and do not stay.
+OWN = ".dancedata-"
+_TEMPORARY = re.compile(r"\.dancedata-[a-z0-9_]{8}\.tmp")
+
+
+def is_temporary(name: str) -> bool:
+    """Tell whether a name is one that `atomic_file` gives."""
+    return _TEMPORARY.fullmatch(name) is not None
+
 
 @contextmanager
 def atomic_file(path: Path) -> Iterator[Path]:
     """Give a temporary path in the same folder; on success it is flushed to disk and becomes `path`.
 
-    On any exception the temporary file is removed and `path` is left as it was.
+    On any exception the temporary file is removed and `path` is left as it was. What a killed process leaves has a
+    name of `is_temporary`.
     """
-    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".tmp", dir=path.parent)
+    handle, name = tempfile.mkstemp(prefix=OWN, suffix=".tmp", dir=path.parent)
     os.close(handle)
     temporary = Path(name)
     try:
@@ -31,7 +42,7 @@ def atomic_file(path: Path) -> Iterator[Path]:
         with suppress(FileNotFoundError):
             temporary.unlink()
         raise
-    _sync_folder(path.parent)
+    sync_folder(path.parent)
 
 
 def write_bytes(path: Path, data: bytes) -> None:
@@ -58,8 +69,8 @@ def _umask() -> int:
     return mask
 
 
-def _sync_folder(folder: Path) -> None:
-    # A rename is only on disk when its folder is. Some file systems refuse; then there is nothing to do.
+def sync_folder(folder: Path) -> None:
+    """Flush a folder to disk: a rename is only there when its folder is. Some file systems refuse."""
     with suppress(OSError):
         handle = os.open(folder, os.O_RDONLY)
         try:

@@ -31,6 +31,7 @@ import numpy as np
 from dancedata.core import atomic
 from dancedata.core.clip import ClipRef, Scan
 from dancedata.core.errors import SourceError
+from dancedata.core.locks import writing_lock
 from dancedata.core.motion import Motion
 from dancedata.core.registry import DATASETS
 from dancedata.datasets._synthetic_plan import (
@@ -206,18 +207,13 @@ def synthesise_motion(name: str, *, seed: int = 0, n_frames: int = 810) -> tuple
 
 def _write(folder: Path, plan: Plan, made_by: dict[str, Any]) -> None:
     """Write what is planned, unless it is there already; a second writer waits for the first."""
-    from filelock import FileLock
-
     if _check_folder(folder, made_by):
         return
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
-        # Beside the folder: in it, the lock would be a foreign file.
-        lock = folder.parent / f".{folder.name}.lock"
-        with FileLock(lock):
+        with writing_lock(folder, "process", wait=True):
             if not _check_folder(folder, made_by):
                 _write_all(folder, plan, made_by)
-            lock.unlink(missing_ok=True)
     except OSError as error:
         raise SourceError(
             "synthetic: the corpus is made on first use and cannot be written here",
@@ -255,6 +251,7 @@ def _check_folder(folder: Path, made_by: dict[str, Any]) -> bool:
     if folder.exists() and not folder.is_dir():
         raise SourceError("synthetic: the source is not a folder", where=str(folder), fix="name a new folder")
     names = sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
+    names = [name for name in names if not atomic.is_temporary(name)]
     marker = _found(folder, made_by)
     if marker is not None or not names:
         return marker == MARKER
@@ -282,6 +279,9 @@ def _claim(folder: Path, made_by: dict[str, Any]) -> None:
     atomic.write_json(folder / UNFINISHED, made_by)
     for name in ("motions", "wavs", "cameras", "splits", "truth"):
         (folder / name).mkdir(exist_ok=True)
+    for left in folder.rglob("*"):
+        if atomic.is_temporary(left.name):  # of a process that was killed
+            left.unlink()
 
 
 def _write_lists(folder: Path, plan: Plan) -> None:

@@ -14,7 +14,7 @@ from dancedata.core.clip import Reject, Scan
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.version import __version__
 from dancedata.pipeline.audio_units import libsndfile_version
-from dancedata.pipeline.cache import Cache, EntryLostError, default_cache, package_version
+from dancedata.pipeline.cache import Cache, default_cache, package_version
 from dancedata.pipeline.cache_files import running, sweep
 from dancedata.pipeline.card import dataset_card
 from dancedata.pipeline.diff import document_differences, shaping
@@ -23,16 +23,14 @@ from dancedata.pipeline.gather import gather, identify, scan_source
 from dancedata.pipeline.gathered import Gathered
 from dancedata.pipeline.implausible import stop_if_implausible
 from dancedata.pipeline.left_out import nothing_left, stop_if_strict
-from dancedata.pipeline.out_folder import check_out, clean, locked, swapped
+from dancedata.pipeline.lost_entries import with_lost_entries
+from dancedata.pipeline.out_folder import check_out, locked, new_dataset
 from dancedata.pipeline.recipe import Recipe, resolve
 from dancedata.pipeline.reference_process import expected
 from dancedata.pipeline.source_record import SourceRecord, source_differences
 from dancedata.pipeline.workers import Workers, check_backend, hired
 from dancedata.store import Field, StoredClip, StoreHeader, open_store, write_store
 from dancedata.store.schema import DATASET_FILE
-
-#: How often a build computes entries of the cache again that were removed or damaged while it ran.
-LOST_ENTRIES = 3
 
 
 @dataclass(frozen=True)
@@ -105,7 +103,7 @@ def build(
     store_cache = Cache((cache or default_cache()).absolute())
     recipe = resolve(recipe, store_cache.file_sha256)
     with locked(out):
-        check_out(out)
+        check_out(out, overwrite=overwrite)
         scan = scan_source(recipe, source)
         with hired_for(recipe, source, store_cache, jobs, backend, scheduler) as workers:
             made = _Build(recipe, source, out, scan, store_cache, workers, progress, overwrite, strict)
@@ -139,12 +137,7 @@ class _Build:
 
     def run(self) -> bool:
         """Build; False if the dataset is there already."""
-        for _ in range(LOST_ENTRIES):
-            try:
-                return self._run()
-            except EntryLostError as error:
-                self.progress.say(f"{error.where}: {error.problem}; it is computed again")
-        return self._run()
+        return with_lost_entries(self.cache, lambda cache: replace(self, cache=cache)._run(), self.progress)
 
     def _run(self) -> bool:
         gathered = identify(self.cache, self.recipe, self.scan, jobs=self.workers, progress=self.progress)
@@ -162,12 +155,8 @@ class _Build:
         gathered.rejects = [relative_to(r, self.source) for r in gathered.rejects]
         if not clips:
             raise nothing_left(self.source, self.scan, gathered.rejects)
-        if (self.out / DATASET_FILE).exists():
-            with swapped(self.out) as fresh:
-                _write(fresh, self.recipe, gathered, clips, _meta(self.recipe, gathered, *inputs), self.progress)
-        else:
-            clean(self.out)
-            _write(self.out, self.recipe, gathered, clips, _meta(self.recipe, gathered, *inputs), self.progress)
+        with new_dataset(self.out) as folder:
+            _write(folder, self.recipe, gathered, clips, _meta(self.recipe, gathered, *inputs), self.progress)
         return True
 
 

@@ -127,9 +127,17 @@ class Cache:
     Many processes on many machines may share a cache: an entry appears whole or not at all, two writers of one
     key write the same, and who wants an entry that another one is computing waits for it (`once`). Every entry
     carries a checksum, which is compared when it is read.
+
+    Attributes
+    ----------
+    root
+        The folder.
+    careful
+        Whether arrays are compared with their checksums when they are looked up: a damaged one counts as missing.
     """
 
     root: Path
+    careful: bool = False
 
     @staticmethod
     def key(stage: str, **what: Any) -> str:
@@ -137,7 +145,10 @@ class Cache:
         return json_sha256({"stage": stage, **what})
 
     def array(self, stage: str, key: str) -> CachedArray | None:
-        """Return an array if it is there and as long as it should be; its bytes are compared when it is read."""
+        """Return an array if it is there and as long as it should be; its bytes are compared when it is read.
+
+        They are compared now if the cache is `careful`.
+        """
         path = self._name(stage, key, "npy")
         try:
             fd = os.open(path, os.O_RDONLY)
@@ -146,6 +157,8 @@ class Cache:
         try:
             shape, _, _ = files.read_head(fd)
             used = os.fstat(fd).st_mtime
+            if self.careful:
+                files.read_array(Path(path))
         except (OSError, ValueError):
             # Damaged, which is a disk's doing: it counts as missing and is made again.
             return None
@@ -205,7 +218,7 @@ class Cache:
         return self._path(stage, key, suffix).exists()
 
     def file_sha256(self, path: Path) -> str:
-        """Return the SHA-256 of a file's bytes, remembered by path, size, time of change and inode."""
+        """Return the SHA-256 of a file's bytes, remembered as long as `stat_key` stays the same."""
         return self.known_sha256(path) or self.hashed_sha256(path)
 
     def hashed_sha256(self, path: Path) -> str:
@@ -223,13 +236,18 @@ class Cache:
 
     @staticmethod
     def stat_key(what: str, path: Path) -> str:
-        """Return a key that changes when the file at `path` does."""
+        """Return a key that changes when the file at `path` does: its path, size, inode and times of change.
+
+        The time of a file's last change (ctime) is set by the system alone; that of its content can be set to any
+        value, and programs that unpack or copy files do so.
+        """
         stat = path.lstat()
         if S_ISLNK(stat.st_mode):
             path = Path(os.path.realpath(path))
             stat = path.stat()
         folder, name = os.path.split(path)
-        identity = [f"{_real_folder(folder)}{os.sep}{name}", stat.st_size, stat.st_mtime_ns, stat.st_ino]
+        real = f"{_real_folder(folder)}{os.sep}{name}"
+        identity = [real, stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns, stat.st_ino]
         return Cache.key("files", what=what, file=identity)
 
     def _path(self, stage: str, key: str, suffix: str) -> Path:

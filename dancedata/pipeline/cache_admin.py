@@ -9,13 +9,12 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from stat import S_ISREG
 from typing import Any
 
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.pipeline import cache_files as files
 
-#: Entries are known by their names: <stage>/<two digits>/<sha256>.npy or .json. Nothing else is ever removed.
-_ENTRY = re.compile(r"(?P<two>[0-9a-f]{2})[0-9a-f]{62}\.(npy|json)")
 _UNITS = {"b": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12}
 _AGES = {"s": 1, "m": 60, "h": 3600, "d": 86400, "w": 7 * 86400}
 _NUMBER = re.compile(r"(?P<number>[0-9]{1,15}(?:\.[0-9]{1,15})?)")
@@ -95,19 +94,35 @@ class Pruned:
         )
 
 
+def require_cache(root: Path) -> None:
+    """Raise UsageError if a folder holds files and is not known as a cache."""
+    if files.is_cache(root) or not any(names for _, _, names in os.walk(root)):
+        return
+    names = sorted(os.listdir(root))
+    raise UsageError(
+        "this folder is not a cache of dancedata; nothing was removed",
+        where=root,
+        found=", ".join(names[:5]) + (", ..." if len(names) > 5 else ""),
+        allowed=f"a folder with {files.MARKER} in it, which builds write",
+        fix="name the cache's folder: --cache DIR, or $DANCEDATA_CACHE",
+    )
+
+
 def entries(root: Path) -> Iterator[Entry]:
     """List all entries of a cache; what vanishes meanwhile is passed over."""
     for stage in _folders(root):
-        if stage.name in (files.TEMPORARY, files.LOCKS):
+        if stage.name not in files.STAGES:
             continue
         for prefix in _folders(stage):
             for found in _scanned(prefix):
-                match = _ENTRY.fullmatch(found.name)
+                match = files.ENTRY.fullmatch(found.name)
                 if match is None or match["two"] != prefix.name:
                     continue
                 try:
                     stat = found.stat(follow_symlinks=False)
                 except OSError:
+                    continue
+                if not S_ISREG(stat.st_mode):
                     continue
                 size = max(stat.st_size, stat.st_blocks * 512)
                 yield Entry(Path(found.path), stage.name, size, stat.st_mtime)
@@ -115,6 +130,7 @@ def entries(root: Path) -> Iterator[Entry]:
 
 def cache_json(root: Path) -> dict[str, Any]:
     """Return what `cache info --json` prints: by stage entries, bytes, least and most days without a use."""
+    require_cache(root)
     now = time.time()
     stages: dict[str, StageSum] = {}
     for entry in entries(root):
@@ -173,6 +189,7 @@ def prune(
     """
     if older_than_s is None and max_bytes is None:
         raise UsageError("nothing says what to remove", fix="give --older-than 30d, --max-size 50GB, or both")
+    require_cache(root)
     now = time.time()
     result = Pruned(swept=0 if dry else files.sweep(root))
     begun = files.oldest_running(root)
@@ -205,6 +222,7 @@ def verify_cache(root: Path, *, remove: bool = False) -> tuple[int, list[tuple[P
     remove
         Remove damaged entries. They are computed again when they are wanted; a build finds them by itself.
     """
+    require_cache(root)
     damaged: list[tuple[Path, str]] = []
     count = 0
     for entry in entries(root):

@@ -19,7 +19,9 @@ import time
 import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
+from itertools import islice
 from pathlib import Path
+from stat import S_ISREG
 from typing import Any
 from uuid import uuid4
 
@@ -27,13 +29,24 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.hashing import canonical_json
+from dancedata.core.locks import is_abandoned, left_behind, lock_file, open_held
 
-#: Folders of the cache that hold no entries.
+#: Folders of the cache: those of entries, and those of what is being written and who computes what.
+STAGES = ("features", "motion", "clips", "signals", "files")
 TEMPORARY, LOCKS = "tmp", "locks"
+#: What says that a folder is a cache, at its top.
+MARKER = "dancedata-cache.txt"
+_MARK = b"A cache of dancedata, format 1. It only saves time: it may be deleted when nothing runs.\n"
+#: Names of entries: <stage>/<two digits>/<sha256>.npy or .json; of temporary files; of locks. Nothing else is ever
+#: removed, for a cache may lie in a folder that holds other things too.
+ENTRY = re.compile(r"(?P<two>[0-9a-f]{2})[0-9a-f]{62}\.(npy|json)")
+_TWO_DIGITS = re.compile(r"[0-9a-f]{2}")
+_TEMPORARY_NAME = re.compile(r"dancedata-[0-9a-f]{32}(\.tmp|\.token|-[0-9]+\.unit)")
+_LOCK_NAME = re.compile(rf"({'|'.join(STAGES)})-[0-9a-f]{{64}}|build-[0-9a-f]{{32}}")
 #: How the names of files in LOCKS begin that builds hold as long as they run.
 RUNNING = "build-"
-#: Where the file system knows no locks: what has not been touched for this long was left by a killed process.
-ABANDONED_S = 24 * 3600.0
+#: Files looked at in a stage at most, to find out whether a folder is a cache that has no marker.
+_LOOKED_AT = 16
 #: How exactly the time of the last use is kept: a use sooner after the last one writes nothing.
 USE_GRANULARITY_S = 3600.0
 _HEAD_BYTES = 512
@@ -46,7 +59,6 @@ _HEAD = re.compile(
     re.DOTALL,
 )
 _JSON_HEAD = re.compile(rb'\{"crc32": (?P<crc>[0-9]{1,10}), "content": ')
-_NO_LOCKS = {errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK, errno.EINVAL}
 
 
 def array_parts(array: npt.NDArray[Any]) -> list[bytes | memoryview]:
@@ -130,7 +142,7 @@ def publish(root: Path, path: Path, parts: Sequence[bytes | memoryview], *, dura
     With `durable` it is flushed to disk before it appears. Without, a machine that loses power may leave a
     damaged entry, which its checksum gives away.
     """
-    fd, temporary = _open_held(root / TEMPORARY, f"{uuid4().hex}.tmp")
+    fd, temporary = _open_held(root / TEMPORARY, f"{temporary_name()}.tmp")
     try:
         for part in parts:
             _write_all(fd, part)
@@ -176,23 +188,26 @@ def running(root: Path) -> Iterator[None]:
     with ExitStack() as stack:
         with suppress(OSError):  # a cache that may only be read is enough for a build that finds all in it
             stack.enter_context(held(root / LOCKS, f"{RUNNING}{uuid4().hex}"))
+            mark(root)
         yield
 
 
 def oldest_running(root: Path) -> float | None:
     """Return when the oldest of the builds began that are running now, seconds since 1970."""
     begun = []
-    for path in (root / LOCKS).glob(f"{RUNNING}*"):
-        with suppress(FileNotFoundError):
-            since = path.stat().st_mtime
-            if not left_behind(path):
-                begun.append(since)
+    for name in _listed(root / LOCKS):
+        if name.startswith(RUNNING) and _LOCK_NAME.fullmatch(name):
+            path = root / LOCKS / name
+            with suppress(FileNotFoundError):
+                since = path.stat().st_mtime
+                if not left_behind(path):
+                    begun.append(since)
     return min(begun, default=None)
 
 
 def mark_in_use(fd: int) -> None:
     """Mark an open entry as in use until the last copy of `fd` is closed; FileNotFoundError if it is removed."""
-    _lock(fd, fcntl.LOCK_SH)
+    lock_file(fd, fcntl.LOCK_SH)
     if not os.fstat(fd).st_nlink:
         raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
 
@@ -212,7 +227,7 @@ def remove_unused(path: Path, used: float) -> bool:
     except PermissionError:
         fd = os.open(path, os.O_RDONLY)
     try:
-        if os.fstat(fd).st_mtime != used or _lock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB) is False:
+        if os.fstat(fd).st_mtime != used or lock_file(fd, fcntl.LOCK_EX | fcntl.LOCK_NB) is False:
             return False
         path.unlink(missing_ok=True)
     finally:
@@ -220,38 +235,81 @@ def remove_unused(path: Path, used: float) -> bool:
     return True
 
 
-def left_behind(path: Path) -> bool:
-    """Tell whether a file is there and the process that held it is dead."""
+def is_cache(root: Path) -> bool:
+    """Tell whether a folder is known as a cache: by its marker, or by entries in it, as before there were markers."""
+    return _is_marked(root) or any(_is_entry(path) for path in _first_entries(root))
+
+
+def mark(root: Path) -> None:
+    """Say in a folder that it is a cache, unless something has the marker's name already."""
+    with suppress(OSError):  # a cache may be read-only
+        fd = os.open(root / MARKER, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666)
+        try:
+            os.write(fd, _MARK)
+        finally:
+            os.close(fd)
+
+
+def _is_marked(root: Path) -> bool:
+    marker = root / MARKER
     try:
-        fd = os.open(path, os.O_RDWR)
+        if not S_ISREG(marker.lstat().st_mode) or marker.stat().st_size > len(_MARK):
+            return False
+        # Empty: a process was killed in the midst of `mark`.
+        return marker.read_bytes() in (_MARK, b"")
     except OSError:
         return False
+
+
+def _first_entries(root: Path) -> Iterator[Path]:
+    """List some files that have an entry's name and place."""
+    for stage in STAGES:
+        named = (
+            root / stage / two / name
+            for two in _listed(root / stage)
+            if _TWO_DIGITS.fullmatch(two)
+            for name in _listed(root / stage / two)
+            if (found := ENTRY.fullmatch(name)) and found["two"] == two
+        )
+        yield from islice(named, _LOOKED_AT)
+
+
+def _is_entry(path: Path) -> bool:
+    """Tell whether a file begins and ends as entries do."""
     try:
-        return _is_abandoned(fd)
-    finally:
-        os.close(fd)
+        if not S_ISREG(path.lstat().st_mode):
+            return False
+        if path.suffix == ".json":
+            read_json(path)
+        else:
+            with open(path, "rb") as file:
+                read_head(file.fileno())
+    except (OSError, ValueError):
+        return False
+    return True
 
 
 def sweep(root: Path) -> int:
-    """Remove temporary files and locks that killed processes left; returns how many."""
+    """Remove temporary files and locks that killed processes left; returns how many. Marks a cache without marker.
+
+    Only names that the cache gives, and only in a folder that is known as a cache.
+    """
+    if not is_cache(root):
+        return 0
+    mark(root)
     removed = 0
-    for folder in (root / TEMPORARY, root / LOCKS):
-        try:
-            names = os.listdir(folder)
-        except OSError:
-            continue
-        for name in names:
-            removed += _remove_abandoned(folder / name)
+    for folder, own in ((root / TEMPORARY, _TEMPORARY_NAME), (root / LOCKS, _LOCK_NAME)):
+        removed += sum(_remove_abandoned(folder / name) for name in _listed(folder) if own.fullmatch(name))
     return removed
 
 
 def _remove_abandoned(path: Path) -> bool:
     try:
-        fd = os.open(path, os.O_RDWR)
+        fd = os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK)
     except OSError:
         return False
     try:
-        if not _is_abandoned(fd):
+        if not S_ISREG(os.fstat(fd).st_mode) or not is_abandoned(fd):
             return False
         path.unlink()  # while it is held: a process that was about to hold it finds out and makes a new one
     except OSError:
@@ -261,47 +319,24 @@ def _remove_abandoned(path: Path) -> bool:
     return True
 
 
-def _is_abandoned(fd: int) -> bool:
-    """Tell whether nobody holds an open file; if so, the caller holds it until it closes the file."""
-    locked = _lock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    if locked is None:
-        return time.time() - os.fstat(fd).st_mtime > ABANDONED_S
-    return locked and os.fstat(fd).st_nlink > 0
+def temporary_name() -> str:
+    """Return how the name of a new temporary file begins."""
+    return f"dancedata-{uuid4().hex}"
+
+
+def _listed(folder: Path) -> list[str]:
+    try:
+        return os.listdir(folder)
+    except OSError:
+        return []
 
 
 def _open_held(folder: Path, name: str) -> tuple[int, Path]:
-    """Open a file, made if it is missing, and lock it."""
-    path = folder / name
-    made = False
-    while True:
-        try:
-            fd = os.open(path, os.O_CREAT | os.O_RDWR, 0o666)
-        except FileNotFoundError:
-            if made:
-                raise
-            folder.mkdir(parents=True, exist_ok=True)
-            made = True
-            continue
-        try:
-            _lock(fd, fcntl.LOCK_EX)
-            # Whoever held it before has removed it by now: that lock keeps nobody out.
-            if os.fstat(fd).st_nlink:
-                return fd, path
-        except BaseException:
-            os.close(fd)
-            raise
-        os.close(fd)
-
-
-def _lock(fd: int, operation: int) -> bool | None:
-    """Lock an open file; False if another one holds it, None where the file system knows no locks."""
+    """Open a file and lock it, see `open_held`; its folder is made, and the cache marked, if it is missing."""
     try:
-        fcntl.flock(fd, operation)
-    except OSError as error:
-        # EBADF: NFS, of a file that may only be read. Whether another one holds it cannot be told.
-        if error.errno in (errno.EAGAIN, errno.EACCES, errno.EBADF):
-            return False
-        if error.errno in _NO_LOCKS:
-            return None
-        raise
-    return True
+        return open_held(folder, name)
+    except FileNotFoundError:
+        folder.mkdir(parents=True, exist_ok=True)
+        if folder.name in (TEMPORARY, LOCKS):
+            mark(folder.parent)
+        return open_held(folder, name)

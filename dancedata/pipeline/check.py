@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Literal
 
+from dancedata.core.atomic import OWN
 from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import DataError, SourceError
 from dancedata.core.plugins import Dataset
@@ -61,7 +62,7 @@ def _implausible(path: Path) -> list[Problem]:
 
 
 def _is_ours(name: str) -> bool:
-    return name == DATASET_FILE or is_shard_name(name)
+    return name == DATASET_FILE or is_shard_name(name) or name.startswith(OWN)
 
 
 def _scan(path: Path, dataset: str | Dataset | None) -> tuple[Any, Scan]:

@@ -12,12 +12,12 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, TextIO, TypeVar
-from uuid import uuid4
 
 from dancedata.core.errors import DanceDataError
+from dancedata.core.locks import left_behind
 from dancedata.pipeline.arithmetic import adopted_by_children
 from dancedata.pipeline.cache import entered
-from dancedata.pipeline.cache_files import held, left_behind
+from dancedata.pipeline.cache_files import held, temporary_name
 from dancedata.pipeline.last_words import doing
 from dancedata.pipeline.reference_process import ReferenceProcessError, compute
 from dancedata.pipeline.shielded import shielded
@@ -104,7 +104,7 @@ class _Run:
     ) -> None:
         self.function, self.calls, self.workers, self.label, self.advance = function, calls, workers, label, advance
         self.scratch = scratch
-        self.name = uuid4().hex
+        self.name = temporary_name()
         self.found: dict[int, Any] = {}
 
     def results(self) -> list[Any]:

@@ -1,16 +1,32 @@
-"""The folder that a build writes: locked, looked at, cleaned, swapped; nothing of others is touched."""
+"""The folder that a build writes: locked, looked at, filled or swapped; nothing of others is touched.
+
+Beside OUT there may be, of a build that is running or was killed::
+
+    .dancedata-NAME.lock              held by the build that is writing
+    .dancedata-NAME.new-<8 digits>    the dataset that will replace OUT
+    .dancedata-NAME.old-<8 digits>    the dataset that was replaced
+
+A dataset is known by its dataset.json, which lists its files; the folder of an unfinished one by a marker in it.
+"""
 
 from __future__ import annotations
 
+import json
+import logging
 import os
-import shutil
+import re
+import stat
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+from uuid import uuid4
 
-from filelock import FileLock, Timeout
-
+from dancedata.core.atomic import OWN, sync_folder
 from dancedata.core.errors import StoreError
+from dancedata.core.hashing import sha256_file
+from dancedata.core.locks import writing_lock
+from dancedata.core.staging import MARKER, Layout, claim, discard, staged, tidy
+from dancedata.store.dataset_json import MAX_BYTES, Description, load_description, self_hash
 from dancedata.store.schema import (
     CARD_FILE,
     DATASET_FILE,
@@ -20,46 +36,43 @@ from dancedata.store.schema import (
     is_shard_name,
 )
 
-LOCK_FILE = ".lock"
-_OWN_FILES = {DATASET_FILE, STATS_FILE, REJECTS_FILE, QUALITY_FILE, CARD_FILE, LOCK_FILE}
+_SIDE_FILES = {STATS_FILE, REJECTS_FILE, QUALITY_FILE, CARD_FILE}
+_log = logging.getLogger(__name__)
+
+
+def _is_own(name: str) -> bool:
+    return name == DATASET_FILE or name in _SIDE_FILES or is_shard_name(name)
+
+
+def _is_whole(path: Path) -> bool:
+    try:
+        if not stat.S_ISREG(path.lstat().st_mode) or path.stat().st_size > MAX_BYTES:
+            return False
+        document = json.loads(path.read_text(encoding="utf-8"))
+        return isinstance(document, dict) and document.get("self_sha256") == self_hash(document)
+    except (OSError, ValueError, RecursionError):
+        return False
+
+
+LAYOUT = Layout(DATASET_FILE, _is_whole, _is_own)
 
 
 @contextmanager
 def locked(out: Path) -> Iterator[None]:
-    """Make `out` and hold its lock; a second writer fails at once."""
-    with _writing(out):
-        _recover(out)
+    """Make `out` and hold its lock; a second writer fails at once. What killed builds left is put right first."""
     made = not out.exists()
-    with _writing(out):
-        out.mkdir(parents=True, exist_ok=True)
-    lock = _held_lock(out, out)
-    if (out / DATASET_FILE).exists():
-        # What a swap left that was killed at its very end.
-        for folder in _beside(out):
-            shutil.rmtree(folder, ignore_errors=True)
-    try:
+    with ExitStack() as stack:
+        with _writing(out):
+            out.resolve().parent.mkdir(parents=True, exist_ok=True)
+            stack.enter_context(writing_lock(out, "build"))
+            _put_back(out)
+            out.mkdir(exist_ok=True)
+            if made:
+                stack.callback(_remove_empty, out)
+            tidy(out, LAYOUT)
+            for folder in _beside(out):
+                _remove(folder)
         yield
-    finally:
-        # Unlinked while it is held: a finished dataset holds no stray file.
-        with suppress(OSError):
-            (out / LOCK_FILE).unlink()
-        lock.release()
-        if made:
-            with suppress(OSError):
-                out.rmdir()  # which fails unless nothing was built
-
-
-def _held_lock(folder: Path, out: Path) -> FileLock:
-    """Take the lock in a folder; StoreError at once if another build has it."""
-    lock = FileLock(folder / LOCK_FILE, timeout=0)
-    with _writing(out):
-        try:
-            lock.acquire()
-        except Timeout as error:
-            raise StoreError(
-                "another build is writing there", where=out, fix="wait until it has ended, or choose another --out"
-            ) from error
-    return lock
 
 
 @contextmanager
@@ -68,89 +81,135 @@ def _writing(out: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise _unwritable(out, error) from error
+        raise StoreError(
+            "the output folder cannot be written",
+            where=out,
+            found=str(error),
+            fix="choose an --out that is a folder of your own, on a disk with room",
+        ) from error
 
 
-def _unwritable(out: Path, error: OSError) -> StoreError:
-    return StoreError(
-        "the output folder cannot be written",
-        where=out,
-        found=str(error),
-        fix="choose an --out that is a folder of your own, on a disk with room",
-    )
-
-
-def check_out(out: Path) -> None:
-    """Raise StoreError if the folder holds files that no build wrote."""
+def check_out(out: Path, *, overwrite: bool) -> None:
+    """Raise StoreError if the folder holds files that no build wrote, or with `overwrite` a card that was changed."""
     names = sorted(p.name for p in out.iterdir())
-    # Shards are written first and removed last: a README.md alone is somebody else's.
-    ours = any(name == DATASET_FILE or is_shard_name(name) for name in names)
-    own = _OWN_FILES if ours else {LOCK_FILE}
-    foreign = [n for n in names if n not in own and not is_shard_name(n) and not _is_temporary(n)]
+    description = _described(out) if DATASET_FILE in names else None
+    own = set() if description is None else _files_of(description)
+    foreign = [name for name in names if name not in own]
     if foreign:
         shown = ", ".join(foreign[:5]) + (", ..." if len(foreign) > 5 else "")
+        leftovers = "" if description is not None or not any(map(is_shard_name, foreign)) else _LEFTOVERS
         raise StoreError(
             "the output folder holds files that are not dancedata's",
             where=out,
             found=shown,
             allowed="an empty folder, a new one, or a dataset built before",
-            fix="choose another --out; nothing was written",
+            fix=f"choose another --out, or move them away; nothing was written{leftovers}",
+        )
+    card = description.files.get(CARD_FILE) if description is not None and overwrite else None
+    if card is not None and (out / CARD_FILE).exists() and sha256_file(out / CARD_FILE) != card["sha256"]:
+        raise StoreError(
+            f"{CARD_FILE} was changed since the dataset was built, and --overwrite would remove it",
+            where=out,
+            fix=f"move {CARD_FILE} to another folder, then run the same command again",
         )
 
 
-def _is_temporary(name: str) -> bool:
-    """Tell whether a file is one that `atomic_file` was writing when it was killed."""
-    return name.startswith(".") and name.endswith(".tmp")
+_LEFTOVERS = ". If an interrupted build of an earlier version left them, remove the folder"
 
 
-def clean(out: Path) -> None:
-    """Remove what a killed build left: without dataset.json none of it counts."""
-    with _writing(out):
-        for path in sorted(out.iterdir(), key=lambda p: is_shard_name(p.name)):
-            if path.name != LOCK_FILE:
-                path.unlink()
-        for folder in _beside(out):
-            shutil.rmtree(folder, ignore_errors=True)
-
-
-def _beside(out: Path) -> tuple[Path, Path]:
-    """Return the folders of a swap: the new dataset before it, the old one after it."""
-    real = out.resolve()
-    return real.parent / f".{real.name}.new", real.parent / f".{real.name}.old"
-
-
-def _recover(out: Path) -> None:
-    """Put the old dataset back where a swap was killed half way."""
-    fresh, old = _beside(out)
-    if out.exists() or not (old / DATASET_FILE).exists():
-        return
-    # The lock of a swap lies in all of its folders: a build that is alive is left to it.
-    lock = _held_lock(old, out)
+def _described(out: Path) -> Description:
+    """Read the dataset.json of a folder that is not empty; StoreError if another program wrote it."""
     try:
-        os.rename(old, out)
-        shutil.rmtree(fresh, ignore_errors=True)
-    finally:
-        lock.release()
+        return load_description(out)
+    except StoreError as error:
+        raise StoreError(
+            "the output folder holds a dataset.json that dancedata cannot read as its own; nothing was written",
+            where=out,
+            found=str(error),
+            allowed="an empty folder, a new one, or a dataset built before",
+            fix="choose another --out; if this is a dataset that is damaged, remove the folder, then build again",
+        ) from error
+
+
+def _files_of(description: Description) -> set[str]:
+    """Return the names that a dataset's files have."""
+    return {DATASET_FILE, *(shard.file for shard in description.shards), *(_SIDE_FILES & set(description.files))}
 
 
 @contextmanager
-def swapped(out: Path) -> Iterator[Path]:
-    """Give a fresh folder beside `out`; on success it takes its place."""
-    fresh, old = _beside(out)
-    with _writing(out):
-        for folder in (fresh, old):
-            shutil.rmtree(folder, ignore_errors=True)
-        fresh.mkdir()
+def new_dataset(out: Path) -> Iterator[Path]:
+    """Give a folder to write a dataset to; on success it becomes that of `out`, or replaces the one there.
+
+    On any exception it is removed, and `out` stays as it was.
+
+    Raises
+    ------
+    StoreError
+        If by now `out` holds a file that would be replaced, or nothing can be written.
+    """
+    with _writing(out), _swapped(out) if (out / DATASET_FILE).exists() else staged(out, LAYOUT) as folder:
+        yield folder
+
+
+@contextmanager
+def _swapped(out: Path) -> Iterator[Path]:
+    """Give a folder beside `out`; on success the two change places, and the dataset that was there is removed."""
+    real, digits = out.resolve(), uuid4().hex[:8]
+    new, old = (real.with_name(f"{OWN}{real.name}.{which}-{digits}") for which in ("new", "old"))
+    claim(new)
     try:
-        yield fresh
-        with _writing(out):
-            real = out.resolve()
-            # The same lock in the new folder, so that no second writer gets in between; not every file system
-            # knows hard links.
-            with suppress(OSError):
-                os.link(real / LOCK_FILE, fresh / LOCK_FILE)
-            os.rename(real, old)
-            os.rename(fresh, real)
-    finally:
-        shutil.rmtree(fresh, ignore_errors=True)
-    shutil.rmtree(old, ignore_errors=True)
+        yield new
+        check_out(out, overwrite=True)  # again: a build may take hours
+        (new / MARKER).unlink()
+        os.rename(real, old)
+        os.rename(new, real)
+    except BaseException:
+        if os.path.lexists(old) and not os.path.lexists(real):
+            os.rename(old, real)
+        if os.path.lexists(new):
+            _remove(new)
+        raise
+    sync_folder(real.parent)
+    _remove(old)
+
+
+def _beside(out: Path, which: str = "new|old") -> list[Path]:
+    """Return the folders of swaps that were killed, by name."""
+    real = out.resolve()
+    ours = re.compile(rf"{re.escape(OWN + real.name)}\.({which})-[0-9a-f]{{8}}")
+    try:
+        found = [real.parent / name for name in os.listdir(real.parent) if ours.fullmatch(name)]
+    except OSError:
+        return []
+    return sorted(folder for folder in found if folder.is_dir() and not folder.is_symlink())
+
+
+def _put_back(out: Path) -> None:
+    """Put the old dataset back where a swap was killed half way."""
+    if os.path.lexists(out):
+        return
+    whole = [folder for folder in _beside(out, "old") if _is_whole(folder / DATASET_FILE)]
+    if whole:
+        os.rename(max(whole, key=lambda folder: folder.stat().st_ctime_ns), out.resolve())
+
+
+def _remove(folder: Path) -> None:
+    """Remove a folder of a swap: the files of the dataset, or of the unfinished one, and nothing else in it."""
+    try:
+        own = _files_of(load_description(folder)) | {MARKER}
+    except StoreError:
+        discard(folder, LAYOUT)
+    else:
+        with suppress(OSError):
+            for name in own & set(os.listdir(folder)) - {DATASET_FILE}:
+                (folder / name).unlink()
+            if os.listdir(folder) == [DATASET_FILE]:  # else it goes on saying whose the folder is
+                (folder / DATASET_FILE).unlink()
+                folder.rmdir()
+    if os.path.lexists(folder):
+        _log.warning("%s is left: it holds something that is not of a dataset, or is in use", folder)
+
+
+def _remove_empty(out: Path) -> None:
+    with suppress(OSError):
+        out.rmdir()

@@ -16,8 +16,10 @@ from dancedata.pipeline.build import hired_for
 from dancedata.pipeline.cache import Cache, default_cache
 from dancedata.pipeline.execute import Progress
 from dancedata.pipeline.gather import gather, identify, scan_source
+from dancedata.pipeline.gathered import Gathered
 from dancedata.pipeline.implausible import stop_if_implausible
 from dancedata.pipeline.left_out import stop_if_strict
+from dancedata.pipeline.lost_entries import with_lost_entries
 from dancedata.pipeline.recipe import Recipe, resolve
 
 
@@ -122,14 +124,17 @@ def build_part(
     recipe = resolve(recipe, store_cache.file_sha256)
     scan = scan_source(recipe, source)
     mine = part.of(scan.clips)
+    share = replace(scan, clips=mine, rejects=())
     with hired_for(recipe, source, store_cache, jobs) as workers:
-        gathered = identify(
-            store_cache, recipe, replace(scan, clips=mine, rejects=()), jobs=workers, progress=progress
-        )
-        stop_if_strict(strict, [*gathered.rejects, *gathered.audio_problems.values()], scan)
-        songs = len(gathered.signals)
-        gather(store_cache, gathered, jobs=workers, progress=progress)
-        stop_if_strict(strict, gathered.rejects, scan)
-        stop_if_implausible(strict, gathered.quality)
+
+        def run(cache: Cache) -> Gathered:
+            gathered = identify(cache, recipe, share, jobs=workers, progress=progress)
+            stop_if_strict(strict, [*gathered.rejects, *gathered.audio_problems.values()], scan)
+            gather(cache, gathered, jobs=workers, progress=progress)
+            stop_if_strict(strict, gathered.rejects, scan)
+            stop_if_implausible(strict, gathered.quality)
+            return gathered
+
+        gathered = with_lost_entries(store_cache, run, progress)
     left_out = Counter(reject.reason for reject in gathered.rejects)
-    return PartResult(part, len(scan.clips), len(mine), songs, dict(sorted(left_out.items())))
+    return PartResult(part, len(scan.clips), len(mine), len(gathered.signals), dict(sorted(left_out.items())))

@@ -12,12 +12,12 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
-from uuid import uuid4
 
 from dancedata.core.errors import DanceDataError, UsageError
+from dancedata.core.locks import left_behind
 from dancedata.core.version import __version__
 from dancedata.pipeline.cache import Cache, package_version
-from dancedata.pipeline.cache_files import TEMPORARY, held, left_behind
+from dancedata.pipeline.cache_files import TEMPORARY, held, temporary_name
 from dancedata.pipeline.reference_process import expected
 
 Backend = Literal["loky", "dask"]
@@ -89,7 +89,7 @@ def hired(
         return
     with ExitStack() as stack:
         stack.enter_context(_connected(scheduler))
-        word = uuid4().hex
+        word = temporary_name()
         token = stack.enter_context(held(scratch, f"{word}.token"))
         token.write_text(word, encoding="utf-8")
         around = Surroundings(token, word, source, _listing(source), _versions(packages))

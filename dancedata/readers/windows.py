@@ -26,7 +26,7 @@ from dancedata.readers.metadata import metadata
 from dancedata.readers.presets import Preset, field_names, find_preset, preset_cut, preset_fields
 from dancedata.readers.scalers import mirrors_of, normalized_fields, scaler_of
 from dancedata.readers.selection import Choice, movement_filter, select
-from dancedata.store.dataset import Store, open_store
+from dancedata.store.dataset import Store, open_store, reopen
 
 #: What is read where nothing else is asked for.
 DEFAULT_FIELDS = ("edge151", "librosa35")
@@ -167,7 +167,8 @@ class WindowDataset(Dataset[dict[str, Any]]):
             For an unknown split, field or preset, a probability outside [0, 1], a motion field that cannot be
             mirrored, or windows that this store cannot give.
         """
-        self.store = store if isinstance(store, Store) else open_store(store)
+        self._store: Store | None = store if isinstance(store, Store) else open_store(store)
+        self._reference = self._store.reference
         self.split = split
         self.preset = preset
         known = find_preset(self.store, preset)
@@ -212,6 +213,19 @@ class WindowDataset(Dataset[dict[str, Any]]):
         self._coins: tuple[int, npt.NDArray[np.bool_]] | None = None
         self._reader: Fill | None = None
         self._pool = Pool()
+
+    @property
+    def store(self) -> Store:
+        """The built dataset; opened anew in every process that this was sent to.
+
+        Raises
+        ------
+        StoreError
+            If another dataset was built in its place meanwhile.
+        """
+        if self._store is None:
+            self._store = reopen(*self._reference)
+        return self._store
 
     def __len__(self) -> int:
         """Return the number of windows."""
@@ -261,8 +275,12 @@ class WindowDataset(Dataset[dict[str, Any]]):
         )
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out what can be drawn again, and memory."""
-        return {**self.__dict__, "_coins": None, "_reader": None, "_pool": Pool()}
+        """Leave out what can be drawn again, memory, and the open store.
+
+        A store that cannot be opened again is then an error of the first batch, which a DataLoader passes on, and
+        not the end of its worker.
+        """
+        return {**self.__dict__, "_coins": None, "_reader": None, "_pool": Pool(), "_store": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Take the state over, with an epoch that workers can share."""

@@ -17,7 +17,8 @@ from dancedata.core.columns import Columns
 from dancedata.core.errors import StoreError, UsageError, did_you_mean
 from dancedata.core.normalize import MinMax
 from dancedata.store.clip_view import Clips, ClipView
-from dancedata.store.dataset_json import REBUILD, Description, json_lines, json_stats, load_description
+from dancedata.store.dataset_json import REBUILD, Description, json_lines, json_stats, self_hash
+from dancedata.store.described import DescribedFile, built_again, open_described, read_described
 from dancedata.store.locate import RowSpan, locate_stored, locate_view
 from dancedata.store.mapped import WindowRows, locate_windows
 from dancedata.store.rewindow import Cut, cut_windows, stored_windows, wanted_cut
@@ -54,19 +55,7 @@ def open_store(path: str | Path) -> Store:
         another size.
     """
     folder = Path(path).expanduser().absolute()
-    description = load_description(folder)
-    for shard in description.shards:
-        file = folder / shard.file
-        size = file.stat().st_size if file.is_file() else None
-        if size != shard.size:
-            raise StoreError(
-                "a shard is missing" if size is None else "a shard has another size than dataset.json says",
-                where=str(file),
-                found="no such file" if size is None else f"{size} bytes",
-                allowed=f"{shard.size} bytes",
-                fix="copy the whole folder again, or " + REBUILD,
-            )
-    return Store(folder, description)
+    return Store(folder, *open_described(folder))
 
 
 class Store:
@@ -93,7 +82,7 @@ class Store:
         dataset.json.
     """
 
-    def __init__(self, path: Path, description: Description) -> None:
+    def __init__(self, path: Path, description: Description, files: Mapping[str, DescribedFile]) -> None:
         """Use `open_store` instead."""
         self.path = path
         self._description = description
@@ -107,7 +96,7 @@ class Store:
         self._rates: dict[str, RowRate] = {f.name: f.row_rate(description.fps) for f in description.fields}
         self._shards: dict[str, tuple[ShardReader, ...]] = {
             split: tuple(
-                ShardReader(path / s.file, s.split, description.fields, description.scope)
+                ShardReader(files[s.file], s.split, description.fields, description.scope)
                 for s in description.shards
                 if s.split == split
             )
@@ -117,7 +106,12 @@ class Store:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle as a path: the other process opens the dataset again, and refuses one rebuilt meanwhile."""
-        return _reopen, (str(self.path), self.meta.get("self_sha256"))
+        return reopen, self.reference
+
+    @cached_property
+    def reference(self) -> tuple[str, str]:
+        """What `reopen` takes: the path, and a hash of dataset.json."""
+        return str(self.path), self_hash(self.meta)
 
     def __repr__(self) -> str:
         """Say where it is and what it holds."""
@@ -374,13 +368,14 @@ class Store:
     def _load(self, name: str, parse: Any) -> Any:
         path = self.path / name
         try:
-            return parse(path.read_text(encoding="utf-8"))
+            return parse(read_described(self.path, self._description, name))
         except (OSError, ValueError, RecursionError) as error:
             raise StoreError(f"{name} cannot be read", where=str(path), found=str(error), fix=REBUILD) from error
 
 
-def _reopen(path: str, sha256: str | None) -> Store:
+def reopen(path: str, sha256: str) -> Store:
+    """Open a dataset again, in another process; StoreError if another one is there by now."""
     store = open_store(path)
-    if store.meta.get("self_sha256") != sha256:
-        raise StoreError("the dataset was built again since it was opened", where=path, fix="open it again")
+    if store.reference[1] != sha256:
+        raise built_again(store.path, "another dataset.json than then")
     return store

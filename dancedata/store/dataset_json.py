@@ -9,6 +9,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
+from dancedata.core.atomic import OWN
 from dancedata.core.errors import DanceDataError, StoreError
 from dancedata.core.grid import as_rate
 from dancedata.core.hashing import json_sha256
@@ -123,6 +124,8 @@ def describe_folder(folder: Path) -> str:
     if not names:
         return "an empty folder"
     shown = ", ".join(names[:8]) + (f" and {len(names) - 8} more" if len(names) > 8 else "")
+    if any(name.startswith(OWN) for name in names):
+        return shown + " (an unfinished build)"
     return shown + (" (shards without dataset.json: an unfinished build)" if any(map(is_shard_name, names)) else "")
 
 

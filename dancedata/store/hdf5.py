@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -37,8 +37,13 @@ def create_file(target: SparseFile) -> Iterator[Any]:
 
 
 @contextmanager
-def open_file(path: Path) -> Iterator[Any]:
+def open_file(path: Path, require: Callable[[int], None] | None = None) -> Iterator[Any]:
     """Open a shard for reading, without file locks (network file systems).
+
+    Parameters
+    ----------
+    require
+        Is given the open file's descriptor, and raises StoreError unless it is the file that is meant.
 
     Raises
     ------
@@ -47,6 +52,8 @@ def open_file(path: Path) -> Iterator[Any]:
     """
     try:
         with h5py.File(path, "r", locking=False) as file:
+            if require is not None:
+                require(file.id.get_vfd_handle())
             yield file
     except FileNotFoundError as error:
         raise StoreError("a shard is missing", where=str(path), fix="build the dataset again") from error

@@ -11,6 +11,8 @@ from __future__ import annotations
 import math
 import mmap
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,6 +22,7 @@ import numpy.typing as npt
 
 from dancedata.core.errors import StoreError
 from dancedata.store import hdf5
+from dancedata.store.described import DescribedFile
 from dancedata.store.schema import LIST_SEPARATOR, ClipRecord, Field
 
 IntArray = npt.NDArray[np.int64]
@@ -90,11 +93,15 @@ class StoredWindows:
 
 
 class ShardReader:
-    """One shard of a store, safe under threads and fork; holds at most one file descriptor, opened late."""
+    """One shard of a store, safe under threads and fork; holds at most one file descriptor, opened late.
 
-    def __init__(self, path: Path, split: str, fields: tuple[Field, ...], scope: str) -> None:
+    Every time that it is opened, it has to be the file that dataset.json described.
+    """
+
+    def __init__(self, file: DescribedFile, split: str, fields: tuple[Field, ...], scope: str) -> None:
         """Remember where the shard is; nothing is opened."""
-        self.path = path
+        self.path = file.path
+        self._described = file
         self.split = split
         self._fields = fields
         self._scope = scope
@@ -108,7 +115,7 @@ class ShardReader:
     def clips(self) -> ClipTable:
         """The table of clips, read when first asked for."""
         if self._clips is None:
-            with hdf5.open_file(self.path) as file:
+            with self._opened() as file:
                 self._layout = {f.name: _field_layout(file, f, self.path) for f in self._fields}
                 tables = _Tables(file, self.path)
                 clips = _read_clips(tables, self.split, self._fields, self._scope)
@@ -122,7 +129,7 @@ class ShardReader:
         """The table of windows, read when first asked for."""
         if self._windows is None:
             n_clips = len(self.clips.records)
-            with hdf5.open_file(self.path) as file:
+            with self._opened() as file:
                 self._windows = _read_windows(_Tables(file, self.path), self._fields, n_clips)
         return self._windows
 
@@ -145,7 +152,7 @@ class ShardReader:
         direct = out.dtype == layout.dtype and out.flags.c_contiguous and out.flags.writeable
         target = out if direct else np.empty((len(out), layout.width), dtype=layout.dtype)
         if target.size and layout.offset is None:
-            with hdf5.open_file(self.path) as file:
+            with self._opened() as file:
                 file[layout.name].read_direct(target, np.s_[first : first + len(target)])
         elif target.size and layout.offset is not None:
             self._open().read_into(memoryview(target.data).cast("B"), layout.offset + first * layout.row_bytes)
@@ -163,7 +170,7 @@ class ShardReader:
             return f"{layout.name} of {self.path.name} is chunked or compressed"
         if self._map is None:
             try:
-                self._map = _Map(self.path)
+                self._map = _Map(self._described)
             except (OSError, ValueError) as error:
                 return f"{self.path.name} cannot be mapped: {error}"
         return self._map.rows(layout)
@@ -183,22 +190,26 @@ class ShardReader:
         file = self._file
         # A forked child opens the file anew: what it inherited belongs to the parent.
         if file is None or file.pid != os.getpid():
-            file = _File(self.path)
+            file = _File(self._described)
             self._file = file
         return file
+
+    @contextmanager
+    def _opened(self) -> Iterator[Any]:
+        """Open the shard through h5py."""
+        self._described.require_there()
+        with hdf5.open_file(self.path, self._described.require) as file:
+            yield file
 
 
 class _File:
     """A file descriptor read by position."""
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, file: DescribedFile) -> None:
+        self.path = file.path
         self.pid = os.getpid()
-        try:
-            self._descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_CLOEXEC", 0))
-        except OSError as error:
-            self._descriptor = -1
-            raise StoreError("a shard cannot be opened", where=str(path), found=str(error)) from error
+        self._descriptor = -1
+        self._descriptor = file.open()
 
     def read_into(self, view: memoryview, position: int) -> None:
         """Fill `view` with the bytes from `position` on."""
@@ -221,10 +232,13 @@ class _File:
 class _Map:
     """A whole file mapped read-only. A forked child may go on using it; other processes share its memory."""
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        with open(path, "rb") as file:
-            self._memory = mmap.mmap(file.fileno(), 0, flags=mmap.MAP_SHARED, prot=mmap.PROT_READ)
+    def __init__(self, described: DescribedFile) -> None:
+        self.path = described.path
+        descriptor = described.open()
+        try:
+            self._memory = mmap.mmap(descriptor, 0, flags=mmap.MAP_SHARED, prot=mmap.PROT_READ)
+        finally:
+            os.close(descriptor)
 
     def rows(self, layout: FieldLayout) -> npt.NDArray[Any]:
         offset, count = layout.offset or 0, layout.n_rows * layout.width

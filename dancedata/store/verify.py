@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
+from dancedata.core.atomic import OWN
 from dancedata.core.errors import StoreError
 from dancedata.core.hashing import sha256_file
 from dancedata.store.dataset_json import Description, ShardEntry, load_description, self_hash
@@ -196,7 +197,7 @@ def _find_strangers(folder: Path, description: Description) -> Iterator[Problem]
     for path in sorted(folder.iterdir()):
         if path.name in known:
             continue
-        if is_shard_name(path.name) or _LEFTOVER.search(path.name):
+        if is_shard_name(path.name) or path.name.startswith(OWN) or _LEFTOVER.search(path.name):
             yield Problem("note", str(path), "a file that dataset.json does not list; no reader looks at it")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import numpy as np
 from dancedata.core.errors import StoreError
 from dancedata.store import hdf5
 from dancedata.store.dataset_json import Description, ShardEntry
+from dancedata.store.described import DescribedFile
 from dancedata.store.problem import Problem
 from dancedata.store.schema import ALIGNMENT, FORMAT, ClipRecord, Field
 from dancedata.store.shard_reader import ClipTable, ShardReader, StoredWindows
@@ -41,7 +43,8 @@ def verify_shard(
         messages = messages or list(_check_spans(path, description))
         if messages:
             return [Problem("error", str(path), m) for m in messages], ()
-        reader = ShardReader(path, entry.split, description.fields, description.scope)
+        file = DescribedFile(path, entry.size, entry.sha256, os.stat(path))
+        reader = ShardReader(file, entry.split, description.fields, description.scope)
         clips, windows = reader.clips, reader.windows
         messages = [*_check_clips(clips)]
         messages += _check_windows(reader, clips, windows, description)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import errno
+import io
 import os
 import shutil
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -16,26 +18,28 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dancedata.core import locks
 from dancedata.core.errors import DanceDataError, StoreError
+from dancedata.datasets.aistpp import AistPP
 from dancedata.pipeline import build as build_module
 from dancedata.pipeline import cache_files
 from dancedata.pipeline.build import build
 from dancedata.pipeline.cache import Cache
-from dancedata.pipeline.cache_admin import prune
+from dancedata.pipeline.cache_admin import prune, verify_cache
 from dancedata.pipeline.execute import Progress, run_units
+from dancedata.pipeline.parts import Part, build_part
 from dancedata.pipeline.recipe_file import parse_recipe
 from dancedata.pipeline.workers import Workers
 from dancedata.store import verify_store
 
-RECIPE = parse_recipe(
-    {
-        "recipe": 1,
-        "name": "faults",
-        "dataset": {"aist++": {"music": "optional"}},
-        "windows": {"length_s": 5, "stride_s": 0.5},
-        "motion": {"edge151": {}},
-    }
-)
+DOCUMENT: dict[str, Any] = {
+    "recipe": 1,
+    "name": "faults",
+    "dataset": {"aist++": {"music": "optional"}},
+    "windows": {"length_s": 5, "stride_s": 0.5},
+    "motion": {"edge151": {}},
+}
+RECIPE = parse_recipe(DOCUMENT)
 Build = Callable[..., Any]
 
 
@@ -124,6 +128,23 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
         pytest.skip("a tmpfs cannot be mounted here")
     yield folder
     subprocess.run(["umount", str(folder)], check=True)
+
+
+def test_out_may_be_a_volume_of_its_own(corpus: Path, tmp_path: Path, whole: dict[str, str], hashes: Any):
+    """As in a container: the folder above is on another file system, and OUT cannot be renamed."""
+    out = tmp_path / "volume"
+    out.mkdir()
+    if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=20m", "tmpfs", str(out)], capture_output=True).returncode:
+        pytest.skip("a tmpfs cannot be mounted here")
+    try:
+        build(RECIPE, corpus, out, cache=tmp_path / "cache")
+        assert hashes(out) == whole
+        with pytest.raises(StoreError, match="the output folder cannot be written"):
+            build(replace(RECIPE, mirror=True), corpus, out, cache=tmp_path / "cache", overwrite=True)
+        assert hashes(out) == whole
+        assert [p.name for p in tmp_path.iterdir() if p.name.startswith(".")] == []
+    finally:
+        subprocess.run(["umount", str(out)], check=True)
 
 
 @pytest.mark.parametrize("place", ["cache", "out"])
@@ -224,6 +245,63 @@ def test_an_entry_that_is_lost_during_a_build_is_computed_again(
     assert hashes(out) == whole
 
 
+def damage(cache: Path) -> int:
+    """Change a bit of the last value of every array of a cache; returns how many there are."""
+    paths = sorted(cache.rglob("*.npy"))
+    for path in paths:
+        data = bytearray(path.read_bytes())
+        data[-20] ^= 1
+        path.write_bytes(data)
+    return len(paths)
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_any_number_of_damaged_entries_cost_a_computation_each(
+    corpus: Path, out: Path, tmp_path: Path, hashes: Any, monkeypatch: pytest.MonkeyPatch, jobs: int
+):
+    fields = ("edge151", "lodge139", "finedance319", "joints", "fact219")
+    recipe = parse_recipe({**DOCUMENT, "motion": {name: {} for name in fields}})
+    cache = tmp_path / "cache"
+    build(recipe, corpus, out, cache=cache)
+    whole = hashes(out)
+    shutil.rmtree(out)
+    assert damage(cache) == 40
+    loaded: list[str] = []
+    load = AistPP.load
+
+    def counted(self: AistPP, ref: Any) -> Any:
+        loaded.append(ref.id)
+        return load(self, ref)
+
+    monkeypatch.setattr(AistPP, "load", counted)
+    said = io.StringIO()
+    build(recipe, corpus, out, cache=cache, jobs=jobs, progress=Progress(stream=said))
+    assert hashes(out) == whole
+    assert verify_cache(cache) == (len(list(cache.rglob("*.json"))) + 40, [])
+    assert said.getvalue().count("an entry of the cache is damaged") == 1
+    if jobs == 1:  # else it is other processes that load
+        assert sorted(loaded) == sorted(set(loaded))
+        assert len(loaded) == 8
+
+
+def test_damaged_entries_that_a_filter_reads(corpus: Path, out: Path, tmp_path: Path, hashes: Any):
+    """They are met while clips are gathered, also by a part that writes no dataset."""
+    windows = {"length_s": 5, "stride_s": 0.5, "filter": {"movement": {"min_std": 0.001, "field": "edge151"}}}
+    recipe = parse_recipe({**DOCUMENT, "windows": windows})
+    cache = tmp_path / "cache"
+    build(recipe, corpus, out, cache=cache)
+    whole = hashes(out)
+    shutil.rmtree(out)
+    for run in (
+        lambda: build_part(recipe, corpus, Part(1, 1), cache=cache),
+        lambda: build(recipe, corpus, out, cache=cache),
+    ):
+        assert damage(cache) == 8
+        run()
+        assert verify_cache(cache)[1] == []
+    assert hashes(out) == whole
+
+
 def test_entries_that_are_lost_every_time_end_the_build(
     run: Build, out: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
@@ -262,13 +340,12 @@ def test_where_the_file_system_has_no_locks_builds_work_and_nobody_waits(
     def none(fd: int, operation: int) -> None:
         raise OSError(errno.ENOSYS, "no locks")
 
-    # Of the cache alone: filelock, which locks OUT, has a way of its own.
-    fcntl = cache_files.fcntl
+    fcntl = locks.fcntl
     without = SimpleNamespace(flock=none, LOCK_EX=fcntl.LOCK_EX, LOCK_NB=fcntl.LOCK_NB)
-    monkeypatch.setattr(cache_files, "fcntl", without)
+    monkeypatch.setattr(locks, "fcntl", without)
     run()
     assert hashes(out) == whole
-    stray = tmp_path / "cache" / "tmp" / "0.tmp"
+    stray = tmp_path / "cache" / "tmp" / f"dancedata-{0:032x}.tmp"
     stray.touch()
     shutil.rmtree(out)
     run()
@@ -281,9 +358,10 @@ def test_where_the_file_system_has_no_locks_builds_work_and_nobody_waits(
 
 def test_what_a_living_process_holds_is_left_alone(tmp_path: Path):
     cache = Cache(tmp_path)
-    with cache.lock("features", "k"), cache_files.held(tmp_path / "tmp", "a.tmp"):
-        (tmp_path / "tmp" / "b.tmp").touch()
-        (tmp_path / "locks" / "features-old").touch()
+    names = [f"dancedata-{number:032x}.tmp" for number in range(2)]
+    with cache.lock("features", f"{0:064x}"), cache_files.held(tmp_path / "tmp", names[0]):
+        (tmp_path / "tmp" / names[1]).touch()
+        (tmp_path / "locks" / f"features-{1:064x}").touch()
         assert cache_files.sweep(tmp_path) == 2
         assert len(strays(tmp_path)) == 2
     assert strays(tmp_path) == []

@@ -18,8 +18,9 @@ from safetensors.torch import load_file
 
 from dancedata.audio.jukebox import JukeboxConfig, JukeboxEncoder, checkpoint_sha256, conversion, convert
 from dancedata.audio.jukebox.names import PRIOR_FILE, VQVAE_FILE
-from dancedata.core.errors import SourceError, UsageError
+from dancedata.core.errors import SourceError, StoreError, UsageError
 from dancedata.core.hashing import sha256_file
+from dancedata.core.locks import writing_lock
 
 
 @pytest.fixture(scope="module")
@@ -113,6 +114,29 @@ def test_interrupted_conversion_does_not_load_and_can_be_repeated(
     monkeypatch.undo()
     convert(tiny.folder, tmp_path / "out", 4, config=tiny.config)
     JukeboxEncoder.from_converted(tmp_path / "out", device="cpu", max_codes=64)
+
+
+@pytest.mark.parametrize("name", ["vqvae.safetensors", "block-001.safetensors"])
+def test_files_of_others_are_not_replaced(tiny: SimpleNamespace, tmp_path: Path, name: str) -> None:
+    (tmp_path / "out").mkdir()
+    for mine in (name, "notes.txt"):
+        (tmp_path / "out" / mine).write_text("somebody's")
+    with pytest.raises(UsageError, match=f"files of these names already.*found {name}"):
+        convert(tiny.folder, tmp_path / "out", 4, config=tiny.config)
+    assert sorted(p.name for p in tmp_path.rglob("*")) == sorted(["out", name, "notes.txt"])
+    assert (tmp_path / "out" / name).read_text() == "somebody's"
+    (tmp_path / "out" / name).unlink()
+    convert(tiny.folder, tmp_path / "out", 4, config=tiny.config)
+    assert (tmp_path / "out" / "notes.txt").read_text() == "somebody's"
+    assert not [p for p in tmp_path.rglob(".dancedata-*")]
+
+
+def test_a_second_conversion_into_one_folder_fails_at_once(tiny: SimpleNamespace, tmp_path: Path) -> None:
+    with (
+        writing_lock(tmp_path / "out", "conversion"),
+        pytest.raises(StoreError, match="another conversion is writing"),
+    ):
+        convert(tiny.folder, tmp_path / "out", 4, config=tiny.config)
 
 
 def test_truncated_file(copy: Path) -> None:

@@ -15,11 +15,12 @@ from typing import Any
 import numpy as np
 import pytest
 import soundfile
-from filelock import FileLock
 
 import dancedata
 from dancedata.audio.librosa35 import Librosa35
+from dancedata.core import staging
 from dancedata.core.errors import DataError, SourceError, StoreError
+from dancedata.core.locks import writing_lock
 from dancedata.datasets.aistpp import AistPP
 from dancedata.datasets.synthetic import Synthetic
 from dancedata.pipeline import build as build_module
@@ -130,6 +131,18 @@ def test_another_source_is_refused(run_build: Any, source: Path, built_copy: Pat
     assert hashes(built_copy) == before
 
 
+def test_a_song_that_another_one_was_unpacked_over_is_noticed(run_build: Any, source: Path, out: Path):
+    """`tar xf` of another song of the same size and time: the file keeps its path, size, time of change and inode."""
+    run_build(source, out)
+    song = source / "wavs" / "mHO3.wav"
+    before, sound = song.stat(), song.read_bytes()
+    song.write_bytes(sound[:1000] + sound[:999:-1])
+    os.utime(song, ns=(before.st_atime_ns, before.st_mtime_ns))
+    assert (song.stat().st_ino, song.stat().st_size) == (before.st_ino, before.st_size)
+    with pytest.raises(StoreError, match="made from another source"):
+        run_build(source, out)
+
+
 def test_overwrite_puts_the_new_dataset_in_the_place_of_the_old(run_build: Any, corpus: Path, built_copy: Path):
     assert run_build(corpus, built_copy, set=["windows.stride_s=1"], overwrite=True).built
     assert {p.name for p in built_copy.iterdir()} == FILES
@@ -142,7 +155,7 @@ def test_overwrite_that_fails_leaves_the_old_dataset(
     run_build: Any, corpus: Path, built_copy: Path, hashes: Hashes, monkeypatch: pytest.MonkeyPatch
 ):
     def fail(folder: Path, *args: Any, **options: Any) -> None:
-        (folder / "half").write_text("")
+        (folder / "stats.json").write_text("half")
         raise StoreError("the disk is full")
 
     before = hashes(built_copy)
@@ -186,26 +199,36 @@ def test_files_of_others_beside_a_dataset_are_refused_too(run_build: Any, corpus
 
 
 def test_a_second_writer_fails_at_once(run_build: Any, corpus: Path, out: Path):
-    out.mkdir(parents=True)
-    with FileLock(out / ".lock"), pytest.raises(StoreError, match="another build is writing there"):
+    out.parent.mkdir()
+    with writing_lock(out, "build"), pytest.raises(StoreError, match="another build is writing there"):
         run_build(corpus, out)
+    assert not out.exists()
     assert run_build(corpus, out).built
 
 
 def test_a_lock_that_a_killed_build_left_is_no_hindrance(run_build: Any, corpus: Path, out: Path):
-    out.mkdir(parents=True)
-    (out / ".lock").write_text("")
+    out.parent.mkdir()
+    (out.parent / ".dancedata-out.lock").write_text("")
     assert run_build(corpus, out).built
     assert {p.name for p in out.iterdir()} == FILES
+    assert [p.name for p in out.parent.iterdir()] == ["out"]
 
 
-def test_what_a_killed_build_left_is_replaced(run_build: Any, corpus: Path, built: Path, out: Path, hashes: Hashes):
+@pytest.mark.parametrize("overwrite", [False, True])
+def test_what_a_killed_build_left_is_replaced(
+    run_build: Any, corpus: Path, built: Path, out: Path, hashes: Hashes, overwrite: bool
+):
     out.mkdir(parents=True)
-    for name in ("train-00000-of-00009.h5", "README.md", "stats.json", ".stats.json.x1.tmp", ".lock"):
-        (out / name).write_text("half")
-    (out.parent / ".out.new").mkdir()
-    (out.parent / ".out.new" / "train-00000-of-00001.h5").write_text("half")
-    run_build(corpus, out)
+    if overwrite:
+        shutil.copytree(built, out, dirs_exist_ok=True)
+    unfinished = [out.parent / ".dancedata-out.new-0123abcd"] if overwrite else [out / staging.STAGING]
+    for folder in unfinished:
+        staging.claim(folder)
+        for name in ("train-00000-of-00009.h5", "README.md", "stats.json", ".dancedata-abc_1234.tmp"):
+            (folder / name).write_text("half")
+    if overwrite:
+        shutil.copytree(built, out.parent / ".dancedata-out.old-0123abcd")
+    run_build(corpus, out, overwrite=overwrite)
     assert hashes(out) == hashes(built)
     assert [p.name for p in out.parent.iterdir()] == ["out"]
 

@@ -151,6 +151,42 @@ def test_hashes_of_files_are_remembered_until_the_file_changes(own: Cache, tmp_p
     assert own.file_sha256(path) != first
 
 
+def test_a_file_written_over_another_is_another_whatever_its_time(own: Cache, tmp_path: Path):
+    """As `tar xf` leaves it: the same path, size and time of change, and the inode that the old file had."""
+    path = tmp_path / "song.wav"
+    path.write_bytes(b"one")
+    before = path.stat()
+    first = own.file_sha256(path)
+    signal = own.stat_key("signal", path)
+    path.write_bytes(b"two")
+    os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
+    after = path.stat()
+    for name in ("st_dev", "st_ino", "st_size", "st_mtime_ns"):
+        assert getattr(before, name) == getattr(after, name)
+    assert own.known_sha256(path) is None
+    assert own.file_sha256(path) != first
+    assert own.stat_key("signal", path) != signal
+
+
+def damage(cache: Path, stage: str) -> int:
+    """Change a bit of the last value of every array of a stage; returns how many there are."""
+    paths = list((cache / stage).rglob("*.npy"))
+    for path in paths:
+        data = bytearray(path.read_bytes())
+        data[-20] ^= 1
+        path.write_bytes(data)
+    return len(paths)
+
+
+def test_a_careful_cache_compares_what_it_looks_up(own: Cache):
+    own.put_array("features", KEY, np.arange(3.0))
+    careful = replace(own, careful=True)
+    assert careful.array("features", KEY) is not None
+    assert damage(own.root, "features") == 1
+    assert own.array("features", KEY) is not None
+    assert careful.array("features", KEY) is None
+
+
 @pytest.mark.parametrize(
     "array",
     [
@@ -260,7 +296,7 @@ def test_a_computation_that_fails_leaves_nothing(own: Cache):
     with pytest.raises(ZeroDivisionError):
         own.once("features", KEY, fail)
     assert own.array("features", KEY) is None
-    assert [p for p in own.root.rglob("*") if p.is_file()] == []
+    assert [p.name for p in own.root.rglob("*") if p.is_file()] == [cache_files.MARKER]
 
 
 @pytest.mark.parametrize("where", ["file/cache", "/proc/cache"])

@@ -120,7 +120,7 @@ def test_what_a_running_build_may_be_using_stays(own: Cache):
 
 def test_a_build_that_was_killed_keeps_nothing(own: Cache):
     (own.root / "locks").mkdir(exist_ok=True)
-    (own.root / "locks" / "build-0").touch()
+    (own.root / "locks" / f"build-{0:032x}").touch()
     result = prune(own.root, max_bytes=0)
     assert (result.kept, result.swept) == (0, 1)
 

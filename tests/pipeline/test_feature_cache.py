@@ -152,6 +152,19 @@ def test_a_damaged_entry_is_computed_again(own: FeatureCache, song: Path, calls:
     assert calls() == 2
 
 
+def test_any_number_of_damaged_windows_are_computed_again(own: FeatureCache, song: Path, calls: Callable[[], int]):
+    wanted = own.get_windows("librosa35", song, fps=30, start_bpm=120, length_frames=60, stride_frames=3)
+    entries = list((own.root / "features").rglob("*.npy"))
+    assert len(entries) == len(wanted) > 35
+    for path in entries:
+        data = bytearray(path.read_bytes())
+        data[len(data) // 2] ^= 1
+        path.write_bytes(data)
+    found = own.get_windows("librosa35", song, fps=30, start_bpm=120, length_frames=60, stride_frames=3)
+    np.testing.assert_array_equal(found, wanted)
+    assert calls() == 2, "all of them at once"
+
+
 def test_a_song_shorter_than_a_window_has_none(own: FeatureCache, song: Path):
     assert own.get_windows("librosa35", song, length_frames=300, start_bpm=120).shape == (0, 300, 35)
 

@@ -174,7 +174,7 @@ def test_compressed_fields_are_read_and_named(
     said = [r.getMessage() for r in caplog.records if r.name.startswith("dancedata")]
     assert len(said) == 2
     assert "field pose is not read from mapped files: /motion/pose of train-00000" in said[0]
-    assert not plain.window_rows(windows, "fast").unmapped
+    assert not store.window_rows(windows, "fast").unmapped
 
 
 def test_a_compressed_field_that_is_broken(tmp_path: Path, stores: dict[str, Store]) -> None:

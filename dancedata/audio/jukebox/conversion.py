@@ -15,7 +15,10 @@ or writes the folder holds one block in memory, and a part of it is enough for a
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+import os
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -28,10 +31,13 @@ from dancedata.audio.jukebox.sources import SafetensorsSource, TensorSource, req
 from dancedata.core.atomic import atomic_file, write_json
 from dancedata.core.errors import DanceDataError, SourceError, UsageError
 from dancedata.core.hashing import sha256_file
+from dancedata.core.locks import writing_lock
+from dancedata.core.staging import Layout, staged, tidy
 
 DESCRIPTION_FILE = "jukebox.json"
 FORMAT = 1
 _VQVAE, _TABLES = "vqvae.safetensors", "tables.safetensors"
+_FILES = re.compile(r"(vqvae|tables|block-[0-9]{3})\.safetensors|jukebox\.json")
 
 
 @dataclass(frozen=True)
@@ -52,12 +58,22 @@ class Description:
     source: Mapping[str, str]
 
 
+def _is_whole(path: Path) -> bool:
+    try:
+        return path.is_file() and json.loads(path.read_text(encoding="utf-8"))["format"] == FORMAT
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
+
+
+_LAYOUT = Layout(DESCRIPTION_FILE, _is_whole, lambda name: _FILES.fullmatch(name) is not None)
+
+
 def convert(
     folder: Path | str, out: Path | str, layer: int = 66, *, config: JukeboxConfig | None = None
 ) -> Description:
     """Write what `layer` needs of OpenAI's files as a folder of safetensors files.
 
-    Memory: one block. Files appear whole or not at all, jukebox.json last: without it the folder does not load.
+    Memory: one block. Files appear when all are written, jukebox.json last: without it the folder does not load.
 
     Parameters
     ----------
@@ -75,7 +91,9 @@ def convert(
     SourceError
         As `JukeboxEncoder.from_openai`.
     UsageError
-        `layer` is out of range, or `out` holds another conversion.
+        `layer` is out of range, or `out` holds another conversion, or other files of the same names.
+    DanceDataError
+        `out` cannot be written, or another process is writing there.
     """
     folder, out, config = Path(folder), Path(out), config or JukeboxConfig()
     if not 1 <= layer <= config.depth:
@@ -85,17 +103,45 @@ def convert(
         require_tensors(checkpoint.vqvae, names.vqvae_tensors(config))
         require_tensors(checkpoint.prior, names.prior_tensors(config, layer))
         source = checkpoint_sha256(folder)
-        if (out / DESCRIPTION_FILE).exists():
-            return _finished(out, config, layer, source)
-        return write_converted(checkpoint, out, config, layer, source)
+        with _folder_to_write(out):
+            tidy(out, _LAYOUT)
+            if (out / DESCRIPTION_FILE).exists():
+                return _finished(out, config, layer, source)
+            _refuse_others(out, [name for name, *_ in _parts(checkpoint, config, layer)])
+            with staged(out, _LAYOUT) as staging:
+                return write_converted(checkpoint, staging, config, layer, source)
     finally:
         checkpoint.close()
+
+
+@contextmanager
+def _folder_to_write(out: Path) -> Iterator[None]:
+    """Make the output folder, and lock it; a second process fails at once."""
+    with ExitStack() as stack:
+        try:
+            out.mkdir(parents=True, exist_ok=True)
+            stack.enter_context(writing_lock(out, "conversion"))
+        except OSError as error:
+            raise _unwritable(out, error) from error
+        yield
+
+
+def _refuse_others(out: Path, names: Sequence[str]) -> None:
+    """Raise UsageError if files are there that the conversion would replace."""
+    there = [name for name in names if os.path.lexists(out / name)]
+    if there:
+        raise UsageError(
+            "jukebox: the output folder holds files of these names already, and no finished conversion",
+            where=out,
+            found=", ".join(there[:5]) + (", ..." if len(there) > 5 else ""),
+            fix="give another folder, or remove them if an interrupted conversion of an earlier version left them",
+        )
 
 
 def write_converted(
     checkpoint: Checkpoint, out: Path, config: JukeboxConfig, layer: int, source: Mapping[str, str]
 ) -> Description:
-    """Write a converted folder from open sources; `source` is what `Description.source` says of them."""
+    """Fill a folder from open sources; `source` is what `Description.source` says of them."""
     out.mkdir(parents=True, exist_ok=True)
     files = {}
     for name, tensors, specs in _parts(checkpoint, config, layer):
@@ -219,12 +265,16 @@ def _write(path: Path, source: TensorSource, specs: tuple[names.TensorSpec, ...]
         with atomic_file(path) as temporary:
             save_file(tensors, temporary, metadata={"format": "pt"})
     except OSError as error:
-        raise DanceDataError(
-            "jukebox: the converted checkpoint cannot be written",
-            where=path,
-            found=str(error),
-            fix="it needs about 9.4 GB of free disk for layer 66; the conversion can be started again",
-        ) from error
+        raise _unwritable(path, error) from error
+
+
+def _unwritable(path: Path, error: OSError) -> DanceDataError:
+    return DanceDataError(
+        "jukebox: the converted checkpoint cannot be written",
+        where=path,
+        found=str(error),
+        fix="it needs about 9.4 GB of free disk for layer 66; the conversion can be started again",
+    )
 
 
 def _finished(out: Path, config: JukeboxConfig, layer: int, source: Mapping[str, str]) -> Description:

@@ -1,0 +1,145 @@
+"""Locks on files (flock) that the kernel gives back when their holder dies, however it dies.
+
+So "nobody holds it" tells what a killed process left from what a living one is using, on every machine that shares
+the folder, without clocks or process numbers.
+"""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import os
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from stat import S_ISREG
+
+from dancedata.core.atomic import OWN
+from dancedata.core.errors import StoreError
+
+#: Where the file system knows no locks: what has not been touched for this long was left by a killed process.
+ABANDONED_S = 24 * 3600.0
+_NO_LOCKS = {errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK, errno.EINVAL}
+
+
+def lock_file(fd: int, operation: int, *, unsure: bool | None = False) -> bool | None:
+    """Lock an open file; False if another process holds it, None where the file system knows no locks.
+
+    NFS cannot tell whether another process holds a file, or a folder, that is open for reading only: `unsure` then.
+    """
+    try:
+        fcntl.flock(fd, operation)
+    except OSError as error:
+        if error.errno in (errno.EAGAIN, errno.EACCES):
+            return False
+        if error.errno == errno.EBADF:
+            return unsure
+        if error.errno in _NO_LOCKS:
+            return None
+        raise
+    return True
+
+
+def open_held(folder: Path, name: str) -> tuple[int, Path]:
+    """Open a file, made if it is missing, and lock it; waits for the process that holds it."""
+    path = folder / name
+    while True:
+        fd = os.open(path, os.O_CREAT | os.O_RDWR | os.O_NOFOLLOW, 0o666)
+        try:
+            lock_file(fd, fcntl.LOCK_EX)
+            # Its holder before may have removed it: that lock keeps nobody out.
+            if os.fstat(fd).st_nlink:
+                return fd, path
+        except BaseException:
+            os.close(fd)
+            raise
+        os.close(fd)
+
+
+def left_behind(path: Path) -> bool:
+    """Tell whether a file is there and the process that held it is dead."""
+    try:
+        fd = os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK)
+    except OSError:
+        return False
+    try:
+        return is_abandoned(fd)
+    finally:
+        os.close(fd)
+
+
+def is_abandoned(fd: int) -> bool:
+    """Tell whether nobody holds an open file; if so, the caller holds it until it closes the file."""
+    locked = lock_file(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    if locked is None:
+        return time.time() - os.fstat(fd).st_mtime > ABANDONED_S
+    return locked and os.fstat(fd).st_nlink > 0
+
+
+@contextmanager
+def writing_lock(folder: Path, what: str, *, wait: bool = False) -> Iterator[None]:
+    """Be the only one who writes a folder, within the context; the folder need not exist.
+
+    The lock is an empty file beside the folder, ``.dancedata-NAME.lock``, that is removed afterwards: a finished
+    folder holds nothing of it. Where no file can be made there, the folder itself is locked.
+
+    Parameters
+    ----------
+    what
+        What the other one that has the lock is, for the error: "build".
+    wait
+        Wait for it instead.
+
+    Raises
+    ------
+    StoreError
+        If another process has the lock.
+    OSError
+        If neither the folder nor a file beside it can be locked.
+    """
+    fd, path = _open_lock(folder, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB), what)
+    try:
+        yield
+    finally:
+        if path is not None:
+            with suppress(OSError):
+                # One that holds something is not ours. Removed while it is held: see open_held.
+                if not os.fstat(fd).st_size:
+                    path.unlink()
+        os.close(fd)
+
+
+def _open_regular(path: Path) -> int:
+    """Open a file, made if it is missing; OSError if something else has its name."""
+    fd = os.open(path, os.O_CREAT | os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK, 0o666)
+    if not S_ISREG(os.fstat(fd).st_mode):
+        os.close(fd)
+        raise OSError(errno.EINVAL, "not a regular file", str(path))
+    return fd
+
+
+def _open_lock(folder: Path, operation: int, what: str) -> tuple[int, Path | None]:
+    real = folder.resolve()
+    beside = real.parent / f"{OWN}{real.name}.lock"
+    while True:
+        path: Path | None = beside
+        try:
+            fd = _open_regular(beside)
+        except OSError:
+            if not real.is_dir():
+                raise
+            fd, path = os.open(real, os.O_RDONLY | os.O_DIRECTORY), None
+        try:
+            if lock_file(fd, operation, unsure=None if path is None else False) is False:
+                raise StoreError(
+                    f"another {what} is writing there",
+                    where=folder,
+                    fix="wait until it has ended, or choose another folder",
+                )
+            if path is None or os.fstat(fd).st_nlink:
+                return fd, path
+        except BaseException:
+            os.close(fd)
+            raise
+        os.close(fd)

@@ -1,0 +1,161 @@
+"""Locks that die with their holder: one writer of a folder, and no file of somebody's taken for a lock."""
+
+from __future__ import annotations
+
+import errno
+import multiprocessing
+import os
+import signal
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from dancedata.core import locks
+from dancedata.core.errors import StoreError
+from dancedata.core.locks import writing_lock
+
+FORK = multiprocessing.get_context("fork")
+
+
+@pytest.mark.parametrize("there", [False, True])
+def test_a_second_writer_fails_at_once_and_nothing_is_left(tmp_path: Path, there: bool) -> None:
+    folder = tmp_path / "out"
+    if there:
+        folder.mkdir()
+    with writing_lock(folder, "build"):
+        assert [p.name for p in tmp_path.iterdir() if p != folder] == [".dancedata-out.lock"]
+        with pytest.raises(StoreError, match="another build is writing there"), writing_lock(folder, "build"):
+            pass
+        with writing_lock(tmp_path / "other", "build"):
+            pass
+    assert [p for p in tmp_path.iterdir() if p != folder] == []
+    with writing_lock(folder, "build"):
+        pass
+
+
+def test_through_a_link_it_is_the_same_folder(tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "links").mkdir()
+    (tmp_path / "links" / "link").symlink_to(tmp_path / "out")
+    with (
+        writing_lock(tmp_path / "out", "build"),
+        pytest.raises(StoreError, match="another build"),
+        writing_lock(tmp_path / "links" / "link", "build"),
+    ):
+        pass
+
+
+def test_a_lock_whose_holder_was_killed_is_free(tmp_path: Path) -> None:
+    ready = FORK.Event()
+
+    def hold() -> None:
+        with writing_lock(tmp_path / "out", "build"):
+            ready.set()
+            time.sleep(600)
+
+    process = FORK.Process(target=hold)
+    process.start()
+    ready.wait()
+    with pytest.raises(StoreError), writing_lock(tmp_path / "out", "build"):
+        pass
+    os.kill(process.pid, signal.SIGKILL)
+    process.join()
+    assert (tmp_path / ".dancedata-out.lock").exists()
+    with writing_lock(tmp_path / "out", "build"):
+        pass
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_waiting(tmp_path: Path) -> None:
+    order: list[str] = []
+
+    def second() -> None:
+        with writing_lock(tmp_path / "out", "process", wait=True):
+            order.append("second")
+
+    with writing_lock(tmp_path / "out", "process", wait=True):
+        thread = threading.Thread(target=second)
+        thread.start()
+        time.sleep(0.1)
+        order.append("first")
+    thread.join()
+    assert order == ["first", "second"]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_with_the_locks_name_that_holds_something_stays(tmp_path: Path) -> None:
+    (tmp_path / ".dancedata-out.lock").write_text("somebody's")
+    with writing_lock(tmp_path / "out", "build"):
+        pass
+    assert (tmp_path / ".dancedata-out.lock").read_text() == "somebody's"
+
+
+def test_a_link_with_the_locks_name_is_not_followed(tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / ".dancedata-out.lock").symlink_to(tmp_path / "elsewhere")
+    with (
+        writing_lock(tmp_path / "out", "build"),
+        pytest.raises(StoreError, match="another build"),
+        writing_lock(tmp_path / "out", "build"),
+    ):
+        pass
+    assert not (tmp_path / "elsewhere").exists()
+
+
+def test_a_pipe_with_the_locks_name_stays(tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    os.mkfifo(tmp_path / ".dancedata-out.lock")
+    with writing_lock(tmp_path / "out", "build"):
+        pass
+    assert (tmp_path / ".dancedata-out.lock").is_fifo()
+
+
+def no_file_beside(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As where the folder above may not be written to, or OUT is a volume of its own."""
+    plain = os.open
+
+    def refuse(path: Any, flags: int, *args: Any, **options: Any) -> int:
+        if str(path).endswith(".lock"):
+            raise PermissionError(errno.EACCES, "Permission denied", str(path))
+        return plain(path, flags, *args, **options)
+
+    monkeypatch.setattr(os, "open", refuse)
+
+
+def test_where_no_file_can_be_made_beside_it_the_folder_is_locked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "out").mkdir()
+    no_file_beside(monkeypatch)
+    with (
+        writing_lock(tmp_path / "out", "build"),
+        pytest.raises(StoreError, match="another build"),
+        writing_lock(tmp_path / "out", "build"),
+    ):
+        pass
+    with pytest.raises(PermissionError), writing_lock(tmp_path / "none", "build"):
+        pass
+
+
+@pytest.mark.parametrize(("code", "held"), [(errno.ENOSYS, None), (errno.EBADF, False), (errno.EAGAIN, False)])
+def test_what_a_file_system_says_of_locks(monkeypatch: pytest.MonkeyPatch, code: int, held: bool | None) -> None:
+    def flock(fd: int, operation: int) -> None:
+        raise OSError(code, os.strerror(code))
+
+    monkeypatch.setattr(locks.fcntl, "flock", flock)
+    assert locks.lock_file(0, 0) is held
+
+
+def test_nfs_has_no_locks_on_folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "out").mkdir()
+    no_file_beside(monkeypatch)
+
+    def flock(fd: int, operation: int) -> None:
+        raise OSError(errno.EBADF, "Bad file descriptor")
+
+    monkeypatch.setattr(locks.fcntl, "flock", flock)
+    with writing_lock(tmp_path / "out", "build"), writing_lock(tmp_path / "out", "build"):
+        pass

@@ -1,0 +1,225 @@
+"""Readers across `build --overwrite`: the dataset that was opened, bit for bit, or StoreError; never another one."""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+pytest.importorskip("torch")
+
+from torch.utils.data import DataLoader
+
+from dancedata.core.errors import StoreError
+from dancedata.datasets.synthetic import write_synthetic
+from dancedata.pipeline.build import build
+from dancedata.pipeline.out_folder import locked, new_dataset
+from dancedata.pipeline.recipe_file import load_recipe
+from dancedata.readers import BatchLoader, WindowDataset
+from dancedata.store.dataset import open_store
+from dancedata.testing.stores import random_fields, write_random_store
+
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:.*multi-threaded, use of fork:DeprecationWarning"),
+    pytest.mark.filterwarnings("ignore:This DataLoader will create:UserWarning"),
+]
+Rows = dict[tuple[str, int], npt.NDArray[Any]]
+FIELDS = ("pose", "turn")
+BUILT_AGAIN = r"built again since it was opened"
+
+
+def write(folder: Path, seed: int) -> None:
+    """Write a dataset; those of all seeds have files of the same names and sizes."""
+    fields = random_fields({"pose": 21, "turn": 5}, {})
+    write_random_store(
+        folder, fields=fields, n_frames=(90, 90), length=30, stride=15, clips={"train": 8, "val": 2},
+        shard_bytes=1 << 14, seed=seed,
+    )  # fmt: skip
+
+
+def overwrite(out: Path, seed: int) -> None:
+    """Replace a dataset as a build does."""
+    with locked(out), new_dataset(out) as folder:
+        write(folder, seed)
+
+
+@pytest.fixture
+def out(tmp_path: Path) -> Path:
+    """A dataset of several shards."""
+    write(tmp_path / "out", 1)
+    return tmp_path / "out"
+
+
+@pytest.fixture(scope="session")
+def truth(tmp_path_factory: pytest.TempPathFactory) -> Rows:
+    """Every train window of the dataset of seed 1, by clip and start: pose and turn side by side."""
+    folder, other = (tmp_path_factory.mktemp("truth") / "out" for _ in range(2))
+    write(folder, 1)
+    write(other, 2)
+    sizes = [{p.name: p.stat().st_size for p in f.glob("train-*")} for f in (folder, other)]
+    assert sizes[0] == sizes[1]
+    assert len(sizes[0]) > 2
+    with open_store(folder) as ds:
+        return {(w.clip, w.start): np.hstack([ds.read(w, f) for f in FIELDS]) for w in ds.windows("train")}
+
+
+def of_batches(batches: Any) -> Rows:
+    found = {}
+    for batch in batches:
+        for clip, start, *rows in zip(batch["clip"], batch["start"], *(batch[f] for f in FIELDS), strict=True):
+            found[clip, int(start)] = np.hstack([np.asarray(r) for r in rows])
+    return found
+
+
+def of_store(out: Path) -> Callable[[], Rows]:
+    ds = open_store(out)
+    windows = ds.windows("train")
+    return lambda: {(w.clip, w.start): np.hstack([ds.read(w, f) for f in FIELDS]) for w in windows}
+
+
+def of_clips(out: Path) -> Callable[[], Rows]:
+    ds = open_store(out)
+    windows = ds.windows("train")
+
+    def read() -> Rows:
+        clips = {w.clip: [ds.clip(w.clip).read(f) for f in FIELDS] for w in windows}
+        return {(w.clip, w.start): np.hstack([r[w.start : w.start + 30] for r in clips[w.clip]]) for w in windows}
+
+    return read
+
+
+def of_dataset(out: Path, **options: Any) -> Callable[[], Rows]:
+    dataset = WindowDataset(out, fields=FIELDS, normalize=False, **options)
+    return lambda: of_batches([{k: [v] for k, v in dataset[i].items()} for i in range(len(dataset))])
+
+
+def of_batch_loader(out: Path, **options: Any) -> Callable[[], Rows]:
+    loader = BatchLoader(WindowDataset(out, fields=FIELDS, normalize=False, **options), 8)
+    return lambda: of_batches(loader)
+
+
+def of_workers(out: Path, method: str, persistent: bool, **options: Any) -> Callable[[], Rows]:
+    dataset = WindowDataset(out, fields=FIELDS, normalize=False, **options)
+    # One where they start slowly: torch complains if the first one's error comes before the second one is there.
+    n_workers = 2 if method == "fork" else 1
+    loader = DataLoader(
+        dataset, 8, num_workers=n_workers, persistent_workers=persistent, multiprocessing_context=method
+    )
+    return lambda: of_batches(loader)
+
+
+#: How the dataset is read, and whether a reader that has read it before goes on with the files that it has open.
+KINDS: list[Any] = [
+    pytest.param(of_store, {}, True, id="store"),
+    pytest.param(of_clips, {}, True, id="clips"),
+    pytest.param(of_dataset, {}, True, id="dataset, mapped"),
+    pytest.param(of_dataset, {"mapped": False}, True, id="dataset, by position"),
+    pytest.param(of_batch_loader, {}, True, id="batch loader, mapped"),
+    pytest.param(of_batch_loader, {"mapped": False}, True, id="batch loader, by position"),
+]
+for _method in ("fork", "spawn", "forkserver"):
+    _marks = [pytest.mark.skipif(_method not in multiprocessing.get_all_start_methods(), reason="not here")]
+    if _method == "forkserver":
+        _marks.append(pytest.mark.nightly)
+    for _persistent in (False, True):
+        KINDS.append(
+            pytest.param(
+                of_workers, {"method": _method, "persistent": _persistent}, _persistent, marks=_marks,
+                id=f"{_method}, {'persistent' if _persistent else 'new workers'}",
+            )
+        )  # fmt: skip
+KINDS.append(
+    pytest.param(of_workers, {"method": "fork", "persistent": False, "mapped": False}, False, id="fork, by position")
+)
+
+
+def assert_equal(found: Rows, wanted: Rows) -> None:
+    assert found.keys() == wanted.keys()
+    for window, rows in wanted.items():
+        np.testing.assert_array_equal(found[window], rows)
+
+
+@pytest.mark.parametrize(("reader", "options", "goes_on"), KINDS)
+def test_a_reader_goes_on_with_what_it_opened_or_stops(
+    out: Path, truth: Rows, reader: Callable[..., Callable[[], Rows]], options: dict[str, Any], goes_on: bool
+) -> None:
+    read = reader(out, **options)
+    assert_equal(read(), truth)
+    overwrite(out, 2)
+    if goes_on:
+        assert_equal(read(), truth)
+    else:
+        with pytest.raises(StoreError, match=BUILT_AGAIN):
+            read()
+    # Opened again, it is the other one.
+    again = reader(out, **options)()
+    assert again.keys() == truth.keys()
+    assert not any(np.array_equal(again[window], rows) for window, rows in truth.items())
+
+
+@pytest.mark.parametrize(("reader", "options", "goes_on"), KINDS)
+def test_a_first_read_after_an_overwrite_stops(
+    out: Path, reader: Callable[..., Callable[[], Rows]], options: dict[str, Any], goes_on: bool
+) -> None:
+    read = reader(out, **options)
+    overwrite(out, 2)
+    with pytest.raises(StoreError, match=BUILT_AGAIN):
+        read()
+
+
+def test_forked_workers_go_on_with_what_their_parent_has_mapped(out: Path, truth: Rows) -> None:
+    dataset = WindowDataset(out, fields=FIELDS, normalize=False)
+    _ = dataset[0]
+    overwrite(out, 2)
+    loader = DataLoader(dataset, 8, num_workers=2, multiprocessing_context="fork")
+    assert_equal(of_batches(loader), truth)
+
+
+def test_an_overwrite_with_the_same_data_stops_nobody(out: Path, truth: Rows) -> None:
+    reads = [of_store(out), of_dataset(out), of_workers(out, "fork", False), of_batch_loader(out, mapped=False)]
+    overwrite(out, 1)
+    for read in reads:
+        assert_equal(read(), truth)
+
+
+def test_a_scaler_is_not_taken_from_another_dataset(out: Path) -> None:
+    known, late = open_store(out), open_store(out)
+    scale = known.normalizer("pose").scale
+    overwrite(out, 2)
+    np.testing.assert_array_equal(known.normalizer("pose").scale, scale)
+    with pytest.raises(StoreError, match=BUILT_AGAIN):
+        late.normalizer("pose")
+    for name in ("rejects", "quality"):  # equal in both
+        assert getattr(late, name) == getattr(known, name)
+
+
+@pytest.fixture
+def corpus(tmp_path: Path) -> Path:
+    """Four clips to two songs."""
+    return write_synthetic(tmp_path / "source", songs=2, clips_per_song=2, clip_s=6)
+
+
+def test_a_build_under_a_trainer(corpus: Path, tmp_path: Path) -> None:
+    """`build --overwrite --set augment.mirror=true` between two epochs of a DataLoader with two workers."""
+    out = tmp_path / "out"
+
+    def built(*overrides: str) -> None:
+        recipe = load_recipe("aist++", ("audio={}", *overrides))
+        build(recipe, corpus, out, cache=tmp_path / "cache", overwrite=True)
+
+    built()
+    dataset = WindowDataset(out, fields=("edge151",), normalize=False)
+    loader = DataLoader(dataset, 4, num_workers=2)
+    before = [batch["edge151"].numpy() for batch in loader]
+    built("augment.mirror=true")
+    with pytest.raises(StoreError, match=BUILT_AGAIN):
+        next(iter(loader))
+    # In the trainer's own process too, where nothing was read yet; and opened again, there are twice as many.
+    with pytest.raises(StoreError, match=BUILT_AGAIN):
+        _ = dataset[0]
+    assert len(WindowDataset(out, fields=("edge151",))) == 2 * sum(len(rows) for rows in before)
