@@ -8,6 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from dancedata.core.motion import Motion
+from dancedata.core.text import shown
+
+#: Characters that are kept of what is said of a file: of a name, of a path, and in words.
+_MAX_NAME, _MAX_PATH, _MAX_DETAIL = 300, 4400, 3000
 
 
 @dataclass(frozen=True)
@@ -72,6 +76,9 @@ class Window:
 class Reject:
     """Something that was left out of a build, and why.
 
+    Its texts come from file names and files of others. They are cut, and what does not print is written as backslash
+    sequences: they can be printed and stored, whatever they were.
+
     Attributes
     ----------
     reason
@@ -88,6 +95,11 @@ class Reject:
     window: int | None = None
     detail: str = ""
     numbers: Mapping[str, float | int] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Make the texts fit to be printed and stored."""
+        for name, limit in (("clip", _MAX_NAME), ("file", _MAX_PATH), ("detail", _MAX_DETAIL)):
+            object.__setattr__(self, name, shown(getattr(self, name), limit))
 
     def to_json(self) -> dict[str, Any]:
         """Return plain JSON data, without what is empty."""
@@ -114,10 +126,15 @@ class Scan:
     rejects
         What was found but left out, and what was missing, by name.
     notes
-        Sentences for the user: what was recognised, what was assumed.
+        Sentences for the user: what was recognised, what was assumed. File names in them are made fit to be printed
+        and stored, as in a `Reject`.
     """
 
     layout: str
     clips: tuple[ClipRef, ...]
     rejects: tuple[Reject, ...] = ()
     notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Make the notes fit to be printed and stored."""
+        object.__setattr__(self, "notes", tuple(shown(note, _MAX_DETAIL) for note in self.notes))

@@ -163,7 +163,7 @@ def _as_declared(arrays: ArrayFile, found: Layout, declared: str) -> Layout:
     raise bad_declaration(
         arrays.path,
         f"the file does not have the layout {declared}",
-        f"{found.name}: arrays {_list(arrays)}",
+        f"{found.name}: arrays {arrays.listed}",
         f"layout {found.name}, or auto",
         "correct layout, or leave it out",
     )
@@ -274,16 +274,12 @@ def _width(arrays: ArrayFile, name: str) -> int:
     return int(np.prod(shape[1:], dtype=np.float64)) if len(shape) > 1 else 0
 
 
-def _list(arrays: ArrayFile) -> str:
-    return ", ".join(repr(name[:40]) for name in arrays.names[:20]) or "none"
-
-
 def _unknown(arrays: ArrayFile) -> DataError:
     return DataError(
         "the file holds no motion in a layout that is known",
         reason="missing_key",
         where=str(arrays.path),
-        found=f"arrays {_list(arrays)}",
+        found=f"arrays {arrays.listed}",
         allowed="poses and trans; smpl_poses and smpl_trans; global_orient, body_pose and transl; "
         "or one array (T, 315) in an .npy file",
         fix="rename the arrays",

@@ -120,7 +120,7 @@ class Folder:
         source = Path(source)
         require_folder("folder", source, LOOKED_FOR)
         self._check_body_model()
-        manifests = [source / name for name in MANIFESTS if (source / name).is_file()]
+        manifests = [source / name for name in MANIFESTS if (source / name).exists()]
         if len(manifests) > 1:
             raise SourceError(
                 "folder: two manifests, and nothing says which is meant",
@@ -188,9 +188,11 @@ class Folder:
         text = row.get("audio")
         audio = inside(source, text, manifest, row.line, "audio") if text else None
         if not motion.is_file():
-            return Reject("missing_motion", clip=name, file=row.get("motion"), detail="listed, but not there")
+            detail = f"listed, but {_absence(motion)}"
+            return Reject("missing_motion", clip=name, file=row.get("motion"), detail=detail)
         if audio is not None and not audio.is_file():
-            return Reject("missing_music", clip=name, file=text, detail=f"{manifest.name} names {text}: not there")
+            detail = f"{manifest.name} names {text}: {_absence(audio)}"
+            return Reject("missing_music", clip=name, file=text, detail=detail)
         if audio is None and self.music == "required":
             return Reject("missing_music", clip=name, detail=f"{manifest.name} names no audio")
         song = Path(text)
@@ -245,6 +247,10 @@ class Folder:
         if set(splits) == {self.split}:
             return [f"Splits: none is given, so all {counted(len(clips), 'clip')} are in {self.split!r}."]
         return [f"Splits: {', '.join(f'{n:,} {split}' for split, n in sorted(splits.items())) or 'no clip is left'}."]
+
+
+def _absence(path: Path) -> str:
+    return "not a file" if path.exists() else "not there"
 
 
 def _check_row(manifest: Path, row: Row, split: str) -> None:

@@ -12,6 +12,7 @@ from typing import Any
 
 from dancedata.core.clip import Reject, Scan
 from dancedata.core.errors import DataError, StoreError, UsageError
+from dancedata.core.text import printable, shown
 from dancedata.core.version import __version__
 from dancedata.pipeline.audio_units import libsndfile_version
 from dancedata.pipeline.cache import Cache, EntryLostError, default_cache, package_version
@@ -228,7 +229,8 @@ def _require_same(out: Path, recipe: Recipe, source_sha256: str) -> None:
     meta = open_store(out).meta
     old, new = shaping(meta.get("recipe", {})), shaping(recipe.document)
     differences = [
-        f"{key}: {json.dumps(a)} there, {json.dumps(b)} now" for key, a, b in document_differences(old, new)
+        f"{shown(key)}: {shown(json.dumps(a))} there, {shown(json.dumps(b))} now"
+        for key, a, b in document_differences(old, new)
     ]
     if meta.get("recipe_sha256") != recipe.sha256:
         listed = "\n".join(f"  - {d}" for d in differences) or "  - (another version of dancedata)"
@@ -258,7 +260,7 @@ def _rejects_there(out: Path) -> list[Reject]:
 
 def _relative(reject: Reject, source: Path) -> Reject:
     """Name files relative to the source: where it lies shapes no byte of a dataset."""
-    prefix = f"{source}{os.sep}"
+    prefix = printable(f"{source}{os.sep}")
     return replace(reject, file=reject.file.removeprefix(prefix), detail=reject.detail.replace(prefix, ""))
 
 

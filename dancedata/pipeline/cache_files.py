@@ -26,7 +26,7 @@ from uuid import uuid4
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.hashing import canonical_json
+from dancedata.core.hashing import canonical_bytes
 
 #: Folders of the cache that hold no entries.
 TEMPORARY, LOCKS = "tmp", "locks"
@@ -92,7 +92,7 @@ def read_array(path: Path) -> npt.NDArray[Any]:
 
 def json_parts(obj: Any) -> list[bytes | memoryview]:
     """Return the bytes of a JSON entry, which names its own checksum."""
-    text = canonical_json(obj).encode()
+    text = canonical_bytes(obj)
     return [b'{"crc32": %d, "content": ' % zlib.crc32(text), text, b"}\n"]
 
 

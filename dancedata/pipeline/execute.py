@@ -15,6 +15,7 @@ from typing import Any, TextIO
 from uuid import uuid4
 
 from dancedata.core.errors import DanceDataError
+from dancedata.core.text import printable
 from dancedata.pipeline.cache import entered
 from dancedata.pipeline.cache_files import held, left_behind
 from dancedata.pipeline.last_words import doing
@@ -123,8 +124,9 @@ class _Run:
         from joblib import Parallel, delayed
 
         # Units take paths, not arrays. joblib would make a folder for large ones in /dev/shm, and leave it there
-        # when the build is killed.
-        memory: dict[str, Any] = {"max_nbytes": None, "temp_folder": str(self.scratch)}
+        # when the build is killed. Of another folder it only remembers the name, and only one of ASCII letters, which
+        # cache and temporary folder need not have.
+        memory: dict[str, Any] = {"max_nbytes": None, "temp_folder": "/tmp"}  # noqa: S108 -- it stays unused
         pool = {"n_jobs": max(2, min(self.workers.n, len(indices))), "backend": "loky", **memory}
         deaths: tuple[type[Exception], ...] = (BrokenExecutor,)
         lost: tuple[type[BaseException], ...] = ()
@@ -256,7 +258,7 @@ class Progress:
     def say(self, text: str) -> None:
         """Print a line."""
         if not self.quiet:
-            print(text, file=self.stream, flush=True)
+            print(printable(text, lines=True), file=self.stream, flush=True)
 
     @contextmanager
     def stage(self, label: str, total: int, known: int = 0) -> Iterator[Callable[[int], None]]:

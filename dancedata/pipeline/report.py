@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from dancedata.core.registry import CONTACTS, DATASETS, FEATURES, KEYMOTIONS, REPRESENTATIONS
+from dancedata.core.text import shown
 from dancedata.pipeline.cache_admin import size_text
 from dancedata.pipeline.plan import Plan
 from dancedata.pipeline.recipe_file import load_recipe, recipe_names
@@ -17,6 +18,8 @@ from dancedata.pipeline.rejects import BY_CHOICE
 from dancedata.store import Problem, Store, open_store
 
 _NAMED = 3
+#: Characters of a sentence from a dataset that are shown.
+_NOTE = 2000
 
 
 def store_json(path: Path) -> dict[str, Any]:
@@ -58,20 +61,20 @@ def describe_store(path: Path) -> str:
     about = store_json(path)
     windows = about["windows"]
     lines = [
-        f"{about.get('name', path.name)}: {path} ({size_text(about['bytes'])})",
-        f"  {about['scope']} scope, {about['fps']} frames a second, "
+        f"{shown(about.get('name', path.name))}: {shown(path)} ({size_text(about['bytes'])})",
+        f"  {about['scope']} scope, {shown(about['fps'])} frames a second, "
         f"windows of {windows['length']} frames every {windows['stride']}",
         *_table(
             ["split", "clips", "windows", "songs", "minutes"],
             [
                 [split, n["clips"], n["windows"], n["songs"], f"{n['hours'] * 60:.1f}"]
-                for split, n in about["counts"].items()
+                for split, n in about.get("counts", {}).items()
             ],
         ),
     ]
     for name, field in about["fields"].items():
-        groups = ", ".join(field["groups"])
-        axes = f"; {field['axes']}" if field["axes"] else ""
+        groups = ", ".join(map(shown, field["groups"]))
+        axes = f"; {shown(field['axes'])}" if field["axes"] else ""
         lines.append(
             f"  {name}: {field['columns']} columns ({groups}), {field['rate']} a second, {field['dtype']}{axes}"
         )
@@ -79,44 +82,50 @@ def describe_store(path: Path) -> str:
     with open_store(path) as store:
         lines += _describe_rejects(store.rejects)
         lines += _describe_quality(store.quality)
-    lines.append(f"  licence: {about.get('licence', 'unknown')}")
+    lines.append(f"  licence: {shown(about.get('licence', 'unknown'), _NOTE)}")
     return "\n".join(lines)
 
 
 def _describe_sources(about: Mapping[str, Any]) -> list[str]:
     lines = []
     if about["source_rates"]:
-        rates = ", ".join(f"{rate} a second: {n}" for rate, n in about["source_rates"].items())
+        rates = ", ".join(f"{shown(rate)} a second: {n}" for rate, n in about["source_rates"].items())
         lines.append(f"  clips by their source's frame rate: {rates}")
     if about["height_m"]:
         low, high = about["height_m"]["min"], about["height_m"]["max"]
         lines.append(f"  lowest to highest joint, +Y up, median of a clip: {low:.2f} to {high:.2f} m")
-    return lines + [f"  source: {note}" for note in about["notes"]]
+    return lines + [f"  source: {shown(note, _NOTE)}" for note in about["notes"]]
 
 
 def _describe_rejects(rejects: Sequence[Mapping[str, Any]]) -> list[str]:
     if not rejects:
         return ["  nothing was left out"]
     lines = ["  left out (rejects.jsonl):"]
-    for reason, n in sorted(Counter(r["reason"] for r in rejects).items()):
-        names = [str(r.get("clip") or r.get("file", "")) for r in rejects if r["reason"] == reason]
-        names = list(dict.fromkeys(names))
+    for reason, rows in sorted(_grouped(rejects, "reason").items()):
+        names = list(dict.fromkeys(str(row.get("clip") or row.get("file", "")) for row in rows))
         more = f", ... {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-        lines.append(f"    {reason}: {n} ({', '.join(names[:_NAMED])}{more})")
+        lines.append(f"    {shown(reason)}: {len(rows)} ({', '.join(map(shown, names[:_NAMED]))}{more})")
     return lines
+
+
+def _grouped(rows: Sequence[Mapping[str, Any]], key: str) -> dict[str, list[Mapping[str, Any]]]:
+    found: dict[str, list[Mapping[str, Any]]] = {}
+    for row in rows:
+        found.setdefault(row[key], []).append(row)
+    return found
 
 
 def _describe_quality(flags: Sequence[Mapping[str, Any]]) -> list[str]:
     if not flags:
         return ["  no quality flags"]
     lines = ["  quality flags (quality.jsonl), not repaired:"]
-    for clip in dict.fromkeys(f["clip"] for f in flags):
-        mine = [f for f in flags if f["clip"] == clip]
-        worst = max(mine, key=lambda f: float(f["value"]))
-        frames = len({f["frame"] for f in mine})
+    for clip, mine in _grouped(flags, "clip").items():
+        worst = max(mine, key=lambda f: float(f.get("value", 0)))
+        frames = len({f.get("frame") for f in mine})
+        kind, joint, unit = (shown(worst.get(key, "?")) for key in ("kind", "joint", "unit"))
         lines.append(
-            f"    {clip}: {len(mine)} in {frames} frame steps, the worst {worst['kind']} of {worst['joint']} "
-            f"at source frame {worst['frame']}: {worst['value']:.1f} {worst['unit']}"
+            f"    {shown(clip)}: {len(mine)} in {frames} frame steps, the worst {kind} of {joint} "
+            f"at source frame {worst.get('frame')}: {worst.get('value', 0):.1f} {unit}"
         )
     return lines
 
@@ -150,7 +159,7 @@ def describe_plan(plan: Plan, out: Path) -> str:
     about = plan.to_json()
     windows = about["recipe"]["windows"]
     lines = [
-        f"{plan.recipe.name} into {out}: about {size_text(about['bytes'])}",
+        f"{plan.recipe.name} into {shown(out)}: about {size_text(about['bytes'])}",
         f"  {plan.recipe.scope} scope, {plan.recipe.grid} frames a second, "
         f"windows of {windows['length_frames']} frames every {windows['stride_frames']}",
         *_table(
@@ -185,7 +194,7 @@ def describe_problems(path: Path, problems: Sequence[Problem]) -> str:
         lines += [str(p) for p in notes[:_NAMED]]
         if len(notes) > _NAMED:
             lines.append(f"note: {kind}: {len(notes) - _NAMED} more (all with --json)")
-    return "\n".join([*lines, f"{path}: {len(errors)} errors, {len(problems) - len(errors)} notes"])
+    return "\n".join([*lines, f"{shown(path)}: {len(errors)} errors, {len(problems) - len(errors)} notes"])
 
 
 def catalogue() -> dict[str, Any]:
@@ -223,7 +232,7 @@ def describe_catalogue(found: Mapping[str, Any]) -> str:
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> list[str]:
-    cells = [[str(c) for c in row] for row in [head, *rows]]
+    cells = [[shown(c) for c in row] for row in [head, *rows]]
     widths = [max(len(row[i]) for row in cells) for i in range(len(head))]
     return [
         "  "

@@ -17,7 +17,18 @@ from dancedata.core.clip import Window
 from dancedata.core.columns import Columns
 from dancedata.core.errors import StoreError, UsageError, did_you_mean
 from dancedata.core.normalize import MinMax
-from dancedata.store.dataset_json import REBUILD, Description, json_lines, json_stats, load_description
+from dancedata.core.regular_file import read_regular
+from dancedata.core.text import shown
+from dancedata.store.dataset_json import (
+    MAX_BYTES,
+    MAX_LINES_BYTES,
+    REBUILD,
+    Description,
+    json_quality,
+    json_rejects,
+    json_stats,
+    load_description,
+)
 from dancedata.store.locate import RowSpan, locate_stored, locate_view
 from dancedata.store.mapped import WindowRows, locate_windows
 from dancedata.store.rewindow import Cut, cut_windows, stored_windows, wanted_cut
@@ -374,18 +385,18 @@ class Store:
     @cached_property
     def stats(self) -> dict[str, Any]:
         """stats.json: per field, over the rows that train windows cover."""
-        loaded: dict[str, Any] = self._load(STATS_FILE, json_stats)
+        loaded: dict[str, Any] = self._load(STATS_FILE, json_stats, MAX_BYTES)
         return loaded
 
     @cached_property
     def rejects(self) -> list[dict[str, Any]]:
         """What was left out, and why: rejects.jsonl."""
-        return list(self._load(REJECTS_FILE, json_lines))
+        return list(self._load(REJECTS_FILE, json_rejects, MAX_LINES_BYTES))
 
     @cached_property
     def quality(self) -> list[dict[str, Any]]:
         """Quality flags: quality.jsonl."""
-        return list(self._load(QUALITY_FILE, json_lines))
+        return list(self._load(QUALITY_FILE, json_quality, MAX_LINES_BYTES))
 
     def normalizer(self, field: str, mirror: bool = False) -> MinMax:
         """Make EDGE's min-max scaler of a field, fitted on train.
@@ -416,7 +427,7 @@ class Store:
             plain = MinMax.from_state(self.stats["fields"][field]["scaler"])
             found = f"{plain.width} columns"
         except (KeyError, TypeError, ValueError, UsageError) as error:
-            plain, found = None, f"{type(error).__name__}: {error}"
+            plain, found = None, shown(error)
         if plain is None or plain.width != f.columns.width:
             raise StoreError(
                 f"the scaler of field {field} cannot be used",
@@ -431,11 +442,11 @@ class Store:
             raise UsageError(f"field {field} cannot be mirrored", where=str(self.path))
         return plain.with_mirror(f.columns.mirror)
 
-    def _load(self, name: str, parse: Any) -> Any:
+    def _load(self, name: str, parse: Any, limit: int) -> Any:
         path = self.path / name
         try:
-            return parse(path.read_text(encoding="utf-8"))
-        except (OSError, ValueError, RecursionError) as error:
+            return parse(read_regular(path, limit).decode("utf-8"))
+        except (OSError, ValueError) as error:
             raise StoreError(f"{name} cannot be read", where=str(path), found=str(error), fix=REBUILD) from error
 
 

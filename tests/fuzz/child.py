@@ -1,7 +1,8 @@
 """Reads cases in a process of its own, which a broken reader may take down; hunt.py starts it and looks.
 
-A case may end in a valid result or in an error of the DanceDataError family that names the file. All else is a
-finding: another exception, more than a second of processor time, more than 200 MB, anything run or written.
+A case may end in a valid result or in an error of the DanceDataError family that names the file, is short, and can be
+printed and stored. All else is a finding: another exception, more than a second of processor time, more than 200 MB,
+anything run or written.
 """
 
 from __future__ import annotations
@@ -27,12 +28,14 @@ from typing import Any
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))
 
-from targets import DEFECT, TARGETS, Target  # noqa: E402 -- lies beside this script
+from targets import DEFECT, TARGETS, Target, is_plain  # noqa: E402 -- lies beside this script
 
-from dancedata.core.errors import DanceDataError  # noqa: E402
+from dancedata.core.errors import DanceDataError, RecipeError  # noqa: E402
 
 LIMIT_S = 1.0
 LIMIT_BYTES = 200 << 20
+#: Characters of an error; one about a recipe lists all that is wrong with it.
+MAX_MESSAGE = 2500
 #: Exit status of a child in which foreign code was about to run.
 TRIPPED = 97
 _FORBIDDEN = [
@@ -182,6 +185,10 @@ class Runner:
                 self._finding("memory", data, error)
             elif not any(name in str(error) for name in (path.name, str(self.folder), *self.target.also)):
                 self._finding("the error does not name the file", data, error)
+            elif len(str(error)) > MAX_MESSAGE * (10 if isinstance(error, RecipeError) else 1):
+                self._finding("the message is not cut", data, error)
+            elif not is_plain(str(error)):
+                self._finding("the message does not print", data, error)
         except BaseException as error:  # noqa: BLE001 -- whatever it is, it is a finding
             self.watching = False
             self._finding(type(error).__name__, data, error)

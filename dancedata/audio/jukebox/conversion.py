@@ -14,7 +14,6 @@ or writes the folder holds one block in memory, and a part of it is enough for a
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,6 +27,8 @@ from dancedata.audio.jukebox.sources import SafetensorsSource, TensorSource, req
 from dancedata.core.atomic import atomic_file, write_json
 from dancedata.core.errors import DanceDataError, SourceError, UsageError
 from dancedata.core.hashing import sha256_file
+from dancedata.core.strict_json import read_json
+from dancedata.core.text import shown
 
 DESCRIPTION_FILE = "jukebox.json"
 FORMAT = 1
@@ -128,7 +129,7 @@ def read_description(folder: Path) -> Description:
     """Read jukebox.json; SourceError if it is missing, damaged, or of another format version."""
     path = folder / DESCRIPTION_FILE
     try:
-        data: Any = json.loads(path.read_text(encoding="utf-8"))
+        data: Any = read_json(path, names.MAX_JSON_BYTES)
         if data["format"] != FORMAT:
             raise SourceError(
                 "the converted checkpoint is of another format", where=path, found=data["format"], allowed=FORMAT
@@ -147,7 +148,7 @@ def read_description(folder: Path) -> Description:
         raise SourceError(
             "the description of a converted checkpoint is damaged",
             where=path,
-            found=f"{type(error).__name__}: {error}",
+            found=shown(error),
             fix="convert again",
         ) from error
 
