@@ -12,7 +12,7 @@ import typer
 from dancedata.cli_errors import errors_to_exit_codes as _errors_to_exit_codes
 from dancedata.cli_jukebox import app as jukebox
 from dancedata.core.errors import UsageError
-from dancedata.core.text import json_text
+from dancedata.core.text import json_text, shown
 from dancedata.core.version import __version__
 
 app = typer.Typer(
@@ -224,7 +224,7 @@ def features(
     for about in written:
         shape = " x ".join(str(n) for n in about["shape"])
         typer.echo(
-            f"{out / about['file']}: {shape} {about['dtype']}, {about['fps']} a second, {about['scope']} scope"
+            f"{shown(out / about['file'])}: {shape} {about['dtype']}, {about['fps']} a second, {about['scope']} scope"
         )
 
 

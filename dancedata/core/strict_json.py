@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import math
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from dancedata.core.regular_file import read_regular
 
@@ -14,16 +16,16 @@ __all__ = ["MAX_DEPTH", "parse_json", "read_json"]
 MAX_DEPTH = 64
 
 
-def parse_json(text: str | bytes, **options: Any) -> Any:
-    """Parse a JSON document; `options` are those of json.loads.
+def parse_json(text: str, pairs: Callable[[list[tuple[str, Any]]], Any] | None = None) -> Any:
+    """Parse a JSON document; `pairs` makes an object of its keys and values.
 
     Raises
     ------
     ValueError
-        If it is not JSON, or nested deeper than MAX_DEPTH.
+        If it is not JSON, holds a number that is not finite, or is nested deeper than MAX_DEPTH.
     """
     try:
-        document = json.loads(text, **options)
+        document = json.loads(text, object_pairs_hook=pairs, parse_constant=_no_constant, parse_float=_finite)
     except RecursionError as error:
         raise ValueError("it is nested too deep") from error
     level = [document]
@@ -38,6 +40,17 @@ def parse_json(text: str | bytes, **options: Any) -> Any:
         if not level:
             return document
     raise ValueError(f"it is nested deeper than {MAX_DEPTH} levels")
+
+
+def _no_constant(name: str) -> NoReturn:
+    raise ValueError(f"{name} is no JSON")
+
+
+def _finite(text: str) -> float:
+    number = float(text)
+    if not math.isfinite(number):
+        raise ValueError(f"{text[:40]} is larger than any number")
+    return number
 
 
 def read_json(path: Path, limit: int) -> Any:

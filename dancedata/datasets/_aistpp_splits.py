@@ -115,7 +115,7 @@ def _no_such_split(name: str, places: list[Path], split_dir: str | None) -> None
         f"aist++: no split named {name!r}; looked for {wanted}",
         where=where or "no folder splits/ in the source",
         found=", ".join(describe(place) for place in places) or "no split file",
-        allowed=", ".join(allowed) or "a name that has files",
+        allowed=few(allowed, 20) or "a name that has files",
         fix="correct split in the recipe, or split_dir",
     )
 

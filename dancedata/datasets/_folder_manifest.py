@@ -7,7 +7,7 @@ import io
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 from dancedata.core.errors import SourceError, did_you_mean
 from dancedata.core.regular_file import read_regular
@@ -131,7 +131,7 @@ def _jsonl(path: Path, text: str) -> Iterator[tuple[int, dict[str, str]]]:
         if not line.strip():
             continue
         try:
-            obj = parse_json(line, object_pairs_hook=_no_doubles, parse_constant=_no_constant)
+            obj = parse_json(line, _no_doubles)
         except ValueError as error:
             raise _bad(path, number, "no JSON", str(error), "one object a line") from error
         if not isinstance(obj, dict):
@@ -145,10 +145,6 @@ def _no_doubles(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     if len(found) < len(pairs):
         raise ValueError("a key stands there twice")
     return found
-
-
-def _no_constant(name: str) -> NoReturn:
-    raise ValueError(f"{name} is no JSON")
 
 
 def _text(path: Path, line: int, key: str, value: object) -> str:

@@ -426,7 +426,7 @@ class Store:
         try:
             plain = MinMax.from_state(self.stats["fields"][field]["scaler"])
             found = f"{plain.width} columns"
-        except (KeyError, TypeError, ValueError, UsageError) as error:
+        except (KeyError, TypeError, ValueError, OverflowError, UsageError) as error:
             plain, found = None, shown(error)
         if plain is None or plain.width != f.columns.width:
             raise StoreError(

@@ -27,6 +27,12 @@ def test_nesting_is_bounded(depth: int) -> None:
         parse_json(nested(depth))
 
 
+@pytest.mark.parametrize("text", ["NaN", "[-Infinity]", '{"a": 1e999}', "[1e-5, -1e400]"])
+def test_numbers_are_finite(text: str) -> None:
+    with pytest.raises(ValueError, match=r"is no JSON|larger than any number"):
+        parse_json(text)
+
+
 def test_files(tmp_path: Path) -> None:
     (tmp_path / "a.json").write_text('{"a": "é"}', encoding="utf-8")
     assert read_json(tmp_path / "a.json", 100) == {"a": "é"}

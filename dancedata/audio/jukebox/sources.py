@@ -249,7 +249,7 @@ def require_tensors(source: TensorSource, specs: Iterable[TensorSpec], *, trimme
         if trimmed and shape[1:] == spec.shape[1:] and spec.rows <= shape[0] <= spec.shape[0]:
             shape = spec.shape
         if shape != spec.shape:
-            problems.append(f"{spec.name} has shape {shape}, not {spec.shape}")
+            problems.append(f"{spec.name} has shape {shown(shape)}, not {spec.shape}")
         elif dtype not in _FLOATING:
             problems.append(f"{spec.name} is {dtype}, not {spec.dtype}")
     if problems:
