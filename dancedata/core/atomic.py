@@ -41,7 +41,7 @@ def write_bytes(path: Path, data: bytes) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    r"""Write UTF-8 text atomically; what is no Unicode, such as a file name in another encoding, as ``\udcff``."""
+    r"""Write UTF-8 text atomically; characters that are not valid Unicode are written as ``\udcff``."""
     write_bytes(path, text.encode("utf-8", "backslashreplace"))
 
 

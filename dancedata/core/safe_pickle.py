@@ -156,7 +156,7 @@ for _package in ("builtins", "__builtin__"):
 def _require_keys(keys: Iterable[object], what: str) -> None:
     for key in keys:
         if type(key) is not str and not (type(key) is int and abs(key) < _MAX_KEY):
-            raise _odd(f"a {what} that is no text and no small whole number: {shown(key)}")
+            raise _odd(f"a {what} that is neither text nor a small whole number: {shown(key)}")
 
 
 def _is_shape(shape: object) -> bool:
@@ -288,7 +288,7 @@ def _top(unpickler: Any, kind: type) -> Any:
 def _put(unpickler: Any) -> None:
     number = int(unpickler.readline()[:-1])
     if not 0 <= number < _MAX_KEY:
-        raise _odd("a place in memory that no pickle has")
+        raise _odd("a memo index out of range")
     unpickler.memo[number] = unpickler.stack[-1]
 
 
@@ -407,7 +407,7 @@ def _inside(container: Any) -> Iterable[Any]:
 
 
 def as_array(value: object) -> np.ndarray[Any, Any] | None:
-    """Return a value of a pickle as an array, None if it is none: an array, a number, or a list of numbers.
+    """Return a value of a pickle as an array if it is an array, a number or a list of numbers; else None.
 
     Lists within lists are not unfolded: where they are shared, a small file holds more than any memory.
     """

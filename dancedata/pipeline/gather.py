@@ -40,7 +40,9 @@ def identify(cache: Cache, recipe: Recipe, scan: Scan, *, jobs: Jobs, progress: 
         wrong = [text for text in texts if not is_unicode(text)]
         if wrong:
             # No file of a dataset could hold it.
-            detail = f"clip {ref.id}: {quoted(wrong[0])} is no Unicode; rename the file, or correct what names it"
+            detail = (
+                f"clip {ref.id}: {quoted(wrong[0])} is not valid Unicode; rename the file, or correct what names it"
+            )
             gathered.drop(ref.id, Reject("bad_name", file=str(ref.motion_path), detail=detail))
     paths = list(dict.fromkeys(ref.motion_path for ref in gathered.refs.values()))
     calls = [(cache, path) for path in paths]

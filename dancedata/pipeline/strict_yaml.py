@@ -87,7 +87,7 @@ def _size(value: Any, depth: int) -> int:
     if isinstance(value, int) and abs(value) >= 1 << 64:
         raise yaml.YAMLError("a whole number of more than 64 bits")
     if isinstance(value, str) and not is_unicode(value):
-        raise yaml.YAMLError(f"a text that is no Unicode: {quoted(value)}")
+        raise yaml.YAMLError(f"text that is not valid Unicode: {quoted(value)}")
     inside = (
         (*value, *value.values())
         if isinstance(value, dict)

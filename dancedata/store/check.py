@@ -30,7 +30,7 @@ def _check_texts(clip: StoredClip) -> None:
     for text in (clip.id, clip.genre, clip.music, clip.dancer, clip.source, clip.source_rate, *clip.lists):
         # Fixed-length strings are padded with NUL, and lists are joined by line breaks.
         if "\0" in text or LIST_SEPARATOR in text or not is_unicode(text):
-            problem = "a text has a NUL or a line break in it, or is no Unicode"
+            problem = "a text has a NUL or a line break in it, or is not valid Unicode"
             raise StoreError(problem, where=f"clip {quoted(clip.id)}", found=quoted(text))
     if "" in clip.lists:
         raise StoreError("a list has no name", where=f"clip {clip.id}", found=clip.lists)

@@ -202,14 +202,14 @@ def test_missing_file(path: Path) -> None:
 @pytest.mark.parametrize(
     ("value", "said"),
     [
-        ({(1, 2): 3}, "a key that is no text and no small whole number: (1, 2)"),
+        ({(1, 2): 3}, "a key that is neither text nor a small whole number: (1, 2)"),
         ({2.5: 3}, "a key"),
         ({b"x": 3}, "a key"),
         ({None: 3}, "a key"),
         ({1 << 63: 3}, "a key"),
         ({"a": {True: 3}}, "a key"),
         (OrderedDict({(): 1}), "a key"),
-        ({1.5}, "a member of a set that is no text and no small whole number: 1.5"),
+        ({1.5}, "a member of a set that is neither text nor a small whole number: 1.5"),
         ([frozenset({(1,)})], "a member of a set"),
     ],
 )

@@ -201,7 +201,7 @@ class _Download:
                 raise
             # Nothing follows what is there: it is the whole file, or a part of another one, which the hash tells.
             return True
-        except ValueError as error:  # an address, of a redirection for instance, that is none
+        except ValueError as error:  # an invalid address, of a redirection for instance
             raise self._no_answer(shown(error)) from error
         with response:
             resumed = response.status == 206
@@ -260,7 +260,7 @@ class _Download:
 
     def _no_answer(self, found: str) -> SourceError:
         return SourceError(
-            "the server's answer is none that HTTP knows",
+            "the server's answer is not valid HTTP",
             where=self._url,
             found=found,
             fix="give another mirror or folder",
