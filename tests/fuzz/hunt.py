@@ -24,8 +24,8 @@ from typing import Any
 HERE = Path(__file__).resolve().parent
 #: Runs by name: cases and seed.
 RUNS = {"tests": (2_000, 20_260), "nightly": (100_000, 20_261), "release": (1_000_000, 20_262)}
-#: Cases of one child process.
-BATCH = 5000
+#: Cases of one child process, of bytes changed and of structure: hypothesis keeps what it has drawn in memory.
+BATCH, BATCH_STRUCTURED = 5000, 1000
 #: Hypothesis makes one case in four.
 STRUCTURED_PART = 4
 #: A child that waits for something without using the processor is ended after this time, and so much a case more.
@@ -114,7 +114,8 @@ def hunt(cases: int, seed: int, targets: Sequence[str], workers: int) -> list[di
     for target in targets:
         of_hypothesis = 0 if target in WITHOUT_STRUCTURE else each // STRUCTURED_PART
         for structured, total in ((False, each - of_hypothesis), (True, of_hypothesis)):
-            batches += [(target, k, min(BATCH, total - k), structured) for k in range(0, total, BATCH)]
+            size = BATCH_STRUCTURED if structured else BATCH
+            batches += [(target, k, min(size, total - k), structured) for k in range(0, total, size)]
     # All targets get their first cases before any gets its last: a run that is stopped has seen all formats.
     batches.sort(key=lambda batch: batch[1])
     reports = []
