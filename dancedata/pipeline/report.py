@@ -18,7 +18,7 @@ from dancedata.pipeline.rejects import BY_CHOICE
 from dancedata.store import Problem, Store, open_store
 
 _NAMED = 3
-#: Characters of a sentence from a dataset that are shown.
+#: Characters of a sentence or list from a dataset that are shown.
 _NOTE = 2000
 
 
@@ -73,7 +73,7 @@ def describe_store(path: Path) -> str:
         ),
     ]
     for name, field in about["fields"].items():
-        groups = ", ".join(map(shown, field["groups"]))
+        groups = shown(", ".join(map(shown, field["groups"])), _NOTE)
         axes = f"; {shown(field['axes'])}" if field["axes"] else ""
         lines.append(
             f"  {name}: {field['columns']} columns ({groups}), {field['rate']} a second, {field['dtype']}{axes}"
@@ -89,8 +89,8 @@ def describe_store(path: Path) -> str:
 def _describe_sources(about: Mapping[str, Any]) -> list[str]:
     lines = []
     if about["source_rates"]:
-        rates = ", ".join(f"{shown(rate)} a second: {n}" for rate, n in about["source_rates"].items())
-        lines.append(f"  clips by their source's frame rate: {rates}")
+        rates = ", ".join(f"{rate} a second: {n}" for rate, n in about["source_rates"].items())
+        lines.append(f"  clips by their source's frame rate: {shown(rates, _NOTE)}")
     if about["height_m"]:
         low, high = about["height_m"]["min"], about["height_m"]["max"]
         lines.append(f"  lowest to highest joint, +Y up, median of a clip: {low:.2f} to {high:.2f} m")
