@@ -152,7 +152,7 @@ def _read_file_names(path: Path) -> None:
     from dancedata.datasets.folder import Folder
 
     sources = path.parent / "sources"
-    sources.mkdir()
+    sources.mkdir(exist_ok=True)
     readers = {"motions": Folder(music="optional"), "wavs": AistPP(), "motion": FineDance()}
     for raw in path.read_bytes().split(b"\0"):
         # As a disk has them: no slash, no NUL, 255 bytes at most.
