@@ -1,6 +1,7 @@
 """How fast librosa35 is, against the plain loop of librosa calls, one window after another.
 
     python benchmarks/features.py                # CPU time per window, one core, warm, interleaved
+    python benchmarks/features.py --native       # with whatever kernels this processor chooses by itself
     python benchmarks/features.py --command      # `dancedata build` from the shell, start-up included, 2 jobs
 
 The corpus is synthetic: songs of 14.5 s, most at 48 kHz and stereo, 20 windows of 5 s each. The plain loop is
@@ -10,6 +11,8 @@ what EDGE's `create_dataset` does for every window: load the window's own wav, a
 - CPU time (`time.process_time`), BLAS on one thread, song by song: the versions take turns, in one order and then
   in the other, and ratios are of one song's times, so that what slows the machine slows both. The median over
   songs is printed with its quartiles. The plain loop does some windows of each song.
+- Kernels of BLAS and numpy are those that builds compute with (x86-64-v3), for both versions. What that costs is the
+  ratio of two runs, one with `--native`.
 - With `--command`, wall time of the whole command with an empty cache, against the plain loop's wall time in one
   process after its start-up for as many windows as the dataset has; median of the rounds. Two corpora: "demo" is
   that of `dancedata build demo`, where four clips share a song, and so windows of music, which the plain loop
@@ -33,6 +36,11 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
+
+from dancedata.pipeline import arithmetic
+
+if "--native" not in sys.argv:
+    arithmetic.adopt()  # before numpy is loaded
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -65,6 +73,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--songs", type=int, default=40, help="2 to 60 (default 40)")
     parser.add_argument("--plain-windows", type=int, default=3, help="of each song, by the plain loop (default 3)")
+    parser.add_argument("--native", action="store_true", help="kernels of the processor's own choice")
     parser.add_argument("--command", action="store_true", help="time `dancedata build` from the shell instead")
     parser.add_argument("--rounds", type=int, default=3, help="of --command (default 3)")
     parser.add_argument("--jobs", type=int, default=2, help="of --command (default 2)")
@@ -87,6 +96,7 @@ def print_machine() -> None:
     packages = ("numpy", "scipy", "librosa", "numba", "soxr", "dancedata")
     versions = ", ".join(f"{name} {importlib.metadata.version(name)}" for name in packages)
     print(f"{model}, {os.cpu_count()} CPUs, load {_load()}; Python {platform.python_version()}, {versions}")
+    print(f"computing with {arithmetic.here()}")
 
 
 def _load() -> str:

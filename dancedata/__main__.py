@@ -1,5 +1,21 @@
-"""``python -m dancedata``."""
+"""The command ``dancedata``, also ``python -m dancedata``."""
 
-from dancedata.cli import main
+from __future__ import annotations
 
-main()
+from dancedata.interrupts import run
+
+
+def main() -> None:
+    """Run the command line."""
+    run(_command)
+
+
+def _command() -> None:
+    # Imported here, so that Ctrl-C is dealt with before anything takes time.
+    from dancedata.cli import main as command
+
+    command()
+
+
+if __name__ == "__main__":
+    main()

@@ -11,6 +11,7 @@ Examples
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -27,11 +28,13 @@ from dancedata.pipeline.audio_units import (
     extract_track,
     extract_windows,
     identify_audio,
+    is_exact,
     known_windows,
+    window_samples,
     window_units,
 )
 from dancedata.pipeline.cache import Cache, CachedArray, EntryLostError, default_cache
-from dancedata.pipeline.execute import one_thread
+from dancedata.pipeline.execute import exactly, on_one_thread
 from dancedata.pipeline.recipe import Recipe, WindowSpec, resolve_feature
 from dancedata.pipeline.slots import make_named
 
@@ -99,15 +102,17 @@ class FeatureCache:
             For an unknown feature, an unknown parameter, or a file that is not there.
         """
         recipe = self._recipe("track", FrameGrid.of(fps), WindowSpec(1, 1, "time"), feature, parameters)
-        with one_thread():
-            signal = self._identify(recipe, song)
-            key = FeatureKeys(recipe, recipe.audio[0]).track(start_bpm, signal.sha256)
-            for _ in range(_TRIES):
-                found = _found(extract_track(Cache(self.root), recipe, recipe.audio[0], signal, start_bpm, key))
-                try:
-                    return self._mapped(found)
-                except EntryLostError as error:
-                    lost = error
+        plugin, cache = recipe.audio[0], Cache(self.root)
+        signal = self._identify(song)
+        key = FeatureKeys(recipe, plugin).track(start_bpm, signal.sha256)
+        for _ in range(_TRIES):
+            found = cache.array("features", key)
+            if found is None:
+                found = _computed(plugin, extract_track, cache, recipe, plugin, signal, start_bpm, key)
+            try:
+                return self._mapped(found)
+            except EntryLostError as error:
+                lost = error
         raise lost
 
     def get_windows(
@@ -141,24 +146,24 @@ class FeatureCache:
         recipe = self._recipe("window", FrameGrid.of(fps), spec, feature, parameters)
         plugin, cache = recipe.audio[0], Cache(self.root)
         rows = []
-        with one_thread():
-            signal = self._identify(recipe, song)
-            every = FeatureKeys(recipe, plugin)
-            keys = {number: every.window(start_bpm, window) for number, window in enumerate(signal.windows)}
-            for unit in window_units(keys):
-                found = known_windows(cache, unit)
-                if found is None:
-                    found = _found(extract_windows(cache, recipe, plugin, signal, start_bpm, unit))
-                rows += [np.asarray(found[number]) for number in unit]
+        signal = self._identify(song)
+        every = FeatureKeys(recipe, plugin)
+        count = len(window_samples(recipe, signal.n_samples, signal.sample_rate)[0])
+        keys = {number: every.window(start_bpm, signal, number) for number in range(count)}
+        for unit in window_units(keys):
+            found = known_windows(cache, unit)
+            if found is None:
+                found = _computed(plugin, extract_windows, cache, recipe, plugin, signal, start_bpm, unit)
+            rows += [np.asarray(found[number]) for number in unit]
         if not rows:
             return np.empty((0, length_frames, plugin.columns.width), plugin.dtype)
         return np.stack(rows)
 
-    def _identify(self, recipe: Recipe, song: str | Path) -> SignalId:
+    def _identify(self, song: str | Path) -> SignalId:
         path = Path(song).expanduser().absolute()
         if not path.is_file():
             raise UsageError("there is no such song", found=path)
-        signal: SignalId = _found(identify_audio(Cache(self.root), recipe, path))
+        signal: SignalId = _found(identify_audio(Cache(self.root), path))
         return signal
 
     def _mapped(self, array: CachedArray) -> npt.NDArray[Any]:
@@ -185,6 +190,11 @@ class FeatureCache:
             plugin = make_named(FEATURES, "audio", name, parameters)
             self._features[asked] = resolve_feature(plugin, Cache(self.root).file_sha256)
         return self._features[asked]
+
+
+def _computed(feature: Any, function: Callable[..., Any], *args: Any) -> Any:
+    """Run a unit of work as a build does."""
+    return _found((exactly if is_exact(feature) else on_one_thread)(function, *args))
 
 
 def _found(result: Any) -> Any:

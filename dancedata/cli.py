@@ -12,8 +12,9 @@ import typer
 from dancedata.cli_errors import errors_to_exit_codes as _errors_to_exit_codes
 from dancedata.cli_jukebox import app as jukebox
 from dancedata.core.errors import UsageError
-from dancedata.core.text import json_text, shown
+from dancedata.core.text import json_text
 from dancedata.core.version import __version__
+from dancedata.pipeline.arithmetic import adopt
 
 app = typer.Typer(
     help="Turn dance motion capture and music into training data.",
@@ -37,6 +38,7 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print no progress.")]
 CACHE_HELP = "Cache folder; default $DANCEDATA_CACHE, else the user's cache folder."
 CacheFolder = Annotated[Path | None, typer.Option("--cache", help=CACHE_HELP)]
+ATOL_HELP = "Floating-point values that differ by no more than this are the same; default: compared exactly."
 PART_HELP = "Compute the K-th of N shares of the work into the cache and write no dataset, for job arrays."
 
 
@@ -68,7 +70,8 @@ def build(
     from dancedata.pipeline.build import build as run_build
     from dancedata.pipeline.execute import Progress
     from dancedata.pipeline.recipe_file import load_recipe
-    from dancedata.pipeline.report import describe_store, store_json
+    from dancedata.pipeline.report import store_json
+    from dancedata.pipeline.summary import describe_built, describe_unchanged
 
     made = load_recipe(recipe, overrides or ())
     target = out or Path("data") / made.name
@@ -86,21 +89,19 @@ def build(
             raise UsageError("--part goes with neither --backend, --scheduler nor --overwrite")
         _build_part(made, folder, part, options, as_json)
         return
-    progress.say(f"building {made.name} from {folder} into {target}")
+    progress.announce(f"building {made.name} from {folder} into {target}")
     result = run_build(made, folder, target, overwrite=overwrite, backend=backend, scheduler=scheduler, **options)
     if as_json:
         _print_json({"built": result.built, **store_json(target)})
         return
-    if not result.built:
-        typer.echo("nothing to do: this dataset is there already, from the same recipe and source")
-    typer.echo(describe_store(target))
+    typer.echo(describe_built(target) if result.built else describe_unchanged(target))
 
 
 def _build_part(recipe: Any, source: Path, text: str, options: dict[str, Any], as_json: bool) -> None:
     from dancedata.pipeline.parts import Part, build_part
 
     part = Part.parse(text)
-    options["progress"].say(f"computing part {text} of {recipe.name} from {source}")
+    options["progress"].announce(f"computing part {text} of {recipe.name} from {source}")
     result = build_part(recipe, source, part, **options)
     if as_json:
         _print_json(result.to_json())
@@ -135,7 +136,8 @@ def plan(
     found = make_plan(made, folder, jobs=jobs, cache=cache, progress=progress)
     if as_json:
         _print_json(found.to_json())
-    else:
+    found.require_clips()
+    if not as_json:
         typer.echo(describe_plan(found, target))
 
 
@@ -215,17 +217,14 @@ def features(
     as_json: AsJson = False,
 ) -> None:
     """Compute features of your own music, exactly as in training."""
-    from dancedata.pipeline.songs import find_like, write_features
+    from dancedata.pipeline.songs import describe_features, find_like, write_features
 
     written = write_features(songs, out, find_like(feature, like), bpm, weights)
     if as_json:
         _print_json(written)
         return
     for about in written:
-        shape = " x ".join(str(n) for n in about["shape"])
-        typer.echo(
-            f"{shown(out / about['file'])}: {shape} {about['dtype']}, {about['fps']} a second, {about['scope']} scope"
-        )
+        typer.echo(describe_features(out, about))
 
 
 @app.command()
@@ -233,19 +232,22 @@ def features(
 def diff(
     a: Annotated[Path, typer.Argument(metavar="A", help="A built dataset.")],
     b: Annotated[Path, typer.Argument(metavar="B", help="Another.")],
+    atol: Annotated[float | None, typer.Option(help=ATOL_HELP)] = None,
     as_json: AsJson = False,
 ) -> None:
     """Show in what two built datasets differ; exit code 1 if they do."""
     from dancedata.pipeline.diff import diff as run_diff
 
-    found = run_diff(a, b)
+    found = run_diff(a, b, atol=atol)
     differences = [d for d in found if d.kind != "note"]
     if as_json:
-        _print_json({"a": str(a), "b": str(b), "same": not differences, "differences": [d.to_json() for d in found]})
+        listed = [d.to_json() for d in found]
+        _print_json({"a": str(a), "b": str(b), "atol": atol, "same": not differences, "differences": listed})
     else:
         for difference in found:
             typer.echo(str(difference))
-        typer.echo(f"{len(differences)} differences" if differences else "the same data")
+        same = "the same data" + (f" within {atol:g}" if atol is not None else "")
+        typer.echo(f"{len(differences)} differences" if differences else same)
     if differences:
         raise typer.Exit(1)
 
@@ -330,11 +332,8 @@ def _print_json(obj: Any) -> None:
 
 def main() -> None:
     """Run the command line."""
+    adopt()
     # A path on the command line need not be UTF-8, and results name it.
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")
     app(prog_name="dancedata")
-
-
-if __name__ == "__main__":
-    main()

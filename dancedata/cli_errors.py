@@ -9,6 +9,7 @@ from typing import Any
 import typer
 
 from dancedata.core.errors import DanceDataError, UsageError
+from dancedata.interrupts import EXIT_CODE, is_interrupted
 
 
 def errors_to_exit_codes(command: Callable[..., None]) -> Callable[..., None]:
@@ -19,10 +20,11 @@ def errors_to_exit_codes(command: Callable[..., None]) -> Callable[..., None]:
         try:
             command(*args, **kwargs)
         except DanceDataError as error:
+            if is_interrupted():
+                raise typer.Exit(EXIT_CODE) from None
             typer.echo(f"error: {error}", err=True)
             raise typer.Exit(2 if isinstance(error, UsageError) else 1) from None
         except KeyboardInterrupt:
-            typer.echo("interrupted; the same command goes on where it was", err=True)
-            raise typer.Exit(130) from None
+            raise typer.Exit(EXIT_CODE) from None
 
     return run

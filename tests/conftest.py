@@ -2,23 +2,139 @@
 
 from __future__ import annotations
 
+import lzma
 import os
+import shutil
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
 
+from dancedata.pipeline import arithmetic
+
 # Machines that run tests are busy: how long an example takes says nothing.
 settings.register_profile("dancedata", deadline=None)
 settings.load_profile("dancedata")
 
+# Tests compute as the command line does, in their own process, where they can replace functions. With this variable
+# they keep the kernels that the processor or OPENBLAS_CORETYPE chooses: tests of numbers have to pass on all of them.
+if not os.environ.get("DANCEDATA_TEST_NATIVE"):
+    arithmetic.adopt()
+
+import numpy as np  # noqa: E402 (kernels are chosen before)
+
 ROOT = Path(__file__).resolve().parent.parent
+#: A compact set of reference outputs, part of the project; its README says what it holds.
+DATA = ROOT / "tests" / "golden" / "data"
+#: The whole set, and real recordings, which are not.
+SHARED = Path(os.environ.get("DANCEDATA_SHARED", ROOT.parent / "shared"))
+HAS_SHARED = (SHARED / "golden").is_dir()
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Skip what needs the whole set, all of it for one reason at one place: one line of the summary."""
+    if not HAS_SHARED and "shared" in getattr(item, "fixturenames", ()):
+        pytest.skip(
+            "real motions, BVH files and songs, and Jukebox's whole context: outside the project, "
+            "see tests/golden/data/README.md"
+        )
 
 
 @pytest.fixture(scope="session")
 def shared() -> Path:
-    """Reference outputs and real clips, which are not part of the project; tests that need them skip without."""
-    folder = Path(os.environ.get("DANCEDATA_SHARED", ROOT.parent / "shared"))
-    if not (folder / "golden").is_dir():
-        pytest.skip(f"reference outputs and real clips are not here ({folder}); set DANCEDATA_SHARED")
-    return folder
+    """The whole set of reference outputs, and real recordings; tests that need them skip without."""
+    return SHARED
+
+
+class Arrays(Mapping[str, np.ndarray]):
+    """Arrays of a reference file. In the compact set some are thinned out; ``KEY@AXIS`` has the indices left."""
+
+    def __init__(self, path: Path) -> None:
+        with np.load(path) as file:
+            self._all = dict(file)
+
+    def __getitem__(self, key: str) -> np.ndarray:
+        return self._all[key]
+
+    def __iter__(self) -> Iterator[str]:
+        return (key for key in self._all if "@" not in key)
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self)
+
+    def shape(self, key: str) -> tuple[int, ...]:
+        """The reference's own shape."""
+        shape = self._all.get(f"{key}@shape")
+        return self[key].shape if shape is None else tuple(shape.tolist())
+
+    def index(self, key: str, axis: int = 0) -> np.ndarray:
+        """Where the entries along an axis come from."""
+        return self._all.get(f"{key}@{axis}", np.arange(self.shape(key)[axis]))
+
+    def pair(self, key: str, found: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What was found, at the places that the reference has, and the reference."""
+        assert found.shape == self.shape(key)
+        for axis in range(found.ndim):
+            found = np.take(found, self.index(key, axis), axis=axis)
+        return found, self[key]
+
+    def rows(self, key: str, start: int, stop: int) -> tuple[np.ndarray, np.ndarray]:
+        """The places, counted from `start`, of the reference's rows in a slice, and these rows."""
+        index = self.index(key)
+        inside = (index >= start) & (index < stop)
+        return index[inside] - start, self[key][inside]
+
+
+class Peers:
+    """What the peers made of a small synthetic corpus, and the corpus."""
+
+    def __init__(self, folder: Path, whole: bool) -> None:
+        self.folder = folder
+        self.whole = whole
+
+    def __truediv__(self, name: str) -> Path:
+        return self.folder / name
+
+    def load(self, name: str) -> Arrays:
+        """Arrays of a file."""
+        return Arrays(self.folder / name)
+
+
+def unpack(source: Path, target: Path) -> Path:
+    """Unpack a folder of the compact set."""
+    for path in sorted(p for p in source.rglob("*") if p.is_file()):
+        out = target / path.relative_to(source)
+        out.parent.mkdir(parents=True, exist_ok=True)
+        if path.suffix != ".xz":
+            shutil.copyfile(path, out)
+        elif path.name.endswith(".columns.xz"):
+            columns = _columns(lzma.decompress(path.read_bytes()))
+            np.save(out.with_name(path.name.removesuffix(".columns.xz") + ".npy"), columns)
+        else:
+            out.with_suffix("").write_bytes(lzma.decompress(path.read_bytes()))
+    return target
+
+
+def _columns(data: bytes) -> np.ndarray:
+    """Columns (T, D) float32 of second differences of their bits, byte by byte; see pack.py."""
+    n_rows, n_columns = np.frombuffer(data[:16], "<i8")
+    planes = np.frombuffer(data[16:], np.uint8).reshape(4, -1)
+    bits = np.ascontiguousarray(planes.T).view(np.uint32).reshape(n_columns, n_rows).T
+    for _ in range(2):
+        bits = np.cumsum(bits, axis=0, dtype=np.uint32)
+    return np.ascontiguousarray(bits).view(np.float32)
+
+
+@pytest.fixture(scope="session", params=["compact", "whole"] if HAS_SHARED else ["compact"])
+def peers(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Peers:
+    """The peers' outputs: the compact set, and the whole one where it is."""
+    if request.param == "whole":
+        return Peers(SHARED / "golden" / "peers", whole=True)
+    return Peers(unpack(DATA / "peers", tmp_path_factory.mktemp("peers")), whole=False)
+
+
+@pytest.fixture(scope="session")
+def jukebox_golden(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of the reference's tiny Jukebox, its clips and its outputs."""
+    return unpack(DATA / "jukebox", tmp_path_factory.mktemp("jukebox"))

@@ -1,8 +1,15 @@
 """Array operations whose result for a row does not depend on the rows that come with it.
 
 The features of a window must not depend on which other windows are asked for, to the last bit: datasets are
-byte-identical however a build was cut up. Element by element that is so anyway. But BLAS sums in another order
-for another number of rows, so matrices are multiplied in blocks of one size.
+byte-identical however a build was cut up. Element by element that is so anyway. BLAS, however, rounds a row of a
+product by its place among the rows: kernels handle the last rows of a matrix, and with some processors every
+thirteenth, by other instructions. So a row's place must be a property of the row itself:
+
+- rows of a track are multiplied in blocks that lie on the track's own grid (`times_on_grid`);
+- rows of a window are multiplied as one matrix for each window (`numpy.matmul` of a stack);
+- single rows are multiplied one by one (`each_times`).
+
+No assumption about a kernel is left, and tests/audio/test_places.py holds it for all that the processor can run.
 """
 
 from __future__ import annotations
@@ -16,19 +23,49 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float32]
 
+#: Rows of a block of `times_on_grid`.
+BLOCK = 16
+# Kernels may begin with the elements up to a boundary of this many bytes.
+_ALIGNMENT = 64
 
-def times(rows: Floats, matrix: Floats, block: int = 16) -> Floats:
-    """Return rows (n, k) @ matrix (k, m), every row as if it were alone: in blocks of rows."""
+
+def times_on_grid(rows: Floats, matrix: Floats, first: int) -> Floats:
+    """Return rows (n, k) @ matrix (k, m); row i stands at place ``first + i`` of a grid of blocks."""
     count, size = rows.shape
-    whole = count // block * block
     product = np.empty((count, matrix.shape[1]), dtype=np.float32)
-    blocks = np.ascontiguousarray(rows[:whole]).reshape(-1, block, size)
-    np.matmul(blocks, matrix, out=product[:whole].reshape(-1, block, matrix.shape[1]))
-    if whole < count:
-        last = np.zeros((block, size), dtype=np.float32)
-        last[: count - whole] = rows[whole:]
-        product[whole:] = np.matmul(last, matrix)[: count - whole]
+    begin = min(-first % BLOCK, count)
+    end = begin + (count - begin) // BLOCK * BLOCK
+    blocks = np.ascontiguousarray(rows[begin:end]).reshape(-1, BLOCK, size)
+    np.matmul(blocks, matrix, out=product[begin:end].reshape(-1, BLOCK, matrix.shape[1]))
+    for start, stop in ((0, begin), (end, count)):
+        if start < stop:
+            place = (first + start) % BLOCK
+            block = np.zeros((BLOCK, size), dtype=np.float32)
+            block[place : place + stop - start] = rows[start:stop]
+            product[start:stop] = np.matmul(block, matrix)[place : place + stop - start]
     return product
+
+
+def each_times(rows: Floats, matrix: Floats) -> Floats:
+    """Return rows (n, k) @ matrix (k, m), each row multiplied by itself; the matrix is `aligned`."""
+    product = _aligned_empty(len(rows), matrix.shape[1])
+    np.matmul(aligned(rows)[:, np.newaxis], matrix, out=product[:, np.newaxis])
+    return product
+
+
+def aligned(rows: Floats) -> Floats:
+    """Return a copy of rows (n, k) in which every row begins at the boundary of a vector."""
+    copy = _aligned_empty(*rows.shape)
+    copy[:] = rows
+    return copy
+
+
+def _aligned_empty(n_rows: int, size: int) -> Floats:
+    step = _ALIGNMENT // np.dtype(np.float32).itemsize
+    width = -(-size // step) * step
+    memory = np.empty(n_rows * width + step, dtype=np.float32)
+    start = -(memory.ctypes.data // memory.itemsize) % step
+    return memory[start : start + n_rows * width].reshape(n_rows, width)[:, :size]
 
 
 def strided(samples: Floats, shape: tuple[int, ...], steps: tuple[int, ...], offset: int = 0) -> Floats:

@@ -14,7 +14,7 @@ from itertools import groupby
 import numpy as np
 from numpy.typing import NDArray
 
-from dancedata.audio._fast_arrays import Floats, times
+from dancedata.audio._fast_arrays import Floats, times_on_grid
 from dancedata.audio._fast_filters import N_OCTAVES, FilterBank, filter_bank
 from dancedata.audio._fast_frames import Frames
 from dancedata.audio._fast_resample import halved
@@ -70,7 +70,8 @@ def _add_track_pitches(track: Floats, hop: int, bank: FilterBank, pitches: Float
     frames = Frames(track[np.newaxis], half, half, hop, len(pitches))
     for first in range(0, len(pitches), _FRAMES_AT_ONCE):
         part = slice(first, first + _FRAMES_AT_ONCE)
-        pitches[part] += _magnitudes(frames.folded(np.add, part), frames.folded(np.subtract, part), bank)
+        even, odd = frames.folded(np.add, part), frames.folded(np.subtract, part)
+        pitches[part] += _magnitudes(times_on_grid(even, bank.even, first), times_on_grid(odd, bank.odd, first))
 
 
 class _Octave:
@@ -83,10 +84,10 @@ class _Octave:
     def __init__(self, windows: Windows, hop: int, half: int, n_frames: int) -> None:
         self.n_end = -(-(windows.end + half) // hop)
         self.n_frames = n_frames
-        self.first = (windows.starts - windows.starts[0]) // hop
+        self.first = windows.starts // hop + self.n_end
         n_middle = n_frames - 2 * self.n_end
-        start = int(windows.starts[0]) + self.n_end * hop - half
-        count = int(self.first[-1]) + n_middle
+        start = int(self.first[0]) * hop - half
+        count = int(self.first[-1] - self.first[0]) + n_middle
         samples = windows.track[np.newaxis, start : start + (count - 1) * hop + 2 * half]
         middle = Frames(samples, 0, half, hop, count)
         heads = Frames(windows.head((self.n_end - 1) * hop + half), half, half, hop, self.n_end)
@@ -104,15 +105,20 @@ class _Octave:
         """Add the magnitudes of a run of neighbours to their pitches (W, T, 36)."""
         n_windows, half = len(pitches), len(bank.even)
         n_middle = self.n_frames - 2 * self.n_end
-        first = self.first[run] - self.first[run][0]
-        rows = slice(int(self.first[run][0]), int(self.first[run][-1]) + n_middle)
-        middle = _magnitudes(self.middle[0][rows], self.middle[1][rows], bank)
+        # Frames are counted from the track's beginning: the grid that a product's rows are placed on.
+        first = int(self.first[run][0])
+        own = self.first[run] - first
+        begin = first - int(self.first[0])
+        rows = slice(begin, begin + int(own[-1]) + n_middle)
+        even, odd = (folded[rows] for folded in self.middle)
+        middle = _magnitudes(times_on_grid(even, bank.even, first), times_on_grid(odd, bank.odd, first))
         for k in range(n_windows):
-            pitches[k, self.n_end : self.n_frames - self.n_end] += middle[first[k] : first[k] + n_middle]
-        even, odd = (part[run].reshape(-1, half) for part in self.ends)
-        ends = _magnitudes(even, odd, bank).reshape(n_windows, 2, self.n_end, BINS_PER_OCTAVE)
-        pitches[:, : self.n_end] += ends[:, 0]
-        pitches[:, self.n_frames - self.n_end :] += ends[:, 1]
+            pitches[k, self.n_end : self.n_frames - self.n_end] += middle[own[k] : own[k] + n_middle]
+        # The ends are each window's own, and so is their product.
+        even, odd = (folded[run].reshape(n_windows, -1, half) for folded in self.ends)
+        ends = _magnitudes(np.matmul(even, bank.even), np.matmul(odd, bank.odd))
+        pitches[:, : self.n_end] += ends[:, : self.n_end]
+        pitches[:, self.n_frames - self.n_end :] += ends[:, self.n_end :]
 
 
 def _runs(tunings: Sequence[int]) -> Iterator[tuple[int, slice]]:
@@ -124,13 +130,11 @@ def _runs(tunings: Sequence[int]) -> Iterator[tuple[int, slice]]:
         start = stop
 
 
-def _magnitudes(even: Floats, odd: Floats, bank: FilterBank) -> Floats:
-    """Return the magnitudes (F, 36) of the filters on folded frames (F, n / 2)."""
-    magnitudes = times(even, bank.even)
-    np.square(magnitudes, out=magnitudes)
-    imaginary = times(odd, bank.odd)
-    magnitudes += np.square(imaginary, out=imaginary)
-    return np.sqrt(magnitudes, out=magnitudes)
+def _magnitudes(real: Floats, imaginary: Floats) -> Floats:
+    """Return the magnitudes of responses, given their real and imaginary parts, which are overwritten."""
+    np.square(real, out=real)
+    real += np.square(imaginary, out=imaginary)
+    return np.sqrt(real, out=real)
 
 
 def cens(chroma: Floats) -> Floats:

@@ -11,13 +11,13 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from dancedata.audio._fast_arrays import Floats, times
+from dancedata.audio._fast_arrays import Floats
 from dancedata.audio._fast_spectra import HOP, N_FFT, N_MELS
 
 N_MFCC = 20
-_TOP_DB = np.float32(80.0)
+TOP_DB = np.float32(80.0)
 # Frame 0 has no frame before it, and the envelope is moved by half an STFT frame.
-_LAG = 1 + N_FFT // (2 * HOP)
+LAG = 1 + N_FFT // (2 * HOP)
 _DELTA = np.float64(np.float32(0.07))
 
 
@@ -36,31 +36,57 @@ def envelope_and_mfcc(db: Floats, rows: NDArray[np.int64]) -> tuple[Floats, Floa
     mfcc = np.empty((n_windows, n_frames, N_MFCC), dtype=np.float32)
     for window, frames in enumerate(rows):
         limited = db[frames]
-        np.maximum(limited, limited.max() - _TOP_DB, out=limited)
+        np.maximum(limited, limited.max() - TOP_DB, out=limited)
         # A constant moves coefficient 0 only; of smaller numbers, rounding takes less.
         floor = limited.min()
-        mfcc[window] = times(limited - floor, _dct())
+        mfcc[window] = (limited - floor) @ _dct()
         mfcc[window, :, 0] += floor * np.float32(np.sqrt(N_MELS))
         rise = limited[1:] - limited[:-1]
         np.maximum(rise, np.float32(0), out=rise)
-        envelope[window, _LAG:] = rise.mean(axis=1)[: n_frames - _LAG]
+        envelope[window, LAG:] = rise.mean(axis=1)[: n_frames - LAG]
     return envelope, mfcc
 
 
 def onset_peaks(envelope: Floats, rate: int) -> NDArray[np.bool_]:
     """Tell which frames of envelopes (W, T) are onsets: local maxima well above the local mean."""
-    level = envelope - envelope.min(axis=1, keepdims=True)
-    level /= level.max(axis=1, keepdims=True) + np.finfo(np.float32).tiny
-    pre_max = wait = int(0.03 * rate // HOP)
-    reach = int(0.10 * rate // HOP)
-    peaks = level >= _local_mean(level, reach) + _DELTA
-    for k in range(1, pre_max + 1):
-        peaks[:, k:] &= level[:, k:] >= level[:, :-k]
+    level = _level(envelope)
+    peaks = _clearance(level, rate) >= 0
     peaks &= level.any(axis=1, keepdims=True)
+    wait = _n_frames(0.03, rate)
     if wait:
         for window in peaks:
             _leave_out_close_ones(window, wait)
     return np.asarray(peaks)
+
+
+def onset_margins(envelope: Floats, rate: int) -> NDArray[np.float64]:
+    """Return by how many dB the frames of each envelope (W, T) may change without another outcome; (W,).
+
+    A change of e moves a level by at most 2 e / span, and so the distance of two levels by 4 e / span.
+    """
+    level = _level(envelope)
+    span = envelope.max(axis=1) - envelope.min(axis=1)
+    margins: NDArray[np.float64] = np.abs(_clearance(level, rate)).min(axis=1) * span / 4
+    return np.where(span > 0, margins, np.inf)
+
+
+def _level(envelope: Floats) -> Floats:
+    """Scale envelopes (W, T) to 0 .. 1."""
+    level: Floats = envelope - envelope.min(axis=1, keepdims=True)
+    level /= level.max(axis=1, keepdims=True) + np.finfo(np.float32).tiny
+    return level
+
+
+def _clearance(level: Floats, rate: int) -> NDArray[np.float64]:
+    """Return how far levels (W, T) lie above what an onset has to exceed: the local mean, and the frames before."""
+    clearance = level - (_local_mean(level, _n_frames(0.10, rate)) + _DELTA)
+    for k in range(1, _n_frames(0.03, rate) + 1):
+        clearance[:, k:] = np.minimum(clearance[:, k:], level[:, k:] - level[:, :-k])
+    return clearance
+
+
+def _n_frames(seconds: float, rate: int) -> int:
+    return int(seconds * rate // HOP)
 
 
 def _local_mean(level: Floats, reach: int) -> NDArray[np.float64]:

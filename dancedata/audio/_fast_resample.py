@@ -15,12 +15,15 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from dancedata.audio._fast_arrays import Floats
+from dancedata.audio._fast_arrays import Floats, aligned
 from dancedata.audio.signal import resampled_length
 
 # Beyond so many samples, counted at the lower of the two rates, the response of soxr's HQ filter is below
 # 1e-7 of its peak (measured: 99 to 103 for every pair of rates tried, up and down).
 _REACH = 112
+#: Longest period of two rates, in samples of the input, for which responses are tabulated: they take 3 period^2
+#: floats, 6 MB at 44,100 Hz, 50 MB at this, 26 GB at 47,999 Hz.
+MAX_PERIOD = 2048
 # Differences above this, at full scale, are no rounding.
 _AUDIBLE = 3e-6
 
@@ -72,7 +75,7 @@ def head_matrix(from_rate: int, to_rate: int, n_input: int, n_output: int) -> Fl
         beginning = _beginning(from_rate, to_rate)
         matrix[:, : beginning.shape[1]] = 0
         matrix[: len(beginning), : beginning.shape[1]] = beginning
-    return matrix
+    return aligned(matrix)
 
 
 @lru_cache(maxsize=16)
@@ -88,7 +91,7 @@ def tail_matrix(from_rate: int, to_rate: int, n_input: int, n_output: int) -> Fl
     # soxr rounds the length, librosa rounds it up and appends a zero.
     made = len(soxr.resample(np.zeros(n_input, dtype=np.float32), from_rate, to_rate, quality="soxr_hq"))
     matrix[:, n_output - max(0, total - made) :] = 0
-    return matrix
+    return aligned(matrix)
 
 
 def _matrix(from_rate: int, to_rate: int, n_input: int, first: int, n_output: int) -> Floats:

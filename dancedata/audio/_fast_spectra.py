@@ -6,14 +6,15 @@ the zeros beyond the window, are computed for each window.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dancedata.audio._fast_arrays import Floats, strided, times
+from dancedata.audio._fast_arrays import Floats, strided
 from dancedata.audio._fast_tuning import Peaks, find_peaks
 from dancedata.audio._fast_windows import Windows
 
@@ -50,26 +51,20 @@ def window_spectra(windows: Windows, rate: int) -> Spectra:
     n_frames = 1 + windows.length // HOP
     rows = windows.starts[:, np.newaxis] // HOP + np.arange(n_frames)
     if windows.is_whole:
-        frames = _frames(windows.track[np.newaxis], N_FFT // 2, n_frames)[0]
-        return Spectra(*_mel_and_peaks(_blocks(frames), n_frames, rate), rows)
+        everything = np.arange(n_frames)
+        return Spectra(*_mel_and_peaks(_track_blocks(windows.track, everything), n_frames, rate), rows)
     n_head = -(-(N_FFT // 2 + windows.end) // HOP)
     first_tail = (windows.length - windows.end - N_FFT // 2) // HOP + 1
+    n_tail = n_frames - first_tail
     used = np.unique(rows[:, n_head:first_tail])
     heads = _frames(windows.head(N_FFT // 2 + HOP * (n_head - 1)), N_FFT // 2, n_head)
-    tail = windows.tail(windows.length + N_FFT // 2 - first_tail * HOP)
-    tails = _frames(tail, 0, n_frames - first_tail)
-
-    def blocks() -> Iterator[Floats]:
-        yield from _blocks(_frames(windows.track[np.newaxis], N_FFT // 2, int(used[-1]) + 1)[0], used)
-        yield from _blocks(heads.reshape(-1, N_FFT))
-        yield from _blocks(tails.reshape(-1, N_FFT))
-
-    n_shared, n_edge = len(used), heads.shape[0] * heads.shape[1]
+    tails = _frames(windows.tail(windows.length + N_FFT // 2 - first_tail * HOP), 0, n_tail)
+    n_shared, n_own = len(used), len(rows) * (n_head + n_tail)
+    own = n_shared + np.arange(n_own).reshape(len(rows), -1)
     rows[:, n_head:first_tail] = np.searchsorted(used, rows[:, n_head:first_tail])
-    rows[:, :n_head] = n_shared + np.arange(n_edge).reshape(heads.shape[:2])
-    rows[:, first_tail:] = n_shared + n_edge + np.arange(rows[:, first_tail:].size).reshape(tails.shape[:2])
-    n_rows = n_shared + n_edge + tails.shape[0] * tails.shape[1]
-    return Spectra(*_mel_and_peaks(blocks(), n_rows, rate), rows)
+    rows[:, :n_head], rows[:, first_tail:] = own[:, :n_head], own[:, n_head:]
+    blocks = chain(_track_blocks(windows.track, used), _own_blocks(heads, tails))
+    return Spectra(*_mel_and_peaks(blocks, n_shared + n_own, rate), rows)
 
 
 def mel_db(samples: Floats, rate: int) -> Floats:
@@ -77,20 +72,27 @@ def mel_db(samples: Floats, rate: int) -> Floats:
     return window_spectra(Windows.whole(samples), rate).db
 
 
-def _mel_and_peaks(blocks: Iterator[Floats], n_rows: int, rate: int) -> tuple[Floats, Peaks]:
-    """Transform frames, given block by block, (n, 2048) each."""
+def _mel_and_peaks(
+    blocks: Iterable[tuple[Floats, NDArray[np.int64]]], n_rows: int, rate: int
+) -> tuple[Floats, Peaks]:
+    """Transform frames, given as stacks of blocks (b, n, 2048) with the numbers of the frames to keep.
+
+    Each block is transformed and multiplied by itself, whatever is kept of it and whatever comes with it.
+    """
     import scipy.fft
 
     filters = mel_filters(rate)
     db = np.empty((n_rows, N_MELS), dtype=np.float32)
     peaks, done = [], 0
-    for frames in blocks:
-        spectrum = scipy.fft.rfft(frames, axis=1, overwrite_x=True)
-        power = np.square(spectrum.real)
-        power += np.square(spectrum.imag)
-        db[done : done + len(frames)] = times(power, filters, _BLOCK)
-        peaks.append(find_peaks(power, rate, is_power=True))
-        done += len(frames)
+    for stack, kept in blocks:
+        power = np.empty((*stack.shape[:2], N_FFT // 2 + 1), dtype=np.float32)
+        for frames, own in zip(stack, power, strict=True):
+            spectrum = scipy.fft.rfft(frames, axis=1, overwrite_x=True)
+            np.square(spectrum.real, out=own)
+            own += np.square(spectrum.imag)
+        db[done : done + len(kept)] = np.matmul(power, filters).reshape(-1, N_MELS)[kept]
+        peaks.append(find_peaks(power.reshape(-1, N_FFT // 2 + 1)[kept], rate, is_power=True))
+        done += len(kept)
     np.maximum(db, _MIN_POWER, out=db)
     np.log10(db, out=db)
     db *= np.float32(10.0)
@@ -106,13 +108,27 @@ def _frames(samples: Floats, lead: int, count: int) -> Floats:
     return strided(padded, (n_signals, count, N_FFT), (needed, HOP, 1))
 
 
-def _blocks(frames: Floats, used: NDArray[np.int64] | None = None) -> Iterator[Floats]:
-    """Yield the frames (or those used), under a Hann window, a block at a time, each in fresh memory."""
+def _track_blocks(track: Floats, used: NDArray[np.int64]) -> Iterator[tuple[Floats, NDArray[np.int64]]]:
+    """Yield windowed frames of a track, in fresh memory, in blocks that lie on a grid from its beginning.
+
+    Blocks are whole, whatever is used of them, so that a frame's numbers do not depend on that.
+    """
+    n_blocks = -(-(int(used[-1]) + 1) // _BLOCK)
+    frames = _frames(track[np.newaxis], N_FFT // 2, n_blocks * _BLOCK).reshape(n_blocks, _BLOCK, N_FFT)
     window = hann(N_FFT).astype(np.float32)
-    count = len(frames) if used is None else len(used)
-    for start in range(0, count, _BLOCK):
-        part = slice(start, start + _BLOCK)
-        yield (frames[part] if used is None else frames[used[part]]) * window
+    for block in np.unique(used // _BLOCK):
+        yield frames[block : block + 1] * window, used[used // _BLOCK == block] - block * _BLOCK
+
+
+def _own_blocks(heads: Floats, tails: Floats) -> Iterator[tuple[Floats, NDArray[np.int64]]]:
+    """Yield the windowed frames at the ends of windows, (W, n, 2048), a block a window, some windows at a time."""
+    window = hann(N_FFT).astype(np.float32)
+    n_frames = heads.shape[1] + tails.shape[1]
+    at_once = -(-_BLOCK // n_frames)
+    for first in range(0, len(heads), at_once):
+        part = slice(first, first + at_once)
+        stack = np.concatenate([heads[part], tails[part]], axis=1) * window
+        yield stack, np.arange(len(stack) * n_frames)
 
 
 def hann(length: int) -> NDArray[np.float64]:

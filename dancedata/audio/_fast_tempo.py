@@ -19,6 +19,7 @@ from dancedata.audio._fast_spectra import HOP, hann
 _WINDOW_S = 8.0
 _MAX_BPM = 320.0
 _FRAMES_AT_ONCE = 256
+_MIN_RISE = np.float32(1e-12)
 # What float32 may do to the mean autocorrelation, of which lag 0 is 1; seen: up to 2e-7.
 _FLOAT32_ERROR = 2e-6
 
@@ -29,7 +30,7 @@ def window_tempos(envelopes: Floats, rate: int, start_bpm: float) -> NDArray[np.
     single = _mean_autocorrelations(envelopes, len(tempos), np.dtype(np.float32))
     score = _score(single, log_prior)
     best = score.argmax(axis=1)
-    for window in np.flatnonzero(_is_close(score, best, single)):
+    for window in np.flatnonzero(_is_close(score, best, single) | _is_too_faint(envelopes)):
         double = _mean_autocorrelations(envelopes[[window]], len(tempos), np.dtype(np.float64))
         best[window] = _score(double, log_prior)[0].argmax()
     found: NDArray[np.float64] = tempos[best]
@@ -51,6 +52,11 @@ def _score(autocorrelation: NDArray[np.float64], log_prior: NDArray[np.float64])
     # Never below zero but for rounding: envelopes are not.
     score: NDArray[np.float64] = np.log1p(1e6 * np.maximum(autocorrelation, 0.0)) + log_prior
     return score
+
+
+def _is_too_faint(envelopes: Floats) -> NDArray[np.bool_]:
+    """Tell which envelopes (W, T) hold numbers whose squares are nothing in float32; those of sounds do not."""
+    return np.asarray(((envelopes > 0) & (envelopes < _MIN_RISE)).any(axis=1))
 
 
 def _is_close(
@@ -80,7 +86,7 @@ def _mean_autocorrelations(envelopes: Floats, n_lags: int, dtype: np.dtype[np.fl
             part = frames[w, first : first + _FRAMES_AT_ONCE]
             windowed = np.multiply(part, window, out=work[: len(part), :n_lags])
             energy = np.einsum("tn,tn->t", windowed, windowed)
-            weight = np.divide(1, energy, out=np.zeros_like(energy), where=energy > 0)
+            weight = np.divide(1, energy, out=np.zeros_like(energy), where=energy >= np.finfo(dtype).tiny)
             spectrum = scipy.fft.rfft(work[: len(part)], axis=1).view(dtype)
             # Real and imaginary parts take turns.
             power[w] += weight @ np.square(spectrum, out=spectrum)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dancedata.audio._fast_arrays import Floats, cut, times
+from dancedata.audio._fast_arrays import Floats, cut, each_times
 from dancedata.audio._fast_resample import head_matrix, period, reach_in, reach_out, resampled, tail_matrix
 from dancedata.audio.signal import resampled_length
 
@@ -59,6 +59,11 @@ class Windows:
         """Return some of the windows."""
         return Windows(self.track, self.starts[part], self.length, self.heads[part], self.tails[part])
 
+    def largest(self) -> Floats:
+        """Return the largest magnitude of the samples of every window, (W,)."""
+        peaks = [np.abs(self.track[start : start + self.length]).max() for start in self.starts]
+        return np.array(peaks, dtype=np.float32)
+
     def head(self, count: int) -> Floats:
         """Return the first samples of every window, (W, count); `end` <= count <= length - `end`."""
         samples = cut(self.track, self.starts, count)
@@ -96,8 +101,8 @@ def resampled_windows(
     # The tail's input has to begin at a time with a sample of both rates, as the windows do.
     step = period(from_rate, to_rate)
     n_tail = length - (length - n_head) // step * step
-    heads = times(cut(samples, starts, n_head), head_matrix(from_rate, to_rate, n_head, end))
-    tails = times(cut(samples, starts + (length - n_tail), n_tail), tail_matrix(from_rate, to_rate, n_tail, end))
+    heads = each_times(cut(samples, starts, n_head), head_matrix(from_rate, to_rate, n_head, end))
+    tails = each_times(cut(samples, starts + (length - n_tail), n_tail), tail_matrix(from_rate, to_rate, n_tail, end))
     return Windows(resampled(samples, from_rate, to_rate), new_starts, new_length, heads, tails)
 
 
@@ -120,6 +125,6 @@ def halved_windows(windows: Windows, track: Floats) -> Windows:
     n_head = 3 * END
     # From an even sample on, as the windows; so one more where their length is odd.
     n_tail = n_head + windows.length % 2
-    heads = times(windows.head(n_head), head_matrix(2, 1, n_head, END)) / np.sqrt(np.float32(0.5))
-    tails = times(windows.tail(n_tail), tail_matrix(2, 1, n_tail, END)) / np.sqrt(np.float32(0.5))
+    heads = each_times(windows.head(n_head), head_matrix(2, 1, n_head, END)) / np.sqrt(np.float32(0.5))
+    tails = each_times(windows.tail(n_tail), tail_matrix(2, 1, n_tail, END)) / np.sqrt(np.float32(0.5))
     return Windows(track, windows.starts // 2, (windows.length + 1) // 2, heads, tails)

@@ -16,11 +16,11 @@ from dancedata.audio._fast_arrays import Floats, one_blas_thread
 from dancedata.audio._fast_beats import window_beats
 from dancedata.audio._fast_chroma import cens, window_chroma
 from dancedata.audio._fast_filters import N_OCTAVES, filter_bank, has_one_bank
-from dancedata.audio._fast_onset import envelope_and_mfcc, onset_peaks
-from dancedata.audio._fast_resample import resampled
+from dancedata.audio._fast_onset import envelope_and_mfcc
+from dancedata.audio._fast_resample import MAX_PERIOD, period, resampled
 from dancedata.audio._fast_spectra import HOP, mel_db, window_spectra
 from dancedata.audio._fast_tempo import window_tempos
-from dancedata.audio._fast_ties import decide_near_ties, librosa_tuning
+from dancedata.audio._fast_ties import decide_near_ties, decided_onsets, librosa_tuning
 from dancedata.audio._fast_tuning import window_tuning
 from dancedata.audio._fast_windows import Windows, resampled_windows, shortest
 from dancedata.audio.signal import pcm16, resampled_length
@@ -45,6 +45,14 @@ def why_not_windows(n_samples: int, sample_rate: int, rate: int) -> str:
         return f"at {rate / HOP:g} frames a second librosa's constant-Q filters are not alike in all octaves"
     is_short = resampled_length(n_samples, sample_rate, rate) < HOP * _MIN_ROWS
     return f"it needs more than {_MIN_ROWS} rows" if is_short else ""
+
+
+def why_not_shared(sample_rate: int, rate: int) -> str:
+    """Say why windows at this sample rate share no work, so that each takes three times as long; empty if they do."""
+    samples = period(sample_rate, rate)
+    if samples <= MAX_PERIOD:
+        return ""
+    return f"samples at {sample_rate} Hz and at {rate} Hz coincide only every {samples}, more than {MAX_PERIOD}"
 
 
 def why_not_track(samples: Floats, sample_rate: int, rate: int) -> str:
@@ -81,7 +89,7 @@ def window_features(
     ----------
     starts
         (W,) first samples, in any order. Windows that begin a whole number of frames after the signal does
-        share work; others are computed by themselves, at a third of the speed.
+        share work, unless `why_not_shared`; others are computed by themselves, at a third of the speed.
     """
     n_rows = 1 + resampled_length(n_samples, sample_rate, rate) // HOP
     features = np.empty((len(starts), n_rows, N_COLUMNS), dtype=np.float32)
@@ -146,12 +154,12 @@ def _features(
         same = np.flatnonzero(np.asarray(bpms) == bpm)
         tempos[same] = window_tempos(envelope[same], rate, bpm)
     chroma = window_chroma(windows, tunings, rate)
-    decide_near_ties(chroma, tunings, rate, samples_of)
+    decide_near_ties(chroma, windows.largest(), tunings, rate, samples_of)
     features = np.empty((*envelope.shape, N_COLUMNS), dtype=np.float32)
     features[..., 0] = envelope
     features[..., 1:21] = mfcc
     features[..., 21:33] = cens(chroma)
-    features[..., 33] = onset_peaks(envelope, rate)
+    features[..., 33] = decided_onsets(envelope, rate, samples_of)
     features[..., 34] = window_beats(envelope, tempos, rate, tightness)
     return features
 
@@ -165,7 +173,7 @@ def _tiles(
     whatever windows are asked for, so that what a window gets does not depend on the others.
     """
     half = len(filter_bank(0, rate).even)
-    if n_samples < shortest(sample_rate, rate, N_OCTAVES - 1, half):
+    if n_samples < shortest(sample_rate, rate, N_OCTAVES - 1, half) or why_not_shared(sample_rate, rate):
         return
     in_time = np.argsort(starts, kind="stable")
     on_frames = in_time[starts[in_time] * rate % (HOP * sample_rate) == 0]

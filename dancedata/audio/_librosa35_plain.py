@@ -109,6 +109,13 @@ def _compute(
     return features
 
 
+def estimated_bpm(samples: NDArray[np.float32], sample_rate: int) -> float:
+    """Estimate a tempo from a signal alone, beats a minute."""
+    compile_kernels()
+    with _known_librosa_warnings():
+        return _estimated_bpm(samples, sample_rate)
+
+
 def _estimated_bpm(samples: NDArray[np.float32], sample_rate: int) -> float:
     import librosa
 

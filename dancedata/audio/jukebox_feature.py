@@ -70,6 +70,7 @@ class Jukebox:
     packages: ClassVar[tuple[str, ...]] = ("torch", "soxr")
     #: The next song is decoded while the device computes.
     reads_ahead: ClassVar[bool] = True
+    exact: ClassVar[bool] = False
     uses_tempo: ClassVar[bool] = False
 
     weights: Path | None = field(default=None, metadata={"path": True})

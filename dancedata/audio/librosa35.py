@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from dancedata.audio import _librosa35_fast as fast
 from dancedata.audio import _librosa35_plain as plain
-from dancedata.audio.signal import resampled_length
+from dancedata.audio.signal import pcm16, resampled_length
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.columns import Columns, Group
 from dancedata.core.errors import DataError, UsageError
@@ -60,16 +60,16 @@ class Librosa35:
     method
         "fast" computes once what windows have in common, without librosa. "librosa" calls librosa, one call a
         column group and window, and takes thirty times as long (docs/performance.md). The numbers are the same
-        within 1e-4 dB (envelope), 1e-3 dB (MFCC) and 1e-6 (chroma), peaks and beats are equal:
-        docs/decisions/0010. What "fast" cannot do is done as by "librosa", and logged with the reason: signals
-        and windows of less than 17 rows, more than 64 frames a second, and tracks whose largest sample is beyond
-        1e6 or below 1e-6.
+        within 1e-4 dB (envelope), 1e-3 dB (MFCC) and 1e-6 (chroma), peaks and beats are equal;
+        docs/decisions/0010 says why, and where that ends. What "fast" cannot do is done as by "librosa", and logged
+        with the reason: signals and windows of less than 17 rows, more than 64 frames a second, and tracks whose
+        largest sample is beyond 1e6 or below 1e-6.
     """
 
     tightness: float = 100
     method: Literal["fast", "librosa"] = "fast"
 
-    version: ClassVar[int] = 2
+    version: ClassVar[int] = 3
     packages: ClassVar[tuple[str, ...]] = ("librosa", "numpy", "scipy", "soxr")
     dtype: ClassVar[str] = "float32"
 
@@ -120,6 +120,26 @@ class Librosa35:
         is_fast = self._is_fast(lambda: fast.why_not_track(signal.samples, signal.sample_rate, rate))
         compute = fast.track_features if is_fast else plain.track_features
         return compute(signal.samples, signal.sample_rate, rate, start_bpm, self.tightness)
+
+    def estimated_bpm(self, signal: AudioSignal, grid: FrameGrid) -> float:
+        """Return the tempo that `extract` starts from where none is given, beats a minute."""
+        rate = _feature_rate(grid)
+        _require_samples(signal)
+        is_fast = self._is_fast(lambda: fast.why_not_track(signal.samples, signal.sample_rate, rate))
+        estimate = fast.estimated_bpm if is_fast else plain.estimated_bpm
+        return estimate(signal.samples, signal.sample_rate)
+
+    def estimated_window_bpms(
+        self, signal: AudioSignal, starts: NDArray[np.int64], n_samples: int, grid: FrameGrid
+    ) -> list[float]:
+        """Return the tempos that `extract_windows` starts from where none is given, one a window."""
+        rate = _feature_rate(grid)
+        _require_samples(signal)
+        _require_windows(signal, starts, n_samples)
+        is_fast = self._is_fast(lambda: fast.why_not_windows(n_samples, signal.sample_rate, rate))
+        estimate = fast.estimated_bpm if is_fast else plain.estimated_bpm
+        windows = (pcm16(signal.samples[int(start) : int(start) + n_samples]) for start in starts)
+        return [estimate(window, signal.sample_rate) for window in windows]
 
     def extract_windows(
         self,
@@ -180,6 +200,8 @@ class Librosa35:
         if len(starts) == 0:
             return np.empty((0, n_rows, self.columns.width), dtype=np.float32)
         is_fast = self._is_fast(lambda: fast.why_not_windows(n_samples, signal.sample_rate, rate))
+        if is_fast and (reason := fast.why_not_shared(signal.sample_rate, rate)):
+            _log_once("librosa35: windows are computed one by one, three times as slowly: %s", reason)
         compute = fast.window_features if is_fast else plain.window_features
         features = compute(signal.samples, starts, n_samples, signal.sample_rate, rate, start_bpm, self.tightness)
         return features[:, :n_rows]
@@ -190,14 +212,14 @@ class Librosa35:
             return False
         reason = why_not()
         if reason:
-            _log_fallback(reason)
+            _log_once("librosa35: method fast computes as method librosa does, slowly: %s", reason)
         return not reason
 
 
 @lru_cache(maxsize=64)
-def _log_fallback(reason: str) -> None:
-    """Log a reason, once a process."""
-    _log.warning("librosa35: method fast computes as method librosa does, slowly: %s", reason)
+def _log_once(message: str, reason: str) -> None:
+    """Log a reason, once per process."""
+    _log.warning(message, reason)
 
 
 def _feature_rate(grid: FrameGrid) -> int:

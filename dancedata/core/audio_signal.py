@@ -51,33 +51,26 @@ class AudioSignal:
         samples.setflags(write=False)
         object.__setattr__(self, "samples", samples)
 
+    def __repr__(self) -> str:
+        """Show length and rate; not the samples."""
+        seconds = self.n_samples / self.sample_rate
+        return f"AudioSignal({self.n_samples} samples at {self.sample_rate} Hz, {seconds:.2f} s)"
+
     @property
     def n_samples(self) -> int:
         """Number of samples n."""
         return len(self.samples)
 
     @cached_property
-    def block_sha256s(self) -> tuple[str, ...]:
-        """Hashes of the samples, a quarter of a second each, the last block as short as the signal leaves it."""
-        step = self.block_samples
-        return tuple(self.hash_of(begin, begin + step) for begin in range(0, self.n_samples, step))
-
-    @property
-    def block_samples(self) -> int:
-        """Samples of a block: a quarter of a second."""
-        return max(1, self.sample_rate // 4)
-
-    def hash_of(self, start: int, stop: int) -> str:
-        """Return the hash of samples start .. stop - 1."""
-        return sha256_bytes(self.samples[start:stop].astype("<f4", copy=False).data)
-
-    @cached_property
     def sha256(self) -> str:
         """Hash of the rate and the samples: what the signal is, whatever file or format it came from.
 
-        It is that of the blocks' hashes, which windows of the signal have a use for as well.
+        It is the hash of the hashes of its quarters of a second.
         """
-        return sha256_bytes(f"{self.sample_rate} {self.n_samples} {' '.join(self.block_sha256s)}".encode())
+        step = max(1, self.sample_rate // 4)
+        quarters = [self.samples[k : k + step].astype("<f4", copy=False) for k in range(0, self.n_samples, step)]
+        hashes = " ".join(sha256_bytes(quarter.data) for quarter in quarters)
+        return sha256_bytes(f"{self.sample_rate} {self.n_samples} {hashes}".encode())
 
     def part(self, start: int, stop: int) -> AudioSignal:
         """Return samples start .. stop - 1."""

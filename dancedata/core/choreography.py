@@ -47,6 +47,10 @@ class PlacedCues:
     on_beat: BoolArray
     free: BoolArray
 
+    def __repr__(self) -> str:
+        """Show how many there are, and how many stand on beats."""
+        return f"PlacedCues({' x '.join(str(n) for n in self.frames.shape)}, {int(self.on_beat.sum())} on beats)"
+
 
 def choreographic_augmentation(primitives: Primitives, beats: npt.ArrayLike, mirror: Mirror) -> PlacedCues:
     """Mirror the soft cues, 8 become 16, and place them on beats.

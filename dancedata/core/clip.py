@@ -12,6 +12,11 @@ from dancedata.core.text import shown
 
 #: Characters that are kept of what is said of a file: of a name, of a path, and in words.
 _MAX_NAME, _MAX_PATH, _MAX_DETAIL = 300, 4400, 3000
+_LIMITS = {
+    **dict.fromkeys(("reason", "clip", "music"), _MAX_NAME),
+    "file": _MAX_PATH,
+    **dict.fromkeys(("detail", "fix"), _MAX_DETAIL),
+}
 
 
 @dataclass(frozen=True)
@@ -29,6 +34,8 @@ class ClipRef:
     declared
         What the source says of how this file is to be read, apart from the dataset's parameters: (name, value),
         such as ("fps", "120") from a manifest. It is for `load`, and part of the cache key.
+    music_fix
+        Where there is no `audio_path`: what to do about it, such as which file to rename; "" if nothing is known.
     """
 
     id: str
@@ -42,6 +49,7 @@ class ClipRef:
     lists: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     declared: tuple[tuple[str, str], ...] = ()
+    music_fix: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +95,10 @@ class Reject:
         First frame of the window, where only a window was left out.
     numbers
         What was measured.
+    music
+        The song that is missing, where one is: clips are many, songs are few.
+    fix
+        What to do about it, where that is known.
     """
 
     reason: str
@@ -95,22 +107,30 @@ class Reject:
     window: int | None = None
     detail: str = ""
     numbers: Mapping[str, float | int] = field(default_factory=dict)
+    music: str = ""
+    fix: str = ""
 
     def __post_init__(self) -> None:
         """Make the texts fit to be printed and stored."""
-        for name, limit in (("clip", _MAX_NAME), ("file", _MAX_PATH), ("detail", _MAX_DETAIL)):
+        for name, limit in _LIMITS.items():
             object.__setattr__(self, name, shown(getattr(self, name), limit))
 
     def to_json(self) -> dict[str, Any]:
         """Return plain JSON data, without what is empty."""
         row: dict[str, Any] = {"reason": self.reason}
-        for name in ("clip", "file", "window", "detail"):
+        for name in ("clip", "file", "window", "detail", "music", "fix"):
             value = getattr(self, name)
             if value not in ("", None):
                 row[name] = value
         if self.numbers:
             row["numbers"] = dict(self.numbers)
         return row
+
+    @classmethod
+    def from_json(cls, row: Mapping[str, Any]) -> Reject:
+        """Read what `to_json` gave; keys that this version does not have are passed over."""
+        texts = {name: str(row.get(name, "")) for name in ("clip", "file", "detail", "music", "fix")}
+        return cls(str(row.get("reason", "")), window=row.get("window"), numbers=row.get("numbers", {}), **texts)
 
 
 @dataclass(frozen=True)
@@ -138,3 +158,8 @@ class Scan:
     def __post_init__(self) -> None:
         """Make the notes fit to be printed and stored."""
         object.__setattr__(self, "notes", tuple(shown(note, _MAX_DETAIL) for note in self.notes))
+
+    def __repr__(self) -> str:
+        """Show how much was found; `clips`, `rejects` and `notes` say what."""
+        counts = f"{len(self.clips)} clips, {len(self.rejects)} rejects, {len(self.notes)} notes"
+        return f"Scan(layout={self.layout!r}, {counts})"

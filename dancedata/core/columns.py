@@ -22,6 +22,11 @@ class Mirror:
     permutation: tuple[int, ...]
     signs: tuple[int, ...]
 
+    def __repr__(self) -> str:
+        """Show how many columns change places, and how many their sign."""
+        moved = sum(k != j for j, k in enumerate(self.permutation))
+        return f"Mirror({len(self.permutation)} columns, {moved} swapped, {self.signs.count(-1)} negated)"
+
     def apply(self, x: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """Return the mirror image of x, (..., D), in x's dtype."""
         image: npt.NDArray[Any] = x[..., list(self.permutation)] * np.asarray(self.signs, dtype=x.dtype)
@@ -54,6 +59,10 @@ class Group:
     unit: str
     parts: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        """Show name, width and unit."""
+        return f"Group({self.name!r}, width={self.width}, unit={self.unit!r})"
+
     def __post_init__(self) -> None:
         """Check that names and width agree."""
         if self.width < 1 or (self.parts and len(self.parts) != self.width):
@@ -80,6 +89,11 @@ class Columns:
             raise UsageError("a mirror must be a signed permutation of the columns", found=f"{len(order)} entries")
         if any(order[order[j]] != j or signs[j] != signs[order[j]] for j in range(self.width)):
             raise UsageError("mirroring twice must give back the columns")
+
+    def __repr__(self) -> str:
+        """Show the groups with their widths."""
+        groups = ", ".join(f"{g.name} {g.width}" for g in self.groups)
+        return f"Columns({self.width}: {groups}{'; has a mirror image' if self.mirror is not None else ''})"
 
     @property
     def width(self) -> int:

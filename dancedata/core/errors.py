@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable
 from typing import ClassVar
 
+from dancedata.core.nearest import closest
 from dancedata.core.text import printable, shown
 
 #: Characters of a path that a message shows: all that a file system takes.
 _MAX_WHERE = 4400
 #: Characters of every other part of a message: lists of all problems of a recipe are the longest.
 _MAX_PART = 20_000
+#: Known names that a message lists: all joints of a skeleton, not all clips of a dataset.
+_LISTED = 60
 
 
 class DanceDataError(Exception):
@@ -51,15 +53,15 @@ class DanceDataError(Exception):
 
     def __str__(self) -> str:
         """Join the parts into one readable text; what does not print is written as backslash sequences."""
-        text = self._part(self.problem, _MAX_PART)
+        text = self._part(self.problem, _MAX_PART, lines=True)
         if self.where is not None:
             text = f"{shown(self.where, _MAX_WHERE)}: {text}"
         if self.found is not None:
-            text += f"; found {self._part(self.found, self.limit)}"
+            text += f"; found {self._part(self.found, self.limit, self.lines)}"
         if self.allowed is not None:
-            text += f"; allowed: {self._part(self.allowed, self.limit)}"
+            text += f"; allowed: {self._part(self.allowed, self.limit, self.lines)}"
         if self.fix:
-            fix = self._part(self.fix, _MAX_PART)
+            fix = self._part(self.fix, _MAX_PART, self.lines)
             # A sentence begins with a capital, a file name or key keeps its own.
             first = fix.split(maxsplit=1)[0]
             fix = f"{fix[:1].upper()}{fix[1:]}" if first.rstrip(",:").isalpha() else fix
@@ -67,10 +69,11 @@ class DanceDataError(Exception):
             text += fix if text.endswith("\n") else f". {fix}"
         return text
 
-    def _part(self, value: object, limit: int) -> str:
+    @staticmethod
+    def _part(value: object, limit: int, lines: bool) -> str:
         if not isinstance(value, str):
             return shown(value)
-        return printable(value if len(value) <= limit else f"{value[:limit]}...", lines=self.lines)
+        return printable(value if len(value) <= limit else f"{value[:limit]}...", lines=lines)
 
     def __reduce__(self) -> tuple[object, ...]:
         """Pickle with all parts, so that errors survive the way back from a worker process."""
@@ -127,9 +130,16 @@ class DataError(DanceDataError):
         self.reason = reason
 
 
-def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Return "did you mean 'x'? known: a, b, c" for a misspelt name."""
+def did_you_mean(name: str, known: Iterable[str], also: Iterable[str] = ()) -> str:
+    """Return "did you mean 'x'? known: a, b, c" for a misspelt name; names may come from files.
+
+    Parameters
+    ----------
+    also
+        Names that may be meant and are not listed.
+    """
     names = [shown(k) for k in known]
-    close = difflib.get_close_matches(shown(name), names, n=1, cutoff=0.5)
-    listed = f"known: {', '.join(names)}" if names else "none is known"
-    return f"did you mean {close[0]!r}? {listed}" if close else listed
+    close = closest(shown(name), [*names, *also])
+    more = f" and {len(names) - _LISTED:,} more" if len(names) > _LISTED else ""
+    listed = f"known: {', '.join(names[:_LISTED])}{more}" if names else "none is known"
+    return f"did you mean {close!r}? {listed}" if close is not None else listed

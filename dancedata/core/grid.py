@@ -127,6 +127,10 @@ class FrameGrid:
             )
         return int(exact)
 
+    def __repr__(self) -> str:
+        """Show what makes an equal grid: FrameGrid.of(30) or FrameGrid.of('30000/1001')."""
+        return f"FrameGrid.of({self.rate.numerator if self.rate.denominator == 1 else str(self.rate)!r})"
+
     def __str__(self) -> str:
         """Show the rate: 30 or 30000/1001."""
         return str(self.rate)

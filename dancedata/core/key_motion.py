@@ -46,6 +46,10 @@ class KeyMotion:
     minima: IntArray
     prominence: Float64Array
 
+    def __repr__(self) -> str:
+        """Show how many minima the curve has."""
+        return f"KeyMotion(curve of {len(self.curve)} frames, {len(self.minima)} minima)"
+
     def to_rows(self) -> npt.NDArray[np.float32]:
         """Return one row a frame, (T, 3) float32: curve, 1 at a minimum else 0, prominence there else 0.
 

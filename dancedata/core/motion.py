@@ -118,6 +118,12 @@ class Motion:
         """Number of frames T."""
         return len(self.rotations)
 
+    def __repr__(self) -> str:
+        """Show length, rate and skeleton; not the arrays."""
+        length = f"{self.n_frames} frames at {self.grid} FPS, {float(self.grid.seconds(self.n_frames)):.2f} s"
+        trimmed = f", trim_start {self.trim_start}" if self.trim_start else ""
+        return f"Motion({length}, skeleton {self.skeleton.name}{trimmed})"
+
     def part(self, start: int, stop: int) -> Motion:
         """Return frames start .. stop - 1. A part that lies before trim_start as a whole has none of its own."""
         trim = self.trim_start - start

@@ -48,6 +48,11 @@ class MinMax:
         """Number of columns D."""
         return len(self.data_min)
 
+    def __repr__(self) -> str:
+        """Show the number of columns, and how many were constant in training."""
+        constant = int((self.data_range < CONSTANT_RANGE).sum())
+        return f"MinMax({self.width} columns, {constant} of them constant)"
+
     def normalize(self, x: Any, clip: bool = True) -> Any:
         """Map x, (..., D) numpy or torch, to [-1, 1]; values beyond training's range are cut off if `clip`."""
         scale, offset = self._like(x)

@@ -138,8 +138,14 @@ class AudioFeature(Protocol):
         of weights. Left out by most.
     workers
         ``workers(jobs) -> int``: processes it is worth running in, if that is not `jobs`.
+    exact
+        False if bits may differ between machines, within a tolerance, as those of a network on a GPU do; it is then
+        computed in whichever process asks. Else, and where it is left out, bits are the same on every machine.
     uses_tempo
         False if it makes nothing of `start_bpm`, which is then no part of the cache key.
+    estimated_bpm, estimated_window_bpms
+        ``estimated_bpm(signal, grid) -> float`` and ``estimated_window_bpms(signal, starts, n_samples, grid)``, a
+        list: the tempos that `extract` and `extract_windows` estimate where `start_bpm` is None, for people to see.
     reads_ahead
         True if it computes on a device, so that the next song may be decoded meanwhile.
     make_example

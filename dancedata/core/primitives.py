@@ -63,6 +63,11 @@ class Primitives:
     n_window: int
     n_segment: int
 
+    def __repr__(self) -> str:
+        """Show how many there are, and how many of them are hard."""
+        shape = " x ".join(str(n) for n in self.frames.shape)
+        return f"Primitives({shape}, {int(self.hard.sum())} hard, window {self.n_window}, segment {self.n_segment})"
+
 
 def primitives(
     window: npt.NDArray[Any],

@@ -9,41 +9,102 @@ import numpy as np
 
 from dancedata.core.motion import Motion
 from dancedata.core.rotations import angles_between
+from dancedata.core.skeleton import Skeleton
 
 #: Faster than any joint of a dancer: 45 degrees in a frame at 60 FPS.
 MAX_TURN_DEG_S = 2700.0
 #: Faster than any dancer's pelvis.
 MAX_ROOT_SPEED_M_S = 12.0
+#: Sizes of a body at rest, metres: from children to the tallest.
+PLAUSIBLE_BODY_M = (1.0, 2.5)
+#: Flags of a whole clip, which is probably in another unit than was declared or read.
+IMPLAUSIBLE = ("implausible_body", "implausible_root")
+#: How far the root rises and falls, as a multiple of what the pose asks for. Jumps add to it, and nothing takes from
+#: it: 0.9 to 9.6 in real and synthetic dances. Other usual units are at most 1/17 of a metre.
+PLAUSIBLE_ROOT = (0.1, 10.0)
+#: Poses that ask for less than this, metres (standard deviation), say nothing about the root.
+_LEAST_DROP_M = 0.005
+#: A root that stays within this range of heights, metres, is never too large: dancers climb stairs.
+_ROOM_M = 3.0
+#: A root that does not move at all was taken out on purpose.
+_STILL_M = 1e-6
 
 
 @dataclass(frozen=True)
 class Flag:
-    """Something suspicious between `frame` and the next one, at the source's frame rate.
+    """Something suspicious about a clip, or between `frame` and the next one, at the source's frame rate.
 
     Attributes
     ----------
     kind
-        "fast_turn": value is an angle, degrees. "root_jump": value is a distance, metres.
+        "fast_turn": value is an angle, degrees. "root_jump": value is a distance, metres. Those in `IMPLAUSIBLE` are
+        of the whole clip. "implausible_body": value is the size of the skeleton, metres. "implausible_root": value is
+        how many times as far the root rises and falls as the pose asks for.
+    joint, frame
+        Empty and None for a flag of the whole clip.
     rate
         Frames a second of `frame`, as text.
     """
 
     kind: str
     joint: str
-    frame: int
+    frame: int | None
     value: float
     unit: str
     rate: str
 
     def to_json(self) -> dict[str, Any]:
-        """Return plain JSON data."""
-        return {**self.__dict__}
+        """Return plain JSON data; a flag of the whole clip has no joint and no frame."""
+        return {name: value for name, value in self.__dict__.items() if value not in ("", None)}
+
+
+def implausible_flags(motion: Motion) -> list[Flag]:
+    """Find bodies and paths that no dancer has, as a wrong unit makes them.
+
+    Bodies are judged by their bones, because a dancer may lie on the floor. Where the bones are those of a body
+    model, the unit concerns the translation alone: it is judged by what keeps the lowest joint at one height.
+    """
+    flags = []
+    size = body_size(motion.skeleton)
+    if not PLAUSIBLE_BODY_M[0] <= size <= PLAUSIBLE_BODY_M[1]:
+        flags.append(Flag("implausible_body", "", None, round(size, 4), "m", str(motion.grid)))
+    ratio = _implausible_root(motion)
+    if ratio is not None:
+        flags.append(Flag("implausible_root", "", None, round(ratio, 6), "1", str(motion.grid)))
+    return flags
+
+
+def body_size(skeleton: Skeleton) -> float:
+    """Return the largest extent of a skeleton at rest along an axis, metres: the height, or the span of the arms."""
+    places = np.zeros((skeleton.n_joints, 3))
+    for joint, parent in enumerate(skeleton.parents):
+        if parent >= 0:
+            places[joint] = places[parent] + skeleton.offsets[joint]
+    return float(np.ptp(places, axis=0).max())
+
+
+def _implausible_root(motion: Motion) -> float | None:
+    """Return how far the root rises and falls against how far the pose bends, if no dancer moves so."""
+    height = motion.translation[:, 1]
+    drop = motion.joints()[..., 1].min(axis=1) - height
+    moved, asked = float(height.std()), float(drop.std())
+    if asked < _LEAST_DROP_M or moved < _STILL_M:
+        return None
+    ratio, (low, high) = moved / asked, PLAUSIBLE_ROOT
+    return ratio if ratio < low or (ratio > high and np.ptp(height) > _ROOM_M) else None
 
 
 def quality_flags(
     motion: Motion, max_turn_deg_s: float = MAX_TURN_DEG_S, max_root_speed_m_s: float = MAX_ROOT_SPEED_M_S
 ) -> list[Flag]:
-    """Find joints that turn, and roots that move, faster than a dancer can; ordered by frame, then joint."""
+    """Find bodies that are implausible, joints that turn, and roots that move, faster than a dancer can.
+
+    Flags of the whole clip come first, then those of frames, ordered by frame, then joint.
+    """
+    return implausible_flags(motion) + _fast_flags(motion, max_turn_deg_s, max_root_speed_m_s)
+
+
+def _fast_flags(motion: Motion, max_turn_deg_s: float, max_root_speed_m_s: float) -> list[Flag]:
     if motion.n_frames < 2:
         return []
     rate = float(motion.grid.rate)
@@ -58,4 +119,4 @@ def quality_flags(
         Flag("root_jump", root, int(t), round(float(steps[t]), 4), "m", str(motion.grid))
         for t in np.flatnonzero(steps * rate > max_root_speed_m_s)
     ]
-    return sorted(flags, key=lambda f: (f.frame, f.kind, f.joint))
+    return sorted(flags, key=lambda f: (f.frame or 0, f.kind, f.joint))

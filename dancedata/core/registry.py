@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import lru_cache
 from importlib.metadata import entry_points
 from typing import Any, TypeVar
@@ -56,13 +56,13 @@ class Registry:
         self._load()
         return tuple(sorted(self._classes))
 
-    def get(self, name: str) -> type[Any]:
-        """Return a plug-in class; UsageError with the closest known name."""
+    def get(self, name: str, also: Iterable[str] = ()) -> type[Any]:
+        """Return a plug-in class; UsageError with the closest known name, or of `also`, see `did_you_mean`."""
         self._load()
         try:
             return self._classes[name]
         except KeyError:
-            raise UsageError(f"unknown {self.kind} {name!r}", fix=did_you_mean(name, self.names())) from None
+            raise UsageError(f"unknown {self.kind} {name!r}", fix=did_you_mean(name, self.names(), also)) from None
 
     def _load(self) -> None:
         if self._loaded:

@@ -64,6 +64,10 @@ class Skeleton:
         """Number of joints J."""
         return len(self.joints)
 
+    def __repr__(self) -> str:
+        """Show name and number of joints."""
+        return f"Skeleton({self.name!r}, {self.n_joints} joints)"
+
     def index(self, joint: str) -> int:
         """Return the index of a joint by name; UsageError with the closest name."""
         try:

@@ -14,7 +14,7 @@ from numbers import Integral, Real
 from typing import Any
 from unicodedata import category
 
-__all__ = ["MAX_SHOWN", "is_unicode", "json_text", "printable", "quoted", "shown"]
+__all__ = ["MAX_SHOWN", "counted", "is_unicode", "json_text", "printable", "quoted", "shown"]
 
 #: Characters of a value that a message shows.
 MAX_SHOWN = 200
@@ -146,3 +146,8 @@ def json_text(obj: Any) -> str:
     if text.isascii() and "\x7f" not in text:
         return text
     return _UNPRINTABLE.sub(lambda found: found[0] if _prints(found[0]) else json.dumps(found[0])[1:-1], text)
+
+
+def counted(n: int, noun: str) -> str:
+    """Return a number of things in words: "1 clip", "1,408 clips"."""
+    return f"{n:,} {noun}{'' if n == 1 else 's'}"

@@ -10,6 +10,7 @@ from dancedata.core.clip import Reject
 from dancedata.core.errors import SourceError
 from dancedata.datasets._aistpp_names import is_music_id, parse_name
 from dancedata.datasets._layout import describe, few, list_folder, relative, require_folder
+from dancedata.datasets._near_music import MUSIC, NearMusic
 
 __all__ = [
     "MUSIC_FOLDERS",
@@ -20,13 +21,15 @@ __all__ = [
     "layout_name",
     "list_motions",
     "list_music",
+    "music_expected",
     "music_in_use",
+    "near_music",
     "unused_music",
 ]
 
 MOTIONS = "motions"
 MUSIC_FOLDERS = ("wavs", "music", "audio", "musics")
-EXTENSIONS = (".wav", ".flac", ".mp3", ".ogg")  # in order of preference: lossless first
+EXTENSIONS = MUSIC
 SUBFOLDERS = (
     "edge_aistpp",
     "aist_plusplus_final",
@@ -207,6 +210,23 @@ def unused_music(folders: Folders, motions: MotionFiles, music: MusicFiles) -> l
             detail = "no motion found is danced to it"
         rejects.append(Reject("unused_music", file=relative(path, folders.source), detail=detail))
     return rejects
+
+
+def music_expected(folders: Folders, music: MusicFiles) -> str:
+    """Folder below the source in which missing music would be found: one that holds music, else wavs/."""
+    folder = music.folders[0] if music.folders else folders.root / MUSIC_FOLDERS[0]
+    name = relative(folder, folders.source)
+    return "" if name == "." else f"{name}/"
+
+
+def near_music(folders: Folders, music: MusicFiles) -> NearMusic:
+    """Files that may be the music of a sequence and are not named so, or lie elsewhere."""
+    return NearMusic(
+        folders.source,
+        (*folders.places, *_music_folders(folders)),
+        set(music.files.values()),
+        lambda stem: is_music_id(stem) or parse_name(stem) is not None,
+    )
 
 
 def _music_folders(folders: Folders) -> list[Path]:

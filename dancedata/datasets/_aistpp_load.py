@@ -17,6 +17,7 @@ from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import quoted, shown
 from dancedata.datasets._checks import require_finite
 from dancedata.datasets._layout import few
+from dancedata.datasets._positions import require_rotations
 
 __all__ = ["load_motion"]
 
@@ -45,7 +46,7 @@ def load_motion(path: Path, frame_rate: int) -> Motion:
     ------
     DataError
         reason ``broken_file``, ``unsafe_pickle``, ``missing_key``, ``bad_shape``, ``empty``,
-        ``length_mismatch``, ``nan`` or ``bad_scaling``.
+        ``length_mismatch``, ``nan``, ``not_rotations`` or ``bad_scaling``.
     """
     content = _read(path)
     poses = _numbers(path, content, "smpl_poses")
@@ -67,6 +68,7 @@ def load_motion(path: Path, frame_rate: int) -> Motion:
     rotations = poses.reshape(len(poses), JOINTS, 3)
     require_finite(path, "smpl_poses", poses, _NOT_FINITE)
     require_finite(path, "smpl_trans", trans, _NOT_FINITE)
+    require_rotations(path, "smpl_poses", rotations, trans, SMPL24.parents)
     translation = _in_metres(path, trans, _scaling(path, content))
     return Motion(translation=translation, rotations=rotations, grid=FrameGrid.of(frame_rate), skeleton=SMPL24)
 
@@ -89,7 +91,7 @@ def _read(path: Path) -> Mapping[str, Any]:
             f"the motion file has no {' and no '.join(missing)}",
             reason="missing_key",
             where=str(path),
-            found=f"keys {few(map(quoted, content))}" if content else "no key",
+            found=f"keys {few(content, show=quoted)}" if content else "no key",
             allowed=f"keys {', '.join(KEYS)}",
             fix="get the file anew; data without smpl_scaling in metres needs smpl_scaling = [1.0]",
         )

@@ -57,7 +57,7 @@ def read_label(path: Path | None, clip: str) -> Label:
         return _broken(name, f"it holds a {type(content).__name__}, not an object with {KEY}")
     style = content.get(KEY)
     if style is None or style == "":
-        found = few(map(quoted, content)) or "none"
+        found = few(content, show=quoted) or "none"
         return Label(reason="missing_label", problem=f"{name} has no {KEY}; keys found: {found}")
     genre = facts().genre(style) if isinstance(style, str) else ""
     if genre:

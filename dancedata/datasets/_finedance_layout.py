@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 from dancedata.core.clip import Reject
 from dancedata.core.errors import SourceError
 from dancedata.datasets._layout import describe, few, list_folder, relative, require_folder
+from dancedata.datasets._near_music import MUSIC as MUSIC_FILES
+from dancedata.datasets._near_music import NearMusic
 
 __all__ = [
     "LABELS",
@@ -20,10 +23,11 @@ __all__ = [
     "list_labels",
     "list_motions",
     "list_music",
+    "music_fix",
 ]
 
 MOTION, MUSIC, LABELS = "motion", "music_wav", "label_json"
-EXTENSIONS = (".wav", ".flac", ".mp3", ".ogg")  # in order of preference: lossless first
+EXTENSIONS = MUSIC_FILES
 LOOKED_FOR = "motion/001.npy and so on, in the source folder or in one folder below it (finedance/, ...)"
 
 # An explicit range: \d would accept digits of other scripts.
@@ -151,6 +155,15 @@ def list_music(folders: Folders) -> Files:
         text = f"Music: several files of one id; wav is preferred to flac, flac to mp3 and ogg. Used: {few(doubled)}."
         notes.append(text)
     return Files(files, tuple(rejects), tuple(notes))
+
+
+def music_fix(folders: Folders, music: Files) -> Callable[[str], str]:
+    """Return a function that says what to do about the missing music of an id, "" if no file may be it."""
+    used = set(music.files.values())
+    near = NearMusic(
+        folders.source, (folders.root / MUSIC, folders.root, folders.source), used, lambda s: bool(_ID.fullmatch(s))
+    )
+    return lambda clip: near.fix(relative(folders.root / MUSIC / clip, folders.source))
 
 
 def _one_each(folders: Folders, name: str, extension: str) -> Files:

@@ -48,7 +48,7 @@ class ArrayFile:
     @property
     def listed(self) -> str:
         """The first names, for messages."""
-        return few(map(quoted, self.names), 20) or "none"
+        return few(self.names, 20, quoted) or "none"
 
     def shape(self, name: str) -> tuple[int, ...]:
         """Return the shape of an array of numbers, from its header. DataError if it is none."""

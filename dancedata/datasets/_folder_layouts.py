@@ -29,6 +29,7 @@ from dancedata.datasets._checks import require_finite
 from dancedata.datasets._finedance_rotations import check_rows, rotations_of
 from dancedata.datasets._folder_arrays import ArrayFile
 from dancedata.datasets._folder_facts import Fact, bad_declaration
+from dancedata.datasets._positions import POSITIONS, require_rotations
 
 __all__ = ["RATE_KEYS", "Layout", "read_motion", "recognise"]
 
@@ -38,6 +39,8 @@ _TRANSLATIONS = ("trans", "transl", "smpl_trans")
 _BODIES: dict[str, Skeleton] = {"smpl": SMPL24, "smplh": SMPLH52, "smplx": SMPLX55, "finedance": SMPLX55}
 _BY_WIDTH = {72: "smpl", 156: "smplh", 165: "smplx"}
 _FINEDANCE_WIDTH = 3 + 6 * 52
+#: Arrays of a file in no known layout among which positions are looked for.
+_LOOKED_AT = 100
 #: Arrays of a body's parts in its joints' order: (names that are in use, columns).
 _ROOT = (("global_orient", "root_orient"), 3)
 _BODY = (("body_pose", "pose_body"), 63)
@@ -143,11 +146,10 @@ def _smpl_metres(body: str) -> Fact[str] | None:
 
 def _unnamed(arrays: ArrayFile) -> Layout:
     width = _width(arrays, "")
-    if width in _BY_WIDTH:
-        fix = "save it with its translation: numpy.savez(file, poses=..., trans=...)"
-        raise _bad_shape(arrays, "", "an array with the translation in it", fix)
     if width != _FINEDANCE_WIDTH:
-        raise _bad_shape(arrays, "", f"(T, {_FINEDANCE_WIDTH}): translation 3, then 52 joints x 6D")
+        named = "; for axis-angle rotations an .npz from numpy.savez(file, poses=..., trans=...)"
+        allowed = f"(T, {_FINEDANCE_WIDTH}), translation 3, then 52 joints x 6D{named if width in _BY_WIDTH else ''}"
+        raise _bad_shape(arrays, "", allowed, POSITIONS if width % 3 == 0 else None)
     up, unit = Fact("y", "FineDance's definition"), Fact("m", "FineDance's definition")
     return Layout("finedance", "finedance", "", None, up, unit)
 
@@ -175,7 +177,8 @@ def read_motion(arrays: ArrayFile, layout: Layout) -> tuple[Floats, Floats]:
     Raises
     ------
     DataError
-        ``bad_shape``, ``length_mismatch``, ``empty``, ``nan``, ``out_of_range``, ``bad_scaling`` or ``bad_rotation``.
+        ``bad_shape``, ``length_mismatch``, ``empty``, ``nan``, ``out_of_range``, ``bad_scaling``, ``bad_rotation`` or
+        ``not_rotations``.
     """
     if layout.body == "finedance":
         array = _finite(arrays, layout.poses or "")
@@ -192,9 +195,11 @@ def read_motion(arrays: ArrayFile, layout: Layout) -> tuple[Floats, Floats]:
         raise _lengths(
             arrays, layout.poses or "body_pose", len(rotations), layout.translation or "", len(translation)
         )
+    rotations = rotations.reshape(len(rotations), joints, 3)
+    require_rotations(arrays.path, layout.poses or "body_pose", rotations, translation, layout.skeleton.parents)
     if layout.scaling:
         translation = translation / _scaling(arrays, layout.scaling)
-    return translation, rotations.reshape(len(rotations), joints, 3)
+    return translation, rotations
 
 
 def _joined(arrays: ArrayFile, layout: Layout, n_frames: int) -> Floats:
@@ -275,6 +280,7 @@ def _width(arrays: ArrayFile, name: str) -> int:
 
 
 def _unknown(arrays: ArrayFile) -> DataError:
+    looked_at = arrays.names[:_LOOKED_AT]
     return DataError(
         "the file holds no motion in a layout that is known",
         reason="missing_key",
@@ -282,8 +288,17 @@ def _unknown(arrays: ArrayFile) -> DataError:
         found=f"arrays {arrays.listed}",
         allowed="poses and trans; smpl_poses and smpl_trans; global_orient, body_pose and transl; "
         "or one array (T, 315) in an .npy file",
-        fix="rename the arrays",
+        fix=POSITIONS if any(_is_three_columns(arrays, name) for name in looked_at) else "rename the arrays",
     )
+
+
+def _is_three_columns(arrays: ArrayFile, name: str) -> bool:
+    """Tell whether an array is (T, J, 3), as joint positions are."""
+    try:
+        shape = arrays.shape(name)
+    except DataError:
+        return False  # no numbers
+    return len(shape) == 3 and shape[1] > 1 and shape[2] == 3
 
 
 def _bad_shape(arrays: ArrayFile, name: str, allowed: str, fix: str | None = None) -> DataError:
@@ -293,7 +308,7 @@ def _bad_shape(arrays: ArrayFile, name: str, allowed: str, fix: str | None = Non
         where=str(arrays.path),
         found=str(arrays.shape(name)),
         allowed=allowed,
-        fix=fix or "save the motion in one of the layouts that are known",
+        fix=fix or (POSITIONS if _is_three_columns(arrays, name) else "save the motion in one of the layouts above"),
     )
 
 

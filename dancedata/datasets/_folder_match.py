@@ -9,12 +9,12 @@ from dancedata.core.clip import Reject
 from dancedata.core.errors import SourceError
 from dancedata.datasets._folder_load import SUFFIXES
 from dancedata.datasets._layout import counted, describe, few, list_folder, relative
+from dancedata.datasets._near_music import MUSIC, NearMusic
 
-__all__ = ["Matched", "match_names"]
+__all__ = ["MUSIC", "Matched", "match_names"]
 
 MOTION_FOLDERS = ("motions", "motion")
 MUSIC_FOLDERS = ("music", "wavs", "audio", "musics")
-MUSIC = (".wav", ".flac", ".mp3", ".ogg")  # in order of preference: lossless first
 LOOKED_FOR = (
     "manifest.csv or manifest.jsonl; or motions/NAME.npz (.npy, .pkl, .bvh) with music/NAME.wav (.flac, .mp3, .ogg); "
     "or NAME.npz beside NAME.wav"
@@ -23,13 +23,23 @@ LOOKED_FOR = (
 
 @dataclass(frozen=True)
 class Matched:
-    """What was found: motion and music by name."""
+    """What was found: motion and music by name.
+
+    Attributes
+    ----------
+    music_folder
+        Folder below the source in which missing music would be found: "music/", or "" for the source itself.
+    near
+        Music that no motion uses, which may be a missing one.
+    """
 
     layout: str
     motions: dict[str, Path]
     music: dict[str, Path]
     rejects: tuple[Reject, ...]
     notes: tuple[str, ...]
+    music_folder: str
+    near: NearMusic
 
 
 def match_names(source: Path) -> Matched:
@@ -64,7 +74,10 @@ def match_names(source: Path) -> Matched:
         f"No manifest: motion and music were matched by file name, {places if apart else 'side by side'}; "
         f"{counted(len(both), 'pair')}, {len(motions) - len(both)} motions without music."
     ]
-    return Matched("names" if apart else "names, side by side", motions, music, tuple(rejects), tuple(notes))
+    layout = "names" if apart else "names, side by side"
+    expected = (f"{music_folders[0].name}/" if music_folders else f"{MUSIC_FOLDERS[0]}/") if apart else ""
+    near = NearMusic(source, (*music_folders, source), {music[name] for name in both}, motions.__contains__)
+    return Matched(layout, motions, music, tuple(rejects), tuple(notes), expected, near)
 
 
 def _by_name(source: Path, folders: list[Path], suffixes: tuple[str, ...], rejects: list[Reject]) -> dict[str, Path]:

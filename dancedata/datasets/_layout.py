@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from dancedata.core.errors import SourceError
 from dancedata.core.regular_file import read_regular
-from dancedata.core.text import quoted, shown
+from dancedata.core.text import counted, quoted, shown
 
 __all__ = ["counted", "describe", "few", "list_folder", "read_names", "relative", "require_folder"]
 
@@ -72,16 +72,11 @@ def describe(folder: Path) -> str:
     return few([*folders, *files]) if entries else "nothing"
 
 
-def few(names: Iterable[str], most: int = SHOWN) -> str:
-    """Join the first names of a list, fit to be printed, and say how many more there are."""
+def few(names: Iterable[object], most: int = SHOWN, show: Callable[[object, int], str] = shown) -> str:
+    """Join the first names of a list, fit to be printed by `show`, and say how many more there are."""
     names = list(names)
-    text = ", ".join(shown(name, MAX_NAME) for name in names[:most])
+    text = ", ".join(show(name, MAX_NAME) for name in names[:most])
     return text if len(names) <= most else f"{text} and {len(names) - most:,} more"
-
-
-def counted(n: int, noun: str) -> str:
-    """Say a number of things: "1 clip", "1,408 clips"."""
-    return f"{n:,} {noun}{'' if n == 1 else 's'}"
 
 
 def relative(path: Path, source: Path) -> str:

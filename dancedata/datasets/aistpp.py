@@ -25,7 +25,7 @@ own file is taken. Facts (tempos, split rule, ignore list, copies) are in ``mani
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import ClassVar, Literal
 
@@ -41,6 +41,8 @@ from dancedata.datasets._aistpp_layout import (
     layout_name,
     list_motions,
     list_music,
+    music_expected,
+    near_music,
     unused_music,
 )
 from dancedata.datasets._aistpp_load import load_motion
@@ -176,6 +178,7 @@ class AistPP:
         """Every pickle becomes a clip, or is left out for one reason."""
         clips = []
         rejects = []
+        near, expected = near_music(folders, music), music_expected(folders, music)
         for name, path in sorted(motions.files.items()):
             parts = parse_name(name)
             if parts is None:  # list_motions lets no such name through
@@ -183,15 +186,20 @@ class AistPP:
             file = relative(path, folders.source)
             split = splits.split(name)
             audio = music.files.get(name) or music.files.get(parts.music)
+            fix = ""
+            if audio is None:
+                fix = near.fix(expected + parts.music, expected + name)
             if name in ignored.names:
                 rejects.append(Reject("ignored", clip=name, file=file, detail=f"on {ignored.where}"))
             elif not split:
                 rejects.append(Reject("unassigned", clip=name, file=file, detail=f"in no {splits.name} split"))
             elif audio is None and self.music == "required":
                 detail = f"neither {name} nor {parts.music} as wav, flac, mp3 or ogg"
-                rejects.append(Reject("missing_music", clip=name, file=file, detail=detail))
+                rejects.append(
+                    Reject("missing_music", clip=name, file=file, detail=detail, music=parts.music, fix=fix)
+                )
             else:
-                clips.append(_clip(parts, path, audio, split, splits))
+                clips.append(replace(_clip(parts, path, audio, split, splits), music_fix=fix))
         return clips, rejects
 
 

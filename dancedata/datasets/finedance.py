@@ -28,7 +28,15 @@ from dancedata.core.registry import DATASETS
 from dancedata.core.skeleton import Skeleton
 from dancedata.datasets._finedance_facts import facts
 from dancedata.datasets._finedance_labels import read_label
-from dancedata.datasets._finedance_layout import Files, Folders, find_folders, list_labels, list_motions, list_music
+from dancedata.datasets._finedance_layout import (
+    Files,
+    Folders,
+    find_folders,
+    list_labels,
+    list_motions,
+    list_music,
+    music_fix,
+)
 from dancedata.datasets._finedance_lengths import length_note
 from dancedata.datasets._finedance_load import load_motion
 from dancedata.datasets._finedance_notes import (
@@ -44,6 +52,7 @@ from dancedata.datasets._layout import relative
 __all__ = ["FineDance"]
 
 ALL = "all"
+WITHOUT_LABELS = "put labels into label_json/, or keep clips without genre: --set dataset.finedance.labels=optional"
 
 
 @DATASETS.register("finedance")
@@ -182,6 +191,7 @@ class FineDance:
         """Every motion file becomes a clip, or is left out for one reason."""
         clips = []
         rejects = []
+        fix_of = music_fix(folders, music)
         for clip, path in sorted(motions.files.items()):
             file = relative(path, folders.source)
             reason, detail = self._not_of_the_split(clip)
@@ -190,18 +200,20 @@ class FineDance:
                 continue
             label = read_label(labels.files.get(clip), clip)
             if label.problem and self.labels == "required":
-                rejects.append(Reject(label.reason, clip=clip, file=file, detail=label.problem))
+                rejects.append(Reject(label.reason, clip=clip, file=file, detail=label.problem, fix=WITHOUT_LABELS))
                 continue
+            audio = music.files.get(clip)
             clips.append(
                 ClipRef(
                     id=clip,
                     motion_path=path,
-                    audio_path=music.files.get(clip),
+                    audio_path=audio,
                     split=facts().listed(self.split, clip) or "train",
                     music=clip,
                     genre=label.genre,
                     lists=facts().lists(clip),
                     notes=(label.problem,) if label.problem else (),
+                    music_fix=fix_of(clip) if audio is None else "",
                 )
             )
         return clips, rejects

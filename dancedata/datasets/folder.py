@@ -27,7 +27,7 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import DataError, SourceError, UsageError, did_you_mean
@@ -40,6 +40,8 @@ from dancedata.datasets._folder_load import SUFFIXES, Reading, describe, load_mo
 from dancedata.datasets._folder_manifest import MANIFESTS, Row, clip_id, id_problem, inside, read_manifest
 from dancedata.datasets._folder_match import LOOKED_FOR, MUSIC, match_names
 from dancedata.datasets._layout import counted, relative, require_folder
+from dancedata.datasets._near_music import NearMusic
+from dancedata.datasets._split_rule import SplitRule
 
 __all__ = ["Folder"]
 
@@ -64,7 +66,9 @@ class Folder:
     body_model : SMPL-X, SMPL-H or SMPL model (.npz), or a folder of them: bones of arrays come from it, with the
         betas and the gender that the file holds. Without it they are those of the mean body.
     gender : "neutral", "male" or "female", for a body model, of files that hold none.
-    split : split of clips to which the manifest gives none.
+    split : split of clips to which the manifest gives none: a name, or a rule such as
+        ``{val: 0.1, test: 0.1, by: music, seed: 0}`` that keeps clips of one music (dancer, genre) together, see
+        `_split_rule`.
     music : "required" sets clips without music aside; "optional" keeps them, without audio.
     """
 
@@ -75,7 +79,7 @@ class Folder:
     joint_map: Mapping[str, str] | None = None
     body_model: Path | None = field(default=None, metadata={"path": True, "content": True})
     gender: Literal["neutral", "male", "female"] | None = None
-    split: str = field(default="train", metadata={"scan": True})
+    split: str | Mapping[str, Any] = field(default="train", metadata={"scan": True})
     music: Literal["required", "optional"] = field(default="required", metadata={"scan": True})
 
     generic: ClassVar[bool] = True
@@ -99,9 +103,12 @@ class Folder:
             if joint not in SMPL24.joints:
                 problem_text = f"folder: joint_map names no joint of SMPL: {joint!r}"
                 raise UsageError(problem_text, allowed=did_you_mean(joint, SMPL24.joints))
-        from dancedata.store.schema import check_name
+        if isinstance(self.split, str):
+            from dancedata.store.schema import check_name
 
-        check_name(self.split, "split")
+            check_name(self.split, "split")
+        else:
+            object.__setattr__(self, "split", SplitRule.of(self.split).document())
 
     def scan(self, source: Path) -> Scan:
         """List the clips; of motion files the headers are read, for the notes (pickles have none: the whole).
@@ -129,8 +136,9 @@ class Folder:
                 fix="take one of them away",
             )
         clips, rejects, notes, layout = self._listed(source, manifests[0]) if manifests else self._matched(source)
-        clips, about = self._described(sorted(clips, key=lambda clip: clip.id))
-        notes += [*self._split_notes(clips), *about]
+        clips, splits = self._split(sorted(clips, key=lambda clip: clip.id))
+        clips, about = self._described(clips)
+        notes += [*splits, *about]
         return Scan(layout, tuple(clips), tuple(rejects), tuple(notes))
 
     def load(self, ref: ClipRef) -> Motion:
@@ -172,8 +180,9 @@ class Folder:
         audio = {row.get("audio") for row in rows if row.get("audio")}
         stems = Counter(Path(text).stem for text in audio)
         clips, rejects = [], []
+        near = _near_listed(source, audio)
         for row in rows:
-            clip = self._clip(source, manifest, row, stems)
+            clip = self._clip(source, manifest, row, stems, near)
             if not isinstance(clip, Reject):
                 clips.append(clip)
             else:
@@ -181,8 +190,8 @@ class Folder:
         notes = [f"Manifest: {manifest.name}, {counted(len(rows), 'clip')}."]
         return clips, rejects, notes, f"manifest ({manifest.suffix.removeprefix('.')})"
 
-    def _clip(self, source: Path, manifest: Path, row: Row, stems: Counter[str]) -> ClipRef | Reject:
-        name, split = clip_id(row), row.get("split") or self.split
+    def _clip(self, source: Path, manifest: Path, row: Row, stems: Counter[str], near: NearMusic) -> ClipRef | Reject:
+        name, split = clip_id(row), row.get("split") or self._default_split
         _check_row(manifest, row, split)
         motion = inside(source, row.get("motion"), manifest, row.line, "motion")
         text = row.get("audio")
@@ -192,7 +201,8 @@ class Folder:
             return Reject("missing_motion", clip=name, file=row.get("motion"), detail=detail)
         if audio is not None and not audio.is_file():
             detail = f"{manifest.name} names {text}: {_absence(audio)}"
-            return Reject("missing_music", clip=name, file=text, detail=detail)
+            fix = near.fix(Path(text).with_suffix("").as_posix())
+            return Reject("missing_music", clip=name, file=text, detail=detail, music=text, fix=fix)
         if audio is None and self.music == "required":
             return Reject("missing_music", clip=name, detail=f"{manifest.name} names no audio")
         song = Path(text)
@@ -214,15 +224,18 @@ class Folder:
         clips, rejects = [], list(matched.rejects)
         for name, path in matched.motions.items():
             audio = matched.music.get(name)
+            fix = matched.near.fix(matched.music_folder + name) if audio is None else ""
             problem = id_problem(name)
             if problem is not None:
                 detail = f"its name, the clip's id, {problem}; rename it, or write a manifest with an id"
                 rejects.append(Reject("bad_name", clip=name, file=relative(path, source), detail=detail))
             elif audio is None and self.music == "required":
                 detail = f"no {name}.wav, .flac, .mp3 or .ogg"
-                rejects.append(Reject("missing_music", clip=name, file=relative(path, source), detail=detail))
+                file = relative(path, source)
+                rejects.append(Reject("missing_music", clip=name, file=file, detail=detail, music=name, fix=fix))
             else:
-                clips.append(ClipRef(name, path, audio, self.split, music=name if audio else ""))
+                music = name if audio else ""
+                clips.append(ClipRef(name, path, audio, self._default_split, music=music, music_fix=fix))
         return clips, rejects, list(matched.notes), matched.layout
 
     def _described(self, clips: list[ClipRef]) -> tuple[list[ClipRef], list[str]]:
@@ -242,11 +255,28 @@ class Folder:
             notes.append(f"{len(most) - _SHOWN} more kinds of files.")
         return described, notes
 
-    def _split_notes(self, clips: list[ClipRef]) -> list[str]:
+    @property
+    def _default_split(self) -> str:
+        """Split of a clip that is given none; empty where a rule decides, once all clips are known."""
+        return self.split if isinstance(self.split, str) else ""
+
+    def _split(self, clips: list[ClipRef]) -> tuple[list[ClipRef], list[str]]:
+        """Deal the clips out that have no split, and say how many are in each."""
+        if not isinstance(self.split, str):
+            return SplitRule.of(self.split).apply(clips)
         splits = Counter(clip.split for clip in clips)
         if set(splits) == {self.split}:
-            return [f"Splits: none is given, so all {counted(len(clips), 'clip')} are in {self.split!r}."]
-        return [f"Splits: {', '.join(f'{n:,} {split}' for split, n in sorted(splits.items())) or 'no clip is left'}."]
+            return clips, [f"Splits: none is given, so all {counted(len(clips), 'clip')} are in {self.split!r}."]
+        said = ", ".join(f"{n:,} {split}" for split, n in sorted(splits.items()))
+        return clips, [f"Splits: {said or 'no clip is left'}."]
+
+
+def _near_listed(source: Path, audio: set[str]) -> NearMusic:
+    """Music in the folders that the manifest names, apart from that which it names."""
+    listed = {source / text for text in audio if ".." not in Path(text).parts and not Path(text).is_absolute()}
+    folders = sorted({path.parent for path in listed})
+    stems = {path.stem for path in listed}
+    return NearMusic(source, (*folders, source), listed, stems.__contains__)
 
 
 def _absence(path: Path) -> str:
@@ -260,7 +290,7 @@ def _check_row(manifest: Path, row: Row, split: str) -> None:
 
     where = f"{manifest}, line {row.line}"
     try:
-        check_name(split, "split")
+        check_name(split or "train", "split")
     except StoreError as error:
         raise SourceError(
             f"folder: {error.problem}", where=where, found=error.found, allowed=error.allowed

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,8 @@ from dancedata.core.grid import FrameGrid, Number
 from dancedata.core.hashing import sha256_file
 from dancedata.core.motion import Motion
 from dancedata.core.registry import CONTACTS, FEATURES, REPRESENTATIONS
-from dancedata.pipeline.execute import one_thread
+from dancedata.pipeline.audio_units import is_exact
+from dancedata.pipeline.execute import exactly, on_one_thread
 from dancedata.pipeline.recipe import resolve_feature
 from dancedata.pipeline.slots import make_named, one_of, raise_problems
 
@@ -49,8 +51,8 @@ def extract(
 
     plugin = resolve_feature(make_named(FEATURES, "audio", feature, parameters), sha256_file)
     signal = song if isinstance(song, AudioSignal) else load_audio(song)
-    with one_thread():
-        rows: npt.NDArray[Any] = plugin.extract(signal, FrameGrid.of(fps), start_bpm=start_bpm)
+    compute = exactly if is_exact(plugin) else on_one_thread
+    rows: npt.NDArray[Any] = compute(partial(plugin.extract, start_bpm=start_bpm), signal, FrameGrid.of(fps))
     return rows
 
 

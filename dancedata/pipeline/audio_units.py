@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -16,15 +17,15 @@ import numpy.typing as npt
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.clip import Reject
 from dancedata.core.errors import DataError
-from dancedata.core.hashing import sha256_bytes
 from dancedata.pipeline.cache import Cache, CachedArray, package_version
 from dancedata.pipeline.documents import document_of
 from dancedata.pipeline.read_ahead import decoded, read_ahead
 from dancedata.pipeline.recipe import Recipe
+from dancedata.pipeline.reference_process import expected
 from dancedata.pipeline.rejects import BUILD_AGAIN, CHANGED, reject_of
 
 #: Raised by hand when a stage here gives other numbers for the same input.
-SIGNAL_STAGE, FEATURE_STAGE = 2, 2
+SIGNAL_STAGE, FEATURE_STAGE = 3, 3
 #: Windows of a song in one unit of work: enough for what neighbours share to pay, few enough to share out a long
 #: song among workers.
 _WINDOWS_A_UNIT = 128
@@ -38,8 +39,6 @@ class SignalId:
     ----------
     file
         What the file was like then, see `Cache.stat_key`.
-    windows
-        Hashes of the signal's windows (window scope).
     """
 
     path: Path
@@ -47,7 +46,6 @@ class SignalId:
     sha256: str
     sample_rate: int
     n_samples: int
-    windows: tuple[str, ...] = ()
 
 
 def window_samples(recipe: Recipe, n_samples: int, sample_rate: int) -> tuple[npt.NDArray[np.int64], int]:
@@ -58,28 +56,36 @@ def window_samples(recipe: Recipe, n_samples: int, sample_rate: int) -> tuple[np
     even rate).
     """
     length = int(recipe.windows.length / recipe.fps * sample_rate)
-    stride = recipe.windows.stride / recipe.fps * sample_rate
+    stride = _stride(recipe, sample_rate)
     if n_samples < length or length < 1:
         return np.empty(0, dtype=np.int64), length
     # Start k is floor(k * stride), so the last k that fits is the last with k * stride < n - length + 1.
     count = math.ceil((n_samples - length + 1) / stride)
-    starts = [k * stride.numerator // stride.denominator for k in range(count)]
-    return np.array(starts, dtype=np.int64), length
+    return np.array([_start(k, stride) for k in range(count)], dtype=np.int64), length
 
 
-def identify_audio(cache: Cache, recipe: Recipe, path: Path) -> SignalId | Reject:
-    """Decode a file and hash its samples, and its windows' in window scope; remembered until the file changes."""
+def _stride(recipe: Recipe, sample_rate: int) -> Fraction:
+    return recipe.windows.stride / recipe.fps * sample_rate
+
+
+def _start(number: int, stride: Fraction) -> int:
+    return number * stride.numerator // stride.denominator
+
+
+def identify_audio(cache: Cache, path: Path) -> SignalId | Reject:
+    """Decode a file and hash its samples; remembered until the file changes."""
     from dancedata.audio.signal import load_audio
 
     try:
         file = Cache.stat_key("signal", path)
-        key = _signal_key(recipe, file)
+        key = _signal_key(file)
         known = cache.json("signals", key)
         if known is None:
             with cache.lock("signals", key):
                 known = cache.json("signals", key)
                 if known is None:
-                    known = _hashed(recipe, load_audio(path))
+                    signal = load_audio(path)
+                    known = [signal.sha256, signal.sample_rate, signal.n_samples]
                     if Cache.stat_key("signal", path) != file:
                         raise DataError(CHANGED, reason="changed", where=path, fix=BUILD_AGAIN)
                     cache.put_json("signals", key, known)
@@ -90,53 +96,23 @@ def identify_audio(cache: Cache, recipe: Recipe, path: Path) -> SignalId | Rejec
     return _signal_id(path, file, known)
 
 
-def known_signal(cache: Cache, recipe: Recipe, path: Path) -> SignalId | None:
+def known_signal(cache: Cache, path: Path) -> SignalId | None:
     """Return what `identify_audio` remembers of a file, None if it would have to look at it."""
     try:
         file = Cache.stat_key("signal", path)
     except FileNotFoundError:
         return None
-    known = cache.json("signals", _signal_key(recipe, file))
+    known = cache.json("signals", _signal_key(file))
     return None if known is None else _signal_id(path, file, known)
 
 
-def _signal_key(recipe: Recipe, file: str) -> str:
-    windows = [str(recipe.fps), recipe.windows.length, recipe.windows.stride] if recipe.scope == "window" else None
+def _signal_key(file: str) -> str:
     packages = {"soundfile": package_version("soundfile"), "libsndfile": libsndfile_version()}
-    return Cache.key("signal", version=SIGNAL_STAGE, file=file, windows=windows, packages=packages)
+    return Cache.key("signal", version=SIGNAL_STAGE, file=file, packages=packages)
 
 
 def _signal_id(path: Path, file: str, known: Sequence[Any]) -> SignalId:
-    return SignalId(path, file, known[0], known[1], known[2], tuple(known[3]))
-
-
-def _hashed(recipe: Recipe, signal: AudioSignal) -> list[Any]:
-    """Return hash, rate and length of a signal, and in window scope the hashes of its windows."""
-    hashes: list[str] = []
-    if recipe.scope == "window":
-        starts, length = window_samples(recipe, signal.n_samples, signal.sample_rate)
-        hashes = _window_hashes(signal, [int(start) for start in starts], length)
-    return [signal.sha256, signal.sample_rate, signal.n_samples, hashes]
-
-
-def _window_hashes(signal: AudioSignal, starts: Sequence[int], length: int) -> list[str]:
-    """Hash windows by the hashes of their quarters of a second, which neighbouring windows share.
-
-    Equal windows have equal blocks, whatever song they are in and wherever in it, and so equal hashes.
-    """
-    block = signal.block_samples
-    begins = range(0, signal.n_samples, block)
-    known = {(k, min(k + block, signal.n_samples)): h for k, h in zip(begins, signal.block_sha256s, strict=True)}
-    hashes = []
-    for start in starts:
-        digests = []
-        for begin in range(start, start + length, block):
-            part = begin, min(begin + block, start + length)
-            if part not in known:
-                known[part] = signal.hash_of(*part)
-            digests.append(known[part])
-        hashes.append(sha256_bytes(f"{signal.sample_rate} {length} {' '.join(digests)}".encode()))
-    return hashes
+    return SignalId(path, file, known[0], known[1], known[2])
 
 
 @lru_cache(maxsize=1)
@@ -147,20 +123,34 @@ def libsndfile_version() -> str:
     return str(soundfile.__libsndfile_version__)
 
 
+def is_exact(feature: Any) -> bool:
+    """Tell whether a feature's bits are promised, so that it has to be computed with `expected` instructions."""
+    return bool(getattr(feature, "exact", True))
+
+
 class FeatureKeys:
     """The cache keys of a feature's rows. What they have in common is hashed once for each tempo."""
 
     def __init__(self, recipe: Recipe, feature: Any) -> None:
         self._recipe, self._feature = recipe, feature
         self._common: dict[float | None, str] = {}
+        self._strides: dict[int, Fraction] = {}
 
     def track(self, bpm: float | None, signal: str) -> str:
         """Return the key of a song's rows; `signal` is the hash of its samples."""
         return Cache.key("track", common=self._of(bpm), signal=signal)
 
-    def window(self, bpm: float | None, window: str) -> str:
-        """Return the key of a window's rows; `window` is the hash of its samples."""
-        return Cache.key("window", common=self._of(bpm), window=window, rows=self._recipe.windows.length)
+    def window(self, bpm: float | None, signal: SignalId, number: int) -> str:
+        """Return the key of a window's rows: its song and its place there.
+
+        The samples of the window alone are not enough. A feature may compute once what neighbouring windows share,
+        so that equal windows of two songs differ by rounding.
+        """
+        if signal.sample_rate not in self._strides:
+            self._strides[signal.sample_rate] = _stride(self._recipe, signal.sample_rate)
+        start = _start(number, self._strides[signal.sample_rate])
+        length = self._recipe.windows.length
+        return Cache.key("window", common=self._of(bpm), signal=signal.sha256, start=start, rows=length)
 
     def _of(self, bpm: float | None) -> str:
         recipe, feature = self._recipe, self._feature
@@ -175,6 +165,7 @@ class FeatureKeys:
                 scope=recipe.scope,
                 start_bpm=bpm,
                 packages={name: package_version(name) for name in feature.packages},
+                arithmetic=expected() if is_exact(feature) else None,
             )
         return self._common[bpm]
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from dancedata.core.clip import Reject, Scan
-from dancedata.core.errors import DataError, StoreError, UsageError
+from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.text import printable, shown
 from dancedata.core.version import __version__
 from dancedata.pipeline.audio_units import libsndfile_version
@@ -20,11 +20,14 @@ from dancedata.pipeline.cache_files import running, sweep
 from dancedata.pipeline.card import dataset_card
 from dancedata.pipeline.diff import document_differences, shaping
 from dancedata.pipeline.execute import Progress
-from dancedata.pipeline.gather import gather, identify, require_clips
+from dancedata.pipeline.gather import gather, identify, scan_source
 from dancedata.pipeline.gathered import Gathered
+from dancedata.pipeline.implausible import stop_if_implausible
+from dancedata.pipeline.left_out import nothing_left, stop_if_strict
 from dancedata.pipeline.out_folder import check_out, clean, locked, swapped
 from dancedata.pipeline.recipe import Recipe, resolve
-from dancedata.pipeline.rejects import BY_CHOICE
+from dancedata.pipeline.reference_process import expected
+from dancedata.pipeline.source_record import SourceRecord, source_differences
 from dancedata.pipeline.workers import Workers, check_backend, hired
 from dancedata.store import Field, StoredClip, StoreHeader, open_store, write_store
 from dancedata.store.schema import DATASET_FILE
@@ -48,6 +51,10 @@ class BuildResult:
     out: Path
     built: bool
     scan_notes: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        """Show where the dataset is, and whether it was built now."""
+        return f"BuildResult({str(self.out)!r}, built={self.built}, {len(self.scan_notes)} notes)"
 
 
 def build(
@@ -86,7 +93,7 @@ def build(
     SourceError, StoreError
         If the source or `out` cannot be used.
     DataError
-        With `strict`, for the first broken clip.
+        With `strict`, for the first clip that is broken or whose unit is implausible.
     """
     progress = progress or Progress(quiet=True)
     check_backend(backend, scheduler)
@@ -100,7 +107,7 @@ def build(
     recipe = resolve(recipe, store_cache.file_sha256)
     with locked(out):
         check_out(out)
-        scan: Scan = recipe.dataset.scan(source)
+        scan = scan_source(recipe, source)
         with hired_for(recipe, source, store_cache, jobs, backend, scheduler) as workers:
             made = _Build(recipe, source, out, scan, store_cache, workers, progress, overwrite, strict)
             return BuildResult(out, built=made.run(), scan_notes=scan.notes)
@@ -142,22 +149,26 @@ class _Build:
 
     def _run(self) -> bool:
         gathered = identify(self.cache, self.recipe, self.scan, jobs=self.workers, progress=self.progress)
-        source_sha256 = gathered.source_sha256()
+        inputs = gathered.source_sha256(), SourceRecord.of_source(gathered, self.source)
         if (self.out / DATASET_FILE).exists() and not self.overwrite:
-            _require_same(self.out, self.recipe, source_sha256)
-            stop_if_strict(self.strict, _rejects_there(self.out))
+            _require_same(self.out, self.recipe, *inputs)
+            with open_store(self.out) as store:
+                stop_if_strict(self.strict, [Reject.from_json(row) for row in store.rejects], self.scan)
+                stop_if_implausible(self.strict, store.quality)
             return False
-        stop_if_strict(self.strict, [*gathered.rejects, *gathered.audio_problems.values()])
+        stop_if_strict(self.strict, [*gathered.rejects, *gathered.audio_problems.values()], self.scan)
         clips = gather(self.cache, gathered, jobs=self.workers, progress=self.progress)
-        stop_if_strict(self.strict, gathered.rejects)
-        require_clips(clips, gathered.rejects)
-        gathered.rejects = [_relative(r, self.source) for r in gathered.rejects]
+        stop_if_strict(self.strict, gathered.rejects, self.scan)
+        stop_if_implausible(self.strict, gathered.quality)
+        gathered.rejects = [relative_to(r, self.source) for r in gathered.rejects]
+        if not clips:
+            raise nothing_left(self.source, self.scan, gathered.rejects)
         if (self.out / DATASET_FILE).exists():
             with swapped(self.out) as fresh:
-                _write(fresh, self.recipe, gathered, clips, source_sha256, self.progress)
+                _write(fresh, self.recipe, gathered, clips, _meta(self.recipe, gathered, *inputs), self.progress)
         else:
             clean(self.out)
-            _write(self.out, self.recipe, gathered, clips, source_sha256, self.progress)
+            _write(self.out, self.recipe, gathered, clips, _meta(self.recipe, gathered, *inputs), self.progress)
         return True
 
 
@@ -183,10 +194,9 @@ def _write(
     recipe: Recipe,
     gathered: Gathered,
     clips: list[StoredClip],
-    source_sha256: str,
+    meta: Mapping[str, Any],
     progress: Progress,
 ) -> None:
-    meta = _meta(recipe, gathered, source_sha256)
     with progress.stage("writing", len(clips)) as advance:
         write_store(
             out,
@@ -200,7 +210,7 @@ def _write(
         )
 
 
-def _meta(recipe: Recipe, gathered: Gathered, source_sha256: str) -> dict[str, Any]:
+def _meta(recipe: Recipe, gathered: Gathered, source_sha256: str, record: SourceRecord) -> dict[str, Any]:
     packages = {"numpy", "scipy", "h5py", "soundfile"}
     versions = {"libsndfile": libsndfile_version()}
     packages.update(name for feature in recipe.audio for name in feature.packages)
@@ -210,7 +220,11 @@ def _meta(recipe: Recipe, gathered: Gathered, source_sha256: str) -> dict[str, A
         "recipe": recipe.document,
         "recipe_sha256": recipe.sha256,
         "source_sha256": source_sha256,
-        "source": {"layout": gathered.scan.layout, "notes": list(gathered.scan.notes)},
+        "source": {
+            "layout": gathered.scan.layout,
+            "notes": list(gathered.scan.notes),
+            "clips": record.to_json(),
+        },
         "dataset": recipe.dataset.name,
         "licence": recipe.dataset.licence,
         "citation": recipe.dataset.citation,
@@ -219,14 +233,16 @@ def _meta(recipe: Recipe, gathered: Gathered, source_sha256: str) -> dict[str, A
         "skeletons": {slot.name: slot.representation.skeleton.name for slot in recipe.motion},
         "genre_ids": dict(getattr(recipe.dataset, "genre_ids", {})),
         "content": gathered.content,
+        "arithmetic": expected(),
         "packages": {**versions, **{name: package_version(name) for name in sorted(packages)}},
         "quality_flags": len(gathered.quality),
     }
 
 
-def _require_same(out: Path, recipe: Recipe, source_sha256: str) -> None:
+def _require_same(out: Path, recipe: Recipe, source_sha256: str, record: SourceRecord) -> None:
     """Raise StoreError with the difference, if `out` was made by another recipe or from another source."""
-    meta = open_store(out).meta
+    store = open_store(out)
+    meta = store.meta
     old, new = shaping(meta.get("recipe", {})), shaping(recipe.document)
     differences = [
         f"{shown(key)}: {shown(json.dumps(a))} there, {shown(json.dumps(b))} now"
@@ -241,10 +257,12 @@ def _require_same(out: Path, recipe: Recipe, source_sha256: str) -> None:
             fix="choose another --out, or --overwrite to replace it",
         )
     if meta.get("source_sha256") != source_sha256:
+        found = source_differences(SourceRecord.of_store(store), record, "there", "now")
+        listed = "\n".join(f"  - {difference}" for difference in found) or "  - (another version of dancedata)"
         raise StoreError(
-            "the dataset there was made from another source: files, splits or metadata of its clips differ",
+            "the dataset there was made from another source",
             where=out,
-            found=f"source {source_sha256[:12]}, built from {str(meta.get('source_sha256'))[:12]}",
+            found=f"these differences:\n{listed}\n",
             fix="choose another --out, or --overwrite to build it anew (only what changed is computed)",
         )
 
@@ -253,25 +271,7 @@ def _reject_order(reject: Reject) -> tuple[str, int, str, str]:
     return reject.clip, -1 if reject.window is None else reject.window, reject.reason, reject.file
 
 
-def _rejects_there(out: Path) -> list[Reject]:
-    with open_store(out) as store:
-        return [Reject(**row) for row in store.rejects]
-
-
-def _relative(reject: Reject, source: Path) -> Reject:
+def relative_to(reject: Reject, source: Path) -> Reject:
     """Name files relative to the source: where it lies shapes no byte of a dataset."""
     prefix = printable(f"{source}{os.sep}")
     return replace(reject, file=reject.file.removeprefix(prefix), detail=reject.detail.replace(prefix, ""))
-
-
-def stop_if_strict(strict: bool, rejects: Sequence[Reject]) -> None:
-    """Raise DataError for the first broken clip, if the build is strict."""
-    broken = [r for r in rejects if r.reason not in BY_CHOICE]
-    if strict and broken:
-        first = broken[0]
-        raise DataError(
-            f"{len(broken)} broken clip{'s' * (len(broken) != 1)} in a strict build, the first: {first.detail}",
-            reason=first.reason,
-            where=first.clip or first.file,
-            fix="mend or remove it, or build without --strict to set it aside",
-        )

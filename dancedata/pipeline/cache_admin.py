@@ -6,7 +6,7 @@ import math
 import os
 import re
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,8 +16,13 @@ from dancedata.pipeline import cache_files as files
 
 #: Entries are known by their names: <stage>/<two digits>/<sha256>.npy or .json. Nothing else is ever removed.
 _ENTRY = re.compile(r"(?P<two>[0-9a-f]{2})[0-9a-f]{62}\.(npy|json)")
-_UNITS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12}
+_UNITS = {"b": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12}
 _AGES = {"s": 1, "m": 60, "h": 3600, "d": 86400, "w": 7 * 86400}
+_NUMBER = re.compile(r"(?P<number>[0-9]{1,15}(?:\.[0-9]{1,15})?)")
+_AGE = re.compile(rf"{_NUMBER.pattern}\s*(?P<unit>[smhdw])")
+_SIZE = re.compile(rf"{_NUMBER.pattern}\s*(?P<unit>b|[kmgt]b?)")
+#: Characters of a wrong value that a message shows.
+_SHOWN = 40
 
 
 @dataclass(frozen=True)
@@ -216,19 +221,23 @@ def verify_cache(root: Path, *, remove: bool = False) -> tuple[int, list[tuple[P
 
 
 def parse_age(text: str) -> float:
-    """Read "30d", "12h", "90m", "2w" or seconds, as seconds."""
-    found = re.fullmatch(r"([0-9]+(?:\.[0-9]+)?)\s*([smhdw]?)", text.strip().lower())
-    if not found:
-        raise UsageError("this is no age", found=repr(text), allowed="30d, 12h, 90m, 2w, or seconds")
-    return float(found[1]) * _AGES.get(found[2] or "s", 1)
+    """Read "30d", "12h", "90m", "2w" or "45s", as seconds; a number without a unit is refused."""
+    return _quantity(text, _AGE, _AGES, "age", "30d, 12h, 2w (units: s, m, h, d, w)")
 
 
 def parse_size(text: str) -> int:
-    """Read "50GB", "500M" or bytes, as bytes; units of 1000."""
-    found = re.fullmatch(r"([0-9]+(?:\.[0-9]+)?)\s*([kmgt]?)b?", text.strip().lower())
-    if not found:
-        raise UsageError("this is no size", found=repr(text), allowed="50GB, 500MB, or bytes")
-    return int(float(found[1]) * _UNITS[found[2]])
+    """Read "50GB", "500M" or "0B", as bytes; units of 1000; a number without a unit is refused."""
+    return int(_quantity(text, _SIZE, _UNITS, "size", "50GB, 500MB (units: B, kB, MB, GB, TB)"))
+
+
+def _quantity(text: str, pattern: re.Pattern[str], units: Mapping[str, int], what: str, allowed: str) -> float:
+    found = pattern.fullmatch(text.strip().lower())
+    if found is None:
+        allowed = f"a number with a unit, such as {allowed}"
+        # 3 days, 3 hours or 3 seconds: a guess could empty the cache.
+        problem = f"the {what} has no unit" if _NUMBER.fullmatch(text.strip()) else f"not a valid {what}"
+        raise UsageError(problem, found=repr(text[:_SHOWN]), allowed=allowed, fix="nothing was removed")
+    return float(found["number"]) * units[found["unit"][0]]
 
 
 def _removed(entry: Entry) -> bool:

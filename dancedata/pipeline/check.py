@@ -8,11 +8,13 @@ from typing import Any, Literal
 from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import DataError, SourceError
 from dancedata.core.plugins import Dataset
+from dancedata.core.quality import implausible_flags
 from dancedata.core.registry import DATASETS
 from dancedata.pipeline.execute import Progress, run_units
+from dancedata.pipeline.implausible import implausible_problems
 from dancedata.pipeline.last_words import doing
-from dancedata.pipeline.rejects import BY_CHOICE, reject_of
-from dancedata.store import Problem, verify_store
+from dancedata.pipeline.rejects import NOTED, reject_of
+from dancedata.store import Problem, open_store, verify_store
 from dancedata.store.schema import DATASET_FILE, is_shard_name
 
 
@@ -40,13 +42,22 @@ def check(
     """
     if dataset is None and path.is_dir() and any(_is_ours(p.name) for p in path.iterdir()):
         with doing(f"checking, {path}"):
-            return verify_store(path)
+            problems = verify_store(path)
+            if not any(p.severity == "error" for p in problems):
+                problems += _implausible(path)
+            return problems
     reader, scan = _scan(path, dataset)
     problems = [Problem("note", str(path), note) for note in scan.notes]
     problems += [_problem(r) for r in scan.rejects]
     calls = [(reader, ref) for ref in scan.clips]
     found = run_units(_check_clip, calls, jobs=jobs, label="checking", progress=progress or Progress(quiet=True))
     return problems + [_problem(reject) for rejects in found for reject in rejects]
+
+
+def _implausible(path: Path) -> list[Problem]:
+    """Say which clips of a sound dataset have an implausible unit."""
+    with open_store(path) as store:
+        return [Problem("note", p.clip, f"{p.reason}: {p.detail}") for p in implausible_problems(store.quality)]
 
 
 def _is_ours(name: str) -> bool:
@@ -83,7 +94,8 @@ def _check_clip(reader: Any, ref: ClipRef) -> list[Reject]:
 
     found = []
     try:
-        reader.load(ref)
+        flags = [{"clip": ref.id, **flag.to_json()} for flag in implausible_flags(reader.load(ref))]
+        found += implausible_problems(flags)
     except DataError as error:
         found.append(reject_of(error, clip=ref.id, file=ref.motion_path))
     if ref.audio_path is not None:
@@ -95,5 +107,6 @@ def _check_clip(reader: Any, ref: ClipRef) -> list[Reject]:
 
 
 def _problem(reject: Reject) -> Problem:
-    severity: Literal["error", "note"] = "note" if reject.reason in BY_CHOICE else "error"
-    return Problem(severity, reject.clip or reject.file, f"{reject.reason}: {reject.detail or reject.file}")
+    severity: Literal["error", "note"] = "note" if reject.reason in NOTED else "error"
+    fix = f"; {reject.fix}" if reject.fix else ""
+    return Problem(severity, reject.clip or reject.file, f"{reject.reason}: {reject.detail or reject.file}{fix}")

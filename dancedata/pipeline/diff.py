@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -11,8 +12,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from dancedata.core.errors import UsageError
 from dancedata.core.text import shown
+from dancedata.pipeline.diff_rows import is_same_number, unmatched
+from dancedata.pipeline.source_record import SourceRecord, source_differences
 from dancedata.store import Store, open_store
+from dancedata.store.clip_view import ClipView
 from dancedata.store.schema import ClipRecord
 
 #: Names, and characters of a message, shown in a line at most; JSON has all.
@@ -58,7 +63,7 @@ class Difference:
         return f"{self.kind}: {shown(self.message, _MESSAGE)}{f': {listed}{more}' if listed else ''}"
 
 
-def diff(a: str | Path, b: str | Path) -> list[Difference]:
+def diff(a: str | Path, b: str | Path, *, atol: float | None = None) -> list[Difference]:
     """Compare two built datasets.
 
     Parameters
@@ -66,6 +71,10 @@ def diff(a: str | Path, b: str | Path) -> list[Difference]:
     a, b
         Folders that `build` wrote. What is stored in them is compared, wherever shards begin and end; whether a
         dataset is what its own dataset.json says is the question of `check`.
+    atol
+        Floating-point numbers that differ by no more than this are the same: values of fields, metadata of clips,
+        numbers of rejects and quality flags. Whole numbers, texts and counts are compared exactly. A note says how
+        much each field differs. None: all is compared exactly.
 
     Returns
     -------
@@ -76,16 +85,20 @@ def diff(a: str | Path, b: str | Path) -> list[Difference]:
     ------
     StoreError
         If one of them is no finished dataset.
+    UsageError
+        If `atol` is not a number from 0 on.
     """
+    if atol is not None and not (math.isfinite(atol) and atol >= 0):
+        raise UsageError("not a valid tolerance", found=repr(atol), allowed="a number from 0 on, such as 0.001")
     with open_store(a) as one, open_store(b) as two:
         if one.meta.get("self_sha256") == two.meta.get("self_sha256"):
             return []
         found = [*_recipes(one, two), *_stores(one, two), *_fields(one, two)]
         pairs = {c.id: c for c in two.clips}
         common = [(c, pairs[c.id]) for c in one.clips if c.id in pairs]
-        found += [*_clips(one, two, common), *_windows(one, two), *_values(one, two, common)]
-        found += _rows("rejects", one.rejects, two.rejects)
-        found += _rows("quality", one.quality, two.quality)
+        found += [*_clips(one, two, common, atol), *_windows(one, two), *_values(one, two, common, atol)]
+        found += _rows("rejects", one.rejects, two.rejects, atol)
+        found += _rows("quality", one.quality, two.quality, atol)
         return found + list(_notes(one, two))
 
 
@@ -110,8 +123,10 @@ def _recipes(one: Store, two: Store) -> Iterator[Difference]:
     if one.meta.get("source_sha256") != two.meta.get("source_sha256"):
         hashes = [str(store.meta.get("source_sha256"))[:12] for store in (one, two)]
         yield Difference("source", f"built from other files, splits or metadata of clips: {hashes[0]}, {hashes[1]}")
-    for key, old, new in document_differences(one.meta.get("content", {}), two.meta.get("content", {})):
-        yield Difference("source", f"{key}: {str(old)[:12]}, {str(new)[:12]}")
+        records = SourceRecord.of_store(one), SourceRecord.of_store(two)
+        # The metadata of clips are compared by themselves.
+        for found in source_differences(*records, "in A", "in B", about=False):
+            yield Difference("source", found.message, found.names)
 
 
 def _stores(one: Store, two: Store) -> Iterator[Difference]:
@@ -142,14 +157,16 @@ def _common_fields(one: Store, two: Store, *, columns: bool) -> list[str]:
     return [name for name, yes in zip(names, same, strict=True) if yes]
 
 
-def _clips(one: Store, two: Store, common: Sequence[tuple[ClipRecord, ClipRecord]]) -> Iterator[Difference]:
+def _clips(
+    one: Store, two: Store, common: Sequence[tuple[ClipView, ClipView]], atol: float | None
+) -> Iterator[Difference]:
     yield from _one_sided("clips", "clips", (c.id for c in one.clips), (c.id for c in two.clips))
     changed: dict[str, list[str]] = {}
     example: dict[str, str] = {}
     for mine, other in common:
         for key in _ABOUT_CLIP:
             old, new = getattr(mine, key), getattr(other, key)
-            if old != new:
+            if not is_same_number(old, new, atol):
                 changed.setdefault(key, []).append(mine.id)
                 example.setdefault(key, f"{old!r}, {new!r}")
     for key, ids in changed.items():
@@ -172,38 +189,58 @@ def _starts(store: Store) -> dict[str, set[tuple[int, int]]]:
     return found
 
 
-def _values(one: Store, two: Store, common: Sequence[tuple[ClipRecord, ClipRecord]]) -> Iterator[Difference]:
+def _values(
+    one: Store, two: Store, common: Sequence[tuple[ClipView, ClipView]], atol: float | None
+) -> Iterator[Difference]:
     shards = [{s["sha256"] for s in store.meta["shards"]} for store in (one, two)]
     if shards[0] == shards[1] or one.scope != two.scope or one.fps != two.fps:
         return
     for name in _common_fields(one, two, columns=True):
-        ids, shapes, worst, where = [], [], 0.0, ""
-        for clip, rows in _pieces(one, two, name, common):
-            if rows[0].shape != rows[1].shape:
-                shapes.append(clip)
-            elif not np.array_equal(*rows):
-                ids.append(clip)
-                gap = np.abs(rows[0].astype(np.float64) - rows[1])
-                if gap.max() > worst:
-                    worst = float(gap.max())
-                    row, column = np.unravel_index(int(gap.argmax()), gap.shape)
-                    where = f"row {row} of {clip}, column {one.fields[name].labels[column]}"
-        if shapes:
-            unique = tuple(dict.fromkeys(shapes))
-            yield Difference("values", f"{name}: other numbers of rows in {len(unique)} clips", unique)
-        if ids:
-            unique = tuple(dict.fromkeys(ids))
-            said = f"{name}: other values in {len(unique)} of {len(common)} clips, by {worst:.3g} at most ({where})"
-            yield Difference("values", said, unique, {"max_abs": worst})
+        gap = _gap(one, two, name, common)
+        if gap.other_shapes:
+            message = f"{name}: other numbers of rows in {len(gap.other_shapes)} clips"
+            yield Difference("values", message, tuple(gap.other_shapes))
+        if gap.clips:
+            within = atol is not None and gap.worst <= atol
+            said = f"{name}: other values in {len(gap.clips)} of {len(common)} clips"
+            said += f", by {gap.worst:.3g} at most ({gap.where})" + (f", within {atol:g}" if within else "")
+            yield Difference("note" if within else "values", said, tuple(gap.clips), {"max_abs": gap.worst})
+        elif atol is not None:
+            yield Difference("note", f"{name}: the same values", numbers={"max_abs": 0.0})
+
+
+@dataclass
+class _Gap:
+    """How much a field differs: clips with other numbers of rows, with other values, by how much at most, where."""
+
+    other_shapes: dict[str, None] = field(default_factory=dict)
+    clips: dict[str, None] = field(default_factory=dict)
+    worst: float = 0.0
+    where: str = ""
+
+
+def _gap(one: Store, two: Store, name: str, common: Sequence[tuple[ClipView, ClipView]]) -> _Gap:
+    found = _Gap()
+    for clip, rows in _pieces(one, two, name, common):
+        if rows[0].shape != rows[1].shape:
+            found.other_shapes[clip] = None
+        elif not np.array_equal(*rows):
+            found.clips[clip] = None
+            gap = np.abs(rows[0].astype(np.float64) - rows[1])
+            if gap.max() > found.worst:
+                found.worst = float(gap.max())
+                row, column = np.unravel_index(int(gap.argmax()), gap.shape)
+                found.where = f"row {row} of {clip}, column {one.fields[name].labels[column]}"
+    return found
 
 
 def _pieces(
-    one: Store, two: Store, name: str, common: Sequence[tuple[ClipRecord, ClipRecord]]
+    one: Store, two: Store, name: str, common: Sequence[tuple[ClipView, ClipView]]
 ) -> Iterator[tuple[str, tuple[npt.NDArray[Any], npt.NDArray[Any]]]]:
     """Give the rows of both stores: clip by clip, in window scope window by window."""
     if one.scope == "track":
-        for mine, _ in common:
-            yield mine.id, (one.clip(mine.id).read(name), two.clip(mine.id).read(name))
+        for clip, same in common:
+            yield clip.id, (clip.read(name), same.read(name))
         return
     others = {(w.clip, w.start, w.length): w for split in two.splits for w in two.windows(split)}
     for split in one.splits:
@@ -213,11 +250,11 @@ def _pieces(
                 yield window.clip, (one.read(window, name), two.read(other, name))
 
 
-def _rows(kind: str, one: Iterable[Mapping[str, Any]], two: Iterable[Mapping[str, Any]]) -> Iterator[Difference]:
+def _rows(
+    kind: str, one: Sequence[Mapping[str, Any]], two: Sequence[Mapping[str, Any]], atol: float | None
+) -> Iterator[Difference]:
     """Compare what was left out, or flagged, line by line."""
-    texts = [{json.dumps(row, sort_keys=True): row for row in rows} for rows in (one, two)]
-    for k, side in enumerate(("A", "B")):
-        only = [row for text, row in texts[k].items() if text not in texts[1 - k]]
+    for side, only in zip(("A", "B"), unmatched(one, two, atol), strict=True):
         if only:
             names = tuple(dict.fromkeys(str(row.get("clip") or row.get("file", "")) for row in only))
             yield Difference(kind, f"{len(only)} lines only in {side}", names)

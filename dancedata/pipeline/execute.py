@@ -9,17 +9,22 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor
 from contextlib import AbstractContextManager, contextmanager, suppress
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any, TextIO, TypeVar
 from uuid import uuid4
 
 from dancedata.core.errors import DanceDataError
 from dancedata.core.text import printable
+from dancedata.pipeline.arithmetic import adopted_by_children
 from dancedata.pipeline.cache import entered
 from dancedata.pipeline.cache_files import held, left_behind
 from dancedata.pipeline.last_words import doing
+from dancedata.pipeline.reference_process import ReferenceProcessError, compute
+from dancedata.pipeline.shielded import shielded
 from dancedata.pipeline.workers import Jobs, Workers, check_surroundings
+
+T = TypeVar("T")
 
 #: Seconds between two lines of progress where there is no terminal.
 LINE_INTERVAL_S = 15.0
@@ -37,6 +42,7 @@ def run_units(
     label: str,
     progress: Progress,
     known: Sequence[Any] = (),
+    exact: bool = True,
 ) -> list[Any]:
     """Return function(*call) for every call, in order.
 
@@ -44,7 +50,8 @@ def run_units(
     be started.
 
     BLAS and OpenMP run on one thread in each worker, whatever `jobs` is: sums in another order would change
-    last digits, and builds have to be byte-identical.
+    last digits, and builds have to be byte-identical. So units compute with the instructions that results are
+    promised for, see `arithmetic`, in another process if need be; not so if they are not `exact`.
 
     Where a worker process dies (out of memory, a crash in a decoder), the units that ran in that moment are run
     again, one at a time, and the others go on. Results in the cache are not computed again.
@@ -60,7 +67,8 @@ def run_units(
     results = list(known) or [None] * len(calls)
     missing = [index for index, result in enumerate(results) if result is None]
     with progress.stage(label, len(calls), known=len(calls) - len(missing)) as advance:
-        computed = _run_missing(function, [calls[index] for index in missing], workers, label, advance)
+        pinned = partial(exactly if exact else on_one_thread, function)
+        computed = _run_missing(pinned, [calls[index] for index in missing], workers, label, advance)
     for index, result in zip(missing, computed, strict=True):
         results[index] = result
     return results
@@ -121,6 +129,8 @@ class _Run:
 
     def _run(self, indices: Sequence[int]) -> BaseException | None:
         """Run calls until all are done or a worker dies; returns what was said of that."""
+        from multiprocessing import resource_tracker
+
         from joblib import Parallel, delayed
 
         # Units take paths, not arrays. joblib would make a folder for large ones in /dev/shm, and leave it there
@@ -137,11 +147,17 @@ class _Run:
             pool = {"n_jobs": -1, "pre_dispatch": "all"}
             deaths, lost = WORKER_DEATHS, CLUSTER_LOST
         tasks = (delayed(_marked)(self.function, self.calls[i], self._mark(i)) for i in indices)
-        outcome = Parallel(**pool, return_as="generator")(tasks)
         try:
-            for index, result in zip(indices, outcome, strict=True):
-                self.found[index] = result
-                self.advance(1)
+            # Workers are started when they are needed.
+            with adopted_by_children():
+                if self.workers.backend == "loky":
+                    # It would be started with the workers, and let SIGINT through to them.
+                    resource_tracker.ensure_running()
+                with shielded():
+                    outcome = Parallel(**pool, return_as="generator")(tasks)
+                for index, result in zip(indices, outcome, strict=True):
+                    self.found[index] = result
+                    self.advance(1)
         except deaths as error:
             return error
         except lost as error:
@@ -212,7 +228,11 @@ def _first_line(error: BaseException | None) -> str:
 def _alone(function: Callable[..., Any], call: tuple[Any, ...], label: str) -> Any:
     """Run a unit in this process."""
     with doing(f"{label}, {unit_name(call)}"):
-        return _pinned(function, call)
+        try:
+            return function(*call)
+        except ReferenceProcessError as error:
+            error.where = unit_name(call)
+            raise
 
 
 def _advanced(advance: Callable[[int], None], result: Any) -> Any:
@@ -226,12 +246,25 @@ def _marked(function: Callable[..., Any], call: tuple[Any, ...], mark: tuple[Pat
     if surroundings is not None:
         check_surroundings(surroundings)
     with entered(scratch, held(scratch, name)):
-        return _pinned(function, call)
-
-
-def _pinned(function: Callable[..., Any], call: tuple[Any, ...]) -> Any:
-    with one_thread():
         return function(*call)
+
+
+def exactly(function: Callable[..., T], *args: Any) -> T:
+    """Return ``function(*args)`` as a build computes it: on one thread, with the instructions of `expected`.
+
+    Raises
+    ------
+    ReferenceProcessError
+        As for `reference_process.compute`.
+    """
+    found: T = compute(on_one_thread, function, *args)
+    return found
+
+
+def on_one_thread(function: Callable[..., T], *args: Any) -> T:
+    """Return ``function(*args)``, computed on one thread."""
+    with one_thread():
+        return function(*args)
 
 
 def one_thread() -> AbstractContextManager[Any]:
@@ -254,18 +287,36 @@ class Progress:
     def __init__(self, quiet: bool = False, stream: TextIO | None = None) -> None:
         self.quiet = quiet
         self.stream = stream if stream is not None else sys.stderr
+        self._announced: list[str] = []
+
+    def announce(self, text: str) -> None:
+        """Print a line as soon as there is something to do: what finds all done is silent."""
+        self._announced.append(text)
 
     def say(self, text: str) -> None:
         """Print a line."""
         if not self.quiet:
-            print(printable(text, lines=True), file=self.stream, flush=True)
+            lines, self._announced = [*self._announced, text], []
+            print(printable("\n".join(lines), lines=True), file=self.stream, flush=True)
+
+    def _begin(self) -> None:
+        """Print what was announced."""
+        if self._announced:
+            last = self._announced.pop()
+            self.say(last)
 
     @contextmanager
     def stage(self, label: str, total: int, known: int = 0) -> Iterator[Callable[[int], None]]:
         """Show a stage of `total` steps, `known` of them done before; gives a function to say how many more are."""
         if self.quiet:
             yield lambda _: None
-        elif self.stream.isatty():
+            return
+        if known == total:
+            self.announce(f"{label}: {total}/{total} in the cache")
+            yield lambda _: None
+            return
+        self._begin()
+        if self.stream.isatty():
             from tqdm import tqdm
 
             with tqdm(total=total, initial=known, desc=label, file=self.stream, unit="", dynamic_ncols=True) as bar:

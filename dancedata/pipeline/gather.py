@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 from dancedata.augment.mirror import SUFFIX, mirrored_copy
 from dancedata.core.clip import ClipRef, Reject, Scan
-from dancedata.core.errors import SourceError, StoreError
+from dancedata.core.errors import SourceError
 from dancedata.core.text import is_unicode, quoted
 from dancedata.core.windows import count_windows
 from dancedata.pipeline.audio_units import SignalId, identify_audio, known_signal, window_samples
 from dancedata.pipeline.cache import Cache, CachedArray
-from dancedata.pipeline.execute import Progress, run_units
+from dancedata.pipeline.execute import Progress, exactly, run_units
 from dancedata.pipeline.gather_audio import extract_all
 from dancedata.pipeline.gathered import Gathered, window_numbers
 from dancedata.pipeline.motion_units import (
@@ -27,8 +28,16 @@ from dancedata.pipeline.motion_units import (
 )
 from dancedata.pipeline.movement import still_windows
 from dancedata.pipeline.recipe import Recipe
+from dancedata.pipeline.rejects import missing_music, short_audio, too_short
 from dancedata.pipeline.workers import Jobs
 from dancedata.store import AudioBlock, StoredClip
+
+
+def scan_source(recipe: Recipe, source: Path) -> Scan:
+    """List what the source holds. A dataset that writes its own source computes it as results are computed."""
+    generates = getattr(recipe.dataset, "generates", False)
+    scan: Scan = exactly(recipe.dataset.scan, source) if generates else recipe.dataset.scan(source)
+    return scan
 
 
 def identify(cache: Cache, recipe: Recipe, scan: Scan, *, jobs: Jobs, progress: Progress) -> Gathered:
@@ -47,7 +56,7 @@ def identify(cache: Cache, recipe: Recipe, scan: Scan, *, jobs: Jobs, progress: 
     paths = list(dict.fromkeys(ref.motion_path for ref in gathered.refs.values()))
     calls = [(cache, path) for path in paths]
     known = [known_hash(cache, path) for path in paths]
-    found = run_units(hash_motion, calls, known=known, jobs=1, label="hashing motion", progress=progress)
+    found = run_units(hash_motion, calls, known=known, jobs=1, label="hashing motion", progress=progress, exact=False)
     hashes = dict(zip(paths, found, strict=True))
     for ref in list(gathered.refs.values()):
         sha = hashes[ref.motion_path]
@@ -62,16 +71,15 @@ def identify(cache: Cache, recipe: Recipe, scan: Scan, *, jobs: Jobs, progress: 
 
 def _identify_music(cache: Cache, gathered: Gathered, jobs: Jobs, progress: Progress) -> None:
     paths = sorted({r.audio_path for r in gathered.refs.values() if r.audio_path is not None})
-    known = [known_signal(cache, gathered.recipe, path) for path in paths]
-    calls = [(cache, gathered.recipe, path) for path in paths]
+    known = [known_signal(cache, path) for path in paths]
+    calls = [(cache, path) for path in paths]
     found = run_units(identify_audio, calls, known=known, jobs=jobs, label="decoding music", progress=progress)
     outcome = dict(zip(paths, found, strict=True))
     gathered.signals = {p: o for p, o in outcome.items() if isinstance(o, SignalId)}
     for ref in list(gathered.refs.values()):
         result = outcome.get(ref.audio_path) if ref.audio_path is not None else None
         if result is None:
-            detail = f"no music for clip {ref.id}; a recipe without audio features (audio: {{}}) needs none"
-            gathered.audio_problems[ref.id] = Reject("missing_music", clip=ref.id, detail=detail)
+            gathered.audio_problems[ref.id] = missing_music(ref)
         elif isinstance(result, Reject):
             gathered.audio_problems[ref.id] = replace(result, clip=ref.id)
 
@@ -188,7 +196,7 @@ def _starts(gathered: Gathered, clip: str, motion: MotionResult) -> tuple[int, .
     stride = recipe.windows.stride
     count = motion_window_count(recipe, motion.n_source, motion.source_rate)
     if not count:
-        gathered.drop(clip, _too_short(recipe, ref, motion))
+        gathered.drop(clip, too_short(recipe, ref, motion.n_source, motion.source_rate))
         return ()
     gathered.rejects += _short_fields(recipe, ref, motion, count)
     signal = gathered.signal(ref)
@@ -197,9 +205,7 @@ def _starts(gathered: Gathered, clip: str, motion: MotionResult) -> tuple[int, .
     audio_s = round(signal.n_samples / signal.sample_rate, 3)
     with_music = audio_window_count(recipe, signal.n_samples, signal.sample_rate)
     if not with_music:
-        detail = f"{signal.path}: the music has no whole window: {audio_s} s; a window has {_window_s(recipe):g} s"
-        numbers: dict[str, float | int] = {"audio_s": audio_s}
-        gathered.drop(clip, Reject("short_audio", clip, str(signal.path), detail=detail, numbers=numbers))
+        gathered.drop(clip, short_audio(recipe, ref, signal.path, audio_s))
     for k in range(with_music, count) if with_music else ():
         detail = f"window {k} reaches beyond the end of {signal.path.name}"
         gathered.rejects.append(Reject("no_audio", clip, "", k * stride, detail, {"audio_s": audio_s}))
@@ -217,28 +223,3 @@ def _short_fields(recipe: Recipe, ref: ClipRef, motion: MotionResult, count: int
         Reject("short_field", ref.id, "", k * recipe.windows.stride, f"{detail}, number {k}")
         for k in range(count, without)
     ]
-
-
-def _window_s(recipe: Recipe) -> float:
-    return float(recipe.windows.length / recipe.fps)
-
-
-def _too_short(recipe: Recipe, ref: ClipRef, motion: MotionResult) -> Reject:
-    motion_s = float(motion.n_source / motion.source_rate)
-    detail = (
-        f"clip {ref.id} has no whole window: {motion.n_source} frames at {motion.source_rate} a second "
-        f"({motion_s:.2f} s); a window has {_window_s(recipe):g} s"
-    )
-    numbers: dict[str, float | int] = {"motion_s": round(motion_s, 3)}
-    return Reject("too_short", ref.id, str(ref.motion_path), detail=detail, numbers=numbers)
-
-
-def require_clips(clips: Sequence[StoredClip], rejects: Sequence[Reject]) -> None:
-    """Raise StoreError if nothing is left to store, saying why the clips were left out."""
-    if clips:
-        return
-    reasons: dict[str, Reject] = {}
-    for reject in rejects:
-        reasons.setdefault(reject.reason, reject)
-    lines = "\n".join(f"  - {name}: {r.detail or r.clip or r.file}" for name, r in sorted(reasons.items()))
-    raise StoreError(f"no clip is left to build from; every one was left out, for instance\n{lines}")

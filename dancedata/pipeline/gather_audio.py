@@ -13,6 +13,7 @@ from dancedata.pipeline.audio_units import (
     SignalId,
     extract_track,
     extract_windows,
+    is_exact,
     known_windows,
     window_units,
 )
@@ -74,7 +75,7 @@ class _Extraction:
         return found
 
     def windows(self, starts: dict[str, tuple[int, ...]]) -> dict[str, tuple[AudioBlock, ...]]:
-        """Return a block for every window; windows of equal samples and tempo share theirs."""
+        """Return a block for every window; the same window of equal songs, at one tempo, has one."""
         gathered, every = self.gathered, FeatureKeys(self.gathered.recipe, self.feature)
         wanted: dict[str, list[str]] = {}
         owner: dict[str, tuple[Path, float | None]] = {}
@@ -84,7 +85,7 @@ class _Extraction:
             song = songs.setdefault((signal.path, bpm), {})
             wanted[ref.id] = []
             for number in window_numbers(gathered.recipe, starts[ref.id]):
-                key = song.get(number) or every.window(bpm, signal.windows[number])
+                key = song.get(number) or every.window(bpm, signal, number)
                 if owner.setdefault(key, (signal.path, bpm)) == (signal.path, bpm):
                     song[number] = key
                 wanted[ref.id].append(key)
@@ -124,7 +125,15 @@ class _Extraction:
         calls = [(*call, next(ahead)) if result is None else call for call, result in zip(calls, known, strict=True)]
         # Whoever has it all already need not look for cards.
         jobs = _jobs_for(self.feature, self.jobs) if missing else self.jobs
-        return run_units(function, calls, known=known, jobs=jobs, label=self.feature.name, progress=self.progress)
+        return run_units(
+            function,
+            calls,
+            known=known,
+            jobs=jobs,
+            label=self.feature.name,
+            progress=self.progress,
+            exact=is_exact(self.feature),
+        )
 
 
 def _jobs_for(feature: Any, jobs: Jobs) -> Jobs:

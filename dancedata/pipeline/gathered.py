@@ -59,21 +59,20 @@ class Gathered:
             raise StoreError("a clip without music reached the audio features", where=f"clip {ref.id}")
         return signal
 
+    def inputs(self) -> dict[str, tuple[list[Any], str, str | None]]:
+        """Return by clip what goes into it: its metadata, and the hashes of its motion and music."""
+        found = {}
+        for clip, ref in self.refs.items():
+            signal = self.signal(ref)
+            about = [ref.id, ref.split, ref.music, ref.tempo_bpm, ref.genre, ref.dancer, ref.lists, ref.declared]
+            found[clip] = (about, self.motion_sha[clip], signal.sha256 if signal else None)
+        return found
+
     def source_sha256(self) -> str:
         """Return a hash of all that went in: clips with their files' contents, and what was left out."""
-        clips = []
-        for ref in self.refs.values():
-            signal = self.signal(ref)
-            clips.append(
-                [
-                    [ref.id, ref.split, ref.music, ref.tempo_bpm, ref.genre, ref.dancer, ref.lists, ref.declared],
-                    self.motion_sha[ref.id],
-                    signal.sha256 if signal else None,
-                ]
-            )
         problems = [*self.rejects, *self.audio_problems.values()]
         left_out = sorted([r.reason, r.clip, Path(r.file).name] for r in problems)
-        return json_sha256({"clips": clips, "left_out": left_out, "content": self.content})
+        return json_sha256({"clips": list(self.inputs().values()), "left_out": left_out, "content": self.content})
 
 
 def window_numbers(recipe: Recipe, starts: Sequence[int]) -> tuple[int, ...]:

@@ -14,11 +14,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
 from dancedata.core.text import printable
+from dancedata.pipeline.shielded import shielded
 
 _LISTENER = r"""
 import signal, sys
-for number in (signal.SIGINT, signal.SIGTERM):
-    signal.signal(number, signal.SIG_IGN)
+signal.signal(signal.SIGTERM, signal.SIG_IGN)
 last = b""
 for line in sys.stdin.buffer:
     last = line.strip()
@@ -37,8 +37,9 @@ class _Listener:
     def hear(self, text: str) -> None:
         if self.process is None:
             command = [sys.executable, "-I", "-S", "-c", _LISTENER]
-            # Nothing in the command comes from outside.
-            self.process = subprocess.Popen(command, stdin=subprocess.PIPE, bufsize=0)  # noqa: S603
+            with shielded():
+                # Nothing in the command comes from outside.
+                self.process = subprocess.Popen(command, stdin=subprocess.PIPE, bufsize=0)  # noqa: S603
             atexit.register(self.goodbye)
         pipe = self.process.stdin
         if pipe is not None:

@@ -19,15 +19,22 @@ from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import sha256_file
 from dancedata.core.motion import Motion
-from dancedata.core.quality import MAX_ROOT_SPEED_M_S, MAX_TURN_DEG_S, quality_flags
+from dancedata.core.quality import (
+    MAX_ROOT_SPEED_M_S,
+    MAX_TURN_DEG_S,
+    PLAUSIBLE_BODY_M,
+    PLAUSIBLE_ROOT,
+    quality_flags,
+)
 from dancedata.core.windows import count_windows
 from dancedata.pipeline.cache import Cache, CachedArray, package_version
 from dancedata.pipeline.documents import document_of
 from dancedata.pipeline.recipe import Recipe
+from dancedata.pipeline.reference_process import expected
 from dancedata.pipeline.rejects import BUILD_AGAIN, CHANGED, reject_of
 
 #: Raised by hand when a stage here gives other numbers for the same input.
-MOTION_STAGE = 3
+MOTION_STAGE = 4
 #: Up to this many values, clips remember matrices and joints while they are encoded: 200 MB.
 _REMEMBERED = 2**23
 
@@ -104,9 +111,10 @@ class MotionKeys:
     def __init__(self, recipe: Recipe, content: Mapping[str, str]) -> None:
         dataset = recipe.dataset
         loading = [dataset.name, dataset.version, document_of(dataset, loading=True), dict(content)]
-        limits = [MAX_TURN_DEG_S, MAX_ROOT_SPEED_M_S]
+        limits = [MAX_TURN_DEG_S, MAX_ROOT_SPEED_M_S, *PLAUSIBLE_BODY_M, *PLAUSIBLE_ROOT]
         self._content = dict(content)
-        self._clip = Cache.key("clip", version=MOTION_STAGE, dataset=loading, limits=limits)
+        arithmetic = expected()
+        self._clip = Cache.key("clip", version=MOTION_STAGE, dataset=loading, limits=limits, arithmetic=arithmetic)
         self._fields = {
             encoder.name: Cache.key(
                 "motion",
@@ -116,6 +124,7 @@ class MotionKeys:
                 fps=str(encoder.grid),
                 windows=_window_cut(recipe) if recipe.scope == "window" else None,
                 packages={name: package_version(name) for name in ("numpy", "scipy")},
+                arithmetic=arithmetic,
             )
             for encoder in _encoders(recipe)
         }

@@ -10,12 +10,14 @@ from heapq import heappop, heappush
 from pathlib import Path
 from typing import Any
 
-from dancedata.core.clip import ClipRef, Scan
+from dancedata.core.clip import ClipRef
 from dancedata.core.errors import UsageError
-from dancedata.pipeline.build import hired_for, stop_if_strict
+from dancedata.pipeline.build import hired_for
 from dancedata.pipeline.cache import Cache, default_cache
 from dancedata.pipeline.execute import Progress
-from dancedata.pipeline.gather import gather, identify
+from dancedata.pipeline.gather import gather, identify, scan_source
+from dancedata.pipeline.implausible import stop_if_implausible
+from dancedata.pipeline.left_out import stop_if_strict
 from dancedata.pipeline.recipe import Recipe, resolve
 
 
@@ -118,15 +120,16 @@ def build_part(
     store_cache = Cache((cache or default_cache()).absolute())
     # As in the build that collects: what depends on the machine is in the keys.
     recipe = resolve(recipe, store_cache.file_sha256)
-    scan: Scan = recipe.dataset.scan(source)
+    scan = scan_source(recipe, source)
     mine = part.of(scan.clips)
     with hired_for(recipe, source, store_cache, jobs) as workers:
         gathered = identify(
             store_cache, recipe, replace(scan, clips=mine, rejects=()), jobs=workers, progress=progress
         )
-        stop_if_strict(strict, [*gathered.rejects, *gathered.audio_problems.values()])
+        stop_if_strict(strict, [*gathered.rejects, *gathered.audio_problems.values()], scan)
         songs = len(gathered.signals)
         gather(store_cache, gathered, jobs=workers, progress=progress)
-        stop_if_strict(strict, gathered.rejects)
+        stop_if_strict(strict, gathered.rejects, scan)
+        stop_if_implausible(strict, gathered.quality)
     left_out = Counter(reject.reason for reject in gathered.rejects)
     return PartResult(part, len(scan.clips), len(mine), songs, dict(sorted(left_out.items())))

@@ -4,20 +4,24 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from dancedata.core.clip import ClipRef, Scan
+from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
-from dancedata.pipeline.build import header_of
+from dancedata.core.quality import implausible_flags
+from dancedata.pipeline.build import header_of, relative_to
 from dancedata.pipeline.cache import Cache, default_cache
 from dancedata.pipeline.execute import Progress, run_units
-from dancedata.pipeline.gather import audio_window_count
+from dancedata.pipeline.gather import audio_window_count, scan_source
+from dancedata.pipeline.implausible import describe_implausible
+from dancedata.pipeline.left_out import nothing_left
 from dancedata.pipeline.motion_units import motion_window_count
 from dancedata.pipeline.plan_cached import Cached, cached_units
 from dancedata.pipeline.recipe import Recipe
+from dancedata.pipeline.rejects import missing_music, reject_of, short_audio, too_short
 from dancedata.store.schema import sort_splits
 
 
@@ -29,6 +33,8 @@ class ClipPlan:
     ----------
     n_without_music
         Windows that would be left out because the music ends before they do.
+    implausible
+        What a unit makes of the body or its path.
     """
 
     ref: ClipRef
@@ -36,7 +42,8 @@ class ClipPlan:
     n_windows: int = 0
     n_without_music: int = 0
     audio_rows: tuple[int, ...] = ()
-    problems: tuple[str, ...] = ()
+    problems: tuple[Reject, ...] = ()
+    implausible: tuple[dict[str, Any], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -44,15 +51,30 @@ class Plan:
     """What a build would make."""
 
     recipe: Recipe
+    source: Path
     scan: Scan
     clips: tuple[ClipPlan, ...]
     cached: Mapping[str, Cached]
 
+    def __repr__(self) -> str:
+        """Show how much would be built; `to_json` has the rest."""
+        windows = sum(c.n_windows for c in self.clips)
+        return f"Plan({self.recipe.name!r}, {sum(c.n_windows > 0 for c in self.clips)} clips, {windows} windows)"
+
+    @property
+    def rejects(self) -> list[Reject]:
+        """Files and clips that would be left out; windows are only counted."""
+        return [*self.scan.rejects, *(problem for c in self.clips for problem in c.problems)]
+
+    def require_clips(self) -> None:
+        """Raise StoreError, as a build would, if nothing is left to store."""
+        if not any(c.n_windows for c in self.clips):
+            raise nothing_left(self.source, self.scan, [relative_to(r, self.source) for r in self.rejects])
+
     def to_json(self) -> dict[str, Any]:
         """Return plain JSON data: counts, columns and bytes."""
         kept = [c for c in self.clips if c.n_windows]
-        left_out = Counter(r.reason for r in self.scan.rejects)
-        left_out.update(problem for c in self.clips for problem in c.problems)
+        left_out = Counter(r.reason for r in self.rejects)
         left_out.update({"no_audio": sum(c.n_without_music for c in self.clips)})
         splits = {}
         for split in sort_splits({c.ref.split for c in kept}):
@@ -82,11 +104,12 @@ class Plan:
         return 2 if self.recipe.mirror and split == "train" else 1
 
     def _notes(self) -> list[str]:
+        notes = [line.strip() for line in describe_implausible(row for c in self.clips for row in c.implausible)]
         chosen = self.recipe.windows.filter
-        if chosen is None:
-            return []
-        where = ", ".join(chosen.splits)
-        return [f"windows of {where} are counted before the movement filter, which looks at encoded motion"]
+        if chosen is not None:
+            where = ", ".join(chosen.splits)
+            notes.append(f"windows of {where} are counted before the movement filter, which looks at encoded motion")
+        return notes
 
     def _bytes(self, kept: list[ClipPlan]) -> int:
         """Estimate the size of the shards, tables aside; equal windows of several files are counted each."""
@@ -115,51 +138,58 @@ def make_plan(
     recipe: Recipe, source: Path, *, jobs: int = 1, cache: Path | None = None, progress: Progress | None = None
 ) -> Plan:
     """Find out what `build` would make of a source, and what of that is in the cache."""
-    scan: Scan = recipe.dataset.scan(source)
+    source = source.absolute()  # as in a build, so that both say the same
+    scan = scan_source(recipe, source)
     progress = progress or Progress(quiet=True)
-    songs: dict[Path | None, Any] = {None: "missing_music"}
+    songs: dict[Path | None, Any] = {}
     if recipe.audio:
         paths = sorted({ref.audio_path for ref in scan.clips if ref.audio_path is not None})
         found = run_units(
             _length, [(path,) for path in paths], jobs=jobs, label="lengths of music", progress=progress
         )
         songs.update(zip(paths, found, strict=True))
-    calls = [(recipe, ref, songs[ref.audio_path] if recipe.audio else None) for ref in scan.clips]
+    calls = [
+        (recipe, ref, songs.get(ref.audio_path, missing_music(ref)) if recipe.audio else None) for ref in scan.clips
+    ]
     clips = run_units(_clip_plan, calls, jobs=jobs, label="lengths of motion", progress=progress)
     kept = [(clip.ref, clip.n_windows) for clip in clips if clip.n_windows]
     held = cached_units(Cache((cache or default_cache()).absolute()), recipe, kept)
-    return Plan(recipe, scan, tuple(clips), held)
+    return Plan(recipe, source, scan, tuple(clips), held)
 
 
-def _clip_plan(recipe: Recipe, ref: ClipRef, samples: tuple[int, int] | str | None) -> ClipPlan:
-    """Plan a clip; `samples` is its music's length and sample rate, the reason why it has none, or None."""
+def _clip_plan(recipe: Recipe, ref: ClipRef, samples: tuple[int, int] | Reject | None) -> ClipPlan:
+    """Plan a clip; `samples` is its music's length and sample rate, why it has none, or None without features."""
     # As in a build: motion and music are both looked at, so that all that is wrong is named.
-    motion = _try(lambda: recipe.dataset.load(ref))
-    problems = tuple(found for found in (motion, samples) if isinstance(found, str))
-    if problems:
+    motion = _try(lambda: recipe.dataset.load(ref), ref.motion_path)
+    problems = tuple(replace(found, clip=ref.id) for found in (motion, samples) if isinstance(found, Reject))
+    if problems or isinstance(samples, Reject):
         return ClipPlan(ref, problems=problems)
+    implausible = tuple({"clip": ref.id, **flag.to_json()} for flag in implausible_flags(motion))
     n_frames = FrameGrid(motion.grid.rate).resampled_length(motion.n_frames, recipe.grid)
     count = motion_window_count(recipe, motion.n_frames, motion.grid.rate)
-    if not count or samples is None:
-        return ClipPlan(ref, n_frames, count, problems=() if count else ("too_short",))
+    if not count:
+        return ClipPlan(ref, n_frames, problems=(too_short(recipe, ref, motion.n_frames, motion.grid.rate),))
+    if samples is None:
+        return ClipPlan(ref, n_frames, count, implausible=implausible)
     kept = min(count, audio_window_count(recipe, *samples))
     if not kept:
-        return ClipPlan(ref, problems=("short_audio",))
+        audio_s = round(samples[0] / samples[1], 3)
+        return ClipPlan(ref, problems=(short_audio(recipe, ref, ref.audio_path or ref.motion_path, audio_s),))
     rows = tuple(f.n_rows(*samples, recipe.grid) for f in recipe.audio)
-    return ClipPlan(ref, n_frames, kept, count - kept, rows)
+    return ClipPlan(ref, n_frames, kept, count - kept, rows, implausible=implausible)
 
 
-def _length(path: Path) -> tuple[int, int] | str:
-    """Return samples and sample rate of a file, or the reason code of what is wrong with it."""
+def _length(path: Path) -> tuple[int, int] | Reject:
+    """Return samples and sample rate of a file, or what is wrong with it."""
     from dancedata.audio.signal import audio_length
 
-    found: tuple[int, int] | str = _try(lambda: audio_length(path))
+    found: tuple[int, int] | Reject = _try(lambda: audio_length(path), path)
     return found
 
 
-def _try(call: Callable[[], Any]) -> Any:
-    """Return a call's result, or the reason code of its DataError."""
+def _try(call: Callable[[], Any], file: Path) -> Any:
+    """Return a call's result, or the reject of its DataError."""
     try:
         return call()
     except DataError as error:
-        return error.reason
+        return reject_of(error, file=file)

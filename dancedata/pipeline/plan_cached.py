@@ -50,9 +50,7 @@ def cached_units(cache: Cache, recipe: Recipe, clips: Sequence[tuple[ClipRef, in
     though a copy of it elsewhere may have been computed.
     """
     found = _motion(cache, recipe, [ref for ref, _ in clips])
-    signals = {
-        path: known_signal(cache, recipe, path) for path in {r.audio_path for r, _ in clips} if path is not None
-    }
+    signals = {path: known_signal(cache, path) for path in {r.audio_path for r, _ in clips} if path is not None}
     for feature in recipe.audio:
         found[feature.name] = _audio(cache, recipe, feature, clips, signals)
     return found
@@ -98,7 +96,7 @@ def _audio(
         elif recipe.scope == "track":
             known.add(keys.track(ref.tempo_bpm, signal.sha256))
         else:
-            known.update(keys.window(ref.tempo_bpm, signal.windows[number]) for number in numbers)
+            known.update(keys.window(ref.tempo_bpm, signal, number) for number in numbers)
     return Cached(unit, sum(cache.holds("features", key) for key in known), len(known) + len(unknown))
 
 

@@ -74,6 +74,12 @@ class Recipe:
     mirror: bool
     shard_mb: int
 
+    def __repr__(self) -> str:
+        """Show name, dataset, rate and fields; `document` has every key."""
+        fields = ", ".join(plugin.name for plugin in (*self.motion, *self.keymotion, *self.audio))
+        about = f"dataset {self.dataset.name}, {self.grid} FPS, {self.scope} scope, fields: {fields}"
+        return f"Recipe({self.name!r}, {about})"
+
     @property
     def fps(self) -> Fraction:
         """Frames a second of the store."""

@@ -17,7 +17,7 @@ from dancedata.core.registry import CONTACTS, DATASETS, FEATURES, KEYMOTIONS, RE
 from dancedata.core.resources import resource, resources
 from dancedata.core.text import shown
 from dancedata.pipeline.recipe import MotionSlot, Recipe, WindowSpec
-from dancedata.pipeline.slots import make_dataclass, make_plugin, one_of
+from dancedata.pipeline.slots import key_paths, make_dataclass, make_plugin, one_of
 from dancedata.pipeline.strict_yaml import load_yaml, read_yaml
 
 #: Characters of what PyYAML says, which are several lines.
@@ -68,6 +68,10 @@ class _Document(_Strict):
     keymotion: Any = None
     augment: _Augment = _Augment()
     store: _Store = _Store()
+
+
+_MODELS: dict[str, type[BaseModel]] = {"windows": _Windows, "store": _Store, "augment": _Augment}
+_SLOTS = {"dataset": DATASETS, "motion": REPRESENTATIONS, "audio": FEATURES, "keymotion": KEYMOTIONS}
 
 
 def recipe_names() -> tuple[str, ...]:
@@ -133,7 +137,7 @@ def parse_recipe(document: Mapping[str, Any], where: str = "recipe") -> Recipe:
     try:
         model = _Document.model_validate(document)
     except ValidationError as error:
-        problems += _explain(error)
+        problems += _explain(error, document)
         # Look into the slots as well, so that their errors come in the same message.
         model = None
     given = document if model is None else model.__dict__
@@ -205,7 +209,7 @@ def _motion_slots(given: Any, problems: list[str]) -> tuple[MotionSlot, ...]:
     for name, parameters in _mapping(given).items():
         own = dict(parameters or {}) if isinstance(parameters, dict | None) else parameters
         rule = own.pop("contacts", None) if isinstance(own, dict) else None
-        made = make_plugin(REPRESENTATIONS, "motion", name, own, problems, also=("contacts",))
+        made = make_plugin(REPRESENTATIONS, "motion", name, own, problems, also=("contacts",), beside=given)
         if made is None:
             continue
         rule = rule if rule is not None else made.default_contacts
@@ -217,7 +221,8 @@ def _motion_slots(given: Any, problems: list[str]) -> tuple[MotionSlot, ...]:
 
 
 def _slots(registry: Registry, where: str, given: Any, problems: list[str]) -> tuple[Any, ...]:
-    made = [make_plugin(registry, where, name, own, problems) for name, own in _mapping(given or {}).items()]
+    named = _mapping(given or {})
+    made = [make_plugin(registry, where, name, own, problems, beside=named) for name, own in named.items()]
     # By name, as in the recipe's hash, which knows no order either.
     return tuple(sorted((m for m in made if m is not None), key=lambda m: str(m.name)))
 
@@ -283,15 +288,23 @@ def _windows(given: _Windows, grid: FrameGrid, chosen: Movement | None) -> Windo
     return WindowSpec(found["length"], found["stride"], given.order, chosen)
 
 
-def _explain(error: ValidationError) -> list[str]:
+def _key_paths(document: Mapping[str, Any]) -> list[str]:
+    """Return all keys below the top, as --set takes them, of the plug-ins that the document names."""
+    paths = [f"{name}.{key}" for name, model in _MODELS.items() for key in model.model_fields]
+    for slot, registry in _SLOTS.items():
+        also = ("contacts",) if slot == "motion" else ()
+        paths += key_paths(registry, slot, document.get(slot), also)
+    return paths
+
+
+def _explain(error: ValidationError, document: Mapping[str, Any]) -> list[str]:
     problems = []
     for item in error.errors():
         key = ".".join(shown(part) for part in item["loc"])
         if item["type"] == "extra_forbidden":
-            model: Any = {"windows": _Windows, "store": _Store, "augment": _Augment}.get(
-                str(item["loc"][0]), _Document
-            )
-            problems.append(f"{key}: unknown key; {did_you_mean(str(item['loc'][-1]), model.model_fields)}")
+            model: Any = _MODELS.get(str(item["loc"][0]), _Document)
+            meant = did_you_mean(str(item["loc"][-1]), model.model_fields, _key_paths(document))
+            problems.append(f"{key}: unknown key; {meant}")
         elif item["type"] == "missing":
             if key not in ("dataset", "motion"):  # these say by themselves what may stand there
                 problems.append(f"{key}: missing")

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
 from pathlib import Path
 
-from dancedata.core.clip import Reject
+from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.errors import DataError
+from dancedata.core.quality import IMPLAUSIBLE
+from dancedata.pipeline.recipe import Recipe
 
 CHANGED = "the file changed while the build was running"
 BUILD_AGAIN = "run the build again when the source is at rest"
@@ -22,7 +25,38 @@ BY_CHOICE = {
     "short_field",
 }
 
+#: Reasons that `check` reports as notes; all others are errors.
+NOTED = {*BY_CHOICE, *IMPLAUSIBLE}
+
 
 def reject_of(error: DataError, clip: str = "", file: Path | None = None) -> Reject:
     """Say in rejects.jsonl what an error says."""
     return Reject(reason=error.reason, clip=clip, file=str(file) if file else "", detail=str(error))
+
+
+def missing_music(ref: ClipRef) -> Reject:
+    """Return the reject of a clip without music."""
+    detail = f"no music for clip {ref.id}; a recipe without audio features (audio: {{}}) needs none"
+    return Reject("missing_music", clip=ref.id, detail=detail, music=ref.music, fix=ref.music_fix)
+
+
+def too_short(recipe: Recipe, ref: ClipRef, n_frames: int, rate: Fraction) -> Reject:
+    """Return the reject of a clip whose motion, of so many frames at its own rate, has no whole window."""
+    motion_s = float(n_frames / rate)
+    detail = (
+        f"clip {ref.id} has no whole window: {n_frames} frames at {rate} a second "
+        f"({motion_s:.2f} s); a window has {_window_s(recipe):g} s"
+    )
+    numbers: dict[str, float | int] = {"motion_s": round(motion_s, 3)}
+    return Reject("too_short", ref.id, str(ref.motion_path), detail=detail, numbers=numbers)
+
+
+def short_audio(recipe: Recipe, ref: ClipRef, path: Path, audio_s: float) -> Reject:
+    """Return the reject of a clip whose music has no whole window."""
+    detail = f"{path}: the music has no whole window: {audio_s} s; a window has {_window_s(recipe):g} s"
+    numbers: dict[str, float | int] = {"audio_s": audio_s}
+    return Reject("short_audio", ref.id, str(path), detail=detail, numbers=numbers)
+
+
+def _window_s(recipe: Recipe) -> float:
+    return float(recipe.windows.length / recipe.fps)

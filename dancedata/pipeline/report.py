@@ -9,12 +9,16 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from dancedata.core.clip import Reject
+from dancedata.core.quality import IMPLAUSIBLE
 from dancedata.core.registry import CONTACTS, DATASETS, FEATURES, KEYMOTIONS, REPRESENTATIONS
-from dancedata.core.text import shown
+from dancedata.core.text import counted, shown
 from dancedata.pipeline.cache_admin import size_text
+from dancedata.pipeline.implausible import describe_implausible
+from dancedata.pipeline.left_out import left_out_lines
 from dancedata.pipeline.plan import Plan
 from dancedata.pipeline.recipe_file import load_recipe, recipe_names
-from dancedata.pipeline.rejects import BY_CHOICE
+from dancedata.pipeline.rejects import NOTED
 from dancedata.store import Problem, Store, open_store
 
 _NAMED = 3
@@ -56,6 +60,13 @@ def _field_json(store: Store, name: str) -> dict[str, Any]:
     }
 
 
+#: Until when a window needs music: the two scopes differ by a window where the music ends within its last frame.
+_MUSIC_OF_WINDOWS = {
+    "track": "a frame is an instant: a window has music up to its last frame, not up to the next one after it",
+    "window": "a window has music for its whole length, in samples, as EDGE counts",
+}
+
+
 def describe_store(path: Path) -> str:
     """Return what `info` prints of a built dataset."""
     about = store_json(path)
@@ -64,6 +75,7 @@ def describe_store(path: Path) -> str:
         f"{shown(about.get('name', path.name))}: {shown(path)} ({size_text(about['bytes'])})",
         f"  {about['scope']} scope, {shown(about['fps'])} frames a second, "
         f"windows of {windows['length']} frames every {windows['stride']}",
+        f"  {_MUSIC_OF_WINDOWS[about['scope']]}",
         *_table(
             ["split", "clips", "windows", "songs", "minutes"],
             [
@@ -81,7 +93,8 @@ def describe_store(path: Path) -> str:
     lines += _describe_sources(about)
     with open_store(path) as store:
         lines += _describe_rejects(store.rejects)
-        lines += _describe_quality(store.quality)
+        lines += describe_implausible(store.quality)
+        lines += _describe_quality([f for f in store.quality if f.get("kind") not in IMPLAUSIBLE])
     lines.append(f"  licence: {shown(about.get('licence', 'unknown'), _NOTE)}")
     return "\n".join(lines)
 
@@ -100,12 +113,8 @@ def _describe_sources(about: Mapping[str, Any]) -> list[str]:
 def _describe_rejects(rejects: Sequence[Mapping[str, Any]]) -> list[str]:
     if not rejects:
         return ["  nothing was left out"]
-    lines = ["  left out (rejects.jsonl):"]
-    for reason, rows in sorted(_grouped(rejects, "reason").items()):
-        names = list(dict.fromkeys(str(row.get("clip") or row.get("file", "")) for row in rows))
-        more = f", ... {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-        lines.append(f"    {shown(reason)}: {len(rows)} ({', '.join(map(shown, names[:_NAMED]))}{more})")
-    return lines
+    lines = left_out_lines([Reject.from_json(row) for row in rejects], details=True)
+    return ["  left out (rejects.jsonl):", *(f"    {line}" for line in lines)]
 
 
 def _grouped(rows: Sequence[Mapping[str, Any]], key: str) -> dict[str, list[Mapping[str, Any]]]:
@@ -170,10 +179,16 @@ def describe_plan(plan: Plan, out: Path) -> str:
             f"  {name}: {f['columns']} columns, {f['dtype']}{_in_cache(plan, name)}"
             for name, f in about["fields"].items()
         ),
-        *(f"  would leave out: {reason}: {n}" for reason, n in about["left_out"].items()),
+        *(line if line.startswith(" ") else f"  would leave out: {line}" for line in _would_leave_out(plan)),
         *(f"  note: {note}" for note in about["notes"]),
     ]
     return "\n".join(lines)
+
+
+def _would_leave_out(plan: Plan) -> list[str]:
+    windows = sum(clip.n_without_music for clip in plan.clips)
+    lines = [line.replace("  ", "    ", 1) if line.startswith(" ") else line for line in left_out_lines(plan.rejects)]
+    return [*lines, f"no_audio: {counted(windows, 'window')}"] if windows else lines
 
 
 def _in_cache(plan: Plan, field: str) -> str:
@@ -189,7 +204,7 @@ def describe_problems(path: Path, problems: Sequence[Problem]) -> str:
     for problem in problems:
         if problem.severity == "note":
             reason = problem.message.split(":")[0]
-            kinds.setdefault(reason if reason in BY_CHOICE else problem.message, []).append(problem)
+            kinds.setdefault(reason if reason in NOTED else problem.message, []).append(problem)
     for kind, notes in kinds.items():
         lines += [str(p) for p in notes[:_NAMED]]
         if len(notes) > _NAMED:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
@@ -13,18 +14,35 @@ from dancedata.core.text import shown
 
 
 def make_plugin(
-    registry: Registry, where: str, name: str, parameters: Any, problems: list[str], also: tuple[str, ...] = ()
+    registry: Registry,
+    where: str,
+    name: str,
+    parameters: Any,
+    problems: list[str],
+    also: tuple[str, ...] = (),
+    beside: Any = None,
 ) -> Any | None:
     """Make one plug-in; problems are added to the list, all of them, and then there is no plug-in.
 
-    `also` names keys of the slot that the caller has taken out of `parameters` already.
+    `also` names keys of the slot that the caller has taken out of `parameters` already; `beside` is all that the
+    slot was given: where `name` is not a plug-in, it may be a key of one that stands beside it.
     """
     try:
-        cls = registry.get(name)
+        cls = registry.get(name, key_paths(registry, where, beside, also))
     except DanceDataError as error:
         problems.append(f"{where}: {error}")
         return None
     return make_dataclass(cls, f"{where}.{name}", parameters, problems, also)
+
+
+def key_paths(registry: Registry, where: str, given: Any, also: Sequence[str] = ()) -> list[str]:
+    """Return the keys of the plug-ins that a slot names, as --set takes them: "audio.librosa35.tightness"."""
+    names = [given] if isinstance(given, str) else list(given) if isinstance(given, dict) else []
+    paths = []
+    for name in (n for n in names if n in registry.names()):
+        keys = [f.name for f in dataclasses.fields(registry.get(name))]
+        paths += [f"{where}.{name}", *(f"{where}.{name}.{key}" for key in (*keys, *also))]
+    return paths
 
 
 def make_named(registry: Registry, where: str, name: str, parameters: dict[str, Any]) -> Any:
@@ -82,6 +100,12 @@ def one_of(registry: Registry, where: str, given: Any, problems: list[str]) -> A
     """Make the one plug-in of a slot, given as ``name`` or ``{name: {parameters}}``."""
     if isinstance(given, str):
         given = {given: {}}
+    strange = [name for name in given if name not in registry.names()] if isinstance(given, dict) else []
+    if strange and len(given) - len(strange) == 1:
+        # "dataset.split=all" where "dataset.aist++.split=all" was meant.
+        for name in strange:
+            make_plugin(registry, where, str(name), None, problems, beside=given)
+        return None
     if not isinstance(given, dict) or len(given) != 1:
         names = ", ".join(registry.names())
         problems.append(

@@ -3,27 +3,33 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from dancedata.audio.signal import load_audio
 from dancedata.core.atomic import atomic_file, write_json
+from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import StoreError, UsageError, did_you_mean
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import json_sha256
 from dancedata.core.registry import FEATURES
-from dancedata.pipeline.audio_units import window_samples
+from dancedata.core.text import shown
+from dancedata.pipeline.audio_units import is_exact, window_samples
 from dancedata.pipeline.cache import Cache, default_cache
 from dancedata.pipeline.documents import document_of
-from dancedata.pipeline.execute import one_thread
+from dancedata.pipeline.execute import exactly, on_one_thread
 from dancedata.pipeline.recipe import Recipe, resolve_feature
 from dancedata.pipeline.recipe_file import load_recipe, parse_recipe
 from dancedata.pipeline.slots import make_named
 from dancedata.store import open_store
 from dancedata.store.schema import DATASET_FILE
+
+_MUSIC = (".wav", ".flac", ".mp3", ".ogg")
 
 
 @dataclass(frozen=True)
@@ -63,10 +69,37 @@ def write_features(
     """Write OUT/<song>.<feature>.npy and a .json beside it that says what it is; returns the JSON's content.
 
     (T, D) in track scope; in window scope (W, L, D), each window by itself as in training. `weights` is the folder of
-    a network's weights, where a feature needs one.
+    a network's weights, where a feature needs one. Where it fails, nothing is left behind; where it is interrupted,
+    the songs that are done are.
     """
-    from dancedata.audio.signal import load_audio
+    _check_songs(songs)
+    # Only now: weights are ten gigabytes to hash.
+    likes = [replace(like, feature=_ready(like.feature, weights)) for like in likes]
+    _check_signals(songs, likes)
+    written = []
+    try:
+        with _undone_if_it_fails(out) as new:
+            for song in songs:
+                signal = load_audio(song)
+                for like in likes:
+                    path = out / f"{song.stem}.{like.feature.name}.npy"
+                    new.update(p for p in (path, path.with_suffix(".json")) if not p.exists())
+                    compute = exactly if is_exact(like.feature) else on_one_thread
+                    computed = compute(_compute, like, signal, bpm, song)
+                    with atomic_file(path) as temporary, open(temporary, "wb") as file:
+                        np.save(file, computed.rows)
+                    about = _about(like, song, signal, computed, bpm, path)
+                    write_json(path.with_suffix(".json"), about)
+                    written.append(about)
+    except OSError as error:
+        raise StoreError("the features cannot be written", where=out, found=str(error)) from error
+    return written
 
+
+def _check_songs(songs: Sequence[Path]) -> None:
+    for song in songs:
+        if song.is_dir():
+            raise _not_a_song(song)
     absent = [str(song) for song in songs if not song.is_file()]
     if absent:
         raise UsageError("there is no such song; nothing was computed", found=", ".join(absent))
@@ -74,25 +107,45 @@ def write_features(
     twice = sorted({n for n in names if names.count(n) > 1})
     if twice:
         raise UsageError("two songs would be written to one file", found=", ".join(twice), fix="rename one of them")
-    # Only now: weights are ten gigabytes to hash.
-    likes = [replace(like, feature=_ready(like.feature, weights)) for like in likes]
-    written = []
-    try:
-        out.mkdir(parents=True, exist_ok=True)
+
+
+def _not_a_song(folder: Path) -> UsageError:
+    found = sorted(path.name for path in folder.iterdir() if path.suffix.lower() in _MUSIC)
+    example = f", such as {found[0]}" if found else ""
+    files = f"{folder}/*{Path(found[0]).suffix if found else '.wav'}"
+    return UsageError(
+        "this is a folder, not a song; nothing was computed",
+        where=folder,
+        found=f"{len(found)} audio files{example}",
+        fix=f"name its files: dancedata features {files} --out DIR",
+    )
+
+
+def _check_signals(songs: Sequence[Path], likes: Sequence[Like]) -> None:
+    """Raise the error of the first song that cannot be used, before the others are computed."""
+    if len(songs) > 1:  # of one song, computing it says the same
         for song in songs:
             signal = load_audio(song)
             for like in likes:
-                with one_thread():
-                    rows, starts = _compute(like, signal, bpm, song)
-                path = out / f"{song.stem}.{like.feature.name}.npy"
-                with atomic_file(path) as temporary, open(temporary, "wb") as file:
-                    np.save(file, rows)
-                about = _about(like, song, signal, rows, starts, bpm, path)
-                write_json(path.with_suffix(".json"), about)
-                written.append(about)
-    except OSError as error:
-        raise StoreError("the features cannot be written", where=out, found=str(error)) from error
-    return written
+                _windows(like, signal, song)
+
+
+@contextmanager
+def _undone_if_it_fails(out: Path) -> Iterator[set[Path]]:
+    """Make the folder; on an error remove the files that the caller has added to the set, and what was made."""
+    missing = [folder for folder in (out, *out.parents) if not folder.exists()]
+    new: set[Path] = set()
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        yield new
+    except BaseException as error:
+        if isinstance(error, Exception):
+            for path in new:
+                path.unlink(missing_ok=True)
+        for folder in missing:
+            with suppress(OSError):  # it is not empty
+                folder.rmdir()
+        raise
 
 
 def _ready(feature: Any, weights: Path | None) -> Any:
@@ -102,10 +155,33 @@ def _ready(feature: Any, weights: Path | None) -> Any:
     return resolve_feature(feature, Cache(default_cache()).file_sha256)
 
 
-def _compute(like: Like, signal: Any, bpm: float | None, song: Path) -> tuple[Any, list[int] | None]:
+@dataclass(frozen=True)
+class _Computed:
+    """Rows of a song, the windows' first frames, and the tempo that was estimated: one, or one a window."""
+
+    rows: Any
+    starts: list[int] | None = None
+    estimated_bpm: float | list[float] | None = None
+
+
+def _compute(like: Like, signal: AudioSignal, bpm: float | None, song: Path) -> _Computed:
+    windows = _windows(like, signal, song)
+    estimates = bpm is None and hasattr(like.feature, "estimated_bpm")
+    if windows is None or like.recipe is None:
+        estimated = like.feature.estimated_bpm(signal, like.grid) if estimates else None
+        start_bpm = bpm if estimated is None else estimated
+        return _Computed(like.feature.extract(signal, like.grid, start_bpm=start_bpm), estimated_bpm=estimated)
+    starts, length = windows
+    rows = like.feature.extract_windows(signal, starts, length, like.grid, like.recipe.windows.length, start_bpm=bpm)
+    tempos = like.feature.estimated_window_bpms(signal, starts, length, like.grid) if estimates else None
+    return _Computed(rows, [k * like.recipe.windows.stride for k in range(len(starts))], tempos)
+
+
+def _windows(like: Like, signal: AudioSignal, song: Path) -> tuple[Any, int] | None:
+    """Return first samples and length of a song's windows, None in track scope; UsageError if it has none."""
     recipe = like.recipe
     if recipe is None or recipe.scope == "track":
-        return like.feature.extract(signal, like.grid, start_bpm=bpm), None
+        return None
     starts, length = window_samples(recipe, signal.n_samples, signal.sample_rate)
     if not len(starts):
         raise UsageError(
@@ -114,26 +190,40 @@ def _compute(like: Like, signal: Any, bpm: float | None, song: Path) -> tuple[An
             found=f"{signal.n_samples / signal.sample_rate:.2f} s",
             allowed=f"at least {float(recipe.windows.length / recipe.fps):g} s",
         )
-    rows = like.feature.extract_windows(signal, starts, length, like.grid, recipe.windows.length, start_bpm=bpm)
-    return rows, [k * recipe.windows.stride for k in range(len(starts))]
+    return starts, length
 
 
 def _about(
-    like: Like, song: Path, signal: Any, rows: Any, starts: list[int] | None, bpm: float | None, path: Path
+    like: Like, song: Path, signal: AudioSignal, computed: _Computed, bpm: float | None, path: Path
 ) -> dict[str, Any]:
+    uses_tempo = getattr(like.feature, "uses_tempo", True)
     return {
         "song": song.name,
         "file": path.name,
         "feature": {like.feature.name: document_of(like.feature)},
-        "shape": list(rows.shape),
-        "dtype": str(rows.dtype),
+        "shape": list(computed.rows.shape),
+        "dtype": str(computed.rows.dtype),
         "fps": str(like.grid),
         "scope": like.scope,
-        "window_starts": starts,
+        "window_starts": computed.starts,
         "start_bpm": bpm,
+        "tempo_bpm": computed.estimated_bpm if bpm is None else bpm if uses_tempo else None,
+        "tempo_estimated": computed.estimated_bpm is not None,
         "signal_sha256": signal.sha256,
         "columns": list(like.feature.columns.labels),
     }
+
+
+def describe_features(out: Path, about: Mapping[str, Any]) -> str:
+    """Return the line that `features` prints of a song."""
+    shape = " x ".join(str(n) for n in about["shape"])
+    said = f"{shown(out / about['file'])}: {shape} {about['dtype']}, {about['fps']} a second, {about['scope']} scope"
+    tempo = about["tempo_bpm"]
+    if about["tempo_estimated"] and isinstance(tempo, list):
+        return f"{said}; tempo of each window estimated: {min(tempo):.5g} to {max(tempo):.5g} BPM"
+    if about["tempo_estimated"]:
+        return f"{said}; tempo estimated: {tempo:.5g} BPM (--bpm sets it)"
+    return said
 
 
 def _recipe_like(like: str) -> Recipe:

@@ -18,6 +18,7 @@ from dancedata.core.errors import DanceDataError, UsageError
 from dancedata.core.version import __version__
 from dancedata.pipeline.cache import Cache, package_version
 from dancedata.pipeline.cache_files import TEMPORARY, held, left_behind
+from dancedata.pipeline.reference_process import expected
 
 Backend = Literal["loky", "dask"]
 #: Seconds to wait for the scheduler, and for a first worker.
@@ -158,7 +159,8 @@ def _close(client: Any) -> None:
 def _versions(packages: set[str]) -> tuple[tuple[str, str], ...]:
     python = f"{sys.version_info.major}.{sys.version_info.minor}"
     names = sorted({"numpy", "scipy", *packages})
-    return (("Python", python), ("dancedata", __version__), *((name, package_version(name)) for name in names))
+    own = (("Python", python), ("dancedata", __version__), ("arithmetic", expected()))
+    return (*own, *((name, package_version(name)) for name in names))
 
 
 def _listing(folder: Path) -> str:
@@ -209,7 +211,7 @@ def check_surroundings(wanted: Surroundings) -> None:
 
 
 def _check_versions(where: str, wanted: dict[str, Any]) -> None:
-    found = dict(_versions(set(wanted) - {"Python", "dancedata"}))
+    found = dict(_versions(set(wanted) - {"Python", "dancedata", "arithmetic"}))
     other = [f"{name} {found[name]}, not {v}" for name, v in wanted.items() if found[name] != v]
     if other:
         raise DanceDataError(

@@ -8,6 +8,7 @@ from typing import Any
 
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.movement import Movement
+from dancedata.core.resources import resource, resources
 from dancedata.store.dataset import Store
 
 
@@ -115,11 +116,40 @@ def preset_cut(preset: Preset | None, given: Mapping[str, Any]) -> dict[str, Any
     return filled
 
 
-def field_names(store: Store, fields: Sequence[str] | str) -> tuple[str, ...]:
-    """Check that the store has the fields, each named once."""
+def field_names(store: Store, fields: Sequence[str] | str, preset: str | None = None) -> tuple[str, ...]:
+    """Check that the store has the fields, each named once; `preset` is the one that names them, if one does."""
     names = (fields,) if isinstance(fields, str) else tuple(fields)
     if not names or len(set(names)) != len(names):
         raise UsageError("fields must name at least one field, each once", found=", ".join(names) or "none")
     for name in names:
-        store.field(name)
+        if name not in store.fields:
+            raise _missing_field(store, name, preset)
     return names
+
+
+def _missing_field(store: Store, name: str, preset: str | None) -> UsageError:
+    """Say where a field comes from that the dataset lacks: a recipe, if one that is shipped has it."""
+    makers = recipes_with(name)
+    build = f"build with a recipe that has it, such as {' or '.join(makers)}, or add it to a recipe of your own"
+    if not makers:
+        fix = did_you_mean(name, store.fields)
+    else:
+        fix = build if preset else f"name fields that it has, or {build}"
+    return UsageError(
+        f"the dataset has no field {name!r}" + (f", which the preset {preset!r} reads" if preset else ""),
+        where=str(store.path),
+        found=", ".join(store.fields),
+        fix=fix,
+    )
+
+
+def recipes_with(field: str) -> tuple[str, ...]:
+    """Return the names of the shipped recipes that make a field."""
+    import yaml
+
+    found = []
+    for file in resources("pipelines"):
+        recipe = yaml.safe_load(resource("pipelines", file).read_text(encoding="utf-8"))
+        if any(field in (recipe.get(slot) or {}) for slot in ("motion", "audio", "keymotion")):
+            found.append(recipe["name"])
+    return tuple(found)

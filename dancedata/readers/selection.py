@@ -12,8 +12,8 @@ import numpy.typing as npt
 from dancedata.core.clip import Reject
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.movement import Movement, movement_std
+from dancedata.store.clip_view import ClipView
 from dancedata.store.dataset import Store
-from dancedata.store.schema import ClipRecord
 from dancedata.store.window_list import WindowList
 
 
@@ -77,7 +77,7 @@ def select(store: Store, split: str, choice: Choice) -> Selection:
     return Selection(windows, tuple(rejects))
 
 
-def clips_of(store: Store, split: str, protocol: str | None) -> dict[str, ClipRecord]:
+def clips_of(store: Store, split: str, protocol: str | None) -> dict[str, ClipView]:
     """Return the clips of a split by id: as the protocol's lists say, where the store has them."""
     prefix = f"{protocol}."
     listed = [c for c in store.clips if any(name.startswith(prefix) for name in c.lists)] if protocol else []
@@ -103,20 +103,20 @@ def _unlisted(store: Store, split: str, protocol: str | None) -> list[Reject]:
     return [Reject("unassigned", c.id, detail=detail) for c in store.clips if c.split == split and c.id not in named]
 
 
-def _is_ignored(record: ClipRecord, choice: Choice) -> bool:
+def _is_ignored(record: ClipView, choice: Choice) -> bool:
     return bool(_ignoring(record, choice))
 
 
-def _ignoring(record: ClipRecord, choice: Choice) -> list[str]:
+def _ignoring(record: ClipView, choice: Choice) -> list[str]:
     lists = {*choice.ignore, f"ignored.{choice.protocol}"} if choice.ignore else set()
     return [name for name in record.lists if name in lists]
 
 
-def _ignored(record: ClipRecord, choice: Choice) -> Reject:
+def _ignored(record: ClipView, choice: Choice) -> Reject:
     return Reject("ignored", record.id, detail=f"on the list {', '.join(_ignoring(record, choice))}")
 
 
-def _too_short(record: ClipRecord, choice: Choice) -> Reject:
+def _too_short(record: ClipView, choice: Choice) -> Reject:
     trimmed = f", {record.trim_start} of them trimmed" if choice.trim and record.trim_start else ""
     detail = f"{record.n_frames} frames{trimmed}: no whole window of fields {', '.join(choice.fields)}"
     return Reject("too_short", record.id, detail=detail, numbers={"frames": record.n_frames})

@@ -177,7 +177,7 @@ class WindowDataset(Dataset[dict[str, Any]]):
             "stride_s": stride_s,
             "stride_frames": stride_frames,
         }
-        self.fields, with_primitives = _fields(self.store, known, fields)
+        self.fields, with_primitives = _fields(self.store, known, fields, preset)
         self._choice = Choice(
             fields=self.fields,
             cut=preset_cut(known, cut),
@@ -372,13 +372,16 @@ def _given(value: Any, preset: Preset | None, name: str, default: Any) -> Any:
     return default if preset is None else getattr(preset, name)
 
 
-def _fields(store: Store, preset: Preset | None, fields: Sequence[str] | None) -> tuple[tuple[str, ...], bool]:
+def _fields(
+    store: Store, preset: Preset | None, fields: Sequence[str] | None, preset_name: str | None
+) -> tuple[tuple[str, ...], bool]:
     """Return the stored fields to read, and whether primitives are wanted beside them."""
     default = DEFAULT_FIELDS if preset is None else preset_fields(store, preset)
     given = default if fields is None else (fields,) if isinstance(fields, str) else tuple(fields)
     with_primitives = PRIMITIVES in given and PRIMITIVES not in store.fields
     wanted = tuple(name for name in given if not (with_primitives and name == PRIMITIVES))
-    return field_names(store, wanted or (preset.fields if preset is not None else wanted)), with_primitives
+    named = preset_name if fields is None or not wanted else None
+    return field_names(store, wanted or (preset.fields if preset is not None else wanted), named), with_primitives
 
 
 def _root_columns(store: Store, fields: tuple[str, ...], normalizers: Mapping[str, MinMax]) -> dict[str, slice]:

@@ -1,6 +1,7 @@
 """The HDF5 store, format 1: the only place that knows the file layout (docs/store-format.md)."""
 
-from dancedata.store.dataset import ClipView, Store, open_store
+from dancedata.store.clip_view import Clips, ClipView
+from dancedata.store.dataset import Store, open_store
 from dancedata.store.problem import Problem
 from dancedata.store.schema import AudioBlock, ClipRecord, Field, LazyArray, StoredClip, StoreHeader
 from dancedata.store.verify import verify_store
@@ -11,6 +12,7 @@ __all__ = [
     "AudioBlock",
     "ClipRecord",
     "ClipView",
+    "Clips",
     "Field",
     "LazyArray",
     "Problem",

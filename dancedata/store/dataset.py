@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
@@ -19,6 +18,7 @@ from dancedata.core.errors import StoreError, UsageError, did_you_mean
 from dancedata.core.normalize import MinMax
 from dancedata.core.regular_file import read_regular
 from dancedata.core.text import shown
+from dancedata.store.clip_view import Clips, ClipView
 from dancedata.store.dataset_json import (
     MAX_BYTES,
     MAX_LINES_BYTES,
@@ -78,70 +78,6 @@ def open_store(path: str | Path) -> Store:
                 fix="copy the whole folder again, or " + REBUILD,
             )
     return Store(folder, description)
-
-
-@dataclass(frozen=True)
-class ClipView:
-    """One clip of a store."""
-
-    store: Store
-    record: ClipRecord
-
-    @property
-    def id(self) -> str:
-        """Name of the clip."""
-        return self.record.id
-
-    @property
-    def split(self) -> str:
-        """Split the clip is in."""
-        return self.record.split
-
-    @property
-    def genre(self) -> str:
-        """Genre, as the dataset names it."""
-        return self.record.genre
-
-    @property
-    def music(self) -> str:
-        """Music id."""
-        return self.record.music
-
-    @property
-    def dancer(self) -> str:
-        """Dancer, as the dataset names them."""
-        return self.record.dancer
-
-    @property
-    def tempo_bpm(self) -> float | None:
-        """Tempo that the dataset states, beats a minute."""
-        return self.record.tempo_bpm
-
-    @property
-    def n_frames(self) -> int:
-        """Frames at the store's fps."""
-        return self.record.n_frames
-
-    def read(self, field: str) -> npt.NDArray[Any]:
-        """Read all rows of a field that belong to the clip.
-
-        Parameters
-        ----------
-        field
-            Name of a field.
-
-        Returns
-        -------
-        ndarray
-            (T, D), fresh. Motion: every stored row. Audio: rows that begin within the clip, as far as the
-            music goes.
-
-        Raises
-        ------
-        StoreError
-            In window scope, where clips are not stored whole.
-        """
-        return self.store.read_clip(self.record.id, field)
 
 
 class Store:
@@ -220,9 +156,13 @@ class Store:
             raise UsageError(f"no field named {name!r}", where=str(self.path), fix=did_you_mean(name, self._fields))
         return self._fields[name]
 
+    @property
+    def clips(self) -> Clips:
+        """All clips: split by split, in stored order. They are those that `clip` gives."""
+        return Clips(self, self._records)
+
     @cached_property
-    def clips(self) -> tuple[ClipRecord, ...]:
-        """All clips: split by split, in stored order."""
+    def _records(self) -> tuple[ClipRecord, ...]:
         return tuple(r for split in self.splits for shard in self._shards[split] for r in shard.clips.records)
 
     def clip(self, clip_id: str) -> ClipView:

@@ -101,7 +101,10 @@ def self_hash(document: Mapping[str, Any]) -> str:
 
 def json_rejects(text: str) -> list[dict[str, Any]]:
     """Parse rejects.jsonl; raises ValueError."""
-    return _json_lines(text, ("reason",), {"clip": str, "file": str, "detail": str, "window": int, "reason": str})
+    return _json_lines(text, ("reason",), _REJECT)
+
+
+_REJECT = {**dict.fromkeys(("reason", "clip", "file", "detail", "music", "fix"), str), "window": int, "numbers": dict}
 
 
 def json_quality(text: str) -> list[dict[str, Any]]:

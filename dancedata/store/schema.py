@@ -172,6 +172,10 @@ class AudioBlock:
     array: LazyArray
     offset: int = 0
 
+    def __repr__(self) -> str:
+        """Show the key's beginning and the array's shape."""
+        return f"AudioBlock({self.key[:12]!r}, {' x '.join(str(n) for n in self.array.shape)}, offset={self.offset})"
+
 
 @dataclass(frozen=True)
 class StoredClip:
@@ -219,6 +223,11 @@ class StoredClip:
     source_rate: str = ""
     lists: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        """Show id, split and how much there is."""
+        fields = ", ".join([*self.motion, *self.audio])
+        return f"StoredClip({self.id!r}, {self.split}, {self.n_frames} frames, {len(self.starts)} windows, {fields})"
+
 
 @dataclass(frozen=True)
 class StoreHeader:
@@ -244,6 +253,12 @@ class StoreHeader:
     skeleton: Skeleton
     order: Order = "time"
     meta: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+
+    def __repr__(self) -> str:
+        """Show scope, windows and fields."""
+        windows = f"windows of {self.length} frames every {self.stride}"
+        fields = ", ".join(f.name for f in self.fields)
+        return f"StoreHeader({self.scope} scope, {self.fps} FPS, {windows}, fields: {fields})"
 
     def check(self) -> None:
         """Raise StoreError for values that format 1 cannot hold."""

@@ -7,6 +7,8 @@ without a tempo, clipped): 2.5e-5, 4.3e-4, 0, equal.
 
 from __future__ import annotations
 
+import tracemalloc
+from collections.abc import Mapping
 from pathlib import Path
 
 import librosa
@@ -17,7 +19,8 @@ import soxr
 from numpy.typing import NDArray
 
 from dancedata.audio import _librosa35_fast as fast
-from dancedata.audio.librosa35 import Librosa35
+from dancedata.audio._fast_resample import MAX_PERIOD, period
+from dancedata.audio.librosa35 import Librosa35, _log_once
 from dancedata.audio.signal import load_audio, pcm16
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.grid import FrameGrid
@@ -28,9 +31,11 @@ FAST, PLAIN = Librosa35(), Librosa35(method="librosa")
 GATES = {"onset_envelope": 1e-4, "mfcc": 1e-3, "chroma_cens": 1e-6, "onset_peak": 0.0, "beat": 0.0}
 
 
-def _assert_agree(found: NDArray[np.float32], expected: NDArray[np.float32]) -> None:
+def _assert_agree(
+    found: NDArray[np.float32], expected: NDArray[np.float32], gates: Mapping[str, float] = GATES
+) -> None:
     assert found.shape == expected.shape
-    for name, gate in GATES.items():
+    for name, gate in {**GATES, **gates}.items():
         part = FAST.columns.slice(name)
         np.testing.assert_allclose(found[..., part], expected[..., part], rtol=0, atol=gate, err_msg=name)
 
@@ -118,6 +123,51 @@ def test_trouble(kind: str) -> None:
     _assert_agree(FAST.extract(signal, GRID, start_bpm=90.0), PLAIN.extract(signal, GRID, start_bpm=90.0))
 
 
+def _offset(kind: str, rate: int) -> NDArray[np.float32]:
+    """Return 8 s of sounds that are faint beside an offset, or beside a tone below every filter."""
+    n = 8 * rate
+    noise, time_s = np.random.default_rng(4).uniform(-1, 1, n), np.arange(n) / rate
+    made = {
+        "constant": np.full(n, 0.25),
+        "noise": 0.5 + 0.01 * noise,
+        "faint noise": 0.5 + 0.001 * noise,
+        "hardly any noise": 0.25 + 1e-5 * noise,
+        "song": 0.5 + 0.05 * _song(rate)[:n],
+        "sine": 0.5 + 0.01 * np.sin(2 * np.pi * 440 * time_s),
+        "subsonic": 0.8 * np.sin(2 * np.pi * 5 * time_s) + 0.003 * noise,
+    }
+    return made[kind].astype(np.float32)
+
+
+@pytest.mark.parametrize("rate", [16000, 37800, 47952])
+@pytest.mark.parametrize("kind", ["constant", "noise", "faint noise", "hardly any noise", "song", "sine", "subsonic"])
+def test_offsets(kind: str, rate: int) -> None:
+    """Decisions are librosa's here, too. Of the rest, float32 leaves less: nearly all bands lie 50 to 80 dB down."""
+    signal = AudioSignal(_offset(kind, rate), rate)
+    starts = np.array([k * rate // 2 for k in (0, 1, 5)])
+    arguments = signal, starts, 5 * rate, GRID, 150
+    gates = {"onset_envelope": 3e-4, "mfcc": 4e-3}
+    _assert_agree(
+        FAST.extract_windows(*arguments, start_bpm=100.0), PLAIN.extract_windows(*arguments, start_bpm=100.0), gates
+    )
+    _assert_agree(FAST.extract(signal, GRID, start_bpm=90.0), PLAIN.extract(signal, GRID, start_bpm=90.0), gates)
+
+
+@pytest.mark.parametrize("rate", [47999, 44101])
+def test_rates_that_hardly_ever_coincide(rate: int, caplog: pytest.LogCaptureFixture) -> None:
+    """Tables of responses would take 26 GB: windows are computed one by one instead, in little memory."""
+    _log_once.cache_clear()
+    assert period(rate, 15360) > MAX_PERIOD
+    signal = AudioSignal(_song(rate), rate)
+    tracemalloc.start()
+    try:
+        _assert_windows_agree(signal, [0, rate // 2, rate], 5 * rate)
+        assert tracemalloc.get_traced_memory()[1] < 100e6
+    finally:
+        tracemalloc.stop()
+    assert [f"samples at {rate} Hz and at 15360 Hz coincide" in message for message in caplog.messages] == [True]
+
+
 def _recording(path: Path, folder: Path, rate: int, n_channels: int, gain: float) -> AudioSignal:
     """Return 33 s of a recording, as a wav file at another rate gives them; a gain above 1 clips."""
     samples, own_rate = soundfile.read(path, frames=33 * 44100, dtype="float32")
@@ -151,25 +201,12 @@ def test_real_music(
     _assert_agree(FAST.extract(start, GRID, start_bpm=start_bpm), PLAIN.extract(start, GRID, start_bpm=start_bpm))
 
 
-@pytest.mark.parametrize("rate", [48000, 44100, 15360])
-def test_a_window_does_not_depend_on_the_others(rate: int) -> None:
-    # Long enough for two tiles.
-    signal = AudioSignal(np.tile(_song(rate, 10.0), 8), rate)
-    starts = np.arange(0, signal.n_samples - 5 * rate, 2 * rate)
-    every = FAST.extract_windows(signal, starts, 5 * rate, GRID, 150, start_bpm=100.0)
-    rng = np.random.default_rng(6)
-    for size in (1, 2, 7):
-        some = rng.permutation(len(starts))[:size]
-        alone = FAST.extract_windows(signal, starts[some], 5 * rate, GRID, 150, start_bpm=100.0)
-        assert np.array_equal(alone, every[some])
-
-
 def test_near_ties_are_decided_as_librosa_does(monkeypatch: pytest.MonkeyPatch) -> None:
     """Take every frame for a near-tie: then chroma are librosa's to the bit."""
     signal = AudioSignal(_song(44100), 44100)
     decided = []
 
-    def all_near(chroma: NDArray[np.float32]) -> NDArray[np.bool_]:
+    def all_near(chroma: NDArray[np.float32], largest: NDArray[np.float32]) -> NDArray[np.bool_]:
         decided.append(chroma.copy())
         return np.ones(chroma.shape[:2], dtype=np.bool_)
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dancedata.audio.librosa35 import Librosa35, _log_fallback
+from dancedata.audio.librosa35 import Librosa35, _log_once
 from dancedata.audio.signal import pcm16
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DataError, UsageError
@@ -218,7 +218,7 @@ def test_unknown_method() -> None:
 def test_what_the_fast_version_cannot_do_is_logged_once(
     caplog: pytest.LogCaptureFixture, fps: int, seconds: float, level: float, reason: str
 ) -> None:
-    _log_fallback.cache_clear()
+    _log_once.cache_clear()
     samples = np.random.default_rng(5).uniform(-level, level, int(seconds * 15360))
     with caplog.at_level("WARNING"):
         for feature in (FEATURE, FEATURE, PLAIN):
@@ -227,7 +227,7 @@ def test_what_the_fast_version_cannot_do_is_logged_once(
 
 
 def test_windows_that_the_fast_version_cannot_do_are_logged(caplog: pytest.LogCaptureFixture) -> None:
-    _log_fallback.cache_clear()
+    _log_once.cache_clear()
     signal = _signal(np.random.default_rng(5).uniform(-0.3, 0.3, 15360))
     with caplog.at_level("WARNING"):
         FEATURE.extract_windows(signal, np.array([0, 512]), 15 * 512, GRID, 16, start_bpm=120.0)

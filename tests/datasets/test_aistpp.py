@@ -315,8 +315,8 @@ def test_real_folder(shared: Path) -> None:
     assert len(AistPP().scan(shared / "realdata" / "aistpp").clips) == 0
 
 
-def test_reference_corpus(shared: Path) -> None:
-    scan = AistPP().scan(shared / "golden" / "peers" / "inputs" / "edge_aistpp")
+def test_reference_corpus(peers: Any) -> None:
+    scan = AistPP().scan(peers / "inputs" / "edge_aistpp")
     assert scan.layout == "edge"
     assert Counter(clip.split for clip in scan.clips) == {"train": 4, "test": 2}
     assert {clip.music: clip.tempo_bpm for clip in scan.clips} == {"mHO1": 115, "mHO3": 125, "mJS3": 110}

@@ -204,10 +204,9 @@ def test_hostile_pickle_is_not_executed(fine: Any, unpickled_marker: Any, bare: 
     assert not marker.exists()
 
 
-def test_reference_motions_are_reproduced(shared: Path) -> None:
-    folder = shared / "golden" / "peers" / "inputs" / "finedance"
+def test_reference_motions_are_reproduced(peers: Any) -> None:
     reader = FineDance()
-    for clip in reader.scan(folder).clips:
+    for clip in reader.scan(peers / "inputs" / "finedance").clips:
         raw = np.load(clip.motion_path)
         assert np.abs(columns_of(reader.load(clip)) - raw).max() < 1e-6
 

@@ -13,6 +13,7 @@ import pytest
 
 from dancedata.pipeline.build import build
 from dancedata.pipeline.recipe_file import load_recipe
+from dancedata.pipeline.summary import describe_built
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -40,6 +41,11 @@ def test_readme_snippets_print_what_it_says(demo: Path, capsys: pytest.CaptureFi
             pytest.importorskip("torch")
         exec(compile(snippet, "README.md", "exec"), names)
         assert capsys.readouterr().out in outputs
+
+
+def test_readme_shows_how_a_build_ends(demo: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(demo)
+    assert f"{describe_built(Path('data/demo'))}\n" in _blocks("README.md", "console")
 
 
 def test_ci_runs_the_readmes_commands() -> None:

@@ -105,7 +105,7 @@ PICKLES: dict[str, Callable[[], bytes]] = {
     "long_type": lambda: _value(_DTYPE + _long(b"f4," * 500_000) + b"\x85R"),
     "half_characters": lambda: b"\x80\x04\x8c\x03\xed\xa0\x80\x8c\x03\xed\xa0\x80\x93.",
     "half_characters_as_keys": lambda: b"\x80\x04}\x8c\x03\xed\xa0\x80Ns.",
-    "many_keys": lambda: b"\x80\x04}(" + b"".join(b"\x8c\x06%06dN" % k for k in range(200_000)) + b"u.",
+    "many_keys": lambda: b"\x80\x04}(" + b"".join(b"\x8c\x06%06dN" % k for k in range(50_000)) + b"u.",
     "control_characters": lambda: b"\x80\x04c\x1b[2J\x9b1m\n\x07name\r\n.",
 }
 SOUNDS: dict[str, Callable[[], bytes]] = {

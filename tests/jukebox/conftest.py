@@ -12,13 +12,22 @@ import pytest
 
 
 @pytest.fixture(scope="session")
-def golden(shared: Path) -> SimpleNamespace:
+def golden(jukebox_golden: Path) -> SimpleNamespace:
     """The reference's tiny checkpoint, its config, its clips and outputs."""
+    return _reference(jukebox_golden)
+
+
+@pytest.fixture(scope="session")
+def whole_golden(shared: Path) -> SimpleNamespace:
+    """The same with a checkpoint for the whole context, and a clip that is longer."""
+    return _reference(shared / "golden" / "jukebox")
+
+
+def _reference(folder: Path) -> SimpleNamespace:
     import soundfile
 
     from dancedata.audio.jukebox import JukeboxConfig
 
-    folder = shared / "golden" / "jukebox"
     manifest = json.loads((folder / "manifest.json").read_text())
     names = [name for name in manifest if not name.startswith("_")]
 

@@ -25,7 +25,7 @@ from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import sha256_file
 from dancedata.pipeline import read_ahead
-from dancedata.pipeline.audio_units import FeatureKeys
+from dancedata.pipeline.audio_units import FeatureKeys, SignalId
 from dancedata.pipeline.gather_audio import _jobs_for, _next_songs
 from dancedata.pipeline.recipe import Recipe, WindowSpec
 from dancedata.pipeline.workers import Workers
@@ -129,8 +129,9 @@ def _key(feature: Jukebox) -> str:
 def test_tempo_is_no_part_of_the_key(tiny: SimpleNamespace) -> None:
     feature = Jukebox(weights=tiny.folder, layer=6, device="cpu").resolved(sha256_file)
     tracks, windows = (FeatureKeys(_recipe(feature, scope), feature) for scope in ("track", "window"))
-    for key in (tracks.track, windows.window):
-        assert key(120.0, "a") == key(None, "a") != key(None, "b")
+    assert tracks.track(120.0, "a") == tracks.track(None, "a") != tracks.track(None, "b")
+    one, other = (SignalId(Path("song.wav"), "file", sha, 44100, 10**6) for sha in ("a", "b"))
+    assert windows.window(120.0, one, 0) == windows.window(None, one, 0) != windows.window(None, other, 0)
 
 
 @pytest.mark.parametrize(

@@ -46,8 +46,8 @@ class MetaSource:
 
 
 @pytest.fixture(scope="module")
-def rows(shared: Path) -> list[dict[str, str]]:
-    with (shared / "jukebox_keys.csv").open() as file:
+def rows(jukebox_golden: Path) -> list[dict[str, str]]:
+    with (jukebox_golden / "keys.csv").open() as file:
         return list(csv.DictReader(file))
 
 

@@ -52,8 +52,3 @@ def real(shared: Path) -> Motion:
     rows = np.load(path, allow_pickle=False).astype(np.float64)
     turns = rotvec_from_matrix(matrix_from_6d(rows[:, 3:].reshape(len(rows), 52, 6)))
     return Motion(rows[:, :3], turns, THIRTY, SMPLX52)
-
-
-@pytest.fixture(scope="session")
-def peers(shared: Path) -> Path:
-    return shared / "golden" / "peers"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -40,11 +40,16 @@ REST_DECIMALS = 3e-5
 
 
 @pytest.mark.parametrize("track", ["001", "004", "063"])
-def test_joints_are_lodges(peers: Path, track: str) -> None:
-    window = np.load(peers / "lodge_mofea319.npz")[track][:300]
-    golden = np.load(peers / "lodge_fk55.npz")[f"{track}.fk139"]
+def test_joints_are_lodges(peers: Any, track: str) -> None:
+    golden = peers.load("lodge_fk55.npz")
+    tracks = peers.load("lodge_mofea319.npz")
+    places, rows = tracks.rows(track, 0, 300)
+    rows = rows[np.isin(places, golden.index(f"{track}.fk139"))]
+    assert len(rows) >= 20
     for width in (139, 319):
-        assert np.abs(joints_of(window[:, :width]) - golden).max() <= REST_DECIMALS
+        # Hands are not looked at.
+        window = np.pad(rows, ((0, 0), (0, 319 - rows.shape[1])))[:, :width]
+        assert np.abs(joints_of(window) - golden[f"{track}.fk139"]).max() <= REST_DECIMALS
 
 
 def test_rows_are_those_of_55_joints(dance) -> None:

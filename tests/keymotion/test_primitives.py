@@ -49,13 +49,15 @@ def check(cues: Primitives, window: np.ndarray, minima: np.ndarray) -> None:
     assert [s == "filled" for s in cues.source] == cues.filled.tolist()
 
 
-def real_or_made(name: str, real_clip, dance) -> tuple[Motion, int, int]:
-    return (real_clip(), 768, 192) if name == "real" else (dance(1800, seed=5), 1024, 256)
+def test_primitives_of_a_clip(dance, columns) -> None:
+    check_clip(dance(1800, seed=5), columns, 1024, 256)
 
 
-@pytest.mark.parametrize("name", ["real", "made"])
-def test_primitives_of_a_clip(name: str, dance, columns, request: pytest.FixtureRequest) -> None:
-    motion, n_window, n = real_or_made(name, lambda: request.getfixturevalue("real"), dance)
+def test_primitives_of_a_real_clip(real: Motion, columns) -> None:
+    check_clip(real, columns, 768, 192)
+
+
+def check_clip(motion: Motion, columns, n_window: int, n: int) -> None:
     rows, clip = Lodge().analyse(motion), columns(motion)
     stored = KeyMotion.from_rows(rows).minima
     before = digest(clip), digest(rows)

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import soundfile
 from filelock import FileLock
 
 import dancedata
@@ -22,6 +23,7 @@ from dancedata.core.errors import DataError, SourceError, StoreError
 from dancedata.datasets.aistpp import AistPP
 from dancedata.datasets.synthetic import Synthetic
 from dancedata.pipeline import build as build_module
+from dancedata.pipeline.report import describe_store
 from dancedata.store import verify_store
 
 Hashes = Callable[[Path], dict[str, str]]
@@ -344,3 +346,17 @@ def test_the_demo_writes_its_own_source(run_build: Any, out: Path, tmp_path: Pat
     with dancedata.open(out) as ds:
         assert ds.meta["licence"] == Synthetic.licence
         assert len(ds.clips) == 4
+
+
+@pytest.mark.parametrize(("recipe", "windows"), [("aist++", 3), ("aist++-edge-exact", 2)])
+def test_music_that_ends_within_the_last_frame_of_a_window(
+    run_build: Any, source: Path, out: Path, recipe: str, windows: int
+):
+    """Track scope needs music at a window's last instant, 5.967 s here; window scope for 6 s of samples, as EDGE."""
+    for song in (source / "wavs").glob("*.wav"):
+        samples, rate = soundfile.read(song, dtype="int16")
+        soundfile.write(song, samples[: int(5.983 * rate)], rate)
+    run_build(source, out, recipe)
+    with dancedata.open(out) as ds:
+        assert {len(ds.windows(split)) for split in ds.splits if ds.windows(split)} <= {windows, 2 * windows}
+    assert "a window has music" in describe_store(out)

@@ -82,9 +82,22 @@ def test_another_version_of_a_package_is_another_key(package: str, monkeypatch: 
 
 def test_a_version_of_a_feature_raised_by_hand_is_another_key(monkeypatch: pytest.MonkeyPatch):
     recipe = load_recipe("aist++-edge-exact")
-    before = FeatureKeys(recipe, recipe.audio[0]).window(120.0, "w")
+    signal = SignalId(Path("song.wav"), "file", "sha", 48000, 10**6)
+    before = FeatureKeys(recipe, recipe.audio[0]).window(120.0, signal, 3)
     monkeypatch.setattr(type(recipe.audio[0]), "version", 10**6)
-    assert FeatureKeys(recipe, recipe.audio[0]).window(120.0, "w") != before
+    assert FeatureKeys(recipe, recipe.audio[0]).window(120.0, signal, 3) != before
+
+
+def test_a_window_is_known_by_its_song_and_its_place_there():
+    """Not by its samples alone, nor by its number: another stride that gives the same place finds its rows."""
+
+    def key(song: str = "sha", number: int = 6, rate: int = 44100, *overrides: str) -> str:
+        recipe = load_recipe("aist++-edge-exact", overrides)
+        signal = SignalId(Path("song.wav"), "file", song, rate, 10**6)
+        return FeatureKeys(recipe, recipe.audio[0]).window(120.0, signal, number)
+
+    assert len({key(), key("other"), key(number=7), key(rate=48000)}) == 4
+    assert key("sha", 2, 44100, "windows.stride_s=1.5") == key()
 
 
 def test_what_shapes_motion_is_in_its_key(corpus: Path, own: Cache, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -277,15 +290,14 @@ def test_the_cache_is_where_the_environment_says(tmp_path: Path, monkeypatch: py
 
 
 def test_a_song_is_known_by_its_samples_not_its_name(corpus: Path, own: Cache, tmp_path: Path):
-    recipe = load_recipe("aist++")
     song = sorted((corpus / "wavs").glob("*.wav"))[0]
     copy = tmp_path / "another.wav"
     copy.write_bytes(song.read_bytes())
-    assert audio_units.known_signal(own, recipe, song) is None
-    found = [audio_units.identify_audio(own, recipe, path) for path in (song, copy)]
+    assert audio_units.known_signal(own, song) is None
+    found = [audio_units.identify_audio(own, path) for path in (song, copy)]
     assert all(isinstance(signal, SignalId) for signal in found)
     assert len({signal.sha256 for signal in found}) == 1
-    assert audio_units.known_signal(own, recipe, song) == found[0]
+    assert audio_units.known_signal(own, song) == found[0]
 
 
 @pytest.mark.parametrize("how", ["at rest", "touched", "replaced"])
@@ -297,11 +309,11 @@ def test_a_song_that_changes_during_a_build_is_set_aside(
     songs = sorted((corpus / "wavs").glob("*.wav"))
     song = tmp_path / "song.wav"
     song.write_bytes(songs[0].read_bytes())
-    identified = audio_units.identify_audio(own, recipe, song)
+    identified = audio_units.identify_audio(own, song)
     assert isinstance(identified, SignalId)
     if how == "at rest":
         # What is as it was is not hashed again.
-        monkeypatch.setattr(AudioSignal, "hash_of", None)
+        monkeypatch.setattr(AudioSignal, "sha256", None)
     elif how == "touched":
         os.utime(song, (0, 0))
     else:
@@ -358,7 +370,6 @@ def test_a_body_model_that_changes_during_a_build_is_no_part_of_it(corpus: Path,
 def test_a_song_that_changes_while_it_is_looked_at_is_not_remembered(
     corpus: Path, own: Cache, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    recipe = load_recipe("aist++")
     song = tmp_path / "song.wav"
     song.write_bytes(next((corpus / "wavs").glob("*.wav")).read_bytes())
     before = song.stat()
@@ -369,11 +380,11 @@ def test_a_song_that_changes_while_it_is_looked_at_is_not_remembered(
         return plain(path)
 
     monkeypatch.setattr("dancedata.audio.signal.load_audio", load)
-    found = audio_units.identify_audio(own, recipe, song)
+    found = audio_units.identify_audio(own, song)
     assert isinstance(found, Reject)
     assert found.reason == "changed"
     os.utime(song, ns=(before.st_atime_ns, before.st_mtime_ns))
-    assert audio_units.known_signal(own, recipe, song) is None
+    assert audio_units.known_signal(own, song) is None
 
 
 def test_a_motion_file_of_several_clips_is_hashed_once(corpus: Path, own: Cache, monkeypatch: pytest.MonkeyPatch):

@@ -70,7 +70,7 @@ def test_info_sums_by_stage(own: Cache):
 
 def test_an_empty_or_missing_cache_is_no_error(tmp_path: Path):
     assert as_json("cache", "info", "--cache", tmp_path / "none")["entries"] == 0
-    assert as_json("cache", "prune", "--max-size", "0", "--cache", tmp_path / "none")["removed"] == 0
+    assert as_json("cache", "prune", "--max-size", "0B", "--cache", tmp_path / "none")["removed"] == 0
     assert as_json("cache", "verify", "--cache", tmp_path / "none")["ok"]
     assert not (tmp_path / "none").exists()
 
@@ -175,12 +175,23 @@ def test_prune_wants_to_know_what(own: Cache):
 
 
 def test_ages_and_sizes():
-    assert [parse_age(text) for text in ("90", "90m", "12h", "1.5d", "2w")] == [90, 5400, 43200, 129600, 1209600]
-    assert [parse_size(text) for text in ("0", "500", "10k", "1.5MB", "2 GB", "1T")] == [
+    assert [parse_age(text) for text in ("90s", "90m", "12h", "1.5d", "2w")] == [90, 5400, 43200, 129600, 1209600]
+    assert [parse_size(text) for text in ("0B", "500b", "10k", "1.5MB", "2 GB", "1T")] == [
         0, 500, 10**4, 1_500_000, 2 * 10**9, 10**12,
     ]  # fmt: skip
-    for text in ("", "-1", "x", "1y", "inf"):
+    for text in ("", "-1", "x", "1y", "inf", "500bb", "9" * 400 + "T"):
         with pytest.raises(UsageError):
             parse_age(text)
         with pytest.raises(UsageError):
             parse_size(text)
+
+
+@pytest.mark.parametrize(("option", "number"), [("--older-than", "3"), ("--max-size", "50"), ("--max-size", "0")])
+def test_a_number_without_a_unit_removes_nothing(own: Cache, option: str, number: str):
+    result = CliRunner().invoke(app, ["cache", "prune", option, number, "--cache", str(own.root)])
+    assert result.exit_code == 2, result.output
+    example = {"--older-than": "30d", "--max-size": "50GB"}[option]
+    assert "has no unit" in result.stderr
+    assert repr(number) in result.stderr
+    assert example in result.stderr
+    assert left(own) == [1, 2, 3, 4, 5]

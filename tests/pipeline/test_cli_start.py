@@ -49,7 +49,7 @@ def test_workers_import_neither_pydantic_nor_librosa(corpus: Path, tmp_path: Pat
     (ref, *_) = recipe.dataset.scan(corpus).clips
     sha = cache.file_sha256(ref.motion_path)
     keys = MotionKeys(recipe, {}).of(ref, sha)
-    signal = identify_audio(cache, recipe, ref.audio_path)
+    signal = identify_audio(cache, ref.audio_path)
     (feature,) = recipe.audio
     units = [
         (encode_motion, (cache, recipe, ref, sha, keys)),

@@ -6,11 +6,15 @@ import json
 from pathlib import Path
 from typing import Any
 
+import h5py
 import pytest
 from typer.testing import CliRunner
 
 from dancedata.core.errors import StoreError
+from dancedata.core.hashing import sha256_file
 from dancedata.pipeline.diff import Difference, diff
+from dancedata.pipeline.diff_rows import unmatched
+from dancedata.store.dataset_json import self_hash
 
 TRAIN = "gHO_sBM_cAll_d19_mHO3_ch03"
 
@@ -123,3 +127,62 @@ def test_what_is_no_dataset_is_an_error(built: Path, tmp_path: Path):
     with pytest.raises(StoreError):
         diff(built, tmp_path)
     run(built, tmp_path, code=1)
+
+
+# A tolerance
+
+
+def bend(out: Path, name: str, by: float, *, split: str = "train") -> None:
+    """Change the first value of an HDF5 dataset, as another processor might, and dataset.json with it."""
+    (shard,) = out.glob(f"{split}-*.h5")
+    with h5py.File(shard, "r+", locking=False) as file:
+        file[name][(0,) * file[name].ndim] += by
+    document = json.loads((out / "dataset.json").read_text())
+    for entry in document["shards"]:
+        entry["sha256"] = sha256_file(out / entry["file"])
+    (out / "dataset.json").write_text(json.dumps({**document, "self_sha256": self_hash(document)}))
+
+
+def test_values_within_a_tolerance_are_the_same(built: Path, built_copy: Path):
+    bend(built_copy, "audio/librosa35", 2.0**-10)
+    said = run(built, built_copy, "--atol", "0.001", code=0).splitlines()
+    assert said[0] == "note: edge151: the same values"
+    assert said[1].startswith("note: librosa35: other values in 2 of 4 clips, by 0.000977 at most (row 0 of ")
+    assert ", column onset_envelope), within 0.001: " in said[1]
+    assert said[2:] == ["the same data within 0.001"]
+    about = json.loads(run(built, built_copy, "--atol", "0.001", "--json", code=0))
+    assert (about["same"], about["atol"]) == (True, 0.001)
+    assert [d["numbers"]["max_abs"] for d in about["differences"]] == [0, pytest.approx(2.0**-10, rel=1e-3)]
+    assert "values: librosa35: " in run(built, built_copy, "--atol", "0.0009", code=1)
+    assert "values: librosa35: " in run(built, built_copy, "--atol", "0", code=1)
+    assert run(built, built_copy, code=1).endswith("1 differences\n")
+
+
+def test_numbers_about_clips_are_within_the_tolerance_and_counts_are_exact(built: Path, built_copy: Path):
+    bend(built_copy, "clips/height_m", 1e-4)
+    assert "height_m of 1 clips" in run(built, built_copy, code=1)
+    run(built, built_copy, "--atol", "0.001", code=0)
+    bend(built_copy, "clips/n_flags", 1)
+    assert "n_flags of 1 clips" in run(built, built_copy, "--atol", "100", code=1)
+
+
+def test_lines_are_partners_whose_numbers_are_within_the_tolerance():
+    one = [
+        {"clip": "a", "frame": 3, "value": 2.0},
+        {"clip": "a", "frame": 3, "value": 1.0},
+        {"clip": "b", "numbers": {"std": 0.07, "n": 3}},
+    ]
+    two = [
+        {"clip": "a", "frame": 3, "value": 1.0004},
+        {"clip": "a", "frame": 3, "value": 2.5},
+        {"clip": "b", "numbers": {"std": 0.0701, "n": 4}},
+    ]
+    assert unmatched(one, two, None) == (one, two)
+    assert unmatched(one, two, 0.001) == ([one[0], one[2]], two[1:])
+    assert unmatched(one, two, 1.0) == ([one[2]], [two[2]]), "a whole number is exact"
+    assert unmatched(one, one[::-1], 0.0) == ([], [])
+
+
+@pytest.mark.parametrize("atol", ["-1", "nan", "inf"])
+def test_what_is_no_tolerance_is_refused(built: Path, atol: str):
+    run(built, built, "--atol", atol, code=2)

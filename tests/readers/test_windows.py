@@ -122,6 +122,25 @@ def test_wrong_arguments_say_what_is_allowed(store: Store, wrong: dict[str, obje
         WindowDataset(store, **wrong)  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"preset": "lodge-global"}, ["'lodge139'", "preset 'lodge-global'", "aist++-lodge or finedance"]),
+        ({"preset": "finenet"}, ["'finedance319'", "preset 'finenet'", "such as finedance,"]),
+        ({"fields": ("lodge139",)}, ["'lodge139'", "ame fields that it has", "aist++-lodge or finedance"]),
+        ({"fields": ("joints",)}, ["'joints'", "nown: edge151, librosa35"]),
+    ],
+)
+def test_a_field_that_is_not_there_names_the_recipes_that_have_it(
+    store: Store, wrong: dict[str, object], said: list[str]
+) -> None:
+    with pytest.raises(UsageError) as caught:
+        WindowDataset(store, **wrong)  # type: ignore[arg-type]
+    text = str(caught.value)
+    assert all(part in text for part in said), text
+    assert "id you mean" not in text
+
+
 def test_other_windows_at_read_time(store: Store) -> None:
     dataset = WindowDataset(store, length_s=2, stride_s=1)
     assert list(dataset.windows) == list(store.windows("train", length_s=2, stride_s=1))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import pickle
 import tempfile
+from dataclasses import fields
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -14,7 +16,7 @@ from hypothesis import strategies as st
 
 from dancedata.core.errors import StoreError
 from dancedata.store import AudioBlock, StoredClip, StoreHeader, open_store, verify_store, write_store
-from dancedata.store.schema import Field
+from dancedata.store.schema import ClipRecord, Field
 from dancedata.testing.stores import RandomStore, random_columns, write_random_store
 
 
@@ -87,6 +89,24 @@ def test_clip_records_come_back(make_store: Any) -> None:
             "n_frames",
         ):
             assert getattr(record, name) == getattr(clip, name), name
+
+
+def test_one_kind_of_clip(make_store: Any) -> None:
+    made = make_store(clips={"train": 3, "val": 2})
+    store = open_store(made.path)
+    assert len(store.clips) == 5
+    for number, clip in enumerate(store.clips):
+        assert clip == store.clip(clip.id) == store.clips[number] == store.clips[number - 5]
+        for column in fields(ClipRecord):
+            assert getattr(clip, column.name) == getattr(clip.record, column.name), column.name
+        for name in ("pose", "music"):
+            np.testing.assert_array_equal(clip.read(name), store.read_clip(clip.id, name))
+        again = pickle.loads(pickle.dumps(clip))
+        np.testing.assert_array_equal(again.read("pose"), clip.read("pose"))
+    assert [clip.id for clip in store.clips[1:3]] == [clip.id for clip in store.clips][1:3]
+    assert store.clips[3] in store.clips
+    with pytest.raises(IndexError):
+        store.clips[5]
 
 
 def test_unicode_ids_and_texts(tmp_path: Path) -> None:

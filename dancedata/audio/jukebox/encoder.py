@@ -71,6 +71,10 @@ class JukeboxEncoder:
         self._batches = Batches()
         self._matrices: dict[tuple[int, int], torch.Tensor] = {}
 
+    def __repr__(self) -> str:
+        """Show layers, precision and device."""
+        return f"JukeboxEncoder(layers={self.layers}, {self.precision} on {self.device})"
+
     @classmethod
     def from_openai(
         cls,

@@ -1,0 +1,83 @@
+"""Ctrl-C ends a command with one line and exit code 130, whatever it is doing."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import threading
+import time
+import warnings
+from collections.abc import Callable
+from types import FrameType
+
+EXIT_CODE = 130
+LINE = "interrupted; run the same command again to go on"
+#: Seconds within which a second SIGINT counts as the first: what is half done is being put in order.
+PATIENCE_S = 1.0
+_RETRY_S = 0.05
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C.
+
+    A class of its own: where a plain KeyboardInterrupt meets code that was made from text, as dataclasses are, Python
+    ends by the signal whatever the exit code is.
+    """
+
+
+class _Handler:
+    """Raises `Interrupted` at SIGINT."""
+
+    def __init__(self) -> None:
+        self.received = False
+        self._is_over = False
+        self._last = -PATIENCE_S
+
+    def __call__(self, number: int, frame: FrameType | None) -> None:
+        now = time.monotonic()
+        if self._is_over or now - self._last < PATIENCE_S:
+            return
+        self.received, self._last = True, now
+        # What an end in the middle does to threads and libraries is not worth a line.
+        warnings.simplefilter("ignore")
+        threading.excepthook = lambda _: None
+        sys.unraisablehook = self._unraisable
+        raise Interrupted
+
+    def end(self) -> bool:
+        """Let the command be over, and ignore SIGINT from here on; tell whether it was interrupted."""
+        self._is_over = True
+        # Python gives signals back before it ends.
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        return self.received
+
+    def _unraisable(self, unraisable: sys.UnraisableHookArgs) -> None:
+        """Try again, where the exception came up in a place that passes none on, such as a destructor."""
+        if issubclass(unraisable.exc_type, KeyboardInterrupt) and not self._is_over:
+            self._last = -PATIENCE_S
+            again = threading.Timer(_RETRY_S, signal.raise_signal, (signal.SIGINT,))
+            again.daemon = True
+            again.start()
+
+
+def run(command: Callable[[], None]) -> None:
+    """Run a command that ends with SystemExit; where SIGINT ends it, print one line and exit with 130."""
+    handler = _Handler()
+    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:  # as under nohup
+        signal.signal(signal.SIGINT, handler)
+    try:
+        command()
+    except SystemExit as end:
+        if not handler.end() or not end.code:
+            raise
+    except BaseException:
+        if not handler.end():
+            raise
+    if handler.end():
+        print(LINE, file=sys.stderr, flush=True)
+        raise SystemExit(EXIT_CODE)
+
+
+def is_interrupted() -> bool:
+    """Tell whether this process was told to end: errors are then a consequence."""
+    return bool(getattr(signal.getsignal(signal.SIGINT), "received", False))

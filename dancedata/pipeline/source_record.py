@@ -1,0 +1,193 @@
+"""What each clip of a dataset was built from, kept in dataset.json, to tell another source from it file by file."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from dancedata.core.clip import ClipRef, Reject
+from dancedata.core.hashing import json_sha256
+from dancedata.core.text import counted, shown
+from dancedata.pipeline.gathered import Gathered
+from dancedata.store import Store
+
+#: Digits of a hash that are kept: another file has the same ones once in 2.8e14 times.
+DIGITS = 12
+#: Of more clips no record is kept: dataset.json has to stay small enough to be read (`store.dataset_json.MAX_BYTES`).
+MAX_CLIPS = 200_000
+NO_MUSIC = "-"
+#: What is compared of a clip beside its files, and is in the store.
+_ABOUT = ("split", "music", "tempo_bpm", "genre", "dancer", "lists")
+_SHOWN, _MESSAGE = 5, 600
+
+
+@dataclass(frozen=True)
+class SourceRecord:
+    """A source as a build saw it, before it looked into the motion.
+
+    Attributes
+    ----------
+    clips
+        "motion music metadata" by clip, beginnings of hashes; None where a dataset does not have them.
+    left_out
+        What was left out by then.
+    content
+        Hashes of files that the dataset's parameters name.
+    about
+        Metadata of clips, as far as they are known.
+    files
+        Motion and music file of clips, below the source, as far as they are known.
+    """
+
+    clips: Mapping[str, str] | None
+    left_out: Sequence[Reject] = ()
+    content: Mapping[str, str] = field(default_factory=dict)
+    about: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    files: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+
+    @classmethod
+    def of_source(cls, gathered: Gathered, source: Path) -> SourceRecord:
+        """Return the record of a source that `identify` has looked at."""
+        refs = gathered.refs
+        return cls(
+            clips={clip: _hashes(*inputs) for clip, inputs in gathered.inputs().items()},
+            left_out=[*gathered.rejects, *gathered.audio_problems.values()],
+            content=gathered.content,
+            about={clip: {name: getattr(ref, name) for name in _ABOUT} for clip, ref in refs.items()},
+            files={clip: _files(ref, source) for clip, ref in refs.items()},
+        )
+
+    @classmethod
+    def of_store(cls, store: Store) -> SourceRecord:
+        """Return the record of a built dataset."""
+        source = store.meta.get("source")
+        clips = source.get("clips") if isinstance(source, Mapping) else None
+        kept = isinstance(clips, Mapping) and all(len(str(value).split()) == 3 for value in clips.values())
+        content = store.meta.get("content")
+        return cls(
+            clips={str(clip): str(value) for clip, value in clips.items()} if kept and clips else None,
+            left_out=[Reject.from_json(row) for row in store.rejects],
+            content=content if isinstance(content, Mapping) else {},
+            about={c.id: {name: getattr(c, name) for name in _ABOUT} for c in store.clips if not c.source},
+        )
+
+    def to_json(self) -> dict[str, str]:
+        """Return what dataset.json keeps, by clip; nothing where there are too many."""
+        clips = self.clips or {}
+        return dict(sorted(clips.items())) if len(clips) <= MAX_CLIPS else {}
+
+
+@dataclass(frozen=True)
+class SourceDifference:
+    """One thing in which two sources differ: what, and the files or clips that it is about."""
+
+    message: str
+    names: tuple[str, ...]
+
+    def __str__(self) -> str:
+        """Show the first names."""
+        message = shown(self.message, _MESSAGE)
+        if not self.names:
+            return message
+        more = f" and {len(self.names) - _SHOWN:,} more" if len(self.names) > _SHOWN else ""
+        return f"{message}: {', '.join(map(shown, self.names[:_SHOWN]))}{more}"
+
+
+def source_differences(
+    old: SourceRecord, new: SourceRecord, then: str, now: str, *, about: bool = True
+) -> list[SourceDifference]:
+    """Return in what two sources differ.
+
+    Parameters
+    ----------
+    then, now
+        Words for the old one and the new one.
+    about
+        Whether the metadata of clips are compared.
+    """
+    if old.clips is None or new.clips is None:
+        return [SourceDifference("which files differ is not recorded in a dataset of an earlier version", ())]
+    common = [clip for clip in old.clips if clip in new.clips]
+    found = _changed_files(old, new, common)
+    found += _changed_about(old, new, common, then, now) if about else []
+    found += _moved(old, new, then, now)
+    found += _spare_files(old, new, then, now)
+    content = sorted(key for key in {*old.content, *new.content} if old.content.get(key) != new.content.get(key))
+    return [*found, *([SourceDifference("other content", tuple(content))] if content else [])]
+
+
+def _hashes(about: Any, motion: str, music: str | None) -> str:
+    return " ".join((motion[:DIGITS], (music or NO_MUSIC)[:DIGITS], json_sha256(about)[:DIGITS]))
+
+
+def _files(ref: ClipRef, source: Path) -> tuple[str, str]:
+    prefix = f"{source}{os.sep}"
+    paths = (ref.motion_path, ref.audio_path)
+    return str(paths[0]).removeprefix(prefix), "" if paths[1] is None else str(paths[1]).removeprefix(prefix)
+
+
+def _changed_files(old: SourceRecord, new: SourceRecord, common: Sequence[str]) -> list[SourceDifference]:
+    """Return clips whose files have other content, by the files where they are known."""
+    found = []
+    for place, what in enumerate(("motion", "music")):
+        clips = [clip for clip in common if _part(old, clip, place) != _part(new, clip, place)]
+        files = dict.fromkeys(new.files[clip][place] or clip if clip in new.files else clip for clip in clips)
+        if clips:
+            found.append(SourceDifference(f"other {what} of {counted(len(clips), 'clip')}", tuple(files)))
+    return found
+
+
+def _changed_about(
+    old: SourceRecord, new: SourceRecord, common: Sequence[str], then: str, now: str
+) -> list[SourceDifference]:
+    changed = [clip for clip in common if _part(old, clip, 2) != _part(new, clip, 2)]
+    by_key: dict[str, list[str]] = {}
+    for clip in changed:
+        mine, other = old.about.get(clip, {}), new.about.get(clip, {})
+        keys = [key for key in _ABOUT if key in mine and key in other and mine[key] != other[key]]
+        for key in keys or ["what is declared"]:
+            by_key.setdefault(key, []).append(clip)
+    found = []
+    for key, clips in by_key.items():
+        first = clips[0]
+        values = f", as {old.about[first][key]!r} {then}, {new.about[first][key]!r} {now}" if key in _ABOUT else ""
+        found.append(SourceDifference(f"{key} of {counted(len(clips), 'clip')}{values}", tuple(clips)))
+    return found
+
+
+def _moved(old: SourceRecord, new: SourceRecord, then: str, now: str) -> list[SourceDifference]:
+    """Return clips that were built from one source, and left out of the other or not in it."""
+    states = _states(old), _states(new)
+    groups: dict[tuple[str, str], list[str]] = {}
+    for clip in sorted({*states[0], *states[1]}):
+        pair = states[0].get(clip, "absent"), states[1].get(clip, "absent")
+        if pair[0] != pair[1]:
+            groups.setdefault(pair, []).append(clip)
+    return [
+        SourceDifference(f"{counted(len(clips), 'clip')} {pair[0]} {then}, {pair[1]} {now}", tuple(clips))
+        for pair, clips in sorted(groups.items())
+    ]
+
+
+def _states(record: SourceRecord) -> dict[str, str]:
+    left_out = {r.clip: f"left out ({r.reason})" for r in record.left_out if r.clip and r.window is None}
+    return left_out | dict.fromkeys(record.clips or {}, "used")
+
+
+def _spare_files(old: SourceRecord, new: SourceRecord, then: str, now: str) -> list[SourceDifference]:
+    """Return files of no clip, such as unused music, that only one of the sources has."""
+    # By name: where they lie shapes nothing.
+    spare = [{(r.reason, Path(r.file).name) for r in record.left_out if not r.clip} for record in (old, new)]
+    found = []
+    for mine, other, when in ((spare[0], spare[1], then), (spare[1], spare[0], now)):
+        for reason in sorted({reason for reason, _ in mine - other}):
+            names = sorted(name for r, name in mine - other if r == reason)
+            found.append(SourceDifference(f"{reason}, only {when}", tuple(names)))
+    return found
+
+
+def _part(record: SourceRecord, clip: str, place: int) -> str:
+    return (record.clips or {})[clip].split()[place]

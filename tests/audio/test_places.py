@@ -1,0 +1,90 @@
+"""A window's numbers do not depend on the windows that are asked for with it, whatever the processor.
+
+OpenBLAS has kernels for many processors, chosen when it is loaded: each is tried in a process of its own. On a kernel
+for AVX2 (AMD's processors, Intel's without AVX-512) a row of a product depends on its place among the rows, so that
+any sum whose place is not the window's own shows here.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dancedata.audio._fast_arrays import BLOCK, aligned, each_times, times_on_grid
+
+RNG = np.random.default_rng(8)
+SCRIPT = """
+import sys
+import numpy as np
+import threadpoolctl
+from dancedata.audio.librosa35 import Librosa35
+from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.grid import FrameGrid
+from dancedata.datasets.synthetic import synthesise_song
+
+kernels = {pool.get("architecture") for pool in threadpoolctl.threadpool_info()}
+feature, grid = Librosa35(), FrameGrid.of(30)
+for rate in (48000, 44100, 15360):
+    song = synthesise_song("mPO1", length_s=10.0, sample_rate=rate, n_channels=1).signal.samples
+    signal = AudioSignal(np.tile(song, 8), rate)  # long enough for two tiles
+    starts = np.arange(0, signal.n_samples - 5 * rate, rate)
+    every = feature.extract_windows(signal, starts, 5 * rate, grid, 150, start_bpm=100.0)
+    rng = np.random.default_rng(6)
+    for size in (1, 2, 17, len(starts) - 3):
+        some = np.sort(rng.permutation(len(starts))[:size])
+        alone = feature.extract_windows(signal, starts[some], 5 * rate, grid, 150, start_bpm=100.0)
+        differ = np.flatnonzero((alone != every[some]).any(axis=(1, 2)))
+        assert not len(differ), f"{rate} Hz, {size} windows: {len(differ)} differ"
+print(*sorted(kernels))
+"""
+# A kernel, the flag of /proc/cpuinfo without which it would end in an illegal instruction, and its name by itself:
+# OpenBLAS as wheels of numpy have it takes one kernel for Haswell and Zen.
+KERNELS = {
+    "Haswell": ("avx2", "Haswell"),
+    "Zen": ("avx2", "Haswell"),
+    "Sandybridge": ("avx", "Sandybridge"),
+    "Nehalem": ("sse4_2", "Nehalem"),
+    "SkylakeX": ("avx512f", "SkylakeX"),
+}
+
+
+@pytest.mark.parametrize("kernel", KERNELS)
+def test_a_window_does_not_depend_on_the_others(kernel: str) -> None:
+    flag, name = KERNELS[kernel]
+    cpuinfo = Path("/proc/cpuinfo")
+    if not cpuinfo.is_file() or f" {flag} " not in cpuinfo.read_text(encoding="utf-8"):
+        pytest.skip(f"this processor has no {flag}")
+    environment = {**os.environ, "OPENBLAS_CORETYPE": kernel}
+    done = subprocess.run(
+        [sys.executable, "-c", SCRIPT], env=environment, capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    if done.stdout.split() != [name]:
+        pytest.skip(f"this BLAS has no kernel {kernel}: {done.stdout.strip()}")
+
+
+@pytest.mark.parametrize("count", [1, 5, BLOCK, 3 * BLOCK + 7])
+def test_products_on_a_grid(count: int) -> None:
+    rows, matrix = (RNG.standard_normal(shape).astype(np.float32) for shape in ((5 * BLOCK, 70), (70, 9)))
+    every = times_on_grid(rows, matrix, 0)
+    np.testing.assert_allclose(every, rows.astype(np.float64) @ matrix, rtol=0, atol=1e-4)
+    for first in (0, 1, BLOCK - 1, BLOCK, BLOCK + 3):
+        part = slice(first, first + count)
+        assert np.array_equal(times_on_grid(rows[part], matrix, first), every[part])
+
+
+def test_single_rows_are_multiplied_alike_wherever_they_lie() -> None:
+    rows, matrix = (RNG.standard_normal(shape).astype(np.float32) for shape in ((33, 71), (71, 13)))
+    every = each_times(rows, aligned(matrix))
+    np.testing.assert_allclose(every, rows.astype(np.float64) @ matrix, rtol=0, atol=1e-4)
+    for k in range(len(rows)):
+        memory = np.empty(71 + k, dtype=np.float32)[k:]
+        memory[:] = rows[k]
+        assert np.array_equal(each_times(memory[np.newaxis], aligned(matrix))[0], every[k])
+    assert aligned(rows).ctypes.data % 64 == 0
+    assert aligned(rows).strides[0] % 64 == 0

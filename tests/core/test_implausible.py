@@ -1,0 +1,105 @@
+"""Flags of clips whose unit makes no dancer: bodies by their bones, translations by what the pose asks for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dancedata.core.bodies import SKELETONS
+from dancedata.core.grid import FrameGrid
+from dancedata.core.motion import Motion
+from dancedata.core.quality import body_size, implausible_flags, quality_flags
+from dancedata.core.registry import DATASETS
+from dancedata.core.skeleton import SMPL24, Skeleton
+from dancedata.datasets.synthetic import synthesise_motion
+
+
+def sized(factor: float) -> Skeleton:
+    return Skeleton("sized", SMPL24.joints, SMPL24.parents, SMPL24.offsets * factor, SMPL24.pairs, SMPL24.feet)
+
+
+@pytest.fixture(scope="module")
+def dance() -> Motion:
+    return synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=240)[0]
+
+
+def kinds(motion: Motion) -> list[tuple[str, float]]:
+    return [(flag.kind, flag.value) for flag in implausible_flags(motion)]
+
+
+@pytest.mark.parametrize("name", sorted(SKELETONS))
+def test_bodies_that_come_with_the_package_are_plausible(name: str) -> None:
+    assert 1.4 < body_size(SKELETONS[name]) < 1.8
+
+
+@pytest.mark.parametrize(("factor", "flagged"), [(0.01, True), (0.6, True), (0.65, False), (1.5, False), (1.6, True)])
+def test_the_skeleton_decides_about_the_body(dance: Motion, factor: float, flagged: bool) -> None:
+    found = kinds(dance.on(sized(factor)))
+    assert [k for k, _ in found] == ["implausible_body"] * flagged
+    if flagged:
+        assert found[0][1] == pytest.approx(body_size(SMPL24) * factor, abs=1e-4)
+
+
+def test_a_dancer_on_the_floor_is_plausible(dance: Motion) -> None:
+    lying = np.array(dance.rotations)
+    lying[:, 0] = (np.pi / 2, 0, 0)
+    motion = Motion(dance.translation, lying, dance.grid, dance.skeleton)
+    assert np.ptp(motion.joints()[..., 1], axis=1).max() < 1.0
+    assert kinds(motion) == []
+
+
+@pytest.mark.parametrize("unit", [0.001, 0.01, 0.0254, 0.0254 / 0.45])
+def test_a_translation_in_another_unit(dance: Motion, unit: float) -> None:
+    # A metre taken for an inch, or for CMU's unit, makes 3 m of small movements: not every dance shows it.
+    for factor in (unit, 1 / unit) if unit <= 0.01 else (unit,):
+        motion = Motion(dance.translation * factor, dance.rotations, dance.grid, dance.skeleton)
+        ((kind, value),) = kinds(motion)
+        assert kind == "implausible_root"
+        assert value == pytest.approx(factor, rel=0.3)
+
+
+def test_what_says_nothing_about_the_root(dance: Motion) -> None:
+    root_taken_out = np.zeros_like(dance.translation)
+    assert kinds(Motion(root_taken_out, dance.rotations, dance.grid, dance.skeleton)) == []
+    still = np.zeros_like(dance.rotations)
+    assert kinds(Motion(dance.translation, still, dance.grid, dance.skeleton)) == []
+    jumping = dance.translation + np.array([0, 1, 0]) * np.abs(np.sin(np.arange(240) / 10))[:, None]
+    assert kinds(Motion(jumping, dance.rotations, dance.grid, dance.skeleton)) == []
+
+
+def test_flags_of_the_whole_clip_come_first_and_name_no_frame(dance: Motion) -> None:
+    jumping = np.array(dance.translation)
+    jumping[100:] += 5
+    found = [f.to_json() for f in quality_flags(Motion(jumping, dance.rotations, FrameGrid.of(60), sized(0.01)))]
+    assert [f["kind"] for f in found] == ["implausible_body", "root_jump"]
+    assert set(found[0]) == {"kind", "value", "unit", "rate"}
+    assert (found[-1]["frame"], found[-1]["joint"]) == (99, "pelvis")
+
+
+@pytest.mark.parametrize("name", ["aist++", "finedance", "folder"])
+def test_examples_of_all_readers_are_plausible(tmp_path: Path, name: str) -> None:
+    reader: Any = DATASETS.get(name)()
+    reader.make_example(tmp_path)
+    clips = reader.scan(tmp_path).clips
+    assert clips
+    assert [kinds(reader.load(clip)) for clip in clips] == [[]] * len(clips)
+
+
+def test_real_clips_are_plausible(shared: Path) -> None:
+    from dancedata.datasets._folder_facts import Declared
+    from dancedata.datasets._folder_load import Reading, load_motion
+
+    real = shared / "realdata"
+    paths = [(path, "m", None) for path in sorted((real / "finedance").glob("derived_315_*.npy"))]
+    paths += [(path, None, None) for path in sorted((real / "aistpp/motions").glob("*.pkl"))]
+    paths += [
+        (real / f"bvh/{n}.bvh", u, up)
+        for n, u, up in (("rokoko_jesse_dance", "cm", None), ("cmu_01_01", "cmu", None), ("fair1_dab", "guess", "z"))
+    ]
+    for path, unit, up in paths:
+        fps = None if path.suffix == ".bvh" else "30"
+        motion = load_motion(path, Reading(Declared(fps, up, unit), Declared()))
+        assert kinds(motion) == [], path

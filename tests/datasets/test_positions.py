@@ -1,0 +1,165 @@
+"""Joint positions where rotations belong: refused with words, and nothing that is a rotation is refused."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dancedata.core.errors import DataError
+from dancedata.core.motion import Motion
+from dancedata.core.quality import implausible_flags
+from dancedata.core.safe_pickle import load_pickle
+from dancedata.core.skeleton import SMPL24
+from dancedata.datasets import _aistpp_load
+from dancedata.datasets._folder_facts import Declared
+from dancedata.datasets._folder_load import Reading, load_motion
+from dancedata.datasets._positions import require_rotations
+from dancedata.datasets.synthetic import synthesise_motion
+
+READING = Reading(Declared("60", "y", "m"), Declared())
+NOT = "oint positions are not rotations"
+
+
+@pytest.fixture(scope="module")
+def dance() -> Motion:
+    return synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=120)[0]
+
+
+@pytest.fixture
+def read(tmp_path: Path) -> Callable[..., Motion]:
+    def read(unnamed: Any = None, **arrays: Any) -> Motion:
+        path = tmp_path / ("a.npz" if arrays else "a.npy")
+        if arrays:
+            np.savez(path, **arrays)
+        else:
+            np.save(path, unnamed)
+        return load_motion(path, READING)
+
+    return read
+
+
+def refused(call: Callable[[], Any], reason: str) -> str:
+    with pytest.raises(DataError) as caught:
+        call()
+    assert caught.value.reason == reason
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("shape", [(24, 3), (22, 3), (17, 3), (72,), (66,)])
+def test_an_array_of_positions_says_what_can_be_done(read: Any, dance: Motion, shape: tuple[int, ...]) -> None:
+    joints = dance.joints()[:, : int(np.prod(shape)) // 3].reshape(-1, *shape)
+    text = refused(lambda: read(joints), "bad_shape")
+    assert NOT in text
+    assert "BVH" in text
+    # How to save rotations is said where it may be rotations, and apart from the positions.
+    assert ("for axis-angle rotations" in text) == (joints[0].size == 72)
+
+
+def test_named_positions_say_it_too(read: Any, dance: Motion) -> None:
+    joints = dance.joints()
+    assert NOT in refused(lambda: read(joints=joints), "missing_key")
+    assert NOT in refused(lambda: read(keypoints3d=joints[:, :17], score=np.ones(3)), "missing_key")
+    assert NOT in refused(lambda: read(poses=joints[:, :22], trans=joints[:, 0]), "bad_shape")
+    assert NOT not in refused(lambda: read(verts=np.ones((5, 4))), "missing_key")
+
+
+@pytest.mark.parametrize("unit", [1, 100, 1000])
+@pytest.mark.parametrize("noise_m", [0, 0.002])
+def test_positions_in_disguise(read: Any, dance: Motion, unit: float, noise_m: float) -> None:
+    joints = dance.joints() + np.random.default_rng(0).normal(0, 1, dance.joints().shape) * noise_m
+    # The advice for unnamed rotations followed with positions: the root is in both.
+    text = refused(lambda: read(poses=joints.reshape(-1, 72) * unit, trans=joints[:, 0]), "not_rotations")
+    assert "the first joint moves exactly as the translation does" in text
+    assert NOT in text
+    # Relative to the root, or without a translation: the bones keep their length.
+    text = refused(lambda: read(poses=(joints - joints[:, :1]) * unit, trans=joints[:, 0] * 0), "not_rotations")
+    assert "joints to their parents are constant" in text
+    assert NOT in text
+
+
+def test_degrees(read: Any, dance: Motion) -> None:
+    text = refused(lambda: read(poses=np.degrees(dance.rotations), trans=dance.translation), "not_rotations")
+    assert "convert degrees to radians" in text.lower()
+
+
+def test_aist_pickles(tmp_path: Path, dance: Motion) -> None:
+    content = {"smpl_trans": dance.joints()[:, 0] * 94, "smpl_scaling": np.array([94.0])}
+    path = tmp_path / "gBR_sBM_cAll_d04_mBR0_ch01.pkl"
+    path.write_bytes(pickle.dumps({**content, "smpl_poses": dance.joints().reshape(-1, 72)}))
+    assert NOT in refused(lambda: _aistpp_load.load_motion(path, 60), "not_rotations")
+    path.write_bytes(pickle.dumps({**content, "smpl_poses": dance.rotations.reshape(-1, 72)}))
+    np.testing.assert_allclose(_aistpp_load.load_motion(path, 60).rotations, dance.rotations)
+
+
+@settings(max_examples=60)
+@given(
+    frames=st.integers(1, 90),
+    waves=st.integers(1, 4),
+    spins=st.floats(-40, 40),
+    swing=st.sampled_from([0, 1e-6, 0.01, 0.5, 2.0]),
+    seed=st.integers(0, 10**6),
+)
+def test_rotations_of_any_kind_pass(frames: int, waves: int, spins: float, swing: float, seed: int) -> None:
+    """Any number of frames, still joints, swings about one axis, unwrapped spins, a root that only rises."""
+    rng = np.random.default_rng(seed)
+    seconds = np.arange(frames)[:, None, None] / 30
+    rest = rng.normal(0, 0.5, (24, 3))
+    turns = sum(
+        swing / waves * np.sin(6.3 * rng.uniform(0.1, 1.5, (24, 1)) * seconds + rng.uniform(0, 6.3, (24, 1))) * axis
+        for axis in rng.normal(0, 0.6, (waves, 24, 3))
+    )
+    rotations = rest + turns
+    rotations[:, 0, 1] += np.linspace(0, spins, frames)
+    path = 0.3 * np.sin(6.3 * rng.uniform(0.05, 0.3, 3) * seconds[:, 0] + rng.uniform(0, 6.3, 3))
+    rising = np.array([0, 1, 0]) * np.linspace(0, 1, frames)[:, None]
+    for translation in (path, rising, np.zeros((frames, 3))):
+        require_rotations(Path("x"), "poses", rotations, translation, SMPL24.parents)
+
+
+def test_numbers_at_the_end_of_their_range_are_no_crash() -> None:
+    rotations = np.random.default_rng(0).normal(0, 1e300, (40, 24, 3))
+    with pytest.raises(DataError):
+        require_rotations(Path("x"), "poses", rotations, rotations[:, 1], SMPL24.parents)
+
+
+def test_the_reference_corpus_is_rotations(peers: Any) -> None:
+    motions = [_aistpp_load.load_motion(path, 60) for path in sorted((peers / "inputs").rglob("*.pkl"))]
+    for path in sorted((peers / "inputs").rglob("*.npy")):
+        motions.append(load_motion(path, Reading(Declared("30"), Declared())))
+    assert len(motions) == 6 + 3
+    for motion in motions:
+        require_rotations(Path("x"), "poses", motion.rotations, motion.translation, motion.skeleton.parents)
+        still = np.zeros((motion.n_frames, 3))
+        with pytest.raises(DataError, match="parents are constant"):
+            require_rotations(Path("x"), "poses", motion.joints(), still, motion.skeleton.parents)
+        assert implausible_flags(motion) == []
+
+
+def test_real_motions_are_rotations_and_their_joints_are_not(shared: Path) -> None:
+    paths = [*(shared / "realdata/aistpp/motions").glob("*.pkl")]
+    paths += (shared / "golden/peers/inputs/edge_aistpp/motions").glob("*.pkl")
+    motions = [_aistpp_load.load_motion(path, 60) for path in sorted(paths)]
+    for path in [*(shared / "realdata/finedance").glob("*.npy"), *(shared / "golden/peers/inputs").rglob("*.npy")]:
+        motions.append(load_motion(path, Reading(Declared("30"), Declared())))
+    for name, up, unit in (("rokoko_jesse_dance", "y", "cm"), ("cmu_01_01", "y", "cmu"), ("fair1_dab", "z", "guess")):
+        motions.append(
+            load_motion(shared / f"realdata/bvh/{name}.bvh", Reading(Declared(None, up, unit), Declared()))
+        )
+    assert len(motions) == 4 + 6 + 1 + 3 + 3
+    for motion in motions:
+        parents = motion.skeleton.parents
+        require_rotations(Path("x"), "poses", motion.rotations, motion.translation, parents)
+        with pytest.raises(DataError, match="parents are constant"):
+            require_rotations(Path("x"), "poses", motion.joints(), np.zeros((motion.n_frames, 3)), parents)
+    # Positions as they were captured: bones of keypoints change their length, but the root gives them away.
+    for path in (shared / "realdata/aistpp/keypoints3d").glob("*.pkl"):
+        points = np.asarray(load_pickle(path)["keypoints3d_optim"])[:, :17]
+        with pytest.raises(DataError, match=r"first joint|constant|radians"):
+            require_rotations(Path("x"), "poses", np.nan_to_num(points), np.nan_to_num(points[:, 0]), range(-1, 16))

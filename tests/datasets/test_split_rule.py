@@ -1,0 +1,222 @@
+"""Splits by a rule: a function of the group's name and the seed, whatever else there is."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import random
+import unicodedata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from typer.testing import CliRunner
+
+from dancedata.cli import app
+from dancedata.core.clip import ClipRef
+from dancedata.core.errors import RecipeError, SourceError, UsageError
+from dancedata.datasets._split_rule import SplitRule
+from dancedata.datasets.folder import Folder
+from dancedata.pipeline.recipe_file import parse_recipe
+
+VAL, TEST = ["song20", "song26"], ["song5", "song6", "song11", "song13"]
+RULE = {"val": 0.1, "test": 0.1, "by": "music"}
+
+
+def clips(songs: int, per_song: int = 3, **more: Any) -> list[ClipRef]:
+    return [
+        ClipRef(f"song{s}-{k}", Path("x"), None, "", music=f"song{s}", dancer=f"d{s % 7}", **more)
+        for s in range(songs)
+        for k in range(per_song)
+    ]
+
+
+def splits(rule: dict[str, Any], refs: list[ClipRef]) -> dict[str, str]:
+    return {clip.id: clip.split for clip in SplitRule.of(rule).apply(refs)[0]}
+
+
+def by_hand(name: str, seed: int, val: float, test: float) -> str:
+    """The page's own words."""
+    digest = hashlib.sha256(f"{seed}\n{unicodedata.normalize('NFC', name)}".encode()).digest()
+    place = int.from_bytes(digest[:8], "big") / 2**64
+    return "test" if place < test else "val" if place >= 1 - val else "train"
+
+
+@given(
+    name=st.text(st.characters(codec="utf-8"), min_size=1),
+    seed=st.integers(0, 2**62),
+    by=st.sampled_from(["music", "clip"]),
+)
+def test_it_is_what_the_page_says(name: str, seed: int, by: str) -> None:
+    rule = SplitRule.of({"val": 0.25, "test": 0.125, "by": by, "seed": seed})
+    assert rule.split(name) == by_hand(name, seed, 0.25, 0.125)
+    assert rule.split(unicodedata.normalize("NFD", name)) == rule.split(unicodedata.normalize("NFC", name))
+
+
+def test_known_songs_stay_where_they_are() -> None:
+    """Values of this version: a change would move clips between splits of everybody's datasets."""
+    rule = SplitRule.of(RULE)
+    named = [f"song{k}" for k in range(30)]
+    assert [n for n in named if rule.split(n) == "val"] == VAL
+    assert [n for n in named if rule.split(n) == "test"] == TEST
+
+
+def test_a_dataset_that_grows_moves_no_clip_whatever_the_order() -> None:
+    whole = splits(RULE, clips(200))
+    refs = clips(200)
+    random.Random(3).shuffle(refs)
+    assert splits(RULE, refs) == whole
+    part = splits(RULE, clips(60, per_song=2))
+    assert {"train", "val", "test"} == set(part.values())
+    assert part.items() <= whole.items()
+
+
+def test_groups_are_whole_and_fractions_close() -> None:
+    made = splits(RULE, clips(4000))
+    for song in range(4000):
+        assert len({made[f"song{song}-{k}"] for k in range(3)}) == 1
+    for name, part in {"train": 0.8, "val": 0.1, "test": 0.1}.items():
+        # Three standard deviations of 4,000 songs.
+        assert abs(list(made.values()).count(name) / 12_000 - part) < 3 * np.sqrt(part * (1 - part) / 4000)
+    # One fraction does not concern the other's groups.
+    other = splits({**RULE, "val": 0.3}, clips(4000))
+    assert {c for c, s in other.items() if s == "test"} == {c for c, s in made.items() if s == "test"}
+    assert {c for c, s in other.items() if s == "val"} > {c for c, s in made.items() if s == "val"}
+    assert splits({**RULE, "seed": 1}, clips(4000)) != made
+
+
+def test_by_dancer_genre_and_clip() -> None:
+    refs = clips(60, genre="waltz")
+    by_dancer = splits({"test": 0.3, "by": "dancer"}, refs)
+    assert {by_dancer[c.id] == "test" for c in refs if c.dancer == "d1"} in ({True}, {False})
+    assert len({by_dancer[f"song0-{k}"] for k in range(3)}) == 1
+    assert len({splits({"test": 0.5, "by": "clip"}, refs)[f"song{s}-{k}"] for s in range(9) for k in range(3)}) == 2
+    with pytest.raises(SourceError, match="no clip is in"):
+        splits({"test": 0.3, "by": "genre"}, refs)
+    with pytest.raises(SourceError, match=r"need the genre of every clip; found 6 clips without: song0-0"):
+        splits({"test": 0.3, "by": "genre"}, clips(2))
+    # A clip without music shares none.
+    silent = [ClipRef(f"take{k}", Path("x"), None, "") for k in range(40)]
+    assert set(splits(RULE, silent).values()) == {"train", "val", "test"}
+
+
+def test_an_empty_split_names_a_seed_that_does() -> None:
+    refs = clips(6)
+    rule = {"val": 0.2, "test": 0.2, "by": "music"}
+    with pytest.raises(SourceError, match="no clip is in val by the rule") as caught:
+        splits(rule, refs)
+    text = str(caught.value)
+    assert "18 clips of 6 songs" in text
+    seed = int(text.partition("et seed: ")[2].partition(",")[0])
+    made = list(splits({**rule, "seed": seed}, refs).values())
+    assert min(made.count(name) for name in ("train", "val", "test")) >= 3
+    with pytest.raises(SourceError) as caught:
+        splits(rule, clips(2))
+    assert "seed:" not in str(caught.value)  # two songs fill no three splits
+
+
+@pytest.mark.parametrize(
+    ("rule", "words"),
+    [
+        ({"val": 0.1}, "by is missing; allowed: music, dancer, genre, clip"),
+        ({"val": 0.1, "by": "song"}, "by is 'song'"),
+        ({"val": 0.1, "by": ["music"]}, "by is ['music']"),
+        ({"val": 0.1, "bye": "music", "by": "clip"}, "unknown key 'bye'; did you mean 'by'?"),
+        ({"val": 1.5, "by": "clip"}, "val is '1.5'"),
+        ({"val": -0.1, "by": "clip"}, "val is '-0.1'"),
+        ({"val": "a few", "by": "clip"}, "val is 'a few'"),
+        ({"val": True, "by": "clip"}, "val is 'True'"),
+        ({"val": "nan", "by": "clip"}, "val is 'nan'"),
+        ({"val": 0.6, "test": 0.4, "by": "clip"}, "val and test are 1 together"),
+        ({"by": "clip"}, "val and test are 0 together"),
+        ({"val": 0.1, "by": "clip", "seed": -1}, "seed is -1"),
+        ({"val": 0.1, "by": "clip", "seed": "x"}, "seed is 'x'"),
+        ({"val": 0.1, "train": 0.8, "by": "clip"}, "train is what is left, 0.9"),
+        ({}, "by is missing"),
+    ],
+)
+def test_nonsense_is_refused(rule: dict[str, Any], words: str) -> None:
+    with pytest.raises(UsageError) as caught:
+        Folder(split=rule)
+    assert words in str(caught.value)
+    assert "{val: 0.1, test: 0.1, by: music}" in str(caught.value)
+
+
+def document(split: Any) -> dict[str, Any]:
+    return {
+        "recipe": 1,
+        "name": "own",
+        "dataset": {"folder": {"unit": "cm", "fps": 60, "up": "y", "split": split}},
+        "windows": {"length_s": 2, "stride_s": 1},
+        "motion": {"edge151": {}},
+    }
+
+
+def test_one_rule_is_one_recipe_however_it_is_written() -> None:
+    one = parse_recipe(document(RULE))
+    same = parse_recipe(document({"by": "music", "test": "1/10", "seed": 0, "val": "0.10", "train": 0.8}))
+    assert one.document["dataset"]["folder"]["split"] == {"val": "1/10", "test": "1/10", "by": "music", "seed": 0}
+    assert one.sha256 == same.sha256 != parse_recipe(document({**RULE, "seed": 1})).sha256
+    assert parse_recipe(one.document).sha256 == one.sha256
+    with pytest.raises(RecipeError, match="unknown key 'vale'"):
+        parse_recipe(document({**RULE, "vale": 0.1}))
+
+
+@pytest.fixture
+def source(tmp_path: Path) -> Path:
+    """Twelve clips to six songs, and no splits in the manifest."""
+    Folder().make_example(tmp_path / "source")
+    return tmp_path / "source"
+
+
+def write_manifest(source: Path, lines: list[str]) -> None:
+    rows = [f"take{k},motions/own.bvh,music/slow.wav,song{k // 2},{line}" for k, line in enumerate(lines)]
+    (source / "manifest.csv").write_text("\n".join(["id,motion,audio,music,split", *rows]))
+
+
+def test_plan_shows_what_comes_out(source: Path, tmp_path: Path) -> None:
+    write_manifest(source, [""] * 12)
+    rule = {"val": 0.2, "test": 0.2, "by": "music", "seed": 1}
+    (tmp_path / "r.json").write_text(json.dumps(document(rule)))
+    (tmp_path / "r.json").rename(tmp_path / "r.yaml")
+    words = ["plan", str(tmp_path / "r.yaml"), "--source", str(source), "--cache", str(tmp_path / "cache"), "-q"]
+    result = CliRunner().invoke(app, words)
+    assert result.exit_code == 0, result.output
+    assert "Splits by music, seed 1: train 66.7% (asked 60.0%; 8 clips of 4 songs), val 16.7%" in result.output
+    planned = json.loads(CliRunner().invoke(app, [*words, "--json"]).output)["splits"]
+    assert {name: (n["clips"], n["songs"]) for name, n in planned.items()} == {
+        "train": (8, 4),
+        "val": (2, 1),
+        "test": (2, 1),
+    }
+
+
+def test_the_manifest_goes_first(source: Path) -> None:
+    rule = {"val": 0.2, "test": 0.2, "by": "music", "seed": 1}
+    reader = Folder(unit="cm", split=rule)
+    write_manifest(source, [""] * 12)
+    free = {clip.id: clip.split for clip in reader.scan(source).clips}
+    k = next(k for k in range(12) if free[f"take{k}"] == "train")
+    lines = [""] * 12
+    write_manifest(source, [*lines[:k], "dev", *lines[k + 1 :]])
+    made = {clip.id: clip.split for clip in reader.scan(source).clips}
+    assert made == {**free, f"take{k}": "dev", f"take{k + 1}": "dev"}
+    assert "dev 16.7% (from the manifest; 2 clips of 1 song)" in "\n".join(reader.scan(source).notes)
+    write_manifest(source, ["train", "test", *lines[2:]])
+    with pytest.raises(SourceError, match="music 'song0' is in two splits") as caught:
+        reader.scan(source)
+    assert "take0 in train, take1 in test" in str(caught.value)
+
+
+def test_without_a_manifest_every_pair_is_a_song(source: Path) -> None:
+    (source / "manifest.csv").unlink()
+    song = (source / "music/slow.wav").read_bytes()
+    for k in range(30):
+        (source / f"motions/n{k}.bvh").write_bytes((source / "motions/own.bvh").read_bytes()[:4000])
+        (source / f"music/n{k}.wav").write_bytes(song[:2000])
+    made = {clip.id: clip.split for clip in Folder(unit="cm", split=RULE).scan(source).clips}
+    assert made == {name: by_hand(name, 0, 0.1, 0.1) for name in made}
+    assert set(made.values()) == {"train", "val", "test"}

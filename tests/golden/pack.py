@@ -1,0 +1,253 @@
+"""Make tests/golden/data from the whole reference set: python tests/golden/pack.py GOLDEN OUT.
+
+GOLDEN has the folders `peers` and `jukebox`, and the file `jukebox_keys.csv` beside it. What is left out, and why
+that changes no comparison, stands in data/README.md. The values that stay are the reference's own bits.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import lzma
+import shutil
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import soundfile
+
+from dancedata.audio.jukebox import names
+from dancedata.audio.jukebox.config import JukeboxConfig
+from dancedata.audio.jukebox.legacy_file import LegacyFile
+
+Arrays = dict[str, np.ndarray]
+
+#: Music that is kept, and for how many seconds; None: whole. The rest is silence of the same length.
+EDGE_MUSIC = {
+    "gHO_sBM_cAll_d19_mHO3_ch07": None,  # 44.1 kHz mono, train, and FACT's
+    "gJS_sBM_cAll_d25_mJS3_ch02": 5.5,  # 48 kHz stereo, test
+    "gHO_sBM_cAll_d17_mHO1_ch01": 0.6,  # of edge_slice_pcm
+}
+FINEDANCE_MUSIC = {"063": None}
+#: The track whose hands move; in the others they keep the pose of the first frame.
+HANDS = "001"
+BODY = 3 + 22 * 6
+CLIPS = ("5s", "odd", "short", "silence", "stereo48k")
+#: Codes of the longest of them.
+N_CODES = 1722
+
+
+def frames(n: int, every: int) -> np.ndarray:
+    """Every `every`-th frame, and the last two."""
+    return np.unique([*range(0, n, every), n - 2, n - 1])
+
+
+def chosen(key: str, array: np.ndarray, index: dict[int, Any]) -> Arrays:
+    """Some of an array, with the indices along each axis that was thinned out, and its whole shape."""
+    found = {f"{key}@shape": np.array(array.shape)}
+    for axis, at in index.items():
+        found[f"{key}@{axis}"] = np.asarray(at, dtype=np.int32)
+        array = np.take(array, at, axis=axis)
+    return {key: array, **found}
+
+
+def load(path: Path) -> Arrays:
+    with np.load(path) as file:
+        return dict(file)
+
+
+def save(path: Path, arrays: Arrays) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    buffer = io.BytesIO()
+    np.savez(buffer, **arrays)
+    path.with_name(f"{path.name}.xz").write_bytes(lzma.compress(buffer.getvalue(), preset=9 | lzma.PRESET_EXTREME))
+
+
+def copy(source: Path, target: Path) -> None:
+    """Copy a file: texts as they are, others packed."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    if source.suffix in (".json", ".txt"):
+        shutil.copyfile(source, target)
+    else:
+        packed = lzma.compress(source.read_bytes(), preset=9 | lzma.PRESET_EXTREME)
+        target.with_name(f"{target.name}.xz").write_bytes(packed)
+
+
+def pack_song(source: Path, target: Path, seconds: float | None) -> None:
+    samples, rate = soundfile.read(source, dtype="int16")
+    if seconds is not None:
+        samples[int(seconds * rate) :] = 0
+    target.parent.mkdir(parents=True, exist_ok=True)
+    soundfile.write(target.with_suffix(".flac"), samples, rate, subtype="PCM_16", format="FLAC")
+
+
+def pack_finedance(source: Path, target: Path) -> None:
+    """Columns as second differences of their bits, byte by byte: a third smaller than packed as they are."""
+    columns = np.load(source)
+    if source.stem != HANDS:
+        columns[:, BODY:] = columns[0, BODY:]
+    bits = columns.view(np.uint32)
+    for _ in range(2):
+        bits = np.diff(bits, axis=0, prepend=np.zeros((1, bits.shape[1]), np.uint32))
+    shuffled = np.ascontiguousarray(bits.T).view(np.uint8).reshape(-1, 4).T
+    data = np.array(columns.shape, dtype="<i8").tobytes() + shuffled.tobytes()
+    target.parent.mkdir(parents=True, exist_ok=True)
+    packed = lzma.compress(data, preset=9 | lzma.PRESET_EXTREME)
+    target.with_suffix(".columns.xz").write_bytes(packed)
+
+
+def pack_inputs(peers: Path, out: Path) -> None:
+    for path in sorted(peers.rglob("*")):
+        target = out / path.relative_to(peers)
+        if path.suffix == ".wav":
+            kept = FINEDANCE_MUSIC if "finedance" in path.parts else EDGE_MUSIC
+            pack_song(path, target, kept.get(path.stem, 0))
+        elif path.suffix == ".npy":
+            pack_finedance(path, target)
+        elif path.is_file():
+            copy(path, target)
+
+
+def pack_edge(peers: Path, out: Path) -> None:
+    for split, normal in (("train", "pose_normalized_first16"), ("test", "pose_normalized")):
+        names_ = json.loads((peers / f"edge_windows_{split}.json").read_text())
+        arrays = load(peers / f"edge_{split}.npz")
+        heard = [k for k, name in enumerate(names_) if _is_heard(name)]
+        save(
+            out / f"edge_{split}.npz",
+            {
+                **chosen("pose_raw", arrays["pose_raw"], {1: [0, 1, 37, 74, 101, 148, 149]}),
+                "contacts": arrays["contacts"],
+                **chosen("baseline35", arrays["baseline35"], {0: heard}),
+                **chosen(normal, arrays[normal], {1: [0, 37, 101, 149]}),
+            },
+        )
+        shutil.copyfile(peers / f"edge_windows_{split}.json", out / f"edge_windows_{split}.json")
+    for name in ("edge_normalizer", "edge_slice_pcm"):
+        save(out / f"{name}.npz", load(peers / f"{name}.npz"))
+
+
+def _is_heard(window: str) -> bool:
+    """Tell whether a window of EDGE lies in music that is kept."""
+    clip, _, number = window.rpartition("_slice")
+    seconds = EDGE_MUSIC.get(clip, 0)
+    return seconds is None or int(number) * 0.5 + 5 <= seconds
+
+
+def pack_motion(peers: Path, out: Path) -> None:
+    joints, fact = load(peers / "fk_smpl24.npz"), load(peers / "fact_motion.npz")
+    thinned = [chosen(key, array, {0: frames(len(array), 24)}) for key, array in joints.items()]
+    save(out / "fk_smpl24.npz", {k: v for part in thinned for k, v in part.items()})
+    thinned = [chosen(key, array, {0: frames(len(array), 48)}) for key, array in fact.items()]
+    save(out / "fact_motion.npz", {k: v for part in thinned for k, v in part.items()})
+
+
+def pack_lodge(peers: Path, out: Path) -> None:
+    tracks, part = load(peers / "lodge_mofea319.npz"), {}
+    for key, array in tracks.items():
+        index: dict[int, Any] = {0: frames(len(array), 15)}
+        if key != HANDS:
+            index[1] = np.arange(4 + BODY)
+        part |= chosen(key, array, index)
+    save(out / "lodge_mofea319.npz", part)
+    joints = [chosen(k, a, {0: np.arange(0, len(a), 15)}) for k, a in load(peers / "lodge_fk55.npz").items()]
+    save(out / "lodge_fk55.npz", {k: v for one in joints for k, v in one.items()})
+    scaler = load(peers / "lodge_normalizer.npz")
+    scaler |= chosen("normalized_first300", scaler["normalized_first300"], {0: frames(300, 30)})
+    save(out / "lodge_normalizer.npz", scaler)
+    keys = load(peers / "lodge_key_motion.npz")
+    for name in [name for name in keys if name.endswith("key_motion")]:
+        keys |= chosen(name, keys[name], {2: [*range(13), *range(13, 139, 7)]})
+    save(out / "lodge_key_motion.npz", keys)
+    music = load(peers / "lodge_music35.npz")
+    save(out / "lodge_music35.npz", {track: music[track] for track in FINEDANCE_MUSIC})
+    for name in ("lodge_dataset_index", "finedance_contacts"):
+        save(out / f"{name}.npz", load(peers / f"{name}.npz"))
+    shutil.copyfile(peers / "lodge_get_list_cases.json", out / "lodge_get_list_cases.json")
+
+
+def pack_fact_music(peers: Path, out: Path) -> None:
+    sources = json.loads((peers / "fact_audio_source.json").read_text())
+    kept = {music: clip for music, clip in sources.items() if EDGE_MUSIC.get(clip, 0) is None}
+    arrays = load(peers / "fact_audio35_60fps.npz")
+    save(out / "fact_audio35_60fps.npz", {music: arrays[music] for music in kept})
+    (out / "fact_audio_source.json").write_text(json.dumps(kept, indent=1) + "\n")
+
+
+def pack_checkpoint(path: Path, out: Path, needed: dict[str, int]) -> None:
+    """A checkpoint whose tensors, and rows of tables, that no comparison looks at are zero. All else stays."""
+    data = bytearray(path.read_bytes())
+    with LegacyFile(path) as file:
+        for name, tensor in file.object["model"].items():
+            start, count = file._starts[tensor.key]
+            rows = needed.get(name, 0)
+            row_items = int(np.prod(tensor.shape[1:], dtype=np.int64))
+            begin, end = start + rows * row_items * tensor.item_bytes, start + count * tensor.item_bytes
+            if rows < tensor.shape[0]:
+                data[begin:end] = bytes(end - begin)
+    out.mkdir(parents=True, exist_ok=True)
+    packed = lzma.compress(bytes(data), preset=9 | lzma.PRESET_EXTREME)
+    (out / f"{path.name}.xz").write_bytes(packed)
+
+
+def pack_jukebox(golden: Path, out: Path) -> None:
+    config = JukeboxConfig.from_hparams(json.loads((golden / "hparams.json").read_text()))
+    needed = {spec.name: spec.rows for spec in names.vqvae_tensors(config)}
+    pack_checkpoint(golden / names.VQVAE_FILE, out, needed)
+    # Tables of times have few rows, so those of the whole context are kept; positions are most of the file.
+    whole = {spec.name: spec.rows for spec in names.prior_tensors(config, config.depth)}
+    pack_checkpoint(golden / names.PRIOR_FILE, out, whole | {names.POSITIONS: N_CODES})
+    manifest = json.loads((golden / "manifest.json").read_text())
+    kept = {name: about for name, about in manifest.items() if name in CLIPS}
+    for name, about in kept.items():
+        song = golden / about["wav"]
+        samples, rate = soundfile.read(song, dtype="int16")
+        about["wav"] = f"clip_{name}.flac"
+        soundfile.write(out / about["wav"], samples, rate, subtype="PCM_16", format="FLAC")
+        save(out / f"expect_{name}.npz", _expected(golden / f"expect_{name}.npz"))
+    (out / "manifest.json").write_text(json.dumps(kept, indent=1) + "\n")
+    save(out / "expect_cond.npz", load(golden / "expect_cond.npz"))
+    shutil.copyfile(golden / "hparams.json", out / "hparams.json")
+
+
+def _expected(path: Path) -> Arrays:
+    """Codes and features whole; of activations every 13th row, which meets all places in a block of 128."""
+    arrays = load(path)
+    kept = {name: arrays[name] for name in ("z", "z_margin", "final", "n_samples")}
+    index = arrays["act_index"]
+    rows = frames(len(index), 13)
+    kept["act_index"] = index[rows]
+    return kept | {n: a[rows] for n, a in arrays.items() if n.startswith("act_") and n[4:].isdigit()}
+
+
+def pack_keys(path: Path, out: Path) -> None:
+    """Names, shapes and types of the real files' tensors."""
+    with path.open() as file:
+        rows = list(csv.DictReader(file))
+    buffer = io.StringIO()
+    columns = ["file", "openai_key", "shape", "dtype_in_file", "needed_for_layer_66"]
+    writer = csv.DictWriter(buffer, columns, extrasaction="ignore", lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    (out / "keys.csv.xz").write_bytes(lzma.compress(buffer.getvalue().encode(), preset=9))
+
+
+def main(golden: Path, out: Path) -> None:
+    peers = out / "peers"
+    pack_inputs(golden / "peers" / "inputs", peers / "inputs")
+    pack_edge(golden / "peers", peers)
+    pack_motion(golden / "peers", peers)
+    pack_lodge(golden / "peers", peers)
+    pack_fact_music(golden / "peers", peers)
+    pack_jukebox(golden / "jukebox", out / "jukebox")
+    pack_keys(golden.parent / "jukebox_keys.csv", out / "jukebox")
+    sizes = {path: path.stat().st_size for path in sorted(out.rglob("*")) if path.is_file()}
+    for path, size in sorted(sizes.items(), key=lambda item: item[1]):
+        print(f"{size:9,}  {path.relative_to(out)}")
+    print(f"{sum(sizes.values()):9,}  in all")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), Path(sys.argv[2]))

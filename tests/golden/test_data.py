@@ -1,0 +1,66 @@
+"""The compact set of reference outputs: small, described, the reference's own bits; and one line for the rest."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[2]
+DATA = ROOT / "tests" / "golden" / "data"
+
+
+def test_it_is_small_and_its_files_are_described() -> None:
+    files = [path for path in DATA.rglob("*") if path.is_file()]
+    assert sum(path.stat().st_size for path in files) <= 8_000_000
+    readme = (DATA / "README.md").read_text()
+    for path in files:
+        name = path.relative_to(DATA).as_posix()
+        known = re.findall(r"`((?:peers|jukebox)[^`]*)`", readme)
+        assert name == "README.md" or any(name.startswith(k.rstrip("*")) for k in known), name
+
+
+def test_what_stays_outside_is_one_line(tmp_path: Path) -> None:
+    env = {**os.environ, "DANCEDATA_SHARED": str(tmp_path / "nowhere"), "PYTHONPATH": str(ROOT)}
+    names = ("golden/test_real_clips", "datasets/test_bvh_retarget", "core/test_kinematics")
+    options = ["-q", "-n", "0", "-p", "no:cacheprovider", "-k", "real or edges"]
+    command = [sys.executable, "-m", "pytest", *options, *(f"tests/{name}.py" for name in names)]
+    result = subprocess.run(command, cwd=ROOT, env=env, capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stdout
+    (line,) = [line for line in result.stdout.splitlines() if line.startswith("SKIPPED")]
+    assert "tests/golden/data/README.md" in line
+    assert int(re.findall(r"\[(\d+)\]", line)[0]) >= 10
+    assert re.search(r"[1-9]\d* passed", result.stdout)  # EDGE's joints are compared all the same
+
+
+def test_arrays_are_the_references_own(shared: Path, peers: Any) -> None:
+    if peers.whole:
+        return
+    files = sorted(peers.folder.glob("*.npz"))
+    assert len(files) >= 12
+    for path in files:
+        with np.load(shared / "golden" / "peers" / path.name) as whole:
+            part = peers.load(path.name)
+            for key in part:
+                if whole[key].dtype.kind in "fiub" and whole[key].ndim:
+                    index = np.ix_(*(part.index(key, axis) for axis in range(whole[key].ndim)))
+                    np.testing.assert_array_equal(whole[key][index], part[key], err_msg=f"{path.name} {key}")
+                    assert part.shape(key) == whole[key].shape
+
+
+def test_inputs_are_the_references_own(shared: Path, peers: Any) -> None:
+    inputs = shared / "golden" / "peers" / "inputs"
+    for path in sorted((peers / "inputs").rglob("*")):
+        other = inputs / path.relative_to(peers / "inputs")
+        if path.suffix == ".npy":
+            columns, wanted = np.load(path), np.load(other)
+            body = slice(None) if peers.whole or path.stem == "001" else slice(3 + 22 * 6)
+            np.testing.assert_array_equal(columns[:, body], wanted[:, body])
+            assert columns.shape == wanted.shape
+        elif path.suffix in (".pkl", ".json", ".txt"):
+            assert path.read_bytes() == other.read_bytes()

@@ -1,0 +1,289 @@
+"""The same bytes whatever kernels a machine would choose, whatever the user has set, and whoever computes."""
+
+from __future__ import annotations
+
+import hashlib
+import multiprocessing
+import os
+import platform
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import soundfile
+
+from dancedata.core.errors import DataError
+from dancedata.datasets.synthetic import synthesise_song
+from dancedata.pipeline import arithmetic, reference_process
+from dancedata.pipeline.execute import Progress, run_units
+from dancedata.pipeline.reference_process import ReferenceProcess, ReferenceProcessError
+
+RECIPE = """recipe: 1
+name: kernels
+dataset: {synthetic: {songs: 2, clips_per_song: 2, clip_s: 7}}
+fps: 30
+scope: SCOPE
+windows: {length_s: 5, stride_s: 0.5}
+motion: {edge151: {}, joints: {}}
+audio: {librosa35: {}}
+keymotion: {lodge: {}}
+augment: {mirror: true}
+"""
+BUILD = """
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from dancedata.pipeline.build import build
+from dancedata.pipeline.recipe_file import load_recipe
+
+recipe, source, out, cache, jobs = sys.argv[1:]
+import numpy  # before anything can be chosen
+build(load_recipe(recipe), Path(source), Path(out), cache=Path(cache), jobs=int(jobs))
+"""
+#: What a user may have set, or another processor would choose.
+SETTINGS = {
+    "nothing": {},
+    "Sandybridge": {"OPENBLAS_CORETYPE": "Sandybridge"},
+    "no AVX-512 in numpy": {"NPY_DISABLE_CPU_FEATURES": "X86_V4"},
+    "no AVX2 in numpy": {"NPY_DISABLE_CPU_FEATURES": "X86_V3"},
+}
+MORE_SETTINGS = {
+    **{kernel: {"OPENBLAS_CORETYPE": kernel} for kernel in ("Haswell", "Zen", "Nehalem", "SkylakeX", "Prescott")},
+    "no AVX2 in the C library": {"GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2_Usable,-AVX2,-FMA"},
+    "blocks": {"OPENBLAS_BLOCK_FACTOR": "2"},
+}
+needs_reference = pytest.mark.skipif(
+    not arithmetic.has_reference(), reason="this processor has no AVX2: nothing is promised beyond this machine"
+)
+
+
+def run(*command: object, **settings: str) -> str:
+    """Run Python without what the tests' own process has chosen, but with `settings`."""
+    environment = {k: v for k, v in os.environ.items() if not k.startswith(("OPENBLAS_", "NPY_"))} | settings
+    done = subprocess.run(
+        [sys.executable, *map(str, command)], env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def hashes(out: Path) -> dict[str, str]:
+    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(out.iterdir())}
+
+
+@pytest.fixture(scope="module", params=["track", "window"])
+def recipe(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("recipe") / "kernels.yaml"
+    path.write_text(RECIPE.replace("SCOPE", request.param), encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def expected(recipe: Path) -> dict[str, str]:
+    """A build by the command line, on a machine where nothing is set."""
+    return build_by_command(recipe, recipe.parent / "first")
+
+
+def build_by_command(recipe: Path, folder: Path, **settings: str) -> dict[str, str]:
+    """Make source, dataset and cache anew."""
+    command = ["-m", "dancedata", "build", recipe, "--source", folder / "source", "--out", folder / "out"]
+    run(*command, "--cache", folder / "cache", "--jobs", 1, "--quiet", **settings)
+    return hashes(folder / "out")
+
+
+@needs_reference
+@pytest.mark.parametrize("name", [name for name in SETTINGS if name != "nothing"])
+def test_the_command_line_gives_the_same_bytes(
+    recipe: Path, expected: dict[str, str], tmp_path: Path, name: str
+) -> None:
+    assert build_by_command(recipe, tmp_path, **SETTINGS[name]) == expected
+
+
+@needs_reference
+@pytest.mark.nightly
+@pytest.mark.parametrize("name", MORE_SETTINGS)
+def test_the_command_line_gives_the_same_bytes_whatever_is_set(
+    recipe: Path, expected: dict[str, str], tmp_path: Path, name: str
+) -> None:
+    assert build_by_command(recipe, tmp_path, **MORE_SETTINGS[name]) == expected
+
+
+@needs_reference
+@pytest.mark.parametrize(("jobs", "name"), [(1, "nothing"), (2, "Sandybridge")])
+def test_a_build_from_python_gives_the_same_bytes(
+    recipe: Path, expected: dict[str, str], tmp_path: Path, jobs: int, name: str
+) -> None:
+    """There numpy was loaded before; the source is made by it, too."""
+    source, out, cache = (tmp_path / part for part in ("source", "out", "cache"))
+    run("-c", BUILD, recipe, source, out, cache, jobs, **SETTINGS[name])
+    assert hashes(out) == expected
+
+
+EXTRACT = """
+import sys
+import numpy as np
+import dancedata
+from dancedata.cache import FeatureCache
+song, cache, out = sys.argv[1:]
+track = dancedata.extract("librosa35", song, fps=30, start_bpm=100)
+kept = FeatureCache(cache).get("librosa35", song, fps=30, start_bpm=100)
+windows = FeatureCache(cache).get_windows("librosa35", song, start_bpm=100)
+assert np.array_equal(track, kept)
+np.savez(out, track=track, windows=windows)
+"""
+
+
+@needs_reference
+def test_features_from_python_are_those_of_the_command_line(tmp_path: Path) -> None:
+    song = tmp_path / "song.wav"
+    made = synthesise_song("mPO1", length_s=7.0)
+    soundfile.write(song, made.pcm, made.signal.sample_rate)
+    found = []
+    for name in ("nothing", "Sandybridge", "no AVX2 in numpy"):
+        run("-c", EXTRACT, song, tmp_path / name, tmp_path / f"{name}.npz", **SETTINGS[name])
+        found.append(dict(np.load(tmp_path / f"{name}.npz")))
+    run("-m", "dancedata", "features", song, "--out", tmp_path, "--bpm", 100)
+    command = np.load(tmp_path / "song.librosa35.npy")
+    for one in found:
+        assert np.array_equal(one["track"], command)
+        assert np.array_equal(one["windows"], found[0]["windows"])
+
+
+@pytest.fixture
+def process() -> Iterator[ReferenceProcess]:
+    started = ReferenceProcess()
+    yield started
+    started.end()
+
+
+@needs_reference
+def test_the_reference_process_computes_with_what_is_promised(process: ReferenceProcess) -> None:
+    assert process.arithmetic == arithmetic.REFERENCE
+    assert process.call(arithmetic.here, ()) == arithmetic.REFERENCE
+    assert arithmetic.environment()["OPENBLAS_CORETYPE"] == "Haswell"
+
+
+def test_what_a_function_raises_is_raised_and_the_process_goes_on(process: ReferenceProcess) -> None:
+    def fail() -> None:
+        raise DataError("too faint", reason="nan", where="song.wav")
+
+    with pytest.raises(DataError, match=r"song\.wav: too faint") as caught:
+        process.call(fail, ())
+    assert caught.value.reason == "nan"
+    # Neither function nor class can be imported there: they travel with the call.
+    assert process.call(lambda x: x + 1, (3,)) == 4
+
+
+def test_what_cannot_travel_is_an_error_that_says_so(process: ReferenceProcess) -> None:
+    with pytest.raises(TypeError, match="cannot pickle"):
+        process.call(lambda: threading.Lock(), ())
+    assert process.call(abs, (-2,)) == 2
+
+
+def test_a_dead_process_is_an_error_and_the_next_call_starts_another(process: ReferenceProcess) -> None:
+    with pytest.raises(ReferenceProcessError, match="signal SIGKILL"):
+        process.call(os.kill, (process.call(os.getpid, ()), signal.SIGKILL))
+    with pytest.raises(ReferenceProcessError, match="exit status 3"):
+        process.call(os._exit, (3,))
+    assert process.call(abs, (-2,)) == 2
+
+
+def test_an_interrupted_call_does_not_answer_the_next_one(
+    process: ReferenceProcess, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    receive = process._receive
+
+    def interrupted() -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(process, "_receive", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        process.call(abs, (-1,))
+    monkeypatch.setattr(process, "_receive", receive)
+    assert process.call(abs, (-2,)) == 2
+
+
+def test_a_unit_that_kills_the_process_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As in a notebook, where nothing else could tell."""
+    monkeypatch.setattr(arithmetic, "here", lambda: "something else")
+    with pytest.raises(ReferenceProcessError, match=r"song\.wav: the process that computes features died") as caught:
+        run_units(_die, [(Path("song.wav"),)], jobs=1, label="features", progress=Progress(quiet=True))
+    assert str(caught.value.where) == "song.wav"
+
+
+def _die(path: Path) -> None:
+    os._exit(3)
+
+
+@needs_reference
+def test_a_fork_starts_a_process_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Forked workers of a DataLoader are daemons, to which multiprocessing gives no children."""
+    monkeypatch.setattr(arithmetic, "here", lambda: "something else")
+    mine = reference_process.compute(os.getpid)
+    assert mine == reference_process.compute(os.getpid) != os.getpid()
+    context = multiprocessing.get_context("fork")
+    queue: Any = context.Queue()
+    child = context.Process(target=_ask, args=(queue,), daemon=True)
+    child.start()
+    assert queue.get(timeout=60) not in (mine, os.getpid(), child.pid)
+    child.join()
+    assert reference_process.compute(os.getpid) == mine
+
+
+def _ask(queue: Any) -> None:
+    queue.put(reference_process.compute(os.getpid))
+
+
+def test_machines_without_the_level_keep_results_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever they compute with is in the keys, and nothing is chosen for them."""
+    monkeypatch.setattr(arithmetic, "has_reference", lambda: False)
+    monkeypatch.setattr(arithmetic, "_started_with", list)
+    arithmetic._description.cache_clear()
+    try:
+        own = arithmetic.here()
+        assert own.startswith(f"{platform.machine()}, openblas ")
+        assert reference_process.expected() == own
+        assert "OPENBLAS_CORETYPE" not in arithmetic.environment()
+        assert reference_process.compute(os.getpid) == os.getpid()
+    finally:
+        arithmetic._description.cache_clear()
+
+
+def test_a_blas_that_says_nothing_of_its_kernels_is_bound_to_its_processor(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(arithmetic, "_blas", lambda: ["mkl 2025.1"])
+    arithmetic._description.cache_clear()
+    try:
+        assert "mkl 2025.1" in arithmetic.here()
+        assert arithmetic.here().endswith(platform.processor() or arithmetic._model_name())
+    finally:
+        arithmetic._description.cache_clear()
+
+
+@pytest.mark.parametrize(
+    ("version", "features"),
+    [("2.0.2", "SSSE3 SSE41 POPCNT SSE42 AVX F16C FMA3 AVX2"), ("2.4.6", "X86_V3"), ("3.0.0rc1", "X86_V3")],
+)
+def test_versions_of_numpy_name_features_in_their_own_way(
+    monkeypatch: pytest.MonkeyPatch, version: str, features: str
+) -> None:
+    monkeypatch.setattr(arithmetic, "version", lambda name: version)
+    assert arithmetic._numpy_features() == features
+
+
+def test_only_what_was_chosen_is_changed_and_taken_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OPENBLAS_CORETYPE", "Nehalem")
+    tunables = "glibc.malloc.check=1:glibc.cpu.hwcaps=-AVX2"
+    monkeypatch.setenv("GLIBC_TUNABLES", tunables)
+    with arithmetic.adopted_by_children():
+        assert os.environ.get("OPENBLAS_CORETYPE") == ("Haswell" if arithmetic.has_reference() else None)
+        assert os.environ["GLIBC_TUNABLES"] == "glibc.malloc.check=1"
+        monkeypatch.setenv("SOMEBODY", "else")
+    assert (os.environ["OPENBLAS_CORETYPE"], os.environ["SOMEBODY"]) == ("Nehalem", "else")
+    assert os.environ["GLIBC_TUNABLES"] == tunables

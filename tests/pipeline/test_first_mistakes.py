@@ -1,0 +1,332 @@
+"""What a user does wrong first, and what the command says to it."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import soundfile
+from click.testing import Result
+from typer.testing import CliRunner
+
+import dancedata
+from dancedata.audio.librosa35 import Librosa35
+from dancedata.audio.signal import load_audio
+from dancedata.cli import app
+from dancedata.core.clip import Reject
+from dancedata.core.errors import DataError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.registry import DATASETS
+from dancedata.pipeline.left_out import left_out_lines
+
+
+def run(*args: object, code: int = 0) -> Result:
+    """Run a command and check its exit code."""
+    result = CliRunner().invoke(app, [str(a) for a in args])
+    assert result.exit_code == code, result.output
+    return result
+
+
+@pytest.fixture
+def larger(tmp_path: Path) -> Path:
+    """Eight clips to two songs, all in one split by the recipe of the tests below."""
+    from dancedata.datasets.synthetic import write_synthetic
+
+    return write_synthetic(tmp_path / "larger", songs=2, clips_per_song=4, clip_s=6)
+
+
+ALL = ("--set", "dataset.aist++.split=all")
+
+
+# Missing music
+
+
+def test_a_build_without_music_says_where_it_looked_and_what_to_do(larger: Path, out: Path):
+    shutil.rmtree(larger / "wavs")
+    said = run("build", "aist++", "--source", larger, "--out", out, *ALL, code=1).stderr
+    lines = said.splitlines()
+    (counts,) = [number for number, line in enumerate(lines) if line == "  - missing_music: 8 clips"]
+    assert lines[counts + 1 : counts + 3] == [
+        "    song mBR0 is missing: 4 clips",
+        "    song mHO3 is missing: 4 clips",
+    ]
+    notes = DATASETS.get("aist++")(split="all").scan(larger).notes
+    assert any("Looked in wavs/" in note and "AIST Dance Video Database" in note for note in notes)
+    assert all(f"  - {note}" in lines for note in notes)
+    assert f"dancedata check {larger}" in lines[-1]
+    assert not out.exists()
+
+
+def test_near_names_are_offered(larger: Path, out: Path):
+    (larger / "wavs" / "mBR0.wav").rename(larger / "wavs" / "MBR0.WAV")
+    (larger / "wavs" / "mHO3.wav").rename(larger / "wavs" / "mHO3.m4a")
+    said = run("build", "aist++", "--source", larger, "--out", out, *ALL, code=1).stderr
+    assert "song mBR0 is missing: 4 clips; rename wavs/MBR0.WAV to wavs/mBR0.wav\n" in said
+    assert "song mHO3 is missing: 4 clips; convert wavs/mHO3.m4a to wavs/mHO3.wav\n" in said
+
+
+def test_what_matters_comes_first_and_motion_that_is_not_there_last(larger: Path, out: Path, rejects: Any):
+    (larger / "wavs" / "mHO3.wav").unlink()
+    listed = larger / "splits" / "crossmodal_train.txt"
+    names = [f"gBR_sBM_cAll_d04_mBR{n % 6}_ch{n:02d}" for n in range(10, 99)]
+    listed.write_text(listed.read_text() + "\n".join(names))
+    (larger / "ignore_list.txt").write_text("gHO_sBM_cAll_d19_mHO3_ch03\n")
+    (larger / "wavs" / "notes.txt").write_text("mine")
+    (larger / "motions" / "gBR_sBM_cAll_d04_mBR0_ch01.pkl").write_bytes(b"")
+    lines = run("build", "aist++", "--source", larger, "--out", out).stdout.splitlines()
+    reasons = [line.split(":")[0].strip() for line in lines if line.startswith("    ") and line[4] != " "]
+    assert reasons == ["missing_music", "broken_file", "ignored", "extra_file", "missing_motion"]
+    assert "      song mHO3 is missing: 3 clips" in lines
+    rows = [row for row in rejects(out) if row["reason"] == "missing_music"]
+    assert {row["music"] for row in rows} == {"mHO3"}
+
+
+def test_many_songs_are_summed_up():
+    songs = [f"m{genre}{n}" for genre in ("BR", "HO") for n in range(6)]
+    rejects = [Reject("missing_music", f"c{k}", music=song) for song in songs for k in range(int(song[-1]) + 1)]
+    assert left_out_lines(rejects) == [
+        "missing_music: 42 clips",
+        "  song mBR5 is missing: 6 clips",
+        "  song mHO5 is missing: 6 clips",
+        "  song mBR4 is missing: 5 clips",
+        "  9 songs more: 25 clips (mHO4, mBR3, mHO3, ... 6 more)",
+    ]
+
+
+def test_clips_that_name_no_song_are_counted():
+    rejects = [Reject("missing_music", "a", music="blue"), Reject("missing_music", "b")]
+    assert left_out_lines(rejects) == [
+        "missing_music: 2 clips",
+        "  song blue is missing: 1 clip",
+        "  no song is named: 1 clip (b)",
+    ]
+
+
+def test_strict_names_the_song_too(larger: Path, out: Path):
+    (larger / "wavs" / "mHO3.wav").unlink()
+    said = run("build", "aist++", "--source", larger, "--out", out, *ALL, "--strict", code=1).stderr
+    assert "4 broken clips in a strict build\n  - missing_music: 4 clips\n    song mHO3 is missing: 4 clips\n" in said
+    assert "Layout: official AIST++" in said
+
+
+@pytest.mark.parametrize("dataset", ["finedance", "folder"])
+def test_other_datasets_name_songs_and_near_files(tmp_path: Path, out: Path, dataset: str):
+    source = tmp_path / "source"
+    DATASETS.get(dataset)().make_example(source)
+    if dataset == "finedance":
+        (source / "music_wav").rename(source / "Music_WAV")
+        wanted = "song 001 is missing: 1 clip; rename Music_WAV/001.wav to music_wav/001.wav"
+    else:
+        (source / "manifest.csv").unlink()
+        (source / "music" / "slow.wav").rename(source / "music" / "SMPL.wav")
+        wanted = "song smpl is missing: 1 clip; rename music/SMPL.wav to music/smpl.wav"
+    said = run("build", _recipe(tmp_path, dataset), "--source", source, "--out", out, code=1).stderr
+    assert wanted in said
+    assert all(note in said for note in DATASETS.get(dataset)().scan(source).notes)
+
+
+def _recipe(folder: Path, dataset: str) -> Path:
+    path = folder / "recipe.yaml"
+    text = f"{{recipe: 1, name: own, dataset: {dataset}, windows: {{length_s: 2, stride_s: 1}}, motion: edge151"
+    path.write_text(f"{text}, audio: librosa35}}")
+    return path
+
+
+# A plan of nothing
+
+
+@pytest.mark.parametrize("broken", ["no music", "every clip broken", "too short", "short music"])
+def test_a_plan_of_nothing_ends_with_1_and_a_builds_words(larger: Path, out: Path, broken: str):
+    longer: tuple[str, ...] = ()
+    if broken == "no music":
+        shutil.rmtree(larger / "wavs")
+    elif broken == "every clip broken":
+        for path in (larger / "motions").iterdir():
+            path.write_bytes(path.read_bytes()[:1000])
+    elif broken == "too short":
+        longer = ("--set", "windows.length_s=60")
+    else:
+        for path in (larger / "wavs").iterdir():
+            samples, rate = soundfile.read(path)
+            soundfile.write(path, samples[: 2 * rate], rate)
+    args = ("aist++", "--source", larger, *ALL, *longer)
+    planned = run("plan", *args, "--quiet", code=1)
+    built = run("build", *args, "--out", out, "--jobs", 1, "--quiet", code=1)
+    assert planned.stderr == built.stderr
+    assert "no clip is left to build from" in planned.stderr
+    assert planned.stdout == ""
+
+
+def test_a_plan_of_nothing_prints_its_json_all_the_same(larger: Path):
+    shutil.rmtree(larger / "wavs")
+    planned = run("plan", "aist++", "--source", larger, *ALL, "--json", code=1)
+    assert json.loads(planned.stdout)["left_out"] == {"missing_music": 8}
+    assert "song mBR0 is missing" in planned.stderr
+
+
+@pytest.mark.parametrize("command", ["plan", "build"])
+def test_finedance_without_labels_mentions_that_they_are_optional(tmp_path: Path, command: str):
+    source = tmp_path / "source"
+    DATASETS.get("finedance")().make_example(source)
+    shutil.rmtree(source / "label_json")
+    said = run(command, "finedance", "--source", source, "--out", tmp_path / "out", code=1).stderr
+    assert "--set dataset.finedance.labels=optional" in said
+    optional = ("--set", "dataset.finedance.labels=optional")
+    assert "would leave out: missing_label" not in run("plan", "finedance", "--source", source, *optional).stdout
+
+
+# Names
+
+
+@pytest.mark.parametrize(
+    ("args", "meant"),
+    [
+        (("build", "edge"), "aist++-edge-exact"),
+        (("build", "AIST++"), "aist++"),
+        (("plan", "lodge"), "aist++-lodge"),
+        (("build", "aist++", "--set", "stride_s=1"), "windows.stride_s"),
+        (("build", "aist++", "--set", "mirror=true"), "augment.mirror"),
+        (("build", "aist++", "--set", "contacts=height"), "motion.edge151.contacts"),
+        (("build", "aist++", "--set", "dataset.split=all"), "dataset.aist++.split"),
+        (("build", "aist++", "--set", "motion.contacts=height"), "motion.edge151.contacts"),
+        (("build", "aist++", "--set", "audio.tightness=5"), "audio.librosa35.tightness"),
+        (("check", ".", "--dataset", "AISTPP"), "aist++"),
+        (("features", "x.wav", "--out", "x", "--feature", "Librosa"), "librosa35"),
+    ],
+)
+def test_the_name_that_was_meant(args: tuple[str, ...], meant: str, tmp_path: Path, monkeypatch: Any):
+    monkeypatch.chdir(tmp_path)
+    said = run(*args, code=2).stderr
+    assert f"did you mean {meant!r}?" in said.replace("Did", "did")
+
+
+# The closing summary
+
+
+def test_the_closing_summary_is_short_and_says_what_to_do_next(larger: Path, out: Path):
+    args = ("build", "aist++", "--source", larger, "--out", out, "--jobs", 1)
+    (larger / "ignore_list.txt").write_text("gBR_sBM_cAll_d04_mBR0_ch01\n")
+    lines = run(*args).stdout.splitlines()
+    assert lines[0].startswith(f"aist++: 7 clips, 21 windows in {out} (")
+    assert lines[1] == "  train 4 clips, 12 windows; val 1 clip, 3 windows; test 2 clips, 6 windows"
+    assert lines[-1] == f"next: dancedata check {out}; all about it: dancedata info {out}"
+    assert "ignored: 1 (" in "\n".join(lines)
+    assert len(lines) <= 8
+    again = run(*args)
+    assert again.stdout.splitlines() == [
+        f"nothing to do: {out} is this dataset already, from the same recipe and source (7 clips, 21 windows)",
+        lines[-1],
+    ]
+    assert again.stderr == ""
+
+
+def test_info_shows_all_that_the_summary_leaves_out(larger: Path, out: Path):
+    (larger / "wavs" / "mHO3.wav").rename(larger / "wavs" / "mho3.wav")
+    summary = run("build", "aist++", "--source", larger, "--out", out, "--jobs", 1).stdout
+    shown = run("info", out).stdout
+    notes = DATASETS.get("aist++")().scan(larger).notes
+    assert all(note in shown for note in notes)
+    assert all(note not in summary for note in notes)
+    for part in ("licence: ", "columns (contact", "no quality flags", "median of a clip", "minutes"):
+        assert part in shown
+        assert part not in summary
+    left_out = [line for line in summary.splitlines() if line.startswith("    ")]
+    assert len(left_out) > 2
+    assert all(line in shown for line in left_out)
+
+
+def test_flags_are_summed_up_by_kind(built_copy: Path):
+    from dancedata.pipeline.summary import describe_built
+
+    assert "flagged" not in describe_built(built_copy)
+    flags = [
+        {"clip": clip, "kind": kind, "joint": "root", "frame": 1, "value": 1.0, "unit": "m"}
+        for clip, kind in (("a", "root_jump"), ("a", "root_jump"), ("b", "root_jump"), ("b", "fast_turn"))
+    ]
+    (built_copy / "quality.jsonl").write_text("".join(json.dumps(flag) + "\n" for flag in flags))
+    said = describe_built(built_copy)
+    assert "  flagged, not repaired (quality.jsonl): fast_turn in 1 clip, root_jump in 2 clips\n" in said
+
+
+# Features of one's own songs
+
+
+def about_of(folder: Path) -> dict[str, Any]:
+    (path,) = folder.glob("*.json")
+    found: dict[str, Any] = json.loads(path.read_text())
+    return found
+
+
+def test_an_estimated_tempo_is_printed_stored_and_gives_the_same_rows(corpus: Path, tmp_path: Path):
+    song = corpus / "wavs" / "mHO3.wav"
+    said = run("features", song, "--out", tmp_path / "a").stdout
+    about = about_of(tmp_path / "a")
+    assert about["tempo_estimated"] is True
+    assert about["start_bpm"] is None
+    assert 60 < about["tempo_bpm"] < 240
+    assert f"tempo estimated: {about['tempo_bpm']:.5g} BPM" in said
+    plain = Librosa35(method="librosa")
+    assert about["tempo_bpm"] == pytest.approx(plain.estimated_bpm(load_audio(song), FrameGrid.of(30)))
+    run("features", song, "--out", tmp_path / "b", "--bpm", repr(about["tempo_bpm"]))
+    rows = [(tmp_path / name / "mHO3.librosa35.npy").read_bytes() for name in "ab"]
+    assert rows[0] == rows[1]
+    assert np.array_equal(np.load(tmp_path / "a" / "mHO3.librosa35.npy"), dancedata.extract("librosa35", song))
+    assert about_of(tmp_path / "b")["tempo_estimated"] is False
+    assert "tempo estimated" not in run("features", song, "--out", tmp_path / "b", "--bpm", 120).stdout
+
+
+def test_the_tempo_of_every_window_is_stored(corpus: Path, tmp_path: Path):
+    song = corpus / "wavs" / "mHO3.wav"
+    said = run("features", song, "--out", tmp_path / "a", "--like", "aist++-edge-exact").stdout
+    about = about_of(tmp_path / "a")
+    tempos = about["tempo_bpm"]
+    assert len(tempos) == about["shape"][0] > 1
+    assert f"tempo of each window estimated: {min(tempos):.5g} to {max(tempos):.5g} BPM" in said
+    rows = np.load(tmp_path / "a" / "mHO3.librosa35.npy")
+    for tempo in set(tempos):
+        run("features", song, "--out", tmp_path / "b", "--like", "aist++-edge-exact", "--bpm", repr(tempo))
+        own = np.load(tmp_path / "b" / "mHO3.librosa35.npy")
+        same = [k for k, t in enumerate(tempos) if t == tempo]
+        assert np.array_equal(rows[same], own[same])
+
+
+@pytest.mark.parametrize("songs", [("bad",), ("good", "bad"), ("good", "short")])
+def test_features_that_fail_leave_nothing_behind(corpus: Path, tmp_path: Path, songs: tuple[str, ...]):
+    (tmp_path / "bad.wav").write_bytes(b"no music")
+    soundfile.write(tmp_path / "short.wav", np.zeros(48_000), 48_000)
+    shutil.copy(corpus / "wavs" / "mHO3.wav", tmp_path / "good.wav")
+    paths = [tmp_path / f"{name}.wav" for name in songs]
+    code = 2 if "short" in songs else 1
+    run("features", *paths, "--out", tmp_path / "new" / "out", "--like", "aist++-edge-exact", code=code)
+    assert not (tmp_path / "new").exists()
+
+
+def test_features_that_fail_late_leave_nothing_of_their_own(
+    corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    real, calls = Librosa35.extract, []
+
+    def extract(self: Librosa35, *args: Any, **options: Any) -> Any:
+        calls.append(1)
+        if len(calls) == 2:
+            raise DataError("no more", reason="broken_audio")
+        return real(self, *args, **options)
+
+    monkeypatch.setattr(Librosa35, "extract", extract)
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "mine.txt").write_text("mine")
+    run("features", corpus / "wavs" / "mHO3.wav", corpus / "wavs" / "mBR0.wav", "--out", out, code=1)
+    assert [path.name for path in out.iterdir()] == ["mine.txt"]
+
+
+def test_a_folder_is_not_a_song(corpus: Path, tmp_path: Path):
+    said = run("features", corpus / "wavs", "--out", tmp_path / "out", code=2).stderr
+    assert "this is a folder, not a song" in said
+    assert "2 audio files, such as mBR0.wav" in said
+    assert f"dancedata features {corpus}/wavs/*.wav" in said
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,131 @@
+"""A unit that makes no dancer: flagged, in the summary, in plan and check; an error of a strict build."""
+
+from __future__ import annotations
+
+import json
+import pickle
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from dancedata.cli import app
+from dancedata.core.errors import DataError
+from dancedata.datasets.aistpp import AistPP
+from dancedata.datasets.folder import Folder
+from dancedata.pipeline.build import build
+from dancedata.pipeline.parts import Part, build_part
+from dancedata.pipeline.recipe_file import load_recipe
+from dancedata.store import open_store
+
+RECIPE = """\
+recipe: 1
+name: mine
+dataset: {folder: {unit: UNIT, up: y, fps: 60, music: optional}}
+windows: {length_s: 2, stride_s: 1}
+motion: {edge151: {}}
+"""
+BODY = "a skeleton of 0.0165 m, where 1 to 2.5 m is plausible"
+ROOT = "the root rises and falls 0.001 times as far as the pose asks for"
+
+
+@pytest.fixture
+def source(tmp_path: Path) -> Path:
+    """A BVH in centimetres, and SMPL's arrays, whose translation is in metres."""
+    Folder().make_example(tmp_path / "example")
+    source = tmp_path / "source"
+    source.mkdir()
+    shutil.copy(tmp_path / "example/motions/own.bvh", source)
+    shutil.copy(tmp_path / "example/motions/smpl.npz", source)
+    return source
+
+
+def recipe(folder: Path, unit: str) -> Path:
+    path = folder / f"{unit}.yaml"
+    path.write_text(RECIPE.replace("UNIT", unit))
+    return path
+
+
+def run(*words: object) -> str:
+    result = CliRunner().invoke(app, [str(word) for word in words])
+    assert result.exit_code == 0, result.output
+    return result.output
+
+
+def test_flags_summary_plan_and_check(source: Path, tmp_path: Path) -> None:
+    # In millimetres both are a thousand or ten times too small.
+    mine, out = recipe(tmp_path, "mm"), tmp_path / "out"
+    body = BODY.replace("0.0165", "0.162")
+    common = ("--cache", tmp_path / "cache", "-q")
+    planned = run("plan", mine, "--source", source, *common)
+    built = run("build", mine, "--source", source, "--out", out, "--jobs", 1, *common)
+    for text in (planned, built):
+        assert "implausible: 2 clips; correct the unit that was declared" in text
+        assert f"own: implausible_body: {body}" in text
+        assert f"smpl: implausible_root: {ROOT}" in text
+    with open_store(out) as store:
+        assert [(f["clip"], f["kind"]) for f in store.quality] == [
+            ("own", "implausible_body"),
+            ("smpl", "implausible_root"),
+        ]
+        assert [clip.n_flags for clip in store.clips] == [1, 1]
+    for text in (run("check", source, "--recipe", mine, "-q"), run("check", out)):
+        assert f"note: own: implausible_body: {body}" in text
+        assert f"note: smpl: implausible_root: {ROOT}" in text
+
+
+def test_strict_stops_before_and_after_the_build(source: Path, tmp_path: Path) -> None:
+    made = load_recipe(recipe(tmp_path, "mm"))
+    for number in range(2):
+        with pytest.raises(DataError, match="2 clips with an implausible unit in a strict build") as caught:
+            build(made, source, tmp_path / "out", cache=tmp_path / "cache", strict=True)
+        assert (caught.value.reason, caught.value.where) == ("implausible_body", "own")
+        assert (tmp_path / "out/dataset.json").exists() == bool(number)
+        build(made, source, tmp_path / "out", cache=tmp_path / "cache")
+    with pytest.raises(DataError, match="an implausible unit"):
+        build_part(made, source, Part(1, 1), cache=tmp_path / "cache", strict=True)
+
+
+def test_every_reader_is_judged(tmp_path: Path) -> None:
+    """AIST++ divides its translation by smpl_scaling: a file in metres that keeps the usual factor is far off."""
+    reader = AistPP()
+    reader.make_example(tmp_path / "source")
+    first, *rest = (ref.motion_path for ref in reader.scan(tmp_path / "source").clips)
+    with first.open("rb") as file:
+        content = pickle.load(file)
+    first.write_bytes(pickle.dumps({**content, "smpl_trans": content["smpl_trans"] / content["smpl_scaling"]}))
+    made = load_recipe("aist++", ["audio={}"])
+    build(made, tmp_path / "source", tmp_path / "out", cache=tmp_path / "cache")
+    with open_store(tmp_path / "out") as store:
+        assert [(f["clip"], f["kind"]) for f in store.quality] == [(first.stem, "implausible_root")]
+    assert rest
+    with pytest.raises(DataError, match="1 clip with an implausible unit"):
+        build(made, tmp_path / "source", tmp_path / "again", cache=tmp_path / "cache", strict=True)
+    assert not (tmp_path / "again/dataset.json").exists()
+
+
+def test_a_plausible_unit_says_nothing(source: Path, tmp_path: Path) -> None:
+    lines = ["motion,unit", "own.bvh,cm", "smpl.npz,m"]
+    (source / "manifest.csv").write_text("\n".join(lines))
+    mine, out = recipe(tmp_path, "mm"), tmp_path / "out"
+    built = run("build", mine, "--source", source, "--out", out, "--cache", tmp_path / "cache", "--strict", "--json")
+    assert json.loads(built)["quality_flags"] == 0
+    assert "implausible" not in run("info", out) + run("check", out) + run("check", source, "--recipe", mine, "-q")
+
+
+def test_many_clips_are_counted(tmp_path: Path) -> None:
+    source = tmp_path / "source"
+    source.mkdir()
+    Folder().make_example(tmp_path / "example")
+    with np.load(tmp_path / "example/motions/smpl.npz") as arrays:
+        for k in range(6):
+            np.savez(source / f"take{k}.npz", poses=arrays["poses"], trans=arrays["trans"] + k)
+    mine = recipe(tmp_path, "cm")
+    text = run("plan", mine, "--source", source, "--cache", tmp_path / "cache", "-q")
+    assert "implausible: 6 clips" in text
+    assert text.count("implausible_root") == 3
+    assert "... 3 more" in text
+    checked = run("check", source, "--recipe", mine, "-q")
+    assert "note: implausible_root: 3 more" in checked

@@ -1,0 +1,130 @@
+"""A dataset knows what each of its clips was built from: another source is told file by file."""
+
+from __future__ import annotations
+
+import json
+import pickle
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import dancedata
+from dancedata.core.errors import StoreError
+from dancedata.pipeline.diff import diff
+from dancedata.pipeline.source_record import MAX_CLIPS, SourceRecord, source_differences
+from dancedata.store.dataset_json import self_hash
+
+TRAIN = "gHO_sBM_cAll_d19_mHO3_ch03"
+OTHER = "gHO_sFM_cAll_d20_mHO3_ch01"
+NEW = "gHO_sBM_cAll_d21_mHO3_ch03"
+VAL = "gBR_sBM_cAll_d04_mBR0_ch01"
+
+
+def motion(source: Path) -> None:
+    path = source / "motions" / f"{TRAIN}.pkl"
+    content = pickle.loads(path.read_bytes())
+    content["smpl_trans"][0, 0] += 1
+    path.write_bytes(pickle.dumps(content))
+
+
+def song(source: Path) -> None:
+    path = source / "wavs" / "mHO3.wav"
+    path.write_bytes(path.read_bytes()[:-2] + b"\x01\x01")
+
+
+def split(source: Path) -> None:
+    lists = source / "splits"
+    (lists / "crossmodal_val.txt").write_text("")
+    (lists / "crossmodal_train.txt").write_text((lists / "crossmodal_train.txt").read_text() + f"{VAL}\n")
+
+
+def no_song(source: Path) -> None:
+    (source / "wavs" / "mHO3.wav").unlink()
+
+
+def ignored(source: Path) -> None:
+    (source / "ignore_list.txt").write_text(f"{TRAIN}\n")
+
+
+def more(source: Path) -> None:
+    shutil.copy(source / "motions" / f"{TRAIN}.pkl", source / "motions" / f"{NEW}.pkl")
+    lists = source / "splits" / "crossmodal_train.txt"
+    lists.write_text(lists.read_text() + f"{NEW}\n")
+
+
+def spare(source: Path) -> None:
+    shutil.copy(source / "wavs" / "mHO3.wav", source / "wavs" / "mHO5.wav")
+
+
+@pytest.mark.parametrize(
+    ("change", "lines"),
+    [
+        (motion, [f"other motion of 1 clip: motions/{TRAIN}.pkl"]),
+        (song, ["other music of 2 clips: wavs/mHO3.wav"]),
+        (
+            split,
+            [
+                f"split of 1 clip, as 'val' there, 'train' now: {VAL}",
+                f"lists of 1 clip, as ('crossmodal_val',) there, ('crossmodal_train',) now: {VAL}",
+            ],
+        ),
+        (no_song, [f"2 clips used there, left out (missing_music) now: {TRAIN}, {OTHER}"]),
+        (ignored, [f"1 clip used there, left out (ignored) now: {TRAIN}"]),
+        (more, [f"1 clip absent there, used now: {NEW}"]),
+        (spare, ["unused_music, only now: mHO5.wav"]),
+    ],
+)
+def test_another_source_is_shown(
+    run_build: Any, source: Path, built_copy: Path, change: Callable[[Path], None], lines: list[str]
+):
+    change(source)
+    with pytest.raises(StoreError, match="made from another source") as caught:
+        run_build(source, built_copy)
+    found = [line.removeprefix("  - ") for line in str(caught.value).splitlines() if line.startswith("  - ")]
+    assert found == lines
+
+
+def test_diff_shows_it_too(run_build: Any, source: Path, built: Path, out: Path):
+    song(source)
+    run_build(source, out)
+    (found,) = [d for d in diff(built, out) if d.message == "other music of 2 clips"]
+    assert (found.kind, found.names) == ("source", (TRAIN, OTHER))
+
+
+def test_what_is_declared_of_a_clip_is_compared():
+    old = SourceRecord({"a": "1 2 3", "b": "1 2 3"})
+    new = SourceRecord({"a": "1 2 4", "b": "1 2 3"})
+    assert [str(d) for d in source_differences(old, new, "there", "now")] == ["what is declared of 1 clip: a"]
+
+
+def test_a_clip_that_was_set_aside_later_is_known(run_build: Any, source: Path, out: Path):
+    path = source / "motions" / f"{TRAIN}.pkl"
+    content = pickle.loads(path.read_bytes())
+    content["smpl_poses"][0, 0] = float("nan")
+    path.write_bytes(pickle.dumps(content))
+    run_build(source, out)
+    motion(source)
+    with pytest.raises(StoreError, match=rf"\n  - other motion of 1 clip: motions/{TRAIN}.pkl\n"):
+        run_build(source, out)
+
+
+def test_a_dataset_of_an_earlier_version_has_no_record(run_build: Any, source: Path, built_copy: Path):
+    path = built_copy / "dataset.json"
+    document = json.loads(path.read_text())
+    del document["source"]["clips"]
+    path.write_text(json.dumps({**document, "self_sha256": self_hash(document)}))
+    song(source)
+    with pytest.raises(StoreError, match="which files differ is not recorded"):
+        run_build(source, built_copy)
+
+
+def test_the_record_is_small(built: Path):
+    with dancedata.open(built) as ds:
+        clips = ds.meta["source"]["clips"]
+        assert list(clips) == sorted(c.id for c in ds.clips)
+    assert {len(hashes) for hashes in clips.values()} == {3 * 12 + 2}
+    most = {str(number): "" for number in range(MAX_CLIPS + 1)}
+    assert SourceRecord(most).to_json() == {}
