@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import json
+import sys
+from io import TextIOWrapper
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,6 +12,7 @@ import typer
 from dancedata.cli_errors import errors_to_exit_codes as _errors_to_exit_codes
 from dancedata.cli_jukebox import app as jukebox
 from dancedata.core.errors import UsageError
+from dancedata.core.text import json_text
 from dancedata.core.version import __version__
 from dancedata.pipeline.arithmetic import adopt
 
@@ -325,10 +327,13 @@ def _source_of(recipe: Any, source: Path | None, out: Path) -> Path:
 
 
 def _print_json(obj: Any) -> None:
-    typer.echo(json.dumps(obj, indent=1, ensure_ascii=False))
+    typer.echo(json_text(obj))
 
 
 def main() -> None:
     """Run the command line."""
     adopt()
+    # A path on the command line need not be UTF-8, and results name it.
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
     app(prog_name="dancedata")

@@ -23,6 +23,8 @@ from dancedata.core.errors import DataError, SourceError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import json_sha256
 from dancedata.core.registry import FEATURES
+from dancedata.core.strict_json import read_json
+from dancedata.core.text import shown
 
 if TYPE_CHECKING:
     from dancedata.audio.jukebox import JukeboxEncoder
@@ -300,9 +302,8 @@ def _named_folder() -> Path | None:
 @lru_cache(maxsize=8)
 def config_of(folder: Path) -> JukeboxConfig:
     """Return the sizes of a folder's network: the real ones, unless hparams.json or a conversion says otherwise."""
-    import json
-
     from dancedata.audio.jukebox.conversion import DESCRIPTION_FILE, read_description
+    from dancedata.audio.jukebox.names import MAX_JSON_BYTES
 
     if (folder / DESCRIPTION_FILE).exists():
         return read_description(folder).config
@@ -310,9 +311,9 @@ def config_of(folder: Path) -> JukeboxConfig:
     if not path.exists():
         return JukeboxConfig()
     try:
-        return JukeboxConfig.from_hparams(json.loads(path.read_text(encoding="utf-8")))
-    except ValueError as error:
-        raise SourceError("the sizes of the network cannot be read", where=path, found=str(error)) from error
+        return JukeboxConfig.from_hparams(read_json(path, MAX_JSON_BYTES))
+    except (OSError, ValueError, TypeError, AttributeError, KeyError, IndexError) as error:
+        raise SourceError("the sizes of the network cannot be read", where=path, found=shown(error)) from error
 
 
 def _file_hashes(folder: Path, hash_file: Callable[[Path], str]) -> dict[str, str]:

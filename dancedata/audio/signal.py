@@ -7,6 +7,7 @@ rate; each feature resamples as it needs. Decoding and resampling do what `libro
 from __future__ import annotations
 
 import math
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DataError
+from dancedata.core.regular_file import open_regular
 
 if TYPE_CHECKING:
     from types import TracebackType
@@ -24,8 +26,13 @@ if TYPE_CHECKING:
 # Undecoded rest of an mp3, as a part of the file, that tags (lyrics, pictures) at the end can explain.
 _MAX_UNREAD_MP3 = 0.2
 _COUNT_BLOCK = 1 << 18
-#: Most that is decoded, float32 samples of all channels: more than three hours of stereo at 48 kHz.
+#: Most that is decoded (float32 samples of all channels), or that comes of resampling: three hours of stereo, six of
+#: mono at 48 kHz.
 MAX_BYTES = 1 << 32
+#: Samples a second that are taken for real: telephones have 8,000, studios 192,000.
+MIN_RATE, MAX_RATE = 4_000, 400_000
+#: About the highest rate that features listen to: what a signal takes once resampled is bounded at this rate.
+FEATURE_RATE = 48_000
 #: Above BOMB_BYTES, decoding may enlarge a file this many times: speech in opus, 250-fold, is the most in real use.
 BOMB_BYTES = 1 << 26
 BOMB_RATIO = 1000
@@ -176,17 +183,17 @@ class _Opened:
     def __enter__(self) -> soundfile.SoundFile:
         import soundfile
 
-        if not self._path.is_file():
+        try:
+            # By a Python file object: file names in any script work on any system, and its position is known.
+            self._file = open_regular(self._path)
+        except (FileNotFoundError, NotADirectoryError, IsADirectoryError) as error:
             raise DataError(
                 "there is no such audio file",
                 reason="missing_file",
                 where=str(self._path),
-                found="a folder" if self._path.is_dir() else "nothing",
+                found="a folder" if isinstance(error, IsADirectoryError) else "nothing",
                 allowed="an audio file (wav, flac, ogg, mp3)",
-            )
-        try:
-            # By a Python file object: file names in any script work on any system, and its position is known.
-            self._file = self._path.open("rb")
+            ) from error
         except OSError as error:
             raise _broken(self._path, str(error)) from error
         try:
@@ -218,14 +225,26 @@ class _Opened:
             self._file.close()
 
     def _require_plausible(self) -> None:
-        """Refuse a length that the header only claims: room would be made for it before anything is decoded."""
-        n_bytes = 4 * self._sound.frames * self._sound.channels
-        size = self._path.stat().st_size
-        if self._sound.frames < 0 or n_bytes > min(MAX_BYTES, max(BOMB_BYTES, BOMB_RATIO * size)):
+        """Refuse a length or rate that the header only claims: room would be made for the samples before any is read.
+
+        A low rate makes a small file long, and long means large once it is resampled to what features listen to.
+        """
+        rate, frames, channels = int(self._sound.samplerate), int(self._sound.frames), int(self._sound.channels)
+        if not MIN_RATE <= rate <= MAX_RATE:
             raise _broken(
                 self._path,
-                f"a header that announces {self._sound.frames:,} samples in {self._sound.channels} channels, "
-                f"{n_bytes:,} bytes once decoded, of a file of {size:,}",
+                f"{rate:,} samples a second",
+                allowed=f"{MIN_RATE:,} to {MAX_RATE:,} samples a second",
+                fix="export the file again at 44100 or 48000 Hz",
+            )
+        decoded, resampled = 4 * frames * channels, 4 * frames * FEATURE_RATE // rate
+        size = os.fstat(self._file.fileno()).st_size
+        if frames < 0 or max(decoded, resampled) > min(MAX_BYTES, max(BOMB_BYTES, BOMB_RATIO * size)):
+            what = "once decoded" if decoded >= resampled else f"once resampled to {FEATURE_RATE:,} Hz"
+            raise _broken(
+                self._path,
+                f"a header that announces {frames:,} samples in {channels} channels at {rate:,} Hz, "
+                f"{max(decoded, resampled):,} bytes {what}, of a file of {size:,}",
             )
 
     def _require_read_to_the_end(self) -> None:
@@ -263,16 +282,21 @@ def _count_by_decoding(sound: soundfile.SoundFile) -> int:
     return n_samples
 
 
-def _broken(path: Path, message: str) -> DataError:
-    size = path.stat().st_size
+def _broken(
+    path: Path,
+    message: str,
+    allowed: str = "wav, flac, ogg or mp3, whole",
+    fix: str = "copy or export the file again, as wav if in doubt",
+) -> DataError:
+    # Of an empty file libsndfile only says that it does not know the format, or that there is no file.
+    found = message.strip() if path.stat().st_size or not path.is_file() else "a file of 0 bytes"
     return DataError(
         "the audio file cannot be decoded",
         reason="broken_audio",
         where=str(path),
-        # Of an empty file libsndfile only says that it does not know the format, or that there is no file.
-        found=message.strip() if size else "a file of 0 bytes",
-        allowed="wav, flac, ogg or mp3, whole",
-        fix="copy or export the file again, as wav if in doubt",
+        found=found,
+        allowed=allowed,
+        fix=fix,
     )
 
 

@@ -8,6 +8,15 @@ from pathlib import Path
 from typing import Any
 
 from dancedata.core.motion import Motion
+from dancedata.core.text import shown
+
+#: Characters that are kept of what is said of a file: of a name, of a path, and in words.
+_MAX_NAME, _MAX_PATH, _MAX_DETAIL = 300, 4400, 3000
+_LIMITS = {
+    **dict.fromkeys(("reason", "clip", "music"), _MAX_NAME),
+    "file": _MAX_PATH,
+    **dict.fromkeys(("detail", "fix"), _MAX_DETAIL),
+}
 
 
 @dataclass(frozen=True)
@@ -75,6 +84,9 @@ class Window:
 class Reject:
     """Something that was left out of a build, and why.
 
+    Its texts come from file names and files of others. They are cut, and what does not print is written as backslash
+    sequences: they can be printed and stored, whatever they were.
+
     Attributes
     ----------
     reason
@@ -97,6 +109,11 @@ class Reject:
     numbers: Mapping[str, float | int] = field(default_factory=dict)
     music: str = ""
     fix: str = ""
+
+    def __post_init__(self) -> None:
+        """Make the texts fit to be printed and stored."""
+        for name, limit in _LIMITS.items():
+            object.__setattr__(self, name, shown(getattr(self, name), limit))
 
     def to_json(self) -> dict[str, Any]:
         """Return plain JSON data, without what is empty."""
@@ -129,13 +146,18 @@ class Scan:
     rejects
         What was found but left out, and what was missing, by name.
     notes
-        Sentences for the user: what was recognised, what was assumed.
+        Sentences for the user: what was recognised, what was assumed. File names in them are made fit to be printed
+        and stored, as in a `Reject`.
     """
 
     layout: str
     clips: tuple[ClipRef, ...]
     rejects: tuple[Reject, ...] = ()
     notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Make the notes fit to be printed and stored."""
+        object.__setattr__(self, "notes", tuple(shown(note, _MAX_DETAIL) for note in self.notes))
 
     def __repr__(self) -> str:
         """Show how much was found; `clips`, `rejects` and `notes` say what."""

@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import ClassVar
 
 from dancedata.core.nearest import closest
+from dancedata.core.text import printable, shown
 
+#: Characters of a path that a message shows: all that a file system takes.
+_MAX_WHERE = 4400
+#: Characters of every other part of a message: lists of all problems of a recipe are the longest.
+_MAX_PART = 20_000
 #: Known names that a message lists: all joints of a skeleton, not all clips of a dataset.
 _LISTED = 60
 
@@ -25,6 +31,10 @@ class DanceDataError(Exception):
         What to do about it.
     """
 
+    #: Characters of what was found that the text shows, and whether it may have several lines.
+    limit: ClassVar[int] = _MAX_PART
+    lines: ClassVar[bool] = True
+
     def __init__(
         self,
         problem: str,
@@ -42,19 +52,28 @@ class DanceDataError(Exception):
         self.fix = fix
 
     def __str__(self) -> str:
-        """Join the parts into one readable text."""
-        text = f"{self.where}: {self.problem}" if self.where is not None else self.problem
+        """Join the parts into one readable text; what does not print is written as backslash sequences."""
+        text = self._part(self.problem, _MAX_PART, lines=True)
+        if self.where is not None:
+            text = f"{shown(self.where, _MAX_WHERE)}: {text}"
         if self.found is not None:
-            text += f"; found {self.found}"
+            text += f"; found {self._part(self.found, self.limit, self.lines)}"
         if self.allowed is not None:
-            text += f"; allowed: {self.allowed}"
+            text += f"; allowed: {self._part(self.allowed, self.limit, self.lines)}"
         if self.fix:
+            fix = self._part(self.fix, _MAX_PART, self.lines)
             # A sentence begins with a capital, a file name or key keeps its own.
-            first = self.fix.split(maxsplit=1)[0]
-            fix = f"{self.fix[:1].upper()}{self.fix[1:]}" if first.rstrip(",:").isalpha() else self.fix
+            first = fix.split(maxsplit=1)[0]
+            fix = f"{fix[:1].upper()}{fix[1:]}" if first.rstrip(",:").isalpha() else fix
             # A list, one entry a line, is followed by a line of its own.
             text += fix if text.endswith("\n") else f". {fix}"
         return text
+
+    @staticmethod
+    def _part(value: object, limit: int, lines: bool) -> str:
+        if not isinstance(value, str):
+            return shown(value)
+        return printable(value if len(value) <= limit else f"{value[:limit]}...", lines=lines)
 
     def __reduce__(self) -> tuple[object, ...]:
         """Pickle with all parts, so that errors survive the way back from a worker process."""
@@ -93,6 +112,10 @@ class DataError(DanceDataError):
         Code that rejects.jsonl counts by, such as "nan" or "broken_file".
     """
 
+    # It is about a file that others made, and becomes a line of rejects.jsonl.
+    limit = 600
+    lines = False
+
     def __init__(
         self,
         problem: str,
@@ -108,15 +131,15 @@ class DataError(DanceDataError):
 
 
 def did_you_mean(name: str, known: Iterable[str], also: Iterable[str] = ()) -> str:
-    """Return "did you mean 'x'? known: a, b, c" for a misspelt name.
+    """Return "did you mean 'x'? known: a, b, c" for a misspelt name; names may come from files.
 
     Parameters
     ----------
     also
         Names that may be meant and are not listed.
     """
-    names = [str(k) for k in known]
-    close = closest(str(name), [*names, *also])
+    names = [shown(k) for k in known]
+    close = closest(shown(name), [*names, *also])
     more = f" and {len(names) - _LISTED:,} more" if len(names) > _LISTED else ""
     listed = f"known: {', '.join(names[:_LISTED])}{more}" if names else "none is known"
     return f"did you mean {close!r}? {listed}" if close is not None else listed

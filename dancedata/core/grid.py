@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from dancedata.core.errors import UsageError
+from dancedata.core.text import quoted
 
 Number = int | float | str | Fraction
 #: Short enough that no exponent asks for a number of a million digits, as "1e999999999" would.
@@ -27,7 +28,7 @@ def as_fraction(value: Number, what: str) -> Fraction:
         return Fraction(str(value)) if isinstance(value, float) else Fraction(value)
     except (ValueError, ZeroDivisionError, TypeError, OverflowError) as error:
         raise UsageError(
-            f"{what} is no number", found=_shown(value), allowed="a number or a fraction such as 30000/1001"
+            f"{what} is no number", found=quoted(value, 60), allowed="a number or a fraction such as 30000/1001"
         ) from error
 
 
@@ -41,13 +42,8 @@ def as_rate(value: Number) -> Fraction:
     """
     rate = as_fraction(value, "rate")
     if rate <= 0:
-        raise UsageError("a frame rate must be above 0", found=_shown(value), allowed="frames a second, > 0")
+        raise UsageError("a frame rate must be above 0", found=quoted(value, 60), allowed="frames a second, > 0")
     return rate
-
-
-def _shown(value: object) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else f"{text[:60]}..."
 
 
 @dataclass(frozen=True, order=True)

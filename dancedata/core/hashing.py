@@ -7,10 +7,12 @@ import json
 from pathlib import Path
 from typing import Any
 
+from dancedata.core.regular_file import open_regular
+
 
 def sha256_file(path: Path) -> str:
-    """Return the SHA-256 of a file's bytes, as hex."""
-    with open(path, "rb") as file:
+    """Return the SHA-256 of a file's bytes, as hex; NotRegularError (an OSError) if it is no regular file."""
+    with open_regular(path) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
@@ -31,6 +33,11 @@ def canonical_json(obj: Any) -> str:
     return _canonical.encode(obj)
 
 
+def canonical_bytes(obj: Any) -> bytes:
+    """Return `canonical_json` as UTF-8; file names that are not UTF-8, which Python holds as lone surrogates, too."""
+    return canonical_json(obj).encode("utf-8", "surrogatepass")
+
+
 def json_sha256(obj: Any) -> str:
-    """Return the SHA-256 of `canonical_json`, as hex."""
-    return sha256_bytes(canonical_json(obj).encode("utf-8"))
+    """Return the SHA-256 of `canonical_bytes`, as hex."""
+    return sha256_bytes(canonical_bytes(obj))

@@ -34,6 +34,10 @@ class MinMax:
                 "a scaler needs one minimum and one maximum a column",
                 found=f"shapes {self.data_min.shape} and {self.data_max.shape}",
             )
+        # Values of a store are float32: with larger ones, range and scale would be none.
+        for bounds in (self.data_min, self.data_max):
+            if not (np.abs(bounds) <= np.finfo(np.float32).max).all():
+                raise UsageError("a scaler has a bound that is not a finite float32")
         self.data_range = self.data_max - self.data_min
         safe = np.where(self.data_range < CONSTANT_RANGE, 1.0, self.data_range)
         self.scale = 2.0 / safe

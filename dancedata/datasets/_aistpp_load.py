@@ -12,9 +12,11 @@ from numpy.typing import NDArray
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
-from dancedata.core.safe_pickle import load_pickle
+from dancedata.core.safe_pickle import as_array, load_pickle
 from dancedata.core.skeleton import SMPL24
+from dancedata.core.text import quoted, shown
 from dancedata.datasets._checks import require_finite
+from dancedata.datasets._layout import few
 from dancedata.datasets._positions import require_rotations
 
 __all__ = ["load_motion"]
@@ -73,12 +75,7 @@ def load_motion(path: Path, frame_rate: int) -> Motion:
 
 def _read(path: Path) -> Mapping[str, Any]:
     """Content of the pickle: a dict with the three keys."""
-    try:
-        content = load_pickle(path)
-    except OSError as error:
-        raise DataError(
-            "the motion file cannot be read", reason="broken_file", where=str(path), found=str(error)
-        ) from error
+    content = load_pickle(path)
     if not isinstance(content, Mapping):
         raise DataError(
             "the pickle does not hold a dict",
@@ -94,7 +91,7 @@ def _read(path: Path) -> Mapping[str, Any]:
             f"the motion file has no {' and no '.join(missing)}",
             reason="missing_key",
             where=str(path),
-            found=f"keys {', '.join(map(repr, content)) or 'none'}",
+            found=f"keys {few(content, show=quoted)}" if content else "no key",
             allowed=f"keys {', '.join(KEYS)}",
             fix="get the file anew; data without smpl_scaling in metres needs smpl_scaling = [1.0]",
         )
@@ -104,18 +101,17 @@ def _read(path: Path) -> Mapping[str, Any]:
 def _numbers(path: Path, content: Mapping[str, Any], key: str) -> Floats:
     """One entry as float64."""
     value = content[key]
-    try:
-        array = np.asarray(value)
-    except ValueError:  # ragged lists
-        array = np.empty((), dtype=object)
-    if array.dtype.kind not in "fiu":
+    array = as_array(value)
+    if array is None or array.dtype.kind not in "fiu":
         raise DataError(
             f"{key} does not hold real numbers",
             reason="bad_shape",
             where=str(path),
-            found=f"{type(value).__name__} of {array.dtype}, shape {array.shape}",
-            allowed="an array of floats",
-            fix="get the file anew",
+            found=f"{type(value).__name__}, {shown(value)}"
+            if array is None
+            else f"an array of {array.dtype}, shape {array.shape}",
+            allowed="an array of floats, or a list of them; lists within lists are not read",
+            fix="get the file anew, or save it with numpy arrays",
         )
     with np.errstate(over="ignore", invalid="ignore"):  # of long doubles; reported as not finite
         return array.astype(np.float64)

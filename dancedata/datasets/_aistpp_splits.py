@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from dancedata.core.errors import SourceError
+from dancedata.core.text import shown
 from dancedata.datasets._aistpp_layout import Folders
 from dancedata.datasets._aistpp_names import crossmodal_split, facts, parse_name
 from dancedata.datasets._layout import describe, few, list_folder, read_names, relative
@@ -114,7 +115,7 @@ def _no_such_split(name: str, places: list[Path], split_dir: str | None) -> None
         f"aist++: no split named {name!r}; looked for {wanted}",
         where=where or "no folder splits/ in the source",
         found=", ".join(describe(place) for place in places) or "no split file",
-        allowed=", ".join(allowed) or "a name that has files",
+        allowed=few(allowed, 20) or "a name that has files",
         fix="correct split in the recipe, or split_dir",
     )
 
@@ -131,7 +132,7 @@ def _from_files(folders: Folders, name: str, paths: Mapping[str, Path]) -> Split
         for sequence in dict.fromkeys(names):
             if sequence in of:
                 raise SourceError(
-                    f"aist++: the sequence {sequence} is in two splits",
+                    f"aist++: the sequence {shown(sequence)} is in two splits",
                     where=f"{paths[of[sequence]]} and {paths[split]}",
                     fix="take it out of one of the files",
                 )

@@ -20,6 +20,7 @@ from dancedata.core.errors import DataError, UsageError
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.datasets._bvh_hierarchy import MAX_VALUE
 from dancedata.datasets._folder_arrays import open_arrays
+from dancedata.datasets._layout import few
 
 __all__ = ["GENDERS", "SMPLH52", "body_model_skeleton", "find_model"]
 
@@ -119,7 +120,7 @@ def find_model(path: Path, *, joints: Skeleton = SMPLX55, gender: str = "neutral
         raise UsageError(
             f"the folder has no {gender} body model for {joints.name}",
             where=str(path),
-            found=", ".join(sorted(p.name for p in path.iterdir())[:6]) or "nothing",
+            found=few(sorted(p.name for p in path.iterdir())) or "nothing",
             allowed=" or ".join(str(file.relative_to(path)) for file in tried),
             fix="name a folder with the models, or the model's file, in body_model",
         )

@@ -28,6 +28,7 @@ Time and memory are linear in the file's size; nothing is reserved for what a he
 from __future__ import annotations
 
 import math
+import os
 import re
 import warnings
 from collections.abc import Sequence
@@ -38,6 +39,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dancedata.core.errors import DataError
+from dancedata.core.regular_file import open_regular
 from dancedata.datasets._bvh_hierarchy import MAX_VALUE, NUMBER, BvhJoint, bvh_error, no_number, parse_hierarchy
 
 __all__ = ["MAX_FILE_BYTES", "Bvh", "read_bvh", "read_bvh_header"]
@@ -102,9 +104,9 @@ def read_bvh_header(path: Path) -> Bvh:
 
 def _read(path: Path, limit: int, part: int = -1) -> bytes:
     try:
-        size = path.stat().st_size
-        if path.is_file() and size <= limit:
-            with path.open("rb") as file:
+        with open_regular(path) as file:
+            size = os.fstat(file.fileno()).st_size
+            if size <= limit:
                 return file.read(part)
     except OSError as error:
         raise DataError(
@@ -114,7 +116,7 @@ def _read(path: Path, limit: int, part: int = -1) -> bytes:
         "this is no BVH file that is read",
         reason="broken_file",
         where=str(path),
-        found=f"{size:,} bytes" if path.is_file() else "no regular file",
+        found=f"{size:,} bytes",
         allowed=f"a file of at most {limit:,} bytes",
         fix="cut it into several files",
     )

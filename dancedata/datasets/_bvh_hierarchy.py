@@ -8,10 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from dancedata.core.errors import DataError, did_you_mean
+from dancedata.core.text import quoted, shown
 
 __all__ = ["MAX_JOINTS", "MAX_VALUE", "NUMBER", "BvhJoint", "bvh_error", "no_number", "parse_hierarchy"]
 
 MAX_JOINTS = 1000
+#: Characters of a joint's name.
+MAX_NAME = 200
 #: Larger numbers are no lengths and no angles of a body.
 MAX_VALUE = 1e7
 NUMBER = re.compile(rb"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
@@ -87,11 +90,11 @@ def parse_hierarchy(path: Path, lines: Sequence[bytes]) -> tuple[tuple[BvhJoint,
 
 def no_number(path: Path, line: int, word: bytes) -> DataError:
     """Return the DataError for a word that is no usable number."""
-    shown = repr(word[:40].decode("utf-8", "replace"))
+    found = quoted(word[:40].decode("utf-8", "replace"))
     if word.lower().strip(b"+-") in (b"nan", b"inf", b"infinity", b"1.#qnan", b"1.#ind", b"1.#inf"):
-        return bvh_error(path, line, "a value is not finite", shown, "finite numbers", reason="nan")
+        return bvh_error(path, line, "a value is not finite", found, "finite numbers", reason="nan")
     fix = "write decimal points, not commas" if b"," in word else "export the file again"
-    return bvh_error(path, line, "a value is no number", shown, "numbers such as -12.5", fix=fix)
+    return bvh_error(path, line, "a value is no number", found, "numbers such as -12.5", fix=fix)
 
 
 def _statements(lines: Sequence[bytes]) -> Iterator[tuple[int, str]]:
@@ -161,16 +164,26 @@ class _Hierarchy:
         parent = self._open[-1] if self._open else None
         if kind == "ROOT" and self.joints:
             raise self._bad(
-                line, "a second skeleton begins", f"ROOT {name}", "one skeleton a file", "write one file a person"
+                line,
+                "a second skeleton begins",
+                f"ROOT {shown(name)}",
+                "one skeleton a file",
+                "write one file a person",
             )
         if kind != "ROOT" and (parent is None or parent.is_end):
-            raise self._bad(line, f"{kind} {name} stands outside of a joint", allowed="ROOT first, joints within it")
+            raise self._bad(
+                line, f"{kind[:40]} {shown(name)} stands outside of a joint", allowed="ROOT first, joints within it"
+            )
         above = -1 if parent is None else parent.index
         if kind.startswith("END"):
             self._next = _Draft("End Site", above, line, is_end=True)
             return
         if not name:
             raise self._bad(line, f"a {kind} without a name")
+        if len(name) > MAX_NAME:
+            raise self._bad(
+                line, f"the name of a {kind} is too long", shown(name, 60), f"at most {MAX_NAME} characters"
+            )
         if name in self._lines:
             raise self._bad(line, f"two joints are named {name!r}", f"lines {self._lines[name]} and {line}")
         if len(self.joints) >= MAX_JOINTS:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
+from dancedata.core.regular_file import read_regular
+from dancedata.core.strict_json import parse_json
+from dancedata.core.text import quoted
 from dancedata.datasets._finedance_facts import facts
+from dancedata.datasets._layout import few
 
 __all__ = ["Label", "read_label"]
 
@@ -47,26 +50,20 @@ def read_label(path: Path | None, clip: str) -> Label:
     if path is None:
         return Label(reason="missing_label", problem=f"there is no {name}")
     try:
-        with open(path, "rb") as file:
-            text = file.read(MAX_BYTES + 1)
-        if len(text) > MAX_BYTES:
-            return _broken(name, f"it is bigger than {MAX_BYTES} bytes")
-        content = json.loads(text.decode("utf-8-sig"))
-    except (OSError, ValueError, RecursionError) as error:
-        return _broken(name, str(error) or type(error).__name__)
+        content = parse_json(read_regular(path, MAX_BYTES).decode("utf-8-sig"))
+    except (OSError, ValueError) as error:
+        return _broken(name, str(error))
     if not isinstance(content, dict):
         return _broken(name, f"it holds a {type(content).__name__}, not an object with {KEY}")
     style = content.get(KEY)
     if style is None or style == "":
-        found = ", ".join(ascii(key) for key in list(content)[:5]) or "none"
+        found = few(content, show=quoted) or "none"
         return Label(reason="missing_label", problem=f"{name} has no {KEY}; keys found: {found}")
     genre = facts().genre(style) if isinstance(style, str) else ""
     if genre:
         return Label(genre)
-    # ascii(): half a surrogate pair, which JSON may hold, could be written to no file.
-    found = ascii(style) if len(ascii(style)) <= SHOWN else f"{ascii(style)[:SHOWN]}..."
     allowed = ", ".join(facts().genre_ids)
-    return Label(reason="unknown_genre", problem=f"{name}: {KEY} is {found}, none of {allowed}")
+    return Label(reason="unknown_genre", problem=f"{name}: {KEY} is {quoted(style, SHOWN)}, none of {allowed}")
 
 
 def _broken(name: str, problem: str) -> Label:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from dancedata.core.regular_file import open_regular
 from dancedata.datasets._finedance_load import motion_length
 
 __all__ = ["MAX_DIFFERENCE", "length_note"]
@@ -32,7 +33,8 @@ def _music_length(path: Path) -> tuple[int, int]:
     import soundfile
 
     try:
-        info = soundfile.info(str(path))
-    except (soundfile.SoundFileError, OSError, ValueError):
+        with open_regular(path) as file:
+            info = soundfile.info(file)
+    except (soundfile.SoundFileError, OSError, ValueError, TypeError):
         return 0, 1
     return max(int(info.frames), 0), max(int(info.samplerate), 1)

@@ -15,7 +15,9 @@ from dancedata.core.bodies import SMPLX52
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
+from dancedata.core.regular_file import open_regular
 from dancedata.core.skeleton import Skeleton
+from dancedata.core.text import shown
 from dancedata.datasets._finedance_rotations import check_rows, rotations_of
 from dancedata.datasets._npy_header import require_short_header
 
@@ -70,7 +72,7 @@ def load_motion(path: Path, frame_rate: int, skeleton: Skeleton, trim_start: int
 def motion_length(path: Path) -> int | None:
     """Return the number of frames that the file's header states; None if it cannot be read as motion."""
     try:
-        with open(path, "rb") as file:
+        with open_regular(path) as file:
             shape = _header(path, file)
     except (OSError, DataError):
         return None
@@ -80,14 +82,14 @@ def motion_length(path: Path) -> int | None:
 def _read(path: Path) -> Floats:
     """Return the array as float64, once its header is found to be sound."""
     try:
-        with open(path, "rb") as file:
+        with open_regular(path) as file:
             _header(path, file)
             file.seek(0)
             array: NDArray[Any] = np.lib.format.read_array(file, allow_pickle=False)
     except OSError as error:
         raise _broken(path, str(error)) from error
     except _HEADER_ERRORS as error:  # the file changed since its header was read
-        raise _broken(path, str(error)) from error
+        raise _broken(path, shown(error)) from error
     with np.errstate(over="ignore", invalid="ignore"):  # of long doubles; reported as not finite
         return array.astype(np.float64)
 
@@ -101,7 +103,7 @@ def _header(path: Path, file: BinaryIO) -> tuple[int, ...]:
         require_short_header(file, version)
         shape, _, dtype = read(file)
     except _HEADER_ERRORS as error:
-        raise _broken(path, f"no .npy header: {error}") from error
+        raise _broken(path, f"no .npy header: {shown(error)}") from error
     if dtype.hasobject:
         raise DataError(
             "the file holds pickled Python objects, which are not loaded",

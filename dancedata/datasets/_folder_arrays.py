@@ -6,7 +6,7 @@ import io
 import math
 import zipfile
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import IO, Any
 
@@ -14,14 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dancedata.core.errors import DataError
-from dancedata.core.safe_pickle import load_pickle
+from dancedata.core.regular_file import open_regular
+from dancedata.core.safe_pickle import MAX_PICKLE_BYTES, as_array, load_pickle
+from dancedata.core.text import quoted, shown
+from dancedata.datasets._layout import few
 from dancedata.datasets._npy_header import require_short_header
 
 __all__ = ["MAX_ARRAY_BYTES", "ArrayFile", "open_arrays"]
 
 #: Four hours of SMPL-X at 120 FPS in doubles are 2.3 GB; a motion is far below.
 MAX_ARRAY_BYTES = 1 << 30
-MAX_PICKLE_BYTES = 1 << 29
 MAX_MEMBERS = 1000
 #: An array above this size that was compressed more than this many times is no motion.
 BOMB_BYTES = 1 << 26
@@ -42,6 +44,11 @@ class ArrayFile:
     def __init__(self, path: Path, names: tuple[str, ...]) -> None:
         self.path = path
         self.names = names
+
+    @property
+    def listed(self) -> str:
+        """The first names, for messages."""
+        return few(self.names, 20, quoted) or "none"
 
     def shape(self, name: str) -> tuple[int, ...]:
         """Return the shape of an array of numbers, from its header. DataError if it is none."""
@@ -65,15 +72,13 @@ def open_arrays(path: Path) -> Iterator[ArrayFile]:
     DataError
         ``broken_file``, ``unsafe_pickle`` (pickled objects), ``bad_shape`` (no numbers), ``too_large``.
     """
-    if not path.is_file():
-        raise _broken(path, "no regular file")
     kind = path.suffix.lower()
     if kind == ".pkl":
         yield _Pickle(path)
     elif kind == ".npz":
-        with _named(path):
-            archive = zipfile.ZipFile(path)
-        with archive:
+        with ExitStack() as stack:
+            with _named(path):
+                archive = stack.enter_context(zipfile.ZipFile(stack.enter_context(open_regular(path))))
             yield _Npz(path, archive)
     else:
         yield _Npy(path)
@@ -84,11 +89,11 @@ class _Npy(ArrayFile):
         super().__init__(path, ("",))
 
     def shape(self, name: str) -> tuple[int, ...]:
-        with _named(self.path), self.path.open("rb") as file:
+        with _named(self.path), open_regular(self.path) as file:
             return self._header(file)[0]
 
     def read(self, name: str) -> NDArray[np.float64]:
-        with _named(self.path), self.path.open("rb") as file:
+        with _named(self.path), open_regular(self.path) as file:
             self._header(file)
             file.seek(0)
             return _numbers(np.lib.format.read_array(file, allow_pickle=False))
@@ -147,7 +152,7 @@ class _Npz(ArrayFile):
 
 class _Pickle(ArrayFile):
     def __init__(self, path: Path) -> None:
-        size = path.stat().st_size
+        size = path.stat().st_size if path.is_file() else 0
         if size > MAX_PICKLE_BYTES:
             raise _too_large(path, f"{size:,} bytes", f"at most {MAX_PICKLE_BYTES:,}")
         content = load_pickle(path)
@@ -169,13 +174,10 @@ class _Pickle(ArrayFile):
         return value[:20] if isinstance(value, str) else _text(np.asarray(value)) if _is_array(value) else ""
 
     def _array(self, name: str) -> Array:
-        value = self._content[name]
-        # Lists within lists are not unfolded: shared ones can be larger than any memory.
-        flat = isinstance(value, (list, tuple)) and all(type(v) in (int, float) for v in value)
-        if not (_is_array(value) or flat or type(value) in (int, float)):
-            raise _no_numbers(self.path, name, type(value).__name__)
-        with _named(self.path):
-            array = np.asarray(value)
+        array = as_array(self._content[name])
+        if array is None:
+            value = self._content[name]
+            raise _no_numbers(self.path, name, f"{type(value).__name__}, {shown(value)}")
         if array.dtype.kind not in _NUMBERS:
             raise _no_numbers(self.path, name, f"dtype {array.dtype}")
         return array
@@ -188,7 +190,10 @@ def _is_array(value: object) -> bool:
 def _text(array: Array) -> str:
     if array.size != 1 or array.dtype.kind not in "US":
         return ""
-    value = array.reshape(-1)[0]
+    try:
+        value = array.reshape(-1)[0]
+    except ValueError:  # numbers that are no characters
+        return ""
     return value.decode("latin1") if isinstance(value, bytes) else str(value)
 
 
@@ -243,11 +248,11 @@ def _named(path: Path) -> Iterator[None]:
     except DataError:
         raise
     except Exception as error:  # zip, zlib, struct, tokenize, recursion: a file made up to hurt can raise anything
-        raise _broken(path, f"{type(error).__name__}: {error}") from error
+        raise _broken(path, shown(error)) from error
 
 
 def _at(path: Path, name: str) -> str:
-    return f"{path}, {name}" if name else str(path)
+    return f"{path}, {shown(name)}" if name else str(path)
 
 
 def _broken(path: Path, found: str) -> DataError:
@@ -255,7 +260,7 @@ def _broken(path: Path, found: str) -> DataError:
         "the motion file cannot be read",
         reason="broken_file",
         where=str(path),
-        found=found[:300],
+        found=found,
         allowed=".npy, .npz or .pkl as numpy writes them",
         fix="copy or save the file again",
     )

@@ -39,6 +39,8 @@ _TRANSLATIONS = ("trans", "transl", "smpl_trans")
 _BODIES: dict[str, Skeleton] = {"smpl": SMPL24, "smplh": SMPLH52, "smplx": SMPLX55, "finedance": SMPLX55}
 _BY_WIDTH = {72: "smpl", 156: "smplh", 165: "smplx"}
 _FINEDANCE_WIDTH = 3 + 6 * 52
+#: Arrays of a file in no known layout among which positions are looked for.
+_LOOKED_AT = 100
 #: Arrays of a body's parts in its joints' order: (names that are in use, columns).
 _ROOT = (("global_orient", "root_orient"), 3)
 _BODY = (("body_pose", "pose_body"), 63)
@@ -163,7 +165,7 @@ def _as_declared(arrays: ArrayFile, found: Layout, declared: str) -> Layout:
     raise bad_declaration(
         arrays.path,
         f"the file does not have the layout {declared}",
-        f"{found.name}: arrays {_list(arrays)}",
+        f"{found.name}: arrays {arrays.listed}",
         f"layout {found.name}, or auto",
         "correct layout, or leave it out",
     )
@@ -277,19 +279,16 @@ def _width(arrays: ArrayFile, name: str) -> int:
     return int(np.prod(shape[1:], dtype=np.float64)) if len(shape) > 1 else 0
 
 
-def _list(arrays: ArrayFile) -> str:
-    return ", ".join(repr(name[:40]) for name in arrays.names[:20]) or "none"
-
-
 def _unknown(arrays: ArrayFile) -> DataError:
+    looked_at = arrays.names[:_LOOKED_AT]
     return DataError(
         "the file holds no motion in a layout that is known",
         reason="missing_key",
         where=str(arrays.path),
-        found=f"arrays {_list(arrays)}",
+        found=f"arrays {arrays.listed}",
         allowed="poses and trans; smpl_poses and smpl_trans; global_orient, body_pose and transl; "
         "or one array (T, 315) in an .npy file",
-        fix=POSITIONS if any(_is_three_columns(arrays, name) for name in arrays.names) else "rename the arrays",
+        fix=POSITIONS if any(_is_three_columns(arrays, name) for name in looked_at) else "rename the arrays",
     )
 
 

@@ -121,7 +121,7 @@ class _Facts:
 
 
 def _array_facts(arrays: ArrayFile, layout: Layout, reading: Reading) -> _Facts:
-    path, found = arrays.path, f"layout {layout.name}, arrays {', '.join(arrays.names) or 'none'}"
+    path, found = arrays.path, f"layout {layout.name}, arrays {arrays.listed}"
     if layout.poses == "":
         found = f"layout {layout.name}, which is numbers only"
     own = None

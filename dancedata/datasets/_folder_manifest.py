@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 from dancedata.core.errors import SourceError, did_you_mean
+from dancedata.core.regular_file import read_regular
+from dancedata.core.strict_json import parse_json
+from dancedata.core.text import quoted, shown
 from dancedata.datasets._folder_facts import Declared
 
 __all__ = ["COLUMNS", "MANIFESTS", "Row", "id_problem", "inside", "read_manifest"]
@@ -62,12 +64,10 @@ def read_manifest(path: Path) -> list[Row]:
         For anything wrong in it, with the line: it is the user's own, and small.
     """
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise _bad(path, None, "the manifest is too large", f"{path.stat().st_size:,} bytes", f"{MAX_BYTES:,}")
-        text = path.read_text(encoding="utf-8-sig")
+        text = read_regular(path, MAX_BYTES).decode("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        fix = "save it as UTF-8 text"
-        raise _bad(path, None, "the manifest cannot be read", str(error)[:200], "UTF-8 text", fix) from error
+        allowed, fix = f"UTF-8 text of at most {MAX_BYTES:,} bytes", "save it as UTF-8 text"
+        raise _bad(path, None, "the manifest cannot be read", str(error), allowed, fix) from error
     for number, line in enumerate(text.split("\n"), start=1):
         if len(line) > MAX_LINE:
             raise _bad(path, number, "a line is too long", f"{len(line):,} characters", f"at most {MAX_LINE:,}")
@@ -94,10 +94,12 @@ def inside(source: Path, text: str, manifest: Path, line: int, column: str) -> P
         path.is_file()  # a name that is too long for the disk shows here
         if not Path(text).is_absolute() and ".." not in Path(text).parts and real.is_relative_to(root):
             return path
-        found = text if real.is_relative_to(root) else f"{text}, which is {real}"
+        found = shown(text) if real.is_relative_to(root) else f"{shown(text)}, which is {shown(real)}"
     except (OSError, ValueError, RuntimeError) as error:  # too long, a zero byte, links in a circle
-        raise _bad(manifest, line, f"{column} is no usable path", f"{text[:100]!r}: {error}", allowed, fix) from error
-    raise _bad(manifest, line, f"{column} leads out of the source folder", found[:300], allowed, fix)
+        raise _bad(
+            manifest, line, f"{column} is no usable path", f"{quoted(text)}: {shown(error)}", allowed, fix
+        ) from error
+    raise _bad(manifest, line, f"{column} leads out of the source folder", found, allowed, fix)
 
 
 def _csv(path: Path, text: str) -> Iterator[tuple[int, dict[str, str]]]:
@@ -129,9 +131,9 @@ def _jsonl(path: Path, text: str) -> Iterator[tuple[int, dict[str, str]]]:
         if not line.strip():
             continue
         try:
-            obj = json.loads(line, object_pairs_hook=_no_doubles, parse_constant=_no_constant)
-        except (ValueError, RecursionError) as error:
-            raise _bad(path, number, "no JSON", str(error)[:200], "one object a line") from error
+            obj = parse_json(line, _no_doubles)
+        except ValueError as error:
+            raise _bad(path, number, "no JSON", str(error), "one object a line") from error
         if not isinstance(obj, dict):
             raise _bad(path, number, "no JSON object", f"{type(obj).__name__}", '{"id": ..., "motion": ...}')
         _check_columns(path, number, list(obj))
@@ -145,10 +147,6 @@ def _no_doubles(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return found
 
 
-def _no_constant(name: str) -> NoReturn:
-    raise ValueError(f"{name} is no JSON")
-
-
 def _text(path: Path, line: int, key: str, value: object) -> str:
     if isinstance(value, str):
         return value.strip()
@@ -160,38 +158,46 @@ def _text(path: Path, line: int, key: str, value: object) -> str:
 def _check_columns(path: Path, line: int, columns: list[str]) -> None:
     for column in columns:
         if column not in COLUMNS:
-            problem = f"unknown column {column[:60]!r}"
+            problem = f"unknown column {quoted(column, 60)}"
             raise _bad(
                 path, line, problem, None, did_you_mean(column[:60], COLUMNS), "rename the column, or take it out"
             )
     if len(set(columns)) < len(columns):
-        raise _bad(path, line, "a column stands there twice", ", ".join(columns)[:200])
+        raise _bad(path, line, "a column stands there twice", shown(", ".join(columns)))
     if "motion" not in columns:
         raise _bad(
-            path, line, "there is no column motion", ", ".join(columns) or "nothing", "motion, and what else is known"
+            path,
+            line,
+            "there is no column motion",
+            shown(", ".join(columns)) or "nothing",
+            "motion, and what else is known",
         )
 
 
 def _row(path: Path, line: int, values: dict[str, str]) -> Row:
     for column, value in values.items():
         if any(not c.isprintable() for c in value) or len(value) > 4096:
-            raise _bad(path, line, f"{column} is no readable text", repr(value[:60]), "printable characters")
+            raise _bad(path, line, f"{column} is no readable text", quoted(value, 60), "printable characters")
     if "motion" not in values:
         raise _bad(
-            path, line, "a clip without motion", ", ".join(values.values())[:100], "the path of its motion file"
+            path, line, "a clip without motion", shown(", ".join(values.values()), 100), "the path of its motion file"
         )
     tempo = values.get("tempo_bpm")
     if tempo is not None and not _is_tempo(tempo):
-        raise _bad(path, line, "tempo_bpm is no tempo", tempo[:40], f"beats a minute, above 0, below {MAX_TEMPO:g}")
+        raise _bad(
+            path, line, "tempo_bpm is no tempo", shown(tempo, 40), f"beats a minute, above 0, below {MAX_TEMPO:g}"
+        )
     problem = id_problem(values.get("id") or Path(values["motion"]).stem)
     if problem is not None:
-        found = repr((values.get("id") or values["motion"])[:60])
+        found = quoted(values.get("id") or values["motion"], 60)
         raise _bad(path, line, f"the id {problem}", found, ID_ALLOWED, "give the clip another id")
     declared = Declared(**{name: values[name] for name in _DECLARED if name in values})
     wrong = declared.problem()
     if wrong is not None:
         name, value, allowed = wrong
-        raise _bad(path, line, f"{name} cannot be that", value[:60], allowed, f"correct {name}, or leave it empty")
+        raise _bad(
+            path, line, f"{name} cannot be that", shown(value, 60), allowed, f"correct {name}, or leave it empty"
+        )
     return Row(line, values, declared)
 
 

@@ -113,9 +113,13 @@ def _rest(source: Path, folders: set[Path], motions: dict[str, Path], music: dic
     ]
     for folder in sorted({source, *folders}):
         for path in list_folder(folder):
-            strange = path.is_file() and (path.suffix.lower() not in known or folder not in folders)
-            below = path.is_dir() and path not in folders
-            if strange or below:
-                detail = "a folder, which is not searched" if below else "neither motion nor music"
+            if path.is_dir():
+                detail = "" if path in folders else "a folder, which is not searched"
+            elif not path.is_file():
+                detail = "not a file: a link that leads nowhere, or a device"
+            else:
+                here = folder in folders and path.suffix.lower() in known
+                detail = "" if here else "neither motion nor music"
+            if detail:
                 rejects.append(Reject("extra_file", file=relative(path, source), detail=detail))
     return rejects

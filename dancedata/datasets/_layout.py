@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from dancedata.core.errors import SourceError
-from dancedata.core.text import counted
+from dancedata.core.regular_file import read_regular
+from dancedata.core.text import counted, quoted, shown
 
 __all__ = ["counted", "describe", "few", "list_folder", "read_names", "relative", "require_folder"]
 
@@ -14,6 +15,10 @@ SHOWN = 6
 """How many entries of a folder, or names of a list, a message shows."""
 MAX_LIST_BYTES = 1 << 24
 """A list of names is never larger."""
+MAX_NAMES = 100_000
+"""A list of names never has more."""
+MAX_NAME = 255
+"""Bytes of a file name."""
 
 
 def list_folder(folder: Path) -> list[Path]:
@@ -67,11 +72,11 @@ def describe(folder: Path) -> str:
     return few([*folders, *files]) if entries else "nothing"
 
 
-def few(names: Sequence[str] | Iterable[str], shown: int = SHOWN) -> str:
-    """Join the first names of a list and say how many more there are."""
+def few(names: Iterable[object], most: int = SHOWN, show: Callable[[object, int], str] = shown) -> str:
+    """Join the first names of a list, fit to be printed by `show`, and say how many more there are."""
     names = list(names)
-    text = ", ".join(names[:shown])
-    return text if len(names) <= shown else f"{text} and {len(names) - shown:,} more"
+    text = ", ".join(show(name, MAX_NAME) for name in names[:most])
+    return text if len(names) <= most else f"{text} and {len(names) - most:,} more"
 
 
 def relative(path: Path, source: Path) -> str:
@@ -91,21 +96,26 @@ def read_names(path: Path) -> list[str]:
     Raises
     ------
     SourceError
-        If the file cannot be read or is not text.
+        If the file cannot be read, is not text, or holds what is no list of names.
     """
     try:
-        with path.open("rb") as file:
-            text = file.read(MAX_LIST_BYTES + 1)
-        if len(text) > MAX_LIST_BYTES:
-            raise OSError(f"more than {MAX_LIST_BYTES:,} bytes")
-        lines = text.decode("utf-8-sig").splitlines()
+        lines = read_regular(path, MAX_LIST_BYTES).decode("utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
-        raise SourceError(
-            "the list of names cannot be read",
-            where=str(path),
-            found=str(error),
-            allowed="a UTF-8 text file, one name a line",
-            fix="replace the file, or take it away",
-        ) from error
-    words = (line.split() for line in lines)
-    return [parts[0] for parts in words if parts and not parts[0].startswith("#")]
+        raise _no_list(path, str(error)) from error
+    words = (line.split(maxsplit=1) for line in lines)
+    names = [parts[0] for parts in words if parts and not parts[0].startswith("#")]
+    longest = max(names, key=len, default="")
+    if len(names) > MAX_NAMES or len(longest) > MAX_NAME:
+        many = f"{len(names):,} names" if len(names) > MAX_NAMES else f"a name of {len(longest):,} characters"
+        raise _no_list(path, f"{many}, {quoted(longest, 40)}")
+    return names
+
+
+def _no_list(path: Path, found: str) -> SourceError:
+    return SourceError(
+        "the list of names cannot be read",
+        where=str(path),
+        found=found,
+        allowed=f"a UTF-8 text file, one name a line, at most {MAX_NAMES:,} of {MAX_NAME} characters",
+        fix="replace the file, or take it away",
+    )

@@ -127,7 +127,7 @@ class Folder:
         source = Path(source)
         require_folder("folder", source, LOOKED_FOR)
         self._check_body_model()
-        manifests = [source / name for name in MANIFESTS if (source / name).is_file()]
+        manifests = [source / name for name in MANIFESTS if (source / name).exists()]
         if len(manifests) > 1:
             raise SourceError(
                 "folder: two manifests, and nothing says which is meant",
@@ -197,9 +197,10 @@ class Folder:
         text = row.get("audio")
         audio = inside(source, text, manifest, row.line, "audio") if text else None
         if not motion.is_file():
-            return Reject("missing_motion", clip=name, file=row.get("motion"), detail="listed, but not there")
+            detail = f"listed, but {_absence(motion)}"
+            return Reject("missing_motion", clip=name, file=row.get("motion"), detail=detail)
         if audio is not None and not audio.is_file():
-            detail = f"{manifest.name} names {text}: not there"
+            detail = f"{manifest.name} names {text}: {_absence(audio)}"
             fix = near.fix(Path(text).with_suffix("").as_posix())
             return Reject("missing_music", clip=name, file=text, detail=detail, music=text, fix=fix)
         if audio is None and self.music == "required":
@@ -276,6 +277,10 @@ def _near_listed(source: Path, audio: set[str]) -> NearMusic:
     folders = sorted({path.parent for path in listed})
     stems = {path.stem for path in listed}
     return NearMusic(source, (*folders, source), listed, stems.__contains__)
+
+
+def _absence(path: Path) -> str:
+    return "not a file" if path.exists() else "not there"
 
 
 def _check_row(manifest: Path, row: Row, split: str) -> None:

@@ -34,6 +34,10 @@ from dancedata.core.errors import SourceError
 from dancedata.core.locks import writing_lock
 from dancedata.core.motion import Motion
 from dancedata.core.registry import DATASETS
+from dancedata.core.regular_file import read_regular
+from dancedata.core.strict_json import read_json
+from dancedata.core.text import shown
+from dancedata.datasets._layout import few
 from dancedata.datasets._synthetic_plan import (
     ClipPlan,
     Plan,
@@ -51,6 +55,7 @@ if TYPE_CHECKING:
 __all__ = ["Synthetic", "crossmodal_split", "synthesise_motion", "synthesise_song", "write_synthetic"]
 
 MARKER = "synthetic.json"
+MAX_MARKER_BYTES = 1 << 16
 UNFINISHED = "synthetic.partial.json"
 #: They decide which clips are written; a written one is read the same way, whatever they are.
 _SCAN = {"scan": True}
@@ -238,7 +243,7 @@ def _found(folder: Path, made_by: dict[str, Any]) -> str | None:
     """Which marker in the folder says that it was made with just these parameters, if any does."""
     for name in (MARKER, UNFINISHED):
         try:
-            there = json.loads((folder / name).read_text(encoding="utf-8"))
+            there = read_json(folder / name, MAX_MARKER_BYTES)
         except (OSError, ValueError):
             continue
         if there == made_by:
@@ -260,17 +265,24 @@ def _check_folder(folder: Path, made_by: dict[str, Any]) -> bool:
         raise SourceError(
             "synthetic: the source folder holds files that this dataset did not write; nothing was touched",
             where=str(folder),
-            found=", ".join(names[:8]) + (", ..." if len(names) > 8 else ""),
+            found=few(names, 8),
             allowed=f"no folder, an empty folder, or one with a {MARKER}",
             fix="give --source a folder of its own, it will be filled",
         )
     raise SourceError(
         "synthetic: the source folder holds a synthetic corpus with other parameters; nothing was touched",
         where=str(folder / other),
-        found=(folder / other).read_text(encoding="utf-8", errors="replace").strip(),
+        found=_marker_text(folder / other),
         allowed=json.dumps(made_by),
         fix="use the parameters that were found, delete the folder, or give --source another one",
     )
+
+
+def _marker_text(path: Path) -> str:
+    try:
+        return shown(read_regular(path, MAX_MARKER_BYTES).decode("utf-8", "replace").strip())
+    except OSError as error:
+        return shown(error)
 
 
 def _claim(folder: Path, made_by: dict[str, Any]) -> None:

@@ -12,6 +12,7 @@ from typing import Any
 
 from dancedata.core.clip import Reject, Scan
 from dancedata.core.errors import StoreError, UsageError
+from dancedata.core.text import printable, shown
 from dancedata.core.version import __version__
 from dancedata.pipeline.audio_units import libsndfile_version
 from dancedata.pipeline.cache import Cache, default_cache, package_version
@@ -233,7 +234,8 @@ def _require_same(out: Path, recipe: Recipe, source_sha256: str, record: SourceR
     meta = store.meta
     old, new = shaping(meta.get("recipe", {})), shaping(recipe.document)
     differences = [
-        f"{key}: {json.dumps(a)} there, {json.dumps(b)} now" for key, a, b in document_differences(old, new)
+        f"{shown(key)}: {shown(json.dumps(a))} there, {shown(json.dumps(b))} now"
+        for key, a, b in document_differences(old, new)
     ]
     if meta.get("recipe_sha256") != recipe.sha256:
         listed = "\n".join(f"  - {d}" for d in differences) or "  - (another version of dancedata)"
@@ -260,5 +262,5 @@ def _reject_order(reject: Reject) -> tuple[str, int, str, str]:
 
 def relative_to(reject: Reject, source: Path) -> Reject:
     """Name files relative to the source: where it lies shapes no byte of a dataset."""
-    prefix = f"{source}{os.sep}"
+    prefix = printable(f"{source}{os.sep}")
     return replace(reject, file=reject.file.removeprefix(prefix), detail=reject.detail.replace(prefix, ""))

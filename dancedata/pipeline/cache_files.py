@@ -28,7 +28,7 @@ from uuid import uuid4
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.hashing import canonical_json
+from dancedata.core.hashing import canonical_bytes
 from dancedata.core.locks import is_abandoned, left_behind, lock_file, open_held
 
 #: Folders of the cache: those of entries, and those of what is being written and who computes what.
@@ -104,7 +104,7 @@ def read_array(path: Path) -> npt.NDArray[Any]:
 
 def json_parts(obj: Any) -> list[bytes | memoryview]:
     """Return the bytes of a JSON entry, which names its own checksum."""
-    text = canonical_json(obj).encode()
+    text = canonical_bytes(obj)
     return [b'{"crc32": %d, "content": ' % zlib.crc32(text), text, b"}\n"]
 
 

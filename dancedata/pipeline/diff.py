@@ -13,14 +13,15 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.errors import UsageError
+from dancedata.core.text import shown
 from dancedata.pipeline.diff_rows import is_same_number, unmatched
 from dancedata.pipeline.source_record import SourceRecord, source_differences
 from dancedata.store import Store, open_store
 from dancedata.store.clip_view import ClipView
 from dancedata.store.schema import ClipRecord
 
-#: Names shown in a line at most; JSON has all.
-_SHOWN = 5
+#: Names, and characters of a message, shown in a line at most; JSON has all.
+_SHOWN, _MESSAGE = 5, 600
 _ABOUT_STORE = ("format", "scope", "fps", "windows", "genre_ids", "licence", "citation")
 _ABOUT_CLIP = tuple(f.name for f in fields(ClipRecord) if f.name != "id")
 _NOTED = ("name", "dancedata", "packages")
@@ -57,9 +58,9 @@ class Difference:
 
     def __str__(self) -> str:
         """Show the kind, the message and the first names."""
-        shown = ", ".join(self.names[:_SHOWN])
+        listed = ", ".join(map(shown, self.names[:_SHOWN]))
         more = f" and {len(self.names) - _SHOWN} more" if len(self.names) > _SHOWN else ""
-        return f"{self.kind}: {self.message}{f': {shown}{more}' if shown else ''}"
+        return f"{self.kind}: {shown(self.message, _MESSAGE)}{f': {listed}{more}' if listed else ''}"
 
 
 def diff(a: str | Path, b: str | Path, *, atol: float | None = None) -> list[Difference]:

@@ -15,6 +15,7 @@ from typing import Any, TextIO, TypeVar
 
 from dancedata.core.errors import DanceDataError
 from dancedata.core.locks import left_behind
+from dancedata.core.text import printable
 from dancedata.pipeline.arithmetic import adopted_by_children
 from dancedata.pipeline.cache import entered
 from dancedata.pipeline.cache_files import held, temporary_name
@@ -133,8 +134,9 @@ class _Run:
         from joblib import Parallel, delayed
 
         # Units take paths, not arrays. joblib would make a folder for large ones in /dev/shm, and leave it there
-        # when the build is killed.
-        memory: dict[str, Any] = {"max_nbytes": None, "temp_folder": str(self.scratch)}
+        # when the build is killed. Of another folder it only remembers the name, and only one of ASCII letters, which
+        # cache and temporary folder need not have.
+        memory: dict[str, Any] = {"max_nbytes": None, "temp_folder": "/tmp"}  # noqa: S108 -- it stays unused
         pool = {"n_jobs": max(2, min(self.workers.n, len(indices))), "backend": "loky", **memory}
         deaths: tuple[type[Exception], ...] = (BrokenExecutor,)
         lost: tuple[type[BaseException], ...] = ()
@@ -295,7 +297,7 @@ class Progress:
         """Print a line."""
         if not self.quiet:
             lines, self._announced = [*self._announced, text], []
-            print("\n".join(lines), file=self.stream, flush=True)
+            print(printable("\n".join(lines), lines=True), file=self.stream, flush=True)
 
     def _begin(self) -> None:
         """Print what was announced."""

@@ -9,6 +9,7 @@ from pathlib import Path
 from dancedata.augment.mirror import SUFFIX, mirrored_copy
 from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import SourceError
+from dancedata.core.text import is_unicode, quoted
 from dancedata.core.windows import count_windows
 from dancedata.pipeline.audio_units import SignalId, identify_audio, known_signal, window_samples
 from dancedata.pipeline.cache import Cache, CachedArray
@@ -43,12 +44,21 @@ def identify(cache: Cache, recipe: Recipe, scan: Scan, *, jobs: Jobs, progress: 
     """Find out what every clip's files are: hash motions, decode and hash music."""
     content = content_hashes(recipe.dataset, cache.file_sha256)
     gathered = Gathered(recipe, scan, {r.id: r for r in scan.clips}, list(scan.rejects), content=content)
-    paths = list(dict.fromkeys(ref.motion_path for ref in scan.clips))
+    for ref in scan.clips:
+        texts = (ref.id, ref.split, ref.music, ref.genre, ref.dancer, *ref.lists)
+        wrong = [text for text in texts if not is_unicode(text)]
+        if wrong:
+            # No file of a dataset could hold it.
+            detail = (
+                f"clip {ref.id}: {quoted(wrong[0])} is not valid Unicode; rename the file, or correct what names it"
+            )
+            gathered.drop(ref.id, Reject("bad_name", file=str(ref.motion_path), detail=detail))
+    paths = list(dict.fromkeys(ref.motion_path for ref in gathered.refs.values()))
     calls = [(cache, path) for path in paths]
     known = [known_hash(cache, path) for path in paths]
     found = run_units(hash_motion, calls, known=known, jobs=1, label="hashing motion", progress=progress, exact=False)
     hashes = dict(zip(paths, found, strict=True))
-    for ref in scan.clips:
+    for ref in list(gathered.refs.values()):
         sha = hashes[ref.motion_path]
         if isinstance(sha, Reject):
             gathered.drop(ref.id, sha)

@@ -13,6 +13,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
+from dancedata.core.text import printable
 from dancedata.pipeline.shielded import shielded
 
 _LISTENER = r"""
@@ -43,7 +44,7 @@ class _Listener:
         pipe = self.process.stdin
         if pipe is not None:
             with suppress(OSError):  # it is gone: nothing depends on it
-                pipe.write(" ".join(text.split()).encode(errors="replace") + b"\n")
+                pipe.write(printable(" ".join(text.split())).encode() + b"\n")
 
     def goodbye(self) -> None:
         if self.process is not None:

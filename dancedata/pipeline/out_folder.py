@@ -11,11 +11,9 @@ A dataset is known by its dataset.json, which lists its files; the folder of an 
 
 from __future__ import annotations
 
-import json
 import logging
 import os
 import re
-import stat
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
@@ -26,6 +24,7 @@ from dancedata.core.errors import StoreError
 from dancedata.core.hashing import sha256_file
 from dancedata.core.locks import writing_lock
 from dancedata.core.staging import MARKER, Layout, claim, discard, staged, tidy
+from dancedata.core.strict_json import read_json
 from dancedata.store.dataset_json import MAX_BYTES, Description, load_description, self_hash
 from dancedata.store.schema import (
     CARD_FILE,
@@ -46,11 +45,11 @@ def _is_own(name: str) -> bool:
 
 def _is_whole(path: Path) -> bool:
     try:
-        if not stat.S_ISREG(path.lstat().st_mode) or path.stat().st_size > MAX_BYTES:
+        if path.is_symlink():
             return False
-        document = json.loads(path.read_text(encoding="utf-8"))
+        document = read_json(path, MAX_BYTES)
         return isinstance(document, dict) and document.get("self_sha256") == self_hash(document)
-    except (OSError, ValueError, RecursionError):
+    except (OSError, ValueError):
         return False
 
 

@@ -15,9 +15,13 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.movement import Movement
 from dancedata.core.registry import CONTACTS, DATASETS, FEATURES, KEYMOTIONS, REPRESENTATIONS, Registry
 from dancedata.core.resources import resource, resources
+from dancedata.core.text import shown
 from dancedata.pipeline.recipe import MotionSlot, Recipe, WindowSpec
 from dancedata.pipeline.slots import key_paths, make_dataclass, make_plugin, one_of
 from dancedata.pipeline.strict_yaml import load_yaml, read_yaml
+
+#: Characters of what PyYAML says, which are several lines.
+_YAML_PROBLEM = 600
 
 
 def _number(value: Any) -> Any:
@@ -89,7 +93,7 @@ def load_recipe(name_or_path: str | Path, overrides: Sequence[str] = ()) -> Reci
     try:
         document = read_yaml(path)
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise RecipeError("the recipe cannot be read", where=path, found=str(error)) from error
+        raise RecipeError("the recipe cannot be read", where=path, found=str(error)[:_YAML_PROBLEM]) from error
     if not isinstance(document, dict):
         raise RecipeError("a recipe is a mapping of keys", where=path, found=type(document).__name__)
     for override in overrides:
@@ -177,7 +181,7 @@ def parse_recipe(document: Mapping[str, Any], where: str = "recipe") -> Recipe:
 def _find(name: str) -> Path:
     path = Path(name)
     if path.suffix in (".yaml", ".yml") or path.is_file():
-        if not path.is_file():
+        if not path.exists():
             raise UsageError("there is no such recipe file", where=path)
         return path
     if name in recipe_names():
@@ -197,7 +201,9 @@ def _attempt(problems: list[str], make: Any) -> Any:
 
 def _motion_slots(given: Any, problems: list[str]) -> tuple[MotionSlot, ...]:
     if not isinstance(given, (dict, str)) or not given:
-        problems.append(f"motion: name at least one representation, such as {{edge151: {{}}}}; found {given!r}")
+        problems.append(
+            f"motion: name at least one representation, such as {{edge151: {{}}}}; found {shown(repr(given))}"
+        )
         return ()
     slots = []
     for name, parameters in _mapping(given).items():
@@ -244,7 +250,9 @@ def _filter(given: Any, motion: Sequence[MotionSlot], problems: list[str]) -> Mo
         return None
     given = {given: {}} if isinstance(given, str) else given
     if not isinstance(given, dict) or list(given) != ["movement"]:
-        problems.append(f"windows.filter: name the filter, as in {{movement: {{min_std: 0.07}}}}; found {given!r}")
+        problems.append(
+            f"windows.filter: name the filter, as in {{movement: {{min_std: 0.07}}}}; found {shown(repr(given))}"
+        )
         return None
     made: Movement | None = make_dataclass(Movement, "windows.filter.movement", given["movement"], problems)
     names = [slot.name for slot in motion]
@@ -292,7 +300,7 @@ def _key_paths(document: Mapping[str, Any]) -> list[str]:
 def _explain(error: ValidationError, document: Mapping[str, Any]) -> list[str]:
     problems = []
     for item in error.errors():
-        key = ".".join(str(part) for part in item["loc"])
+        key = ".".join(shown(part) for part in item["loc"])
         if item["type"] == "extra_forbidden":
             model: Any = _MODELS.get(str(item["loc"][0]), _Document)
             meant = did_you_mean(str(item["loc"][-1]), model.model_fields, _key_paths(document))
@@ -307,5 +315,5 @@ def _explain(error: ValidationError, document: Mapping[str, Any]) -> list[str]:
 
 def _invalid(key: str, item: Any) -> str:
     if item["type"] in ("model_type", "dict_type"):
-        return f"{key}: a mapping of keys is wanted; found {item['input']!r}"
-    return f"{key}: {item['msg'].removeprefix('Value error, ')}; found {item['input']!r}"
+        return f"{key}: a mapping of keys is wanted; found {shown(repr(item['input']))}"
+    return f"{key}: {item['msg'].removeprefix('Value error, ')}; found {shown(repr(item['input']))}"

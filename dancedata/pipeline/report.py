@@ -12,7 +12,7 @@ from typing import Any
 from dancedata.core.clip import Reject
 from dancedata.core.quality import IMPLAUSIBLE
 from dancedata.core.registry import CONTACTS, DATASETS, FEATURES, KEYMOTIONS, REPRESENTATIONS
-from dancedata.core.text import counted
+from dancedata.core.text import counted, shown
 from dancedata.pipeline.cache_admin import size_text
 from dancedata.pipeline.implausible import describe_implausible
 from dancedata.pipeline.left_out import left_out_lines
@@ -22,6 +22,8 @@ from dancedata.pipeline.rejects import NOTED
 from dancedata.store import Problem, Store, open_store
 
 _NAMED = 3
+#: Characters of a sentence or list from a dataset that are shown.
+_NOTE = 2000
 
 
 def store_json(path: Path) -> dict[str, Any]:
@@ -70,21 +72,21 @@ def describe_store(path: Path) -> str:
     about = store_json(path)
     windows = about["windows"]
     lines = [
-        f"{about.get('name', path.name)}: {path} ({size_text(about['bytes'])})",
-        f"  {about['scope']} scope, {about['fps']} frames a second, "
+        f"{shown(about.get('name', path.name))}: {shown(path)} ({size_text(about['bytes'])})",
+        f"  {about['scope']} scope, {shown(about['fps'])} frames a second, "
         f"windows of {windows['length']} frames every {windows['stride']}",
         f"  {_MUSIC_OF_WINDOWS[about['scope']]}",
         *_table(
             ["split", "clips", "windows", "songs", "minutes"],
             [
                 [split, n["clips"], n["windows"], n["songs"], f"{n['hours'] * 60:.1f}"]
-                for split, n in about["counts"].items()
+                for split, n in about.get("counts", {}).items()
             ],
         ),
     ]
     for name, field in about["fields"].items():
-        groups = ", ".join(field["groups"])
-        axes = f"; {field['axes']}" if field["axes"] else ""
+        groups = shown(", ".join(map(shown, field["groups"])), _NOTE)
+        axes = f"; {shown(field['axes'])}" if field["axes"] else ""
         lines.append(
             f"  {name}: {field['columns']} columns ({groups}), {field['rate']} a second, {field['dtype']}{axes}"
         )
@@ -92,8 +94,8 @@ def describe_store(path: Path) -> str:
     with open_store(path) as store:
         lines += _describe_rejects(store.rejects)
         lines += describe_implausible(store.quality)
-        lines += _describe_quality([f for f in store.quality if f["kind"] not in IMPLAUSIBLE])
-    lines.append(f"  licence: {about.get('licence', 'unknown')}")
+        lines += _describe_quality([f for f in store.quality if f.get("kind") not in IMPLAUSIBLE])
+    lines.append(f"  licence: {shown(about.get('licence', 'unknown'), _NOTE)}")
     return "\n".join(lines)
 
 
@@ -101,11 +103,11 @@ def _describe_sources(about: Mapping[str, Any]) -> list[str]:
     lines = []
     if about["source_rates"]:
         rates = ", ".join(f"{rate} a second: {n}" for rate, n in about["source_rates"].items())
-        lines.append(f"  clips by their source's frame rate: {rates}")
+        lines.append(f"  clips by their source's frame rate: {shown(rates, _NOTE)}")
     if about["height_m"]:
         low, high = about["height_m"]["min"], about["height_m"]["max"]
         lines.append(f"  lowest to highest joint, +Y up, median of a clip: {low:.2f} to {high:.2f} m")
-    return lines + [f"  source: {note}" for note in about["notes"]]
+    return lines + [f"  source: {shown(note, _NOTE)}" for note in about["notes"]]
 
 
 def _describe_rejects(rejects: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -115,17 +117,24 @@ def _describe_rejects(rejects: Sequence[Mapping[str, Any]]) -> list[str]:
     return ["  left out (rejects.jsonl):", *(f"    {line}" for line in lines)]
 
 
+def _grouped(rows: Sequence[Mapping[str, Any]], key: str) -> dict[str, list[Mapping[str, Any]]]:
+    found: dict[str, list[Mapping[str, Any]]] = {}
+    for row in rows:
+        found.setdefault(row[key], []).append(row)
+    return found
+
+
 def _describe_quality(flags: Sequence[Mapping[str, Any]]) -> list[str]:
     if not flags:
         return ["  no quality flags"]
     lines = ["  quality flags (quality.jsonl), not repaired:"]
-    for clip in dict.fromkeys(f["clip"] for f in flags):
-        mine = [f for f in flags if f["clip"] == clip]
-        worst = max(mine, key=lambda f: float(f["value"]))
-        frames = len({f["frame"] for f in mine})
+    for clip, mine in _grouped(flags, "clip").items():
+        worst = max(mine, key=lambda f: float(f.get("value", 0)))
+        frames = len({f.get("frame") for f in mine})
+        kind, joint, unit = (shown(worst.get(key, "?")) for key in ("kind", "joint", "unit"))
         lines.append(
-            f"    {clip}: {len(mine)} in {frames} frame steps, the worst {worst['kind']} of {worst['joint']} "
-            f"at source frame {worst['frame']}: {worst['value']:.1f} {worst['unit']}"
+            f"    {shown(clip)}: {len(mine)} in {frames} frame steps, the worst {kind} of {joint} "
+            f"at source frame {worst.get('frame')}: {worst.get('value', 0):.1f} {unit}"
         )
     return lines
 
@@ -159,7 +168,7 @@ def describe_plan(plan: Plan, out: Path) -> str:
     about = plan.to_json()
     windows = about["recipe"]["windows"]
     lines = [
-        f"{plan.recipe.name} into {out}: about {size_text(about['bytes'])}",
+        f"{plan.recipe.name} into {shown(out)}: about {size_text(about['bytes'])}",
         f"  {plan.recipe.scope} scope, {plan.recipe.grid} frames a second, "
         f"windows of {windows['length_frames']} frames every {windows['stride_frames']}",
         *_table(
@@ -200,7 +209,7 @@ def describe_problems(path: Path, problems: Sequence[Problem]) -> str:
         lines += [str(p) for p in notes[:_NAMED]]
         if len(notes) > _NAMED:
             lines.append(f"note: {kind}: {len(notes) - _NAMED} more (all with --json)")
-    return "\n".join([*lines, f"{path}: {len(errors)} errors, {len(problems) - len(errors)} notes"])
+    return "\n".join([*lines, f"{shown(path)}: {len(errors)} errors, {len(problems) - len(errors)} notes"])
 
 
 def catalogue() -> dict[str, Any]:
@@ -238,7 +247,7 @@ def describe_catalogue(found: Mapping[str, Any]) -> str:
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> list[str]:
-    cells = [[str(c) for c in row] for row in [head, *rows]]
+    cells = [[shown(c) for c in row] for row in [head, *rows]]
     widths = [max(len(row[i]) for row in cells) for i in range(len(head))]
     return [
         "  "

@@ -10,6 +10,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from dancedata.core.errors import DanceDataError, RecipeError, did_you_mean
 from dancedata.core.registry import Registry
+from dancedata.core.text import shown
 
 
 def make_plugin(
@@ -73,11 +74,11 @@ def make_dataclass(
     """Make an object of a frozen dataclass from what a recipe says of its fields."""
     parameters = {} if parameters is None else parameters
     if not isinstance(parameters, dict):
-        problems.append(f"{at}: parameters are a mapping of keys; found {parameters!r}")
+        problems.append(f"{at}: parameters are a mapping of keys; found {shown(repr(parameters))}")
         return None
     known = [f.name for f in dataclasses.fields(cls)]
     unknown = [str(key) for key in parameters if key not in known]
-    problems += [f"{at}.{key}: unknown key; {did_you_mean(key, (*known, *also))}" for key in unknown]
+    problems += [f"{at}.{shown(key)}: unknown key; {did_you_mean(key, (*known, *also))}" for key in unknown]
     try:
         # Defaults are validated as well: a default of 100 and a given 100.0 have to be the same recipe.
         defaults = {f.name: f.default for f in dataclasses.fields(cls) if f.default is not dataclasses.MISSING}
@@ -85,7 +86,8 @@ def make_dataclass(
         made = TypeAdapter(cls).validate_python({**defaults, **given})
     except ValidationError as error:
         problems += [
-            f"{at}.{'.'.join(str(p) for p in e['loc'])}: {e['msg']}; found {e['input']!r}" for e in error.errors()
+            f"{at}.{'.'.join(str(p) for p in e['loc'])}: {e['msg']}; found {shown(repr(e['input']))}"
+            for e in error.errors()
         ]
         return None
     except DanceDataError as error:
@@ -106,7 +108,9 @@ def one_of(registry: Registry, where: str, given: Any, problems: list[str]) -> A
         return None
     if not isinstance(given, dict) or len(given) != 1:
         names = ", ".join(registry.names())
-        problems.append(f"{where}: name one {registry.kind}, as in {{name: {{}}}}; known: {names}; found {given!r}")
+        problems.append(
+            f"{where}: name one {registry.kind}, as in {{name: {{}}}}; known: {names}; found {shown(repr(given))}"
+        )
         return None
     ((name, parameters),) = given.items()
     return make_plugin(registry, where, str(name), parameters, problems)

@@ -18,6 +18,7 @@ from dancedata.core.errors import StoreError, UsageError, did_you_mean
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import json_sha256
 from dancedata.core.registry import FEATURES
+from dancedata.core.text import shown
 from dancedata.pipeline.audio_units import is_exact, window_samples
 from dancedata.pipeline.cache import Cache, default_cache
 from dancedata.pipeline.documents import document_of
@@ -216,7 +217,7 @@ def _about(
 def describe_features(out: Path, about: Mapping[str, Any]) -> str:
     """Return the line that `features` prints of a song."""
     shape = " x ".join(str(n) for n in about["shape"])
-    said = f"{out / about['file']}: {shape} {about['dtype']}, {about['fps']} a second, {about['scope']} scope"
+    said = f"{shown(out / about['file'])}: {shape} {about['dtype']}, {about['fps']} a second, {about['scope']} scope"
     tempo = about["tempo_bpm"]
     if about["tempo_estimated"] and isinstance(tempo, list):
         return f"{said}; tempo of each window estimated: {min(tempo):.5g} to {max(tempo):.5g} BPM"

@@ -10,7 +10,7 @@ from typing import Any
 
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.hashing import json_sha256
-from dancedata.core.text import counted
+from dancedata.core.text import counted, shown
 from dancedata.pipeline.gathered import Gathered
 from dancedata.store import Store
 
@@ -21,7 +21,7 @@ MAX_CLIPS = 200_000
 NO_MUSIC = "-"
 #: What is compared of a clip beside its files, and is in the store.
 _ABOUT = ("split", "music", "tempo_bpm", "genre", "dancer", "lists")
-_SHOWN = 5
+_SHOWN, _MESSAGE = 5, 600
 
 
 @dataclass(frozen=True)
@@ -89,10 +89,11 @@ class SourceDifference:
 
     def __str__(self) -> str:
         """Show the first names."""
+        message = shown(self.message, _MESSAGE)
         if not self.names:
-            return self.message
+            return message
         more = f" and {len(self.names) - _SHOWN:,} more" if len(self.names) > _SHOWN else ""
-        return f"{self.message}: {', '.join(self.names[:_SHOWN])}{more}"
+        return f"{message}: {', '.join(map(shown, self.names[:_SHOWN]))}{more}"
 
 
 def source_differences(

@@ -7,6 +7,9 @@ from typing import Any
 
 import yaml
 
+from dancedata.core.regular_file import read_regular
+from dancedata.core.text import is_unicode, quoted, shown
+
 #: Of PyYAML, which takes 20 microseconds a character.
 MAX_CHARACTERS = 1 << 15
 MAX_NODES = 2_000
@@ -39,7 +42,10 @@ def _mapping(loader: _Loader, node: yaml.MappingNode, deep: bool = False) -> dic
         key = loader.construct_object(key_node, deep=True)
         if isinstance(key, str | int) and key in seen:
             raise yaml.constructor.ConstructorError(
-                "while reading a mapping", node.start_mark, f"the key {key!r} is there twice", key_node.start_mark
+                "while reading a mapping",
+                node.start_mark,
+                f"the key {quoted(key)} is there twice",
+                key_node.start_mark,
             )
         seen.add(key if isinstance(key, str | int) else id(key_node))
     return loader.construct_mapping(node, deep=True)
@@ -50,10 +56,8 @@ _Loader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping
 
 def read_yaml(path: Path) -> Any:
     """Read a YAML file; raises yaml.YAMLError as `load_yaml` does, OSError and UnicodeDecodeError."""
-    with path.open("rb") as file:
-        # A character has up to four bytes.
-        data = file.read(4 * MAX_CHARACTERS + 1)
-    return load_yaml(data.decode("utf-8"))
+    # A character has up to four bytes.
+    return load_yaml(read_regular(path, 4 * MAX_CHARACTERS).decode("utf-8"))
 
 
 def load_yaml(text: str) -> Any:
@@ -72,7 +76,7 @@ def load_yaml(text: str) -> Any:
         raise yaml.YAMLError("it is nested too deep") from error
     # Numbers and dates that look like ones and are none.
     except (ValueError, OverflowError, TypeError, AttributeError, KeyError) as error:
-        raise yaml.YAMLError(f"a value cannot be read: {error}") from error
+        raise yaml.YAMLError(f"a value cannot be read: {shown(error)}") from error
     return loaded
 
 
@@ -82,6 +86,8 @@ def _size(value: Any, depth: int) -> int:
         raise yaml.YAMLError(f"it is nested deeper than {MAX_DEPTH} levels, or in itself")
     if isinstance(value, int) and abs(value) >= 1 << 64:
         raise yaml.YAMLError("a whole number of more than 64 bits")
+    if isinstance(value, str) and not is_unicode(value):
+        raise yaml.YAMLError(f"text that is not valid Unicode: {quoted(value)}")
     inside = (
         (*value, *value.values())
         if isinstance(value, dict)

@@ -9,7 +9,7 @@ from typing import Any
 
 from dancedata.core.clip import Reject
 from dancedata.core.quality import IMPLAUSIBLE
-from dancedata.core.text import counted
+from dancedata.core.text import counted, shown
 from dancedata.pipeline.cache_admin import size_text
 from dancedata.pipeline.implausible import describe_implausible
 from dancedata.pipeline.left_out import left_out_lines
@@ -19,8 +19,9 @@ from dancedata.store import Store, open_store
 def describe_built(path: Path) -> str:
     """Return what `build` prints of the dataset that it made."""
     with open_store(path) as store:
+        name = shown(store.meta.get("name", path.name))
         lines = [
-            f"{store.meta.get('name', path.name)}: {_size(store)} in {path} ({size_text(_bytes(store))})",
+            f"{name}: {_size(store)} in {shown(path)} ({size_text(_bytes(store))})",
             f"  {'; '.join(_split(split, n) for split, n in store.meta['counts'].items())}",
             f"  {_windows(store)}; {_fields(store)}",
             *_left_out([Reject.from_json(row) for row in store.rejects]),
@@ -33,13 +34,15 @@ def describe_built(path: Path) -> str:
 def describe_unchanged(path: Path) -> str:
     """Return what `build` prints if the dataset was there already: two lines."""
     with open_store(path) as store:
-        said = f"nothing to do: {path} is this dataset already, from the same recipe and source ({_size(store)})"
+        said = (
+            f"nothing to do: {shown(path)} is this dataset already, from the same recipe and source ({_size(store)})"
+        )
     return f"{said}\n{next_steps(path)}"
 
 
 def next_steps(path: Path) -> str:
     """Return the commands that come after a build."""
-    folder = shlex.quote(str(path))
+    folder = shlex.quote(shown(path))
     return f"next: dancedata check {folder}; all about it: dancedata info {folder}"
 
 
@@ -53,7 +56,7 @@ def _bytes(store: Store) -> int:
 
 
 def _split(split: str, n: Mapping[str, Any]) -> str:
-    return f"{split} {counted(n['clips'], 'clip')}, {counted(n['windows'], 'window')}"
+    return f"{shown(split)} {counted(n['clips'], 'clip')}, {counted(n['windows'], 'window')}"
 
 
 def _windows(store: Store) -> str:

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from itertools import pairwise
 
 from dancedata.core.errors import StoreError
+from dancedata.core.text import is_unicode, quoted
 from dancedata.store.schema import LIST_SEPARATOR, AudioBlock, Field, LazyArray, StoredClip, StoreHeader
 
 
@@ -28,10 +29,11 @@ def _check_texts(clip: StoredClip) -> None:
         raise StoreError("a clip has no id", where=f"split {clip.split}")
     for text in (clip.id, clip.genre, clip.music, clip.dancer, clip.source, clip.source_rate, *clip.lists):
         # Fixed-length strings are padded with NUL, and lists are joined by line breaks.
-        if "\0" in text or LIST_SEPARATOR in text:
-            raise StoreError("a text has a NUL or a line break in it", where=f"clip {clip.id!r}", found=repr(text))
+        if "\0" in text or LIST_SEPARATOR in text or not is_unicode(text):
+            problem = "a text has a NUL or a line break in it, or is not valid Unicode"
+            raise StoreError(problem, where=f"clip {quoted(clip.id)}", found=quoted(text))
     if "" in clip.lists:
-        raise StoreError("a list has no name", where=f"clip {clip.id}", found=repr(clip.lists))
+        raise StoreError("a list has no name", where=f"clip {clip.id}", found=clip.lists)
 
 
 def _check_windows(header: StoreHeader, clip: StoredClip) -> None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, overload
 
 import numpy.typing as npt
 
+from dancedata.core.text import quoted, shown
 from dancedata.store.schema import ClipRecord
 
 if TYPE_CHECKING:
@@ -120,8 +121,8 @@ class ClipView:
         """Show id, length and what the dataset says of the clip."""
         length = f"{self.n_frames} frames, {float(self.n_frames / self.store.fps):.2f} s"
         about = {"music": self.music, "genre": self.genre}
-        known = "".join(f", {name} {value}" for name, value in about.items() if value)
-        return f"ClipView({self.id!r}, {self.split}, {length}{known})"
+        known = "".join(f", {name} {shown(value)}" for name, value in about.items() if value)
+        return f"ClipView({quoted(self.id)}, {self.split}, {length}{known})"
 
 
 class Clips(Sequence[ClipView]):

@@ -16,8 +16,18 @@ from dancedata.core.clip import Window
 from dancedata.core.columns import Columns
 from dancedata.core.errors import StoreError, UsageError, did_you_mean
 from dancedata.core.normalize import MinMax
+from dancedata.core.text import shown
 from dancedata.store.clip_view import Clips, ClipView
-from dancedata.store.dataset_json import REBUILD, Description, json_lines, json_stats, self_hash
+from dancedata.store.dataset_json import (
+    MAX_BYTES,
+    MAX_LINES_BYTES,
+    REBUILD,
+    Description,
+    json_quality,
+    json_rejects,
+    json_stats,
+    self_hash,
+)
 from dancedata.store.described import DescribedFile, built_again, open_described, read_described
 from dancedata.store.locate import RowSpan, locate_stored, locate_view
 from dancedata.store.mapped import WindowRows, locate_windows
@@ -308,18 +318,18 @@ class Store:
     @cached_property
     def stats(self) -> dict[str, Any]:
         """stats.json: per field, over the rows that train windows cover."""
-        loaded: dict[str, Any] = self._load(STATS_FILE, json_stats)
+        loaded: dict[str, Any] = self._load(STATS_FILE, json_stats, MAX_BYTES)
         return loaded
 
     @cached_property
     def rejects(self) -> list[dict[str, Any]]:
         """What was left out, and why: rejects.jsonl."""
-        return list(self._load(REJECTS_FILE, json_lines))
+        return list(self._load(REJECTS_FILE, json_rejects, MAX_LINES_BYTES))
 
     @cached_property
     def quality(self) -> list[dict[str, Any]]:
         """Quality flags: quality.jsonl."""
-        return list(self._load(QUALITY_FILE, json_lines))
+        return list(self._load(QUALITY_FILE, json_quality, MAX_LINES_BYTES))
 
     def normalizer(self, field: str, mirror: bool = False) -> MinMax:
         """Make EDGE's min-max scaler of a field, fitted on train.
@@ -349,8 +359,8 @@ class Store:
         try:
             plain = MinMax.from_state(self.stats["fields"][field]["scaler"])
             found = f"{plain.width} columns"
-        except (KeyError, TypeError, ValueError, UsageError) as error:
-            plain, found = None, f"{type(error).__name__}: {error}"
+        except (KeyError, TypeError, ValueError, OverflowError, UsageError) as error:
+            plain, found = None, shown(error)
         if plain is None or plain.width != f.columns.width:
             raise StoreError(
                 f"the scaler of field {field} cannot be used",
@@ -365,11 +375,11 @@ class Store:
             raise UsageError(f"field {field} cannot be mirrored", where=str(self.path))
         return plain.with_mirror(f.columns.mirror)
 
-    def _load(self, name: str, parse: Any) -> Any:
+    def _load(self, name: str, parse: Any, limit: int) -> Any:
         path = self.path / name
         try:
-            return parse(read_described(self.path, self._description, name))
-        except (OSError, ValueError, RecursionError) as error:
+            return parse(read_described(self.path, self._description, name, limit))
+        except (OSError, ValueError) as error:
             raise StoreError(f"{name} cannot be read", where=str(path), found=str(error), fix=REBUILD) from error
 
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -12,13 +11,22 @@ from typing import Any
 from dancedata.core.atomic import OWN
 from dancedata.core.errors import DanceDataError, StoreError
 from dancedata.core.grid import as_rate
-from dancedata.core.hashing import json_sha256
+from dancedata.core.hashing import canonical_json, json_sha256
+from dancedata.core.regular_file import read_regular
 from dancedata.core.skeleton import Skeleton
+from dancedata.core.strict_json import parse_json
+from dancedata.core.text import quoted, shown
 from dancedata.store.schema import DATASET_FILE, FORMAT, Field, is_shard_name
 
 REBUILD = "build the dataset again"
-#: Larger descriptions are none.
+#: Larger descriptions are none, nor larger statistics.
 MAX_BYTES = 1 << 26
+#: Characters of a recipe with all its defaults.
+MAX_RECIPE = 1 << 17
+#: Larger numbers are none of a dataset's.
+_LARGE = 1e300
+#: Of lists with a line a reject or a flag.
+MAX_LINES_BYTES = 1 << 28
 
 
 @dataclass(frozen=True)
@@ -59,10 +67,7 @@ def load_description(folder: Path) -> Description:
     """
     path = folder / DATASET_FILE
     try:
-        if path.stat().st_size > MAX_BYTES:
-            found = f"{path.stat().st_size:,} bytes"
-            raise StoreError("dataset.json is too large", where=str(path), found=found, allowed=f"{MAX_BYTES:,}")
-        text = path.read_text(encoding="utf-8")
+        text = read_regular(path, MAX_BYTES).decode("utf-8")
     except (FileNotFoundError, NotADirectoryError) as error:
         raise StoreError(
             "there is no finished dataset",
@@ -74,8 +79,8 @@ def load_description(folder: Path) -> Description:
     except (OSError, UnicodeDecodeError) as error:
         raise StoreError("dataset.json cannot be read", where=str(path), found=str(error), fix=REBUILD) from error
     try:
-        document = json.loads(text)
-    except (ValueError, RecursionError) as error:
+        document = parse_json(text)
+    except ValueError as error:
         raise StoreError("dataset.json is no JSON", where=str(path), found=str(error), fix=REBUILD) from error
     if not isinstance(document, dict) or "format" not in document:
         raise StoreError("dataset.json is not of a dancedata dataset", where=str(path), found="no key 'format'")
@@ -95,10 +100,30 @@ def self_hash(document: Mapping[str, Any]) -> str:
     return json_sha256({k: v for k, v in document.items() if k != "self_sha256"})
 
 
-def json_lines(text: str) -> list[Any]:
-    """Parse one object a line; raises ValueError."""
+def json_rejects(text: str) -> list[dict[str, Any]]:
+    """Parse rejects.jsonl; raises ValueError."""
+    return _json_lines(text, ("reason",), _REJECT)
+
+
+_REJECT = {**dict.fromkeys(("reason", "clip", "file", "detail", "music", "fix"), str), "window": int, "numbers": dict}
+
+
+def json_quality(text: str) -> list[dict[str, Any]]:
+    """Parse quality.jsonl; raises ValueError."""
+    types = {"clip": str, "kind": str, "frame": int, "value": float, "unit": str, "joint": str}
+    return _json_lines(text, ("clip",), types)
+
+
+def _json_lines(text: str, needed: Sequence[str], types: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Parse one object a line; values that are there have to be of these types."""
     # Not splitlines: it also splits at separators that may stand inside a JSON string.
-    return [_object(json.loads(line)) for line in text.split("\n") if line]
+    rows = [_object(parse_json(line)) for line in text.split("\n") if line]
+    for number, row in enumerate(rows, start=1):
+        for key in {*needed, *(types.keys() & row)}:
+            good = _is_number(row.get(key)) if types[key] is float else type(row.get(key)) is types[key]
+            if not good:
+                raise ValueError(f"line {number}: {key} is {quoted(row.get(key), 60)}")
+    return rows
 
 
 def _object(value: Any) -> dict[str, Any]:
@@ -109,7 +134,7 @@ def _object(value: Any) -> dict[str, Any]:
 
 def json_stats(text: str) -> dict[str, Any]:
     """Parse stats.json; raises ValueError."""
-    stats = _object(json.loads(text))
+    stats = _object(parse_json(text))
     _object(stats.get("fields"))
     return stats
 
@@ -123,10 +148,10 @@ def describe_folder(folder: Path) -> str:
     names = sorted(p.name for p in folder.iterdir())
     if not names:
         return "an empty folder"
-    shown = ", ".join(names[:8]) + (f" and {len(names) - 8} more" if len(names) > 8 else "")
+    listed = ", ".join(map(shown, names[:8])) + (f" and {len(names) - 8} more" if len(names) > 8 else "")
     if any(name.startswith(OWN) for name in names):
-        return shown + " (an unfinished build)"
-    return shown + (" (shards without dataset.json: an unfinished build)" if any(map(is_shard_name, names)) else "")
+        return listed + " (an unfinished build)"
+    return listed + (" (shards without dataset.json: an unfinished build)" if any(map(is_shard_name, names)) else "")
 
 
 def _parse(document: dict[str, Any], path: Path) -> Description:
@@ -134,6 +159,7 @@ def _parse(document: dict[str, Any], path: Path) -> Description:
         windows = document["windows"]
         if not document["fields"]:
             raise ValueError("no field")
+        _check_about(document)
         return Description(
             meta=document,
             scope=_one_of(document["scope"], ("track", "window")),
@@ -150,26 +176,56 @@ def _parse(document: dict[str, Any], path: Path) -> Description:
         raise StoreError(
             "dataset.json lacks something or has something wrong",
             where=str(path),
-            found=f"{type(error).__name__}: {error}",
+            found=shown(error),
             fix=REBUILD,
         ) from error
+
+
+#: What commands show of a dataset, and of what type it is where it is there.
+_ABOUT: dict[str, type] = {
+    **dict.fromkeys(("name", "dataset", "licence", "citation", "recipe_sha256", "source_sha256", "self_sha256"), str),
+    **dict.fromkeys(("recipe", "source", "counts", "rejects", "axes", "content", "genre_ids", "packages"), dict),
+    "quality_flags": int,
+}
+
+
+def _check_about(document: Mapping[str, Any]) -> None:
+    """Raise ValueError for a value of another type than a build writes, so that nobody has to look who shows it."""
+    for key, kind in _ABOUT.items():
+        if not isinstance(document.get(key, kind()), kind):
+            raise ValueError(f"{key} is a {type(document[key]).__name__}, not a {kind.__name__}")
+    if len(canonical_json(document.get("recipe", {}))) > MAX_RECIPE:
+        raise ValueError(f"a recipe of more than {MAX_RECIPE:,} characters")
+    for split, counts in document.get("counts", {}).items():
+        for name in ("clips", "windows", "frames", "songs"):
+            _whole(counts[name])
+        if not _is_number(counts["hours"]):
+            raise ValueError(f"{shown(split)} has {quoted(counts['hours'])} hours")
+    notes = document.get("source", {}).get("notes", [])
+    if not isinstance(notes, list) or not all(isinstance(note, str) for note in notes):
+        raise ValueError("the notes on the source are not a list of texts")
 
 
 def _shard(entry: Mapping[str, Any]) -> ShardEntry:
     file = entry["file"]
     if not isinstance(file, str) or not is_shard_name(file) or Path(file).name != file:
-        raise ValueError(f"{file!r} is no shard's name")
+        raise ValueError(f"{quoted(file)} is no shard's name")
     numbers = {name: _whole(entry[name]) for name in ("size", "clips", "windows")}
     return ShardEntry(file=file, split=str(entry["split"]), sha256=str(entry["sha256"]), **numbers)
 
 
 def _whole(value: Any) -> int:
     if not isinstance(value, int) or isinstance(value, bool) or value < 0:
-        raise ValueError(f"{value!r} is no whole number")
+        raise ValueError(f"{quoted(value)} is no whole number")
     return value
+
+
+def _is_number(value: Any) -> bool:
+    """Tell whether it is a number that a float can hold."""
+    return type(value) in (int, float) and abs(value) < _LARGE
 
 
 def _one_of(value: Any, allowed: tuple[str, ...]) -> str:
     if value not in allowed:
-        raise ValueError(f"{value!r} is none of {', '.join(allowed)}")
+        raise ValueError(f"{quoted(value)} is none of {', '.join(allowed)}")
     return str(value)

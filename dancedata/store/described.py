@@ -15,6 +15,7 @@ from pathlib import Path
 
 from dancedata.core.errors import StoreError
 from dancedata.core.hashing import sha256_bytes
+from dancedata.core.regular_file import read_regular
 from dancedata.store.dataset_json import REBUILD, Description, load_description
 from dancedata.store.schema import DATASET_FILE
 
@@ -119,8 +120,8 @@ def describes(description: Description, name: str, size: int, sha256: str) -> bo
     return listed.get(name) == (size, sha256)
 
 
-def read_described(folder: Path, description: Description, name: str) -> str:
-    """Read a side file of an open dataset, such as stats.json.
+def read_described(folder: Path, description: Description, name: str, limit: int) -> str:
+    """Read a side file of an open dataset, such as stats.json, of at most `limit` bytes.
 
     One that was changed in its place is read as it is; `check` finds it.
 
@@ -133,7 +134,7 @@ def read_described(folder: Path, description: Description, name: str) -> str:
     """
     entry = description.files.get(name)
     try:
-        data: bytes | None = _bytes_of(folder / name)
+        data: bytes | None = read_regular(folder / name, limit)
     except FileNotFoundError:
         data = None
     if entry is not None and (data is None or sha256_bytes(data) != entry["sha256"]):
@@ -146,14 +147,6 @@ def read_described(folder: Path, description: Description, name: str) -> str:
     if data is None:
         raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(folder / name))
     return data.decode("utf-8")
-
-
-def _bytes_of(path: Path) -> bytes:
-    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
-    with os.fdopen(descriptor, "rb") as file:
-        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
-            raise OSError("it is not a regular file")
-        return file.read()
 
 
 def built_again(folder: Path, found: str) -> StoreError:

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.errors import StoreError
+from dancedata.core.text import shown
 from dancedata.store.schema import ALIGNMENT
 from dancedata.store.sparse_file import SparseFile
 
@@ -61,7 +62,7 @@ def open_file(path: Path, require: Callable[[int], None] | None = None) -> Itera
         raise StoreError(
             "a shard cannot be read",
             where=str(path),
-            found=str(error),
+            found=shown(str(error), 600),
             fix="run dancedata check on the dataset",
         ) from error
 

@@ -132,7 +132,10 @@ def locate_windows(
     if len(windows) and (windows.length != windows.length[0]).any():
         lengths = sorted({int(n) for n in windows.length})
         raise StoreError(
-            "windows of one split have several lengths", found=lengths, fix="run dancedata check on the dataset"
+            "windows of one split have several lengths",
+            where=str(places[int(windows.clip[0])][0].path.parent),
+            found=lengths,
+            fix="run dancedata check on the dataset",
         )
     used = np.unique(windows.clip).tolist()
     shards = tuple(dict.fromkeys(places[k][0] for k in used))

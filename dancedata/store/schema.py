@@ -16,6 +16,7 @@ from dancedata.core.columns import Columns
 from dancedata.core.errors import StoreError
 from dancedata.core.grid import as_rate
 from dancedata.core.skeleton import Skeleton
+from dancedata.core.text import quoted
 
 #: Version of the layout. A reader refuses every other.
 FORMAT = 1
@@ -142,7 +143,7 @@ class Field:
         """Read back what `to_json` gave; raises ValueError for what it never gives."""
         known = obj["kind"] in ("motion", "keymotion", "audio") and obj["dtype"] in ("float32", "float16")
         if not known or not isinstance(obj["name"], str) or not _NAME.match(obj["name"]):
-            raise ValueError(f"a field {obj['name']!r}, {obj['kind']!r} of {obj['dtype']!r}")
+            raise ValueError(f"a field {quoted(obj['name'])}, {quoted(obj['kind'])} of {quoted(obj['dtype'])}")
         return cls(
             name=obj["name"],
             kind=obj["kind"],
@@ -316,7 +317,7 @@ def check_name(name: str, what: str) -> None:
     if not _NAME.match(name):
         raise StoreError(
             f"not usable as the name of a {what}",
-            found=repr(name),
+            found=quoted(name),
             allowed="ASCII letters, digits and _ . + -, beginning with a letter or digit",
         )
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
@@ -12,7 +11,9 @@ from typing import Any, Literal
 from dancedata.core.atomic import OWN
 from dancedata.core.errors import StoreError
 from dancedata.core.hashing import sha256_file
-from dancedata.store.dataset_json import Description, ShardEntry, load_description, self_hash
+from dancedata.core.regular_file import read_regular
+from dancedata.core.text import shown
+from dancedata.store.dataset_json import MAX_BYTES, Description, ShardEntry, json_stats, load_description, self_hash
 from dancedata.store.problem import Problem
 from dancedata.store.schema import (
     CARD_FILE,
@@ -109,14 +110,14 @@ def _check_side_files(folder: Path, description: Description) -> Iterator[Proble
 
 def _check_stats(path: Path, description: Description) -> Iterator[Problem]:
     try:
-        stats = json.loads(path.read_text(encoding="utf-8"))
-        fields, n_windows = stats["fields"], stats["windows"]
-    except (ValueError, KeyError, TypeError, OSError) as error:
-        yield Problem("error", str(path), f"it cannot be read: {type(error).__name__}: {error}")
+        stats = json_stats(read_regular(path, MAX_BYTES).decode("utf-8"))
+        fields, n_windows = list(stats["fields"]), stats["windows"]
+    except (ValueError, KeyError, OSError) as error:
+        yield Problem("error", str(path), f"it cannot be read: {shown(error)}")
         return
     wanted = [f.name for f in description.fields] if n_windows else []
     if sorted(fields) != sorted(wanted):
-        yield Problem("error", str(path), f"it has fields {_list(list(fields))}, not {_list(wanted)}")
+        yield Problem("error", str(path), f"it has fields {_list(fields)}, not {_list(wanted)}")
 
 
 def _compare_file(path: Path, entry: Mapping[str, Any]) -> str:
@@ -202,5 +203,5 @@ def _find_strangers(folder: Path, description: Description) -> Iterator[Problem]
 
 
 def _list(names: Sequence[str]) -> str:
-    shown = ", ".join(names[:_SHOWN]) or "none"
-    return shown + (f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else "")
+    listed = ", ".join(map(shown, names[:_SHOWN])) or "none"
+    return listed + (f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else "")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -120,6 +121,45 @@ class TestBadFiles:
         (tmp_path / "cut.wav").write_bytes((tmp_path / "a.wav").read_bytes()[:30])
         with pytest.raises(DataError, match=r"cut\.wav") as error:
             read(tmp_path / "cut.wav")
+        assert _reason(error) == "broken_audio"
+
+    @pytest.mark.parametrize("rate", [1, 7, 3999, 400_001, 2_000_000_000])
+    def test_rates_that_no_sound_has(self, tmp_path: Path, read: Callable[[Path], object], rate: int) -> None:
+        """A low one makes hours of a small file, and gigabytes once it is resampled."""
+        soundfile.write(tmp_path / "a.wav", np.zeros(100_000), rate)
+        with pytest.raises(
+            DataError, match=rf"a\.wav.*{rate:,} samples a second; allowed: 4,000 to 400,000"
+        ) as error:
+            read(tmp_path / "a.wav")
+        assert _reason(error) == "broken_audio"
+
+    @pytest.mark.parametrize("rate", [4000, 400_000])
+    def test_rates_at_the_bounds(self, tmp_path: Path, read: Callable[[Path], object], rate: int) -> None:
+        soundfile.write(tmp_path / "a.wav", np.zeros(100), rate)
+        read(tmp_path / "a.wav")
+
+    def test_silence_that_is_long_once_resampled(self, tmp_path: Path, read: Callable[[Path], object]) -> None:
+        """Half an hour at 4 kHz: 29 MB as it is, 346 MB at 48 kHz, in a file of some kilobytes."""
+        soundfile.write(tmp_path / "a.flac", np.zeros(4000 * 1800, np.int16), 4000)
+        assert (tmp_path / "a.flac").stat().st_size < 200_000
+        with pytest.raises(DataError, match=r"a\.flac.*345,600,000 bytes once resampled to 48,000 Hz") as error:
+            read(tmp_path / "a.flac")
+        assert _reason(error) == "broken_audio"
+
+    def test_music_that_is_too_long_once_resampled(
+        self, tmp_path: Path, read: Callable[[Path], object], monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr("dancedata.audio.signal.MAX_BYTES", 4 * 48_000)
+        soundfile.write(tmp_path / "a.wav", np.zeros(8000), 8000)
+        read(tmp_path / "a.wav")
+        soundfile.write(tmp_path / "a.wav", np.zeros(8001), 8000)
+        with pytest.raises(DataError, match="once resampled"):
+            read(tmp_path / "a.wav")
+
+    def test_a_pipe(self, tmp_path: Path, read: Callable[[Path], object]) -> None:
+        os.mkfifo(tmp_path / "a.wav")
+        with pytest.raises(DataError, match="a named pipe, not a regular file") as error:
+            read(tmp_path / "a.wav")
         assert _reason(error) == "broken_audio"
 
     @pytest.mark.parametrize("name", ["nowhere.wav", "."])

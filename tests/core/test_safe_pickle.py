@@ -15,7 +15,7 @@ import pytest
 from numpy._core.multiarray import _reconstruct, scalar
 
 from dancedata.core.errors import DataError
-from dancedata.core.safe_pickle import load_pickle
+from dancedata.core.safe_pickle import MAX_DEPTH, as_array, load_pickle
 
 
 class Call:
@@ -196,4 +196,141 @@ def test_flipped_bytes_do_not_crash(path: Path) -> None:
 def test_missing_file(path: Path) -> None:
     with pytest.raises(DataError, match="cannot be read") as error:
         load_pickle(path)
+    assert error.value.reason == "broken_file"
+
+
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [
+        ({(1, 2): 3}, "a key that is neither text nor a small whole number: (1, 2)"),
+        ({2.5: 3}, "a key"),
+        ({b"x": 3}, "a key"),
+        ({None: 3}, "a key"),
+        ({1 << 63: 3}, "a key"),
+        ({"a": {True: 3}}, "a key"),
+        (OrderedDict({(): 1}), "a key"),
+        ({1.5}, "a member of a set that is neither text nor a small whole number: 1.5"),
+        ([frozenset({(1,)})], "a member of a set"),
+    ],
+)
+@pytest.mark.parametrize("protocol", range(6))
+def test_keys_and_members_are_text_and_small_numbers(path: Path, protocol: int, value: Any, said: str) -> None:
+    assert said in refused(path, pickle.dumps(value, protocol), "broken_file")
+
+
+@pytest.mark.parametrize("protocol", range(6))
+def test_nesting_is_bounded(path: Path, protocol: int) -> None:
+    for build in (lambda v: [v], lambda v: {"a": v}, lambda v: (v,), lambda v: np.array([[v], None], dtype=object)):
+        value: Any = None
+        for _ in range(MAX_DEPTH - 10):
+            value = [build(value)] if isinstance(value, np.ndarray) else build(value)
+        path.write_bytes(pickle.dumps([value, value], protocol))
+        with suppress(DataError):  # arrays of objects within each other are none
+            load_pickle(path)
+    deep: Any = 1.0
+    for _ in range(MAX_DEPTH):
+        deep = [deep]
+    path.write_bytes(pickle.dumps(deep, protocol))
+    assert load_pickle(path) == deep
+    assert "nested more than" in refused(path, pickle.dumps([deep], protocol), "broken_file")
+    # As deep, but reached by a shorter way first.
+    assert "nested more than" in refused(path, pickle.dumps([deep[0], deep], protocol), "broken_file")
+    around: list[Any] = []
+    around.append({"a": (around,)})
+    assert "holds itself" in refused(path, pickle.dumps(around, protocol), "broken_file")
+
+
+def test_an_array_whose_axes_lie_in_another_order(path: Path) -> None:
+    values = np.arange(24.0).reshape(2, 3, 4).transpose(2, 0, 1)
+    for protocol in range(6):
+        path.write_bytes(pickle.dumps(values, protocol))
+        np.testing.assert_array_equal(load_pickle(path), values)
+
+
+def test_arrays_of_objects_do_not_hold_each_other(path: Path) -> None:
+    inner = np.array([None, "x"], dtype=object)
+    ragged = np.array([np.arange(2.0), np.arange(3.0)], dtype=object)
+    path.write_bytes(pickle.dumps(ragged, 4))
+    assert [len(row) for row in load_pickle(path)] == [2, 3]
+    outer = np.empty(1, dtype=object)
+    outer[0] = inner
+    refused(path, pickle.dumps(outer, 4), "broken_file")
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        forged("f8", (3, "<", None, None, None, -1, -1, 0), (2,) * 40, b"A" * 8),
+        forged("f8", (3, "<", None, None, None, -1, -1, 0), (1 << 70,), b"A" * 8),
+        forged("f8", (3, "<", None, None, None, -1, -1, 0), [1], b"A" * 8),
+        forged("f8", (3, "<", None, None, None, -1, -1, 0), (True,), b"A" * 8),
+        forged("f8", (3, "<", None, None, None, (-1,), -1, 0), (1,), b"A" * 8),
+        Call(np.dtype, "f8,f8", False, True),
+        Call(np.dtype, ("f8", "<"), False, True),
+        Call(np._core.numeric._frombuffer, b"A" * 8, np.dtype("f8"), (1,), "A"),
+        Call(np._core.numeric._frombuffer, b"A" * 8, np.dtype("f8"), (1,), "K", [0]),
+    ],
+)
+def test_shapes_and_types_are_looked_at_before_numpy_sees_them(path: Path, value: Any) -> None:
+    refused(path, pickle.dumps(value, 2), "broken_file")
+
+
+def test_a_pickle_builds_no_more_than_it_holds(path: Path) -> None:
+    """One text of 100 kB, made to bytes a hundred times."""
+    text = b"X" + struct.pack("<I", 100_000) + b"a" * 100_000 + b"q\x000"
+    calls = b"](" + b"c_codecs\nencode\nh\x00\x85R" * 100 + b"e."
+    assert "builds more than it holds" in refused(path, b"\x80\x02" + text + calls, "broken_file")
+    # Whatever numpy writes is far below that.
+    for protocol in range(6):
+        path.write_bytes(pickle.dumps([np.full(10, n) for n in range(300)], protocol))
+        assert len(load_pickle(path)) == 300
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"\x80\x02c__builtin__\nset\n)\x81.",
+        b"(c__builtin__\nset\no.",
+        b"(i__builtin__\nset\n.",
+        b"\x80\x02]K\x00Ns.",
+        b"\x80\x02}Na.",
+        b"\x80\x04\x8f(K\x01e.",
+        b"\x80\x02NNR.",
+    ],
+)
+def test_objects_are_made_and_filled_in_no_other_way(path: Path, data: bytes) -> None:
+    refused(path, data, "unsafe_pickle")
+
+
+@pytest.mark.parametrize(
+    ("value", "dtype"),
+    [
+        (np.arange(3.0), "float64"),
+        (np.float32(1.5), "float32"),
+        ([1, 2.5, np.float32(2)], "float64"),
+        ((1, 2), "int64"),
+        (7, "int64"),
+        ([], "float64"),
+    ],
+)
+def test_values_that_are_arrays(value: Any, dtype: str) -> None:
+    array = as_array(value)
+    assert array is not None
+    assert array.dtype == dtype
+
+
+@pytest.mark.parametrize("value", [[[1.0]], [[1], [2]], "text", None, [True], {1: 2}, [1, None]])
+def test_values_that_are_none(value: Any) -> None:
+    assert as_array(value) is None
+
+
+def test_a_pickle_that_is_too_large(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("dancedata.core.safe_pickle.MAX_PICKLE_BYTES", 100)
+    assert "bigger than 100 bytes" in refused(path, pickle.dumps("x" * 200), "broken_file")
+
+
+def test_a_pipe_for_a_pickle(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "a.pkl")
+    with pytest.raises(DataError, match="a named pipe") as error:
+        load_pickle(tmp_path / "a.pkl")
     assert error.value.reason == "broken_file"

@@ -1,7 +1,8 @@
 """Reads cases in a process of its own, which a broken reader may take down; hunt.py starts it and looks.
 
-A case may end in a valid result or in an error of the DanceDataError family that names the file. All else is a
-finding: another exception, more than a second of processor time, more than 200 MB, anything run or written.
+A case may end in a valid result or in an error of the DanceDataError family that names the file, is short, and can be
+printed and stored. All else is a finding: another exception, more than a second of processor time, more than 200 MB,
+anything run or written.
 """
 
 from __future__ import annotations
@@ -27,12 +28,14 @@ from typing import Any
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))
 
-from targets import DEFECT, TARGETS, Target  # noqa: E402 -- lies beside this script
+from targets import DEFECT, TARGETS, Target, is_plain  # noqa: E402 -- lies beside this script
 
-from dancedata.core.errors import DanceDataError  # noqa: E402
+from dancedata.core.errors import DanceDataError, RecipeError  # noqa: E402
 
 LIMIT_S = 1.0
 LIMIT_BYTES = 200 << 20
+#: Characters of an error; one about a recipe lists all that is wrong with it.
+MAX_MESSAGE = 2500
 #: Exit status of a child in which foreign code was about to run.
 TRIPPED = 97
 _FORBIDDEN = [
@@ -131,19 +134,15 @@ class Runner:
         self.outcome = ""
         self.outcomes: Counter[str] = Counter()
         self.limited = False
-        self.limit_bytes = resource.RLIM_INFINITY
-        self.peak_before = 0
         self.slowest_s = 0.0
+        self.growth_bytes = 0
         self.cases = 0
         self.found: list[dict[str, str]] = []
         warnings.simplefilter("error")
 
     def begin(self) -> None:
         """From here on the limits hold."""
-        self.cases, self.outcomes = 0, Counter()
-        pages = int(Path("/proc/self/statm").read_text().split()[0])
-        self.peak_before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-        self.limit_bytes = pages * resource.getpagesize() + LIMIT_BYTES
+        self.cases, self.outcomes, self.growth_bytes = 0, Counter(), 0
         signal.signal(signal.SIGPROF, signal.SIG_DFL)
         self.limited = True
         sys.addaudithook(self._audit)
@@ -169,9 +168,11 @@ class Runner:
         self.folder.mkdir(parents=True)
         path = self.folder / self.target.file
         path.write_bytes(data)
+        held, resident = _memory()
         self.watching = True
         # The limit is the reader's: what makes the cases, an LZMA compressor say, may need more.
-        resource.setrlimit(resource.RLIMIT_AS, (self.limit_bytes, resource.RLIM_INFINITY))
+        if self.limited:
+            resource.setrlimit(resource.RLIMIT_AS, (held + LIMIT_BYTES, resource.RLIM_INFINITY))
         try:
             self.target.read(path)
             self.outcome = "valid"
@@ -182,21 +183,25 @@ class Runner:
                 self._finding("memory", data, error)
             elif not any(name in str(error) for name in (path.name, str(self.folder), *self.target.also)):
                 self._finding("the error does not name the file", data, error)
+            elif len(str(error)) > MAX_MESSAGE * (10 if isinstance(error, RecipeError) else 1):
+                self._finding("the message is not cut", data, error)
+            elif not is_plain(str(error)):
+                self._finding("the message does not print", data, error)
         except BaseException as error:  # noqa: BLE001 -- whatever it is, it is a finding
             self.watching = False
             self._finding(type(error).__name__, data, error)
         finally:
             self.watching = False
             resource.setrlimit(resource.RLIMIT_AS, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+            self.growth_bytes = max(self.growth_bytes, _peak() - resident)
 
     def report(self) -> dict[str, Any]:
         """Return what is to be known of all cases."""
-        grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - self.peak_before
         return {
             "cases": self.cases,
             "outcomes": dict(self.outcomes),
             "slowest_s": round(self.slowest_s, 3),
-            "peak_growth_mb": round(grown / 1024, 1),
+            "peak_growth_mb": round(self.growth_bytes / 2**20, 1),
             "findings": self.found,
         }
 
@@ -220,6 +225,19 @@ class Runner:
             stack = "".join(traceback.format_stack()[-6:-1])
             os.write(2, f"tripwire: {event} {arguments!r}"[:300].encode() + b"\n" + stack.encode())
             os._exit(TRIPPED)
+
+
+def _memory() -> tuple[int, int]:
+    """Return the address space of this process and what of it is in memory, bytes; the peak is counted from here."""
+    Path("/proc/self/clear_refs").write_text("5")
+    held, resident = Path("/proc/self/statm").read_text().split()[:2]
+    return int(held) * resource.getpagesize(), int(resident) * resource.getpagesize()
+
+
+def _peak() -> int:
+    """Return the most that was in memory since `_memory`, bytes."""
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return 1024 * next(int(line.split()[1]) for line in lines if line.startswith("VmHWM"))
 
 
 def _is_own(event: str, arguments: tuple[Any, ...]) -> bool:

@@ -1,7 +1,8 @@
 """Fuzzes the readers: broken files of all formats, in child processes that may die.
 
-python tests/fuzz/hunt.py --cases 100000          (a nightly run)
-python tests/fuzz/hunt.py --target bvh --cases 5000 --seed 7 --keep found/
+python tests/fuzz/hunt.py release --keep found/     (1,000,000 cases, before a release)
+python tests/fuzz/hunt.py nightly
+python tests/fuzz/hunt.py --target bvh --cases 5000 --seed 7
 """
 
 from __future__ import annotations
@@ -21,8 +22,10 @@ from pathlib import Path
 from typing import Any
 
 HERE = Path(__file__).resolve().parent
-#: Cases of one child process.
-BATCH = 1000
+#: Runs by name: cases and seed.
+RUNS = {"tests": (2_000, 20_260), "nightly": (100_000, 20_261), "release": (1_000_000, 20_262)}
+#: Cases of one child process, of bytes changed and of structure: hypothesis keeps what it has drawn in memory.
+BATCH, BATCH_STRUCTURED = 5000, 1000
 #: Hypothesis makes one case in four.
 STRUCTURED_PART = 4
 #: A child that waits for something without using the processor is ended after this time, and so much a case more.
@@ -111,7 +114,8 @@ def hunt(cases: int, seed: int, targets: Sequence[str], workers: int) -> list[di
     for target in targets:
         of_hypothesis = 0 if target in WITHOUT_STRUCTURE else each // STRUCTURED_PART
         for structured, total in ((False, each - of_hypothesis), (True, of_hypothesis)):
-            batches += [(target, k, min(BATCH, total - k), structured) for k in range(0, total, BATCH)]
+            size = BATCH_STRUCTURED if structured else BATCH
+            batches += [(target, k, min(size, total - k), structured) for k in range(0, total, size)]
     # All targets get their first cases before any gets its last: a run that is stopped has seen all formats.
     batches.sort(key=lambda batch: batch[1])
     reports = []
@@ -144,8 +148,9 @@ def main() -> int:
     from targets import TARGETS
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--cases", type=int, default=100_000)
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("run", nargs="?", choices=RUNS, default="nightly", help="number of cases, and seed")
+    parser.add_argument("--cases", type=int, help="instead of the run's")
+    parser.add_argument("--seed", type=int, help="instead of the run's")
     parser.add_argument("--target", action="append", choices=TARGETS)
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--keep", type=Path, help="folder for what is found")
@@ -155,7 +160,9 @@ def main() -> int:
     if given.list:
         print(*TARGETS)
         return 0
-    reports = hunt(given.cases, given.seed, given.target or list(TARGETS), given.workers)
+    cases, seed = RUNS[given.run]
+    cases, seed = given.cases or cases, seed if given.seed is None else given.seed
+    reports = hunt(cases, seed, given.target or list(TARGETS), given.workers)
     if given.json:
         print(json.dumps(reports))
     else:
@@ -174,8 +181,11 @@ def main() -> int:
                 seen.add((finding["what"], finding["where"]))
                 said = {k: v for k, v in finding.items() if k != "data"}
                 print(f"{report['target']}: {said}", file=sys.stderr)
+    n_found = sum(len(r["findings"]) for r in reports)
+    slowest, growth = (max(r[name] for r in reports) for name in ("slowest_s", "peak_growth_mb"))
     print(
-        f"{sum(r['cases'] for r in reports)} cases, {sum(len(r['findings']) for r in reports)} findings",
+        f"{sum(r['cases'] for r in reports):,} cases with seed {seed}: {n_found} findings, the slowest case "
+        f"{slowest:.3f} s, the largest growth {growth:.1f} MB",
         file=sys.stderr,
     )
     return 1 if seen else 0

@@ -16,7 +16,7 @@ _WORDS = (
     b".. / \\ ~ %s \x00 \xff \xef\xbb\xbf \xe2\x80\xa8 \r \t !!python/object/apply:os.system &a *a << "
     b"End\tSite JOINT ROOT MOTION OFFSET CHANNELS Frames: (1e9,) 'O' '<f8' |O"
 ).split(b" ")
-_MAX_BYTES = 1 << 20
+MAX_BYTES = 1 << 20
 
 
 def mutated(seeds: Sequence[bytes], rng: Random, *, text: bool) -> bytes:
@@ -25,7 +25,7 @@ def mutated(seeds: Sequence[bytes], rng: Random, *, text: bool) -> bytes:
     kinds = _OF_TEXT if text else _OF_BYTES
     for _ in range(rng.randint(1, 4)):
         rng.choice(kinds)(data, seeds, rng)
-    return bytes(data[:_MAX_BYTES])
+    return bytes(data[:MAX_BYTES])
 
 
 def mutated_members(archive: bytes, rng: Random) -> bytes:

@@ -8,6 +8,7 @@ import json
 import pickle
 import struct
 import zipfile
+from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -16,7 +17,10 @@ import numpy as np
 import yaml
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from targets import MANIFEST, RECIPE, SHARD, TARGETS, npy, pickles, store
+from mutations import MAX_BYTES
+from programs import AROUND, ATOMS, programs
+from targets import TARGETS
+from valid_files import MANIFEST, RECIPE, SHARD, npy, pickles, store
 
 Draw = Callable[[st.SearchStrategy[Any]], Any]
 
@@ -150,11 +154,24 @@ _ARRAYS = hnp.arrays(
 )
 
 
+_KEYS = st.one_of(st.integers(), _TEXTS, st.floats(), st.none(), st.binary(max_size=3), st.tuples(st.integers()))
+_SETS = st.one_of(
+    st.sets(_KEYS, max_size=4),
+    st.frozensets(_KEYS, max_size=4),
+    st.dictionaries(_KEYS, st.integers(), max_size=3),
+    st.dictionaries(_KEYS, st.integers(), max_size=3).map(OrderedDict),
+)
+
+
 @st.composite
 def _pickles(draw: Draw) -> bytes:
     content = dict(pickle.loads(pickles()[0]))
     leaves = st.one_of(_NUMBERS, _TEXTS, st.binary(max_size=9), _ARRAYS, st.none())
-    value = st.recursive(leaves, lambda inner: st.lists(inner, max_size=4) | st.tuples(inner, inner), max_leaves=5)
+    value = st.recursive(
+        leaves | _SETS, lambda inner: st.lists(inner, max_size=4) | st.tuples(inner, inner), max_leaves=5
+    )
+    if draw(st.booleans()):
+        return draw(programs())
     content |= draw(st.dictionaries(_NAMES, value, min_size=1, max_size=3))
     for name in draw(st.lists(st.sampled_from(sorted(content)), max_size=1)):
         del content[name]
@@ -245,14 +262,17 @@ def _bvhs(draw: Draw) -> bytes:
 
 @st.composite
 def _wavs(draw: Draw) -> bytes:
-    word = st.sampled_from([0, 1, 2, 1000, 48_000, 2**31 - 1, 2**31, 2**32 - 1])
-    kind = draw(st.sampled_from([1, 1, 1, 3, 2, 6, 17, 85, 0xFFFE]))
-    channels = draw(st.sampled_from([0, 1, 2, 8, 255, 1024, 1025, 65_535]))
-    bits = draw(st.sampled_from([0, 1, 4, 8, 16, 24, 32, 64, 65_535]))
-    align = draw(st.sampled_from([channels * bits // 8 % 65_536, 0, 1, 65_535]))
+    word = st.sampled_from([0, 1, 2, 7, 1000, 3999, 4000, 47_999, 48_000, 400_001, 2**31 - 1, 2**31, 2**32 - 1])
+    kind, channels, bits = 1, 1, 8
+    align = 1
+    if draw(st.booleans()):  # else all but the rate, the length and the chunks is right
+        kind = draw(st.sampled_from([1, 1, 1, 3, 2, 6, 17, 85, 0xFFFE]))
+        channels = draw(st.sampled_from([0, 1, 2, 8, 255, 1024, 1025, 65_535]))
+        bits = draw(st.sampled_from([0, 1, 4, 8, 16, 24, 32, 64, 65_535]))
+        align = draw(st.sampled_from([channels * bits // 8 % 65_536, 0, 1, 65_535]))
     rate = draw(word)
     fmt = struct.pack("<HHIIHH", kind, channels, rate, draw(word), align, bits) + draw(st.binary(max_size=30))
-    data = draw(st.binary(max_size=200))
+    data = draw(st.binary(max_size=200)) * draw(st.sampled_from([1, 1, 1, 4000]))
     chunks = [(b"fmt ", fmt), (b"data", data)]
     extra = st.tuples(
         st.sampled_from([b"fact", b"LIST", b"cue ", b"bext", b"smpl", b"PEAK", b"data", b"fmt "]),
@@ -302,7 +322,8 @@ def _shards(draw: Draw) -> bytes:
                 file.create_dataset(name, (n_rows if packed else 1 << 30, *shape[1:]), dtype, **options)
             elif kind == "replace":
                 _replace(draw, file, name, shape, dtype)
-    return memory.getvalue()
+    # libhdf5 may have made room for what was only announced.
+    return memory.getvalue() if memory.getbuffer().nbytes < MAX_BYTES else store()[SHARD]
 
 
 def _replace(draw: Draw, file: h5py.File, name: str, shape: tuple[int, ...], dtype: Any) -> None:
@@ -318,6 +339,37 @@ def _replace(draw: Draw, file: h5py.File, name: str, shape: tuple[int, ...], dty
         file.create_dataset(name, chosen[1], chosen[0], **packed)
 
 
+def _lines(target: str) -> st.SearchStrategy[bytes]:
+    @st.composite
+    def made(draw: Draw) -> bytes:
+        rows = [json.loads(line) for line in TARGETS[target].seeds()[0].splitlines()]
+        edited = _edited(draw, rows * draw(st.sampled_from([1, 1, 50])))
+        return b"\n".join(map(_as_json, edited if isinstance(edited, list) else [edited]))
+
+    return made()
+
+
+#: Names that archives of other systems leave behind, or that somebody made up to hurt.
+_RAW_NAMES = st.one_of(
+    st.sampled_from(
+        [b"\xff", b"caf\xe9", b"\x82\xa0\x82\xa2", b"\xed\xa0\x80", b"\x1b[2J", b"a\nb", b"-rf", b"\xe2\x80\xae"]
+    ),
+    st.binary(max_size=12),
+    st.text(max_size=8).map(lambda text: text.encode("utf-8", "surrogatepass")),
+    st.sampled_from(
+        [b"001", b"manifest.csv", b"motions", b"wavs", b"M001", b"gBR_sBM_cAll_d04_mBR2_ch08", b"x" * 400]
+    ),
+)
+
+
+@st.composite
+def _torch(draw: Draw) -> bytes:
+    """A torch file around a pickle that no torch writes."""
+    data = TARGETS["weights"].seeds()[0]
+    at = draw(st.integers(60, data.index(b"u.")))
+    return data[:at] + draw(ATOMS) + b"".join(draw(st.lists(AROUND, max_size=2))) + b"0" + data[at:]
+
+
 STRATEGIES: dict[str, st.SearchStrategy[bytes]] = {
     "pickle": _pickles(),
     "npy": _npys(),
@@ -328,9 +380,13 @@ STRATEGIES: dict[str, st.SearchStrategy[bytes]] = {
     "label": _documents("label"),
     "dataset_json": _documents("dataset_json"),
     "stats": _documents("stats"),
+    "rejects": _lines("rejects"),
+    "quality": _lines("quality"),
     "recipe": _recipes(),
     "csv": _csv(),
     "jsonl": _jsonl(),
     "names": _TEXTS.map(lambda text: text.encode("utf-8", "surrogatepass")),
+    "file_names": st.lists(_RAW_NAMES, max_size=3).map(b"\0".join),
+    "weights": _torch(),
     "hdf5": _shards(),
 }

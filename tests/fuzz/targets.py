@@ -3,38 +3,32 @@
 from __future__ import annotations
 
 import hashlib
-import io
 import json
-import pickle
-import wave
+import os
+import unicodedata
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
-from fractions import Fraction
-from functools import lru_cache
 from pathlib import Path
 from random import Random
 from typing import Any
 
 import mutations
 import numpy as np
-
-MANIFEST = """motion,audio,split,genre,dancer,tempo_bpm,fps,up,unit
-a/b.bvh,s.wav,train,waltz,anna,120,,,cm
-a/c.npz,s.wav,train,waltz,"anna, b",120,,,
-d.npy,t.mp3,test,tango,ben,,30000/1001,y,0.01
-"""
-RECIPE = """recipe: 1
-name: mine
-dataset: {folder: {unit: cm, fps: 30, up: y, joint_map: {pelvis: Hips}}}
-fps: 30
-scope: track
-windows: {length_s: 5, stride_s: 0.5, filter: {movement: {field: edge151, min_std: 0.07}}}
-motion: {edge151: {contacts: {velocity: {max_speed_m_s: 0.3}}}, joints: {}}
-audio: {librosa35: {}}
-keymotion: {lodge: {}}
-augment: {mirror: true}
-store: {shard_mb: 256}
-"""
+from valid_files import (
+    MANIFEST,
+    RECIPE,
+    SHARD,
+    body_models,
+    bvh,
+    encoded,
+    npy,
+    npz,
+    pickles,
+    store,
+    wav,
+    weights,
+)
 
 
 @dataclass(frozen=True)
@@ -63,136 +57,6 @@ class Target:
             return mutations.mutated_members(rng.choice(seeds), rng)
         data = mutations.mutated(seeds, rng, text=self.text)
         return mutations.with_ogg_checksums(data) if self.file.endswith(".ogg") and rng.random() < 0.8 else data
-
-
-def _saved(array: Any) -> bytes:
-    file = io.BytesIO()
-    np.save(file, array)
-    return file.getvalue()
-
-
-def _zipped(compressed: bool = False, **arrays: Any) -> bytes:
-    file = io.BytesIO()
-    (np.savez_compressed if compressed else np.savez)(file, **arrays)
-    return file.getvalue()
-
-
-def _rng() -> np.random.Generator:
-    return np.random.default_rng(0)
-
-
-def pickles() -> list[bytes]:
-    """Return motions as AIST++ has them, by old and new pickle protocols."""
-    content = {
-        "smpl_poses": _rng().normal(0, 0.3, (5, 72)).astype(np.float32),
-        "smpl_trans": _rng().normal(90, 20, (5, 3)),
-        "smpl_scaling": np.array([93.75], np.float32),
-        "smpl_loss": 1.5,
-    }
-    return [pickle.dumps(content, protocol) for protocol in (0, 2, 4, 5)] + [
-        pickle.dumps({**content, "names": ["a", b"b", {1}, frozenset({2}), None], "gender": "male"}),
-        pickle.dumps(np.zeros((4, 72))),
-    ]
-
-
-def npy() -> list[bytes]:
-    """Return motions as FineDance has them."""
-    rows = np.tile(np.array([1, 0, 0, 0, 1, 0], np.float32), (6, 52))
-    columns = np.concatenate([np.zeros((6, 3), np.float32), rows], axis=1)
-    return [_saved(columns), _saved(np.asfortranarray(columns.astype(">f8"))), _saved(np.zeros((3, 72)))]
-
-
-def npz() -> list[bytes]:
-    """Return motions in the layouts of AMASS, SMPL and SMPL-X."""
-    small = _rng().normal(0, 0.3, (4, 165)).astype(np.float32)
-    trans = np.zeros((4, 3), np.float32)
-    parts = {"global_orient": small[:, :3], "body_pose": small[:, :63], "transl": trans, "jaw_pose": small[:, :3]}
-    return [
-        _zipped(
-            poses=small[:, :156],
-            trans=trans,
-            betas=np.zeros(16),
-            gender=np.array("male"),
-            mocap_framerate=np.array(120.0),
-        ),
-        _zipped(True, poses=small[:, :72], trans=trans, fps=np.array(30)),
-        _zipped(smpl_poses=small[:, :72].reshape(4, 24, 3), smpl_trans=trans, smpl_scaling=np.array([90.0])),
-        _zipped(True, **parts, pose_hand=small[:, :90], mocap_frame_rate=np.array(60.0)),
-    ]
-
-
-def body_models() -> list[bytes]:
-    """Return a SMPL model with few vertices."""
-    from dancedata.core.skeleton import SMPL24
-
-    parents = np.stack([np.array(SMPL24.parents) % 2**32, np.arange(24)]).astype(np.int64)
-    arrays = {
-        "v_template": _rng().normal(0, 1, (30, 3)),
-        "shapedirs": _rng().normal(0, 1, (30, 3, 10)).astype(np.float32),
-        "J_regressor": _rng().random((24, 30)),
-    }
-    return [_zipped(**arrays, kintree_table=parents), _zipped(True, **arrays)]
-
-
-def bvh() -> list[bytes]:
-    """Return a short dance of SMPL's joints with Mixamo's names, and a file in a program's other style."""
-    from tempfile import TemporaryDirectory
-
-    from dancedata.core.skeleton import SMPL24
-    from dancedata.datasets._bvh_write import write_bvh
-    from dancedata.datasets._folder_example import _NAMES
-
-    turns = np.tile(np.eye(3), (3, 24, 1, 1))
-    offsets = np.array(SMPL24.offsets) * 100
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "a.bvh"
-        write_bvh(path, _NAMES.split(), SMPL24.parents, offsets, turns, np.zeros((3, 3)), "0.0333333")
-        text = path.read_text()
-    return [text.encode(), text.replace("\t", " ").replace("\n", "\r\n").encode()]
-
-
-def wav() -> list[bytes]:
-    """Return wav files of 8, 16, 24 bits and of floats, and other containers of libsndfile."""
-    plain = io.BytesIO()
-    with wave.open(plain, "wb") as file:
-        file.setnchannels(2)
-        file.setsampwidth(2)
-        file.setframerate(48_000)
-        file.writeframes(_rng().bytes(800))
-    formats = [("WAV", "PCM_24"), ("WAV", "FLOAT"), ("WAV", "PCM_U8"), ("WAV", "IMA_ADPCM"), ("WAVEX", "PCM_16")]
-    formats += [("RF64", "PCM_16"), ("AIFF", "PCM_16"), ("AU", "ULAW"), ("CAF", "ALAC_16"), ("W64", "PCM_16")]
-    return [plain.getvalue(), *(_encoded(container, subtype) for container, subtype in formats)]
-
-
-def _encoded(container: str, subtype: str, rate: int = 22_050) -> bytes:
-    import soundfile
-
-    samples = np.sin(np.arange(3000) / 20).astype(np.float32) / 2
-    file = io.BytesIO()
-    soundfile.write(file, samples, rate, format=container, subtype=subtype)
-    return file.getvalue()
-
-
-@lru_cache(maxsize=1)
-def store() -> dict[str, bytes]:
-    """Return the files of a store with a motion and an audio field, by name."""
-    from tempfile import TemporaryDirectory
-
-    from dancedata.store.schema import Field
-    from dancedata.testing.stores import random_columns, write_random_store
-
-    fields = (
-        Field("pose", "motion", random_columns(3), Fraction(30)),
-        Field("music", "audio", random_columns(2, mirror=False), Fraction(30), "float16"),
-    )
-    with TemporaryDirectory() as folder:
-        made = write_random_store(
-            Path(folder) / "store", fields=fields, clips={"train": 2}, n_frames=(40, 60), length=20, stride=10
-        )
-        return {path.name: path.read_bytes() for path in made.path.iterdir()}
-
-
-SHARD = "train-00000-of-00001.h5"
 
 
 def _read_aist(path: Path) -> None:
@@ -237,11 +101,13 @@ def _read_body_model(path: Path) -> None:
 
 
 def _read_audio(path: Path) -> None:
-    from dancedata.audio.signal import audio_length, load_audio
+    from dancedata.audio.signal import audio_length, load_audio, resample
 
     length, rate = audio_length(path)
     signal = load_audio(path)
     _require(bool(np.isfinite(signal.samples).all()), "samples that are not finite")
+    # What features do first; a low rate makes many samples of few.
+    resample(signal.samples, rate, 15_360)
     _require((signal.n_samples, signal.sample_rate) == (length, rate), "another length than the header's")
 
 
@@ -276,24 +142,104 @@ def _read_names(path: Path) -> None:
     read_names(path)
 
 
+def _read_file_names(path: Path) -> None:
+    """Scan folders that hold files of these names, and write what is said of them as a build does."""
+    from dancedata.core.errors import SourceError
+    from dancedata.core.hashing import json_sha256
+    from dancedata.datasets._layout import require_folder
+    from dancedata.datasets.aistpp import AistPP
+    from dancedata.datasets.finedance import FineDance
+    from dancedata.datasets.folder import Folder
+
+    sources = path.parent / "sources"
+    sources.mkdir(exist_ok=True)
+    readers = {"motions": Folder(music="optional"), "wavs": AistPP(), "motion": FineDance()}
+    for raw in path.read_bytes().split(b"\0"):
+        # As a disk has them: no slash, no NUL, 255 bytes at most.
+        name = os.fsdecode(raw.replace(b"/", b"")[:250])
+        if name not in ("", ".", ".."):
+            for folder in readers:
+                (sources / name / folder).mkdir(parents=True, exist_ok=True)
+                for suffix in ("", ".npz", ".wav"):
+                    with suppress(OSError):  # longer than a disk takes
+                        (sources / name / folder / f"{name}{suffix}").touch()
+    for source in sources.iterdir():
+        for reader in readers.values():
+            try:
+                scan = reader.scan(source)
+            except SourceError as error:
+                _require_plain(str(error))
+                continue
+            rows = [json.dumps(reject.to_json(), ensure_ascii=False) for reject in scan.rejects]
+            _require_plain("".join((*scan.notes, *rows)))
+            json_sha256([str(clip.motion_path) for clip in scan.clips])
+    require_folder("folder", sources, "names")  # there is none where no name was usable
+
+
+def _show(folder: Path) -> None:
+    """Print what `info --clips`, `info --json` and `check` print."""
+    from dancedata.core.text import json_text
+    from dancedata.pipeline.report import describe_clips, describe_problems, describe_store, store_json
+    from dancedata.store import verify_store
+
+    _require_plain(describe_problems(folder, verify_store(folder)))
+    for text in (describe_store(folder), describe_clips(folder), json_text(store_json(folder))):
+        _require_plain(text)
+
+
+def is_plain(text: str) -> bool:
+    """Tell whether a text can be printed on a terminal and written to a file: letters, blanks and line breaks."""
+    return text.isprintable() or all(c.isprintable() or c == "\n" or unicodedata.category(c) == "Zs" for c in text)
+
+
+def _require_plain(text: str) -> None:
+    _require(is_plain(text), "text that does not print")
+
+
 def _read_description(path: Path) -> None:
     from dancedata.store import open_store
 
-    (path.parent / SHARD).write_bytes(store()[SHARD])
+    _put_side_files(path)
     with open_store(path.parent) as opened:
         _require(bool(opened.fields), "a store without fields")
         for clip in map(lambda record: opened.clip(record.id), opened.clips):
             for field in opened.fields:
                 clip.read(field)
+    _show(path.parent)
 
 
-def _read_side_file(path: Path) -> None:
-    from dancedata.store import open_store
+def _read_stats(path: Path) -> None:
+    from dancedata.pipeline.report import describe_problems
+    from dancedata.store import open_store, verify_store
 
-    for name in (SHARD, "dataset.json"):
-        (path.parent / name).write_bytes(store()[name])
+    _put_side_files(path)
     with open_store(path.parent) as opened:
         opened.normalizer("pose", mirror=True).normalize(np.zeros((2, 3), np.float32))
+    _require_plain(describe_problems(path.parent, verify_store(path.parent)))
+
+
+def _read_lines(path: Path) -> None:
+    from dancedata.pipeline.report import describe_store
+
+    _put_side_files(path)
+    _require_plain(describe_store(path.parent))
+
+
+def _put_side_files(path: Path) -> None:
+    """Add the other files of a store."""
+    for name in store():
+        if name != path.name:
+            (path.parent / name).write_bytes(store()[name])
+
+
+def _read_weights(path: Path) -> None:
+    from dancedata.audio.jukebox.legacy_file import LegacyFile, LegacyTensor
+
+    with LegacyFile(path) as file:
+        content = file.object if isinstance(file.object, dict) else {}
+        for name, tensor in content.items():
+            if isinstance(tensor, LegacyTensor) and tensor.shape:
+                file.read_into(tensor, name, memoryview(bytearray(tensor.span(1) * tensor.item_bytes)))
 
 
 def _read_shard(path: Path) -> None:
@@ -360,12 +306,14 @@ TARGETS: dict[str, Target] = {
     "body_model": Target("npz", "m.npz", body_models, _read_body_model),
     "bvh": Target("bvh", "a.bvh", bvh, _read_folder, text=True),
     "wav": Target("wav", "a.wav", wav, _read_audio),
-    "flac": Target("flac", "a.flac", lambda: [_encoded("FLAC", "PCM_16")], _read_audio),
-    "mp3": Target("mp3", "a.mp3", lambda: [_encoded("MP3", "MPEG_LAYER_III")], _read_audio),
-    "ogg": Target("ogg", "a.ogg", lambda: [_encoded("OGG", "VORBIS"), _encoded("OGG", "OPUS", 24_000)], _read_audio),
+    "flac": Target("flac", "a.flac", lambda: [encoded("FLAC", "PCM_16")], _read_audio),
+    "mp3": Target("mp3", "a.mp3", lambda: [encoded("MP3", "MPEG_LAYER_III")], _read_audio),
+    "ogg": Target("ogg", "a.ogg", lambda: [encoded("OGG", "VORBIS"), encoded("OGG", "OPUS", 24_000)], _read_audio),
     "label": Target("json", "001.json", _text(*_LABELS), _read_label, text=True),
     "dataset_json": Target("json", "dataset.json", lambda: [store()["dataset.json"]], _read_description, text=True),
-    "stats": Target("json", "stats.json", lambda: [store()["stats.json"]], _read_side_file, text=True),
+    "stats": Target("json", "stats.json", lambda: [store()["stats.json"]], _read_stats, text=True),
+    "rejects": Target("jsonl", "rejects.jsonl", lambda: [store()["rejects.jsonl"]], _read_lines, text=True),
+    "quality": Target("jsonl", "quality.jsonl", lambda: [store()["quality.jsonl"]], _read_lines, text=True),
     "recipe": Target("yaml", "r.yaml", _text(RECIPE), _read_recipe, text=True),
     "csv": Target(
         "csv",
@@ -378,6 +326,8 @@ TARGETS: dict[str, Target] = {
     "names": Target(
         "txt", "x_train.txt", _text("gBR_sBM_cAll_d04_mBR2_ch08\n# no\n\nname 2\n"), _read_names, text=True
     ),
+    "file_names": Target("names", "names.bin", lambda: [b"001\0gBR_sBM_cAll_d04_mBR2_ch08"], _read_file_names),
+    "weights": Target("torch", "a.pth.tar", weights, _read_weights),
     "hdf5": Target("hdf5", SHARD, lambda: [store()[SHARD]], _read_shard, also=("clip train_c",)),
 }
 

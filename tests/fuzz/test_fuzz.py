@@ -11,8 +11,6 @@ from typing import Any
 import pytest
 
 HERE = Path(__file__).resolve().parent
-CASES = 2000
-SEED = 20_260
 FOUND = sorted(folder.name for folder in (HERE / "corpus").iterdir())
 
 
@@ -33,9 +31,10 @@ def targets(hunt: ModuleType) -> list[str]:
 
 def test_broken_files_are_read_or_refused(hunt: ModuleType) -> None:
     names = targets(hunt)
-    reports = hunt.hunt(CASES, SEED, names, workers=2)
+    cases, seed = hunt.RUNS["tests"]
+    reports = hunt.hunt(cases, seed, names, workers=2)
     assert said(reports) == []
-    assert sum(report["cases"] for report in reports) >= CASES
+    assert sum(report["cases"] for report in reports) >= cases
     for report in reports:
         # Cases that are all refused, or all fine, would try nothing.
         assert len(report["outcomes"]) > 1 or report["target"] == "label", report
@@ -70,7 +69,8 @@ def test_the_harness_sees_what_it_looks_for(hunt: ModuleType, tmp_path: Path) ->
 
 @pytest.mark.nightly
 def test_a_hundred_thousand_broken_files(hunt: ModuleType) -> None:
-    reports = hunt.hunt(100_000, SEED + 1, targets(hunt), workers=2)
+    cases, seed = hunt.RUNS["nightly"]
+    reports = hunt.hunt(cases, seed, targets(hunt), workers=2)
     assert said(reports) == []
 
 

@@ -336,3 +336,23 @@ def test_bad_arguments(tiny: SimpleNamespace, arguments: dict[str, object], mess
         JukeboxEncoder.from_openai(
             tiny.folder, **{"config": tiny.config, "layers": (1,), "device": "cpu", **arguments}
         )
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"}" + b"K\x01" + b"2\x86" * 59 + b"Ns",
+        b"}" + b")" + b"\x85" * 300_000 + b"Ns",
+        b"ccollections\nOrderedDict\n]" + b"K\x01" + b"2\x86" * 59 + b"N\x86a\x85R",
+        b"(X\x07\x00\x00\x00storagectorch\nFloatStorage\n" + b"K\x01" + b"2\x86" * 59 + b"NK\x01NtQ",
+        b"(" + b"K\x01" + b"2\x86" * 59 + b"NNNNtQ",
+    ],
+)
+def test_weights_that_take_forever(tiny: SimpleNamespace, broken: Callable[..., Path], content: bytes) -> None:
+    """Keys and names that hold themselves twice, 59 levels deep, or are nested deep."""
+    folder = broken("none", {})
+    head = [pickle.dumps(part, 2) for part in (MAGIC, PROTOCOL, {"little_endian": True})]
+    (folder / VQVAE_FILE).write_bytes(b"".join([*head, b"\x80\x02", content, b"."]))
+    with pytest.raises(SourceError, match=r"vqvae\.pth\.tar: this is no torch file") as error:
+        _load(folder, tiny)
+    assert len(str(error.value)) < 800

@@ -14,7 +14,6 @@ or writes the folder holds one block in memory, and a part of it is enough for a
 
 from __future__ import annotations
 
-import json
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -33,6 +32,8 @@ from dancedata.core.errors import DanceDataError, SourceError, UsageError
 from dancedata.core.hashing import sha256_file
 from dancedata.core.locks import writing_lock
 from dancedata.core.staging import Layout, staged, tidy
+from dancedata.core.strict_json import read_json
+from dancedata.core.text import shown
 
 DESCRIPTION_FILE = "jukebox.json"
 FORMAT = 1
@@ -60,7 +61,7 @@ class Description:
 
 def _is_whole(path: Path) -> bool:
     try:
-        return path.is_file() and json.loads(path.read_text(encoding="utf-8"))["format"] == FORMAT
+        return bool(read_json(path, names.MAX_JSON_BYTES)["format"] == FORMAT)
     except (OSError, ValueError, KeyError, TypeError):
         return False
 
@@ -174,7 +175,7 @@ def read_description(folder: Path) -> Description:
     """Read jukebox.json; SourceError if it is missing, damaged, or of another format version."""
     path = folder / DESCRIPTION_FILE
     try:
-        data: Any = json.loads(path.read_text(encoding="utf-8"))
+        data: Any = read_json(path, names.MAX_JSON_BYTES)
         if data["format"] != FORMAT:
             raise SourceError(
                 "the converted checkpoint is of another format", where=path, found=data["format"], allowed=FORMAT
@@ -193,7 +194,7 @@ def read_description(folder: Path) -> Description:
         raise SourceError(
             "the description of a converted checkpoint is damaged",
             where=path,
-            found=f"{type(error).__name__}: {error}",
+            found=shown(error),
             fix="convert again",
         ) from error
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import ssl
 import time
@@ -11,6 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from http.client import HTTPException, HTTPResponse
 from pathlib import Path
+from typing import Any
 
 from filelock import FileLock, Timeout
 
@@ -19,11 +21,16 @@ from dancedata.audio.jukebox.names import PRIOR_FILE, VQVAE_FILE
 from dancedata.core.atomic import atomic_file
 from dancedata.core.errors import DanceDataError, SourceError, UsageError
 from dancedata.core.hashing import sha256_file
+from dancedata.core.text import quoted, shown
 
 OPENAI_URL = "https://openaipublic.azureedge.net/jukebox/models/5b"
 
 _BLOCK = 1 << 20
 _TIMEOUT_S = 60
+_LENGTH = re.compile(r"[0-9]{1,15}")
+#: A strong entity tag (RFC 9110): only with one can a download go on. Some servers send what is none.
+_ETAG = re.compile(r'"[\x21\x23-\x7e]{1,200}"')
+_MAX_TAG = 300
 # Other OSErrors are of the disk.
 _NETWORK_ERRORS = (urllib.error.URLError, HTTPException, ConnectionError, TimeoutError, ssl.SSLError)
 
@@ -37,16 +44,23 @@ class RemoteFile:
     name : file name, and the last part of its URL.
     size : bytes; None where it is not known.
     sha256 : hex; None where it is not known.
+    max_size : bytes; a server that sends more, where the size is not known, has another file.
     """
 
     name: str
     size: int | None
     sha256: str | None
+    max_size: int = 1 << 34
+
+    @property
+    def limit(self) -> int:
+        """The most bytes that are taken from a server."""
+        return self.max_size if self.size is None else self.size
 
 
-# Sizes and hashes as other projects report them.
+# Sizes and hashes as other projects report them. The tensors of the small file have 7.5 MB.
 FILES = (
-    RemoteFile(VQVAE_FILE, None, "69745413a48e887f8a3fe91b972a6f7f434021a1ce911a99187b331eb48c059a"),
+    RemoteFile(VQVAE_FILE, None, "69745413a48e887f8a3fe91b972a6f7f434021a1ce911a99187b331eb48c059a", 1 << 24),
     RemoteFile(PRIOR_FILE, 10_288_727_721, "89a1dd14f5b2f9b16b3e73b53fa2138cc89fd96bb13249b4267fea471de92672"),
 )
 
@@ -92,8 +106,9 @@ def fetch(
     UsageError
         The licence was not agreed to, or `source` is neither http(s) nor a folder.
     SourceError
-        A file is not there, has another size or hash, or the server keeps failing; what was downloaded stays, as
-        "name.part", and the next call goes on from there.
+        A file is not there, has another size or hash, or the server keeps failing or does not speak HTTP; what was
+        downloaded stays, as "name.part", and the next call goes on from there. Of a file that is too large nothing
+        stays.
     """
     agreed = accept_licence(LICENCE) if callable(accept_licence) else accept_licence
     if not agreed:
@@ -174,41 +189,50 @@ class _Download:
         request = urllib.request.Request(self._url)  # noqa: S310  (the scheme was checked)
         if have:
             request.add_header("Range", f"bytes={have}-")
-            if self._tag.exists():
+            tag = self._tag.read_bytes()[:_MAX_TAG].decode("latin1") if self._tag.is_file() else ""
+            if _ETAG.fullmatch(tag):
                 # Another version of the file is sent from its start.
-                request.add_header("If-Range", self._tag.read_text(encoding="ascii"))
+                request.add_header("If-Range", tag)
         try:
-            response = urllib.request.urlopen(request, timeout=_TIMEOUT_S)  # noqa: S310
+            response = _opener().open(request, timeout=_TIMEOUT_S)
         except urllib.error.HTTPError as error:
+            error.close()
             if error.code != 416 or not have:
                 raise
             # Nothing follows what is there: it is the whole file, or a part of another one, which the hash tells.
-            error.close()
             return True
+        except ValueError as error:  # an invalid address, of a redirection for instance
+            raise self._no_answer(shown(error)) from error
         with response:
             resumed = response.status == 206
             if resumed and not str(response.headers.get("Content-Range", "")).startswith(f"bytes {have}-"):
-                raise HTTPException(f"asked for bytes from {have}, got {response.headers.get('Content-Range')!r}")
+                got = quoted(response.headers.get("Content-Range"))
+                raise HTTPException(f"asked for bytes from {have}, got {got}")
             return self._receive(response, have if resumed else 0)
 
     def _receive(self, response: HTTPResponse, have: int) -> bool:
         length = response.headers.get("Content-Length")
+        if length is not None and not _LENGTH.fullmatch(length):
+            raise self._no_answer(f"Content-Length {quoted(length, 60)}")
         total = have + int(length) if length is not None else None
-        if total is not None and self._file.size is not None and total != self._file.size:
-            raise SourceError(
-                "the server has another file",
-                where=self._url,
-                found=f"{total} bytes",
-                allowed=f"{self._file.size} bytes",
-                fix="give another mirror or folder",
-            )
-        tag = response.headers.get("ETag")
-        if tag and not tag.startswith("W/"):
+        if total is not None and (
+            total != self._file.size if self._file.size is not None else total > self._file.limit
+        ):
+            raise self._other_file(f"{total} bytes")
+        tag = response.headers.get("ETag", "")
+        if _ETAG.fullmatch(tag):
             self._tag.write_text(tag, encoding="ascii")
+        elif not have:
+            self._tag.unlink(missing_ok=True)
         with self._part.open("ab" if have else "wb") as part:
             while block := response.read1(_BLOCK):
-                part.write(block)
                 have += len(block)
+                if have > self._file.limit:
+                    # No beginning of the right file either.
+                    self._part.unlink()
+                    self._tag.unlink(missing_ok=True)
+                    raise self._other_file("more than that")
+                part.write(block)
                 self._report(self._file.name, have, total)
         # A server that states no length ends the file by closing: whether that was the end tells the known size, or
         # else the hash.
@@ -219,10 +243,57 @@ class _Download:
         return SourceError(
             "jukebox: the download failed",
             where=self._url,
-            found=f"{error}; {self._have()} bytes are there",
+            found=f"{shown(str(error))}; {self._have()} bytes are there",
             fix="start again: it goes on from there. If the server is gone, give a mirror or a folder that has the "
             "files",
         )
+
+    def _other_file(self, found: str) -> SourceError:
+        at_most = "" if self._file.size is not None else "at most "
+        return SourceError(
+            "the server has another file",
+            where=self._url,
+            found=found,
+            allowed=f"{at_most}{self._file.limit} bytes",
+            fix="give another mirror or folder",
+        )
+
+    def _no_answer(self, found: str) -> SourceError:
+        return SourceError(
+            "the server's answer is not valid HTTP",
+            where=self._url,
+            found=found,
+            fix="give another mirror or folder",
+        )
+
+
+class _Redirection(urllib.request.HTTPRedirectHandler):
+    """Goes where a server sends the caller, and closes the connection to it where that is nowhere."""
+
+    def http_error_302(self, req: Any, fp: Any, code: int, msg: str, headers: Any) -> Any:
+        try:
+            return super().http_error_302(req, fp, code, msg, headers)
+        except BaseException:
+            fp.close()
+            raise
+
+    http_error_301 = http_error_303 = http_error_307 = http_error_308 = http_error_302
+
+
+def _opener() -> urllib.request.OpenerDirector:
+    """Return what opens http and https only: a server may not send the caller on to files or FTP."""
+    opener = urllib.request.OpenerDirector()
+    for handler in (
+        urllib.request.ProxyHandler,
+        urllib.request.UnknownHandler,
+        urllib.request.HTTPHandler,
+        urllib.request.HTTPSHandler,
+        urllib.request.HTTPDefaultErrorHandler,
+        _Redirection,
+        urllib.request.HTTPErrorProcessor,
+    ):
+        opener.add_handler(handler())
+    return opener
 
 
 def _copy(source: Path, path: Path, file: RemoteFile, report: Progress) -> None:
@@ -231,7 +302,7 @@ def _copy(source: Path, path: Path, file: RemoteFile, report: Progress) -> None:
         raise SourceError(
             "the folder has no such file",
             where=source,
-            found=sorted(p.name for p in source.parent.iterdir())[:10],
+            found=shown(sorted(p.name for p in source.parent.iterdir())),
             allowed=file.name,
         )
     _check(source, file, keep=True)

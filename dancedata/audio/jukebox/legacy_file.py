@@ -13,18 +13,21 @@ from __future__ import annotations
 import os
 import pickle
 import struct
-from collections import OrderedDict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from io import BufferedReader
 from pathlib import Path
 from typing import Any, ClassVar
 
 from dancedata.core.errors import DataError, SourceError
-from dancedata.core.safe_pickle import UnsafePickleError
+from dancedata.core.safe_pickle import CheckedUnpickler, UnsafePickleError, ordered_dict
+from dancedata.core.text import quoted, shown
 
 MAGIC = 0x1950A86A20F9469CFC6C
 PROTOCOL = 1001
+MAX_DIMENSIONS = 32
+#: Of elements; in an int64 of the file.
+MAX_NUMBER = 1 << 63
 # A prior of 872 tensors has 0.1 MB of pickles; what claims more is broken.
 MAX_PICKLE_BYTES = 64 << 20
 
@@ -95,17 +98,27 @@ class _Ignored(dict[Any, Any]):
         super().__init__()
 
 
+def _key(value: Any) -> str:
+    """Return the key of a storage, which torch writes as text."""
+    if type(value) is not str and not (type(value) is int and abs(value) < MAX_NUMBER):
+        raise pickle.UnpicklingError(f"a storage named {shown(value)}")
+    return str(value)
+
+
 def _tensor(storage: Any, offset: Any, shape: Any, stride: Any, *_: object) -> LegacyTensor:
     """Take the place of torch._utils._rebuild_tensor and _rebuild_tensor_v2."""
-    if not isinstance(storage, _Storage) or len(shape) != len(stride):
+    sizes = (offset, *shape, *stride)
+    if not isinstance(storage, _Storage) or len(shape) != len(stride) or len(shape) > MAX_DIMENSIONS:
         raise pickle.UnpicklingError("a tensor that is none")
+    if any(type(n) is not int or abs(n) >= MAX_NUMBER for n in sizes):
+        raise pickle.UnpicklingError(f"a tensor of sizes {shown(sizes)}")
     start = offset + storage.offset
     tensor = LegacyTensor(
         storage.key, storage.type.dtype, storage.type.item_bytes, start, tuple(shape), tuple(stride)
     )
     end = start + tensor.span(shape[0] if shape else 1)
     if min(start, *shape, *stride, 0) < 0 or end > storage.whole:
-        raise pickle.UnpicklingError(f"a tensor of shape {tuple(shape)} that reaches beyond its storage")
+        raise pickle.UnpicklingError(f"a tensor of shape {shown(tuple(shape))} that reaches beyond its storage")
     return tensor
 
 
@@ -113,8 +126,16 @@ def _parameter(tensor: Any, *_: object) -> Any:
     return tensor
 
 
+def _new(unpickler: Any) -> None:
+    """Take the place of an object made by its class; those of OpenAI's package are made so."""
+    unpickler.stack.pop()
+    if unpickler.stack.pop() is not _Ignored:
+        raise UnsafePickleError("an object of a class")
+    unpickler.append(_Ignored())
+
+
 _ALLOWED: dict[tuple[str, str], Any] = {
-    ("collections", "OrderedDict"): OrderedDict,
+    ("collections", "OrderedDict"): ordered_dict,
     ("torch._utils", "_rebuild_tensor"): _tensor,
     ("torch._utils", "_rebuild_tensor_v2"): _tensor,
     ("torch._utils", "_rebuild_parameter"): _parameter,
@@ -134,16 +155,17 @@ def _build(unpickler: Any) -> None:
 
 
 def _refuse(unpickler: Any) -> None:
-    raise UnsafePickleError("an extension code or a byte array")
+    raise UnsafePickleError("a byte array")
 
 
-class _Unpickler(pickle._Unpickler):
-    """Python's unpickler in Python: only there can the state that a pickle sets be kept from it."""
+class _Unpickler(CheckedUnpickler):
+    """Knows tensors and plain containers; keeps the state that a pickle sets from it."""
 
     dispatch: ClassVar[dict[int, Any]] = {
-        **pickle._Unpickler.dispatch,
+        **CheckedUnpickler.dispatch,
         pickle.BUILD[0]: _build,
-        **{code[0]: _refuse for code in (pickle.EXT1, pickle.EXT2, pickle.EXT4, pickle.BYTEARRAY8)},
+        pickle.NEWOBJ[0]: _new,
+        pickle.BYTEARRAY8[0]: _refuse,
     }
 
     def find_class(self, module: str, name: str) -> Callable[..., Any]:
@@ -153,7 +175,7 @@ class _Unpickler(pickle._Unpickler):
         try:
             found: Callable[..., Any] = _ALLOWED[module, name]
         except KeyError:
-            raise UnsafePickleError(f"{module}.{name}") from None
+            raise UnsafePickleError(f"{shown(module)}.{shown(name)}") from None
         return found
 
     def __init__(self, file: Any) -> None:
@@ -162,13 +184,17 @@ class _Unpickler(pickle._Unpickler):
 
     def persistent_load(self, pid: Any) -> _Storage:
         kind, storage_type, key, _device, whole, view = pid
-        if kind != "storage" or not isinstance(storage_type, _StorageType) or whole < 0:
-            raise pickle.UnpicklingError(f"a reference to a {kind!r}")
-        what = (storage_type.item_bytes, int(whole))
-        if self.storages.setdefault(str(key), what) != what:
-            raise pickle.UnpicklingError(f"two sizes of the storage {key!r}")
+        known = type(kind) is str and kind == "storage" and isinstance(storage_type, _StorageType)
+        if not known or type(whole) is not int or not 0 <= whole < MAX_NUMBER:
+            raise pickle.UnpicklingError(f"a reference to a {quoted(kind)}")
+        what = (storage_type.item_bytes, whole)
+        if self.storages.setdefault(_key(key), what) != what:
+            raise pickle.UnpicklingError(f"two sizes of the storage {quoted(key)}")
         # Storages that are stretches of others came with (own key, offset, size).
-        return _Storage(str(key), storage_type, int(whole), 0 if view is None else int(view[1]))
+        offset = 0 if view is None else view[1]
+        if type(offset) is not int or abs(offset) >= MAX_NUMBER:
+            raise pickle.UnpicklingError(f"a stretch of a storage from {shown(offset)} on")
+        return _Storage(_key(key), storage_type, whole, offset)
 
 
 class _Limited:
@@ -247,7 +273,7 @@ class LegacyFile:
         (stored,) = struct.unpack("<q", self._file.read(8))
         if stored != n_elements:
             raise SourceError(
-                f"the torch file is damaged at the tensor {name}",
+                f"the torch file is damaged at the tensor {shown(name)}",
                 where=self.path,
                 found=f"a storage of {stored} elements",
                 allowed=f"{n_elements}, as the head of the file says",
@@ -262,14 +288,14 @@ class LegacyFile:
         head = _Limited(self._file, min(self._size, MAX_PICKLE_BYTES))
         try:
             magic = _Unpickler(head).load()
-            if magic != MAGIC:
+            if type(magic) is not int or magic != MAGIC:
                 raise pickle.UnpicklingError("another magic number")
             protocol, system = _Unpickler(head).load(), _Unpickler(head).load()
-            if protocol != PROTOCOL or not system["little_endian"]:
-                raise pickle.UnpicklingError(f"protocol {protocol}, {system}")
+            if type(protocol) is not int or protocol != PROTOCOL or not system["little_endian"]:
+                raise pickle.UnpicklingError(f"protocol {shown(protocol)}, {shown(system)}")
             unpickler = _Unpickler(head)
             obj = unpickler.load()
-            keys = [str(key) for key in _Unpickler(head).load()]
+            keys = [_key(key) for key in _Unpickler(head).load()]
             if set(keys) != unpickler.storages.keys():
                 raise pickle.UnpicklingError("the list of storages does not fit the tensors")
         except UnsafePickleError as error:
@@ -285,7 +311,7 @@ class LegacyFile:
             raise SourceError(
                 "this is no torch file, or a truncated one",
                 where=self.path,
-                found=f"{self._size} bytes; {type(error).__name__}: {error}",
+                found=f"{self._size} bytes; {shown(error)}",
                 allowed="a file that torch.save wrote",
                 fix="get the file again",
             ) from error
@@ -293,7 +319,7 @@ class LegacyFile:
 
     def _locate(self, keys: list[str], storages: dict[str, tuple[int, int]]) -> dict[str, tuple[int, int]]:
         """Byte position and element count of every storage, by key."""
-        names = {tensor.key: name for name, tensor in _walk(self.object, "")}
+        names = _tensors(self.object)
         starts: dict[str, tuple[int, int]] = {}
         position = self._file.tell()
         for key in keys:
@@ -308,16 +334,20 @@ class LegacyFile:
         return SourceError(
             "the torch file is truncated",
             where=self.path,
-            found=f"{self._size} bytes, so the tensor {name} and all after it are not whole",
+            found=f"{self._size} bytes, so the tensor {shown(name)} and all after it are not whole",
             allowed=f"at least {needed} bytes",
             fix="get the file again (a download can be resumed)",
         )
 
 
-def _walk(obj: Any, name: str) -> Iterator[tuple[str, LegacyTensor]]:
-    """All tensors in nested dictionaries, with the last key as their name."""
-    if isinstance(obj, LegacyTensor):
-        yield name, obj
-    elif isinstance(obj, dict):
-        for key, value in obj.items():
-            yield from _walk(value, str(key))
+def _tensors(obj: Any) -> dict[str, str]:
+    """Names of the tensors in nested dictionaries, the last key of each, by storage; each dictionary is seen once."""
+    found: dict[str, str] = {}
+    seen: set[int] = set()
+    level = [("", obj)]
+    while level:
+        found |= {value.key: name for name, value in level if isinstance(value, LegacyTensor)}
+        inner = [value for _, value in level if isinstance(value, dict) and id(value) not in seen]
+        seen.update(map(id, inner))
+        level = [(str(name), value) for outer in inner for name, value in outer.items()]
+    return found

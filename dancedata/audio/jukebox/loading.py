@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +20,8 @@ from dancedata.audio.jukebox.sources import TensorSource, open_torch_file, requi
 from dancedata.audio.jukebox.transformer import Block, parameter_name, prepared
 from dancedata.audio.jukebox.vqvae import VqEncoder
 from dancedata.core.errors import SourceError
+from dancedata.core.strict_json import read_json
+from dancedata.core.text import quoted, shown
 
 
 @dataclass(frozen=True)
@@ -142,7 +143,7 @@ def _refuse_unknown(source: TensorSource, found: Iterable[str], known: Iterable[
         raise SourceError(
             "the checkpoint has tensors that this network has not: it is another network",
             where=source.path,
-            found=", ".join(unknown[:5]) + (f" and {len(unknown) - 5} more" if len(unknown) > 5 else ""),
+            found=", ".join(map(shown, unknown[:5])) + (f" and {len(unknown) - 5} more" if len(unknown) > 5 else ""),
             allowed="the 5b model without lyrics (or what the JukeboxConfig describes)",
             fix="dancedata jukebox fetch gets the right files",
         )
@@ -151,15 +152,16 @@ def _refuse_unknown(source: TensorSource, found: Iterable[str], known: Iterable[
 def refuse_hugging_face(folder: Path) -> None:
     """Raise SourceError for a folder with one of the models that are on the Hugging Face hub."""
     try:
-        description = json.loads((folder / "config.json").read_text(encoding="utf-8"))
+        description = read_json(folder / "config.json", names.MAX_JSON_BYTES)
     except (OSError, ValueError):
         return
-    if isinstance(description, dict) and str(description.get("model_type", "")).startswith("jukebox"):
+    kind = description.get("model_type") if isinstance(description, dict) else None
+    if isinstance(kind, str) and kind.startswith("jukebox"):
         raise SourceError(
             "this is a Jukebox model of the Hugging Face hub, which is another network: its prior was trained with "
             "lyrics and attends to them in further blocks (5b: 79 instead of 72). Its activations are no substitute",
             where=folder,
-            found=f"config.json with model_type {description['model_type']!r}",
+            found=f"config.json with model_type {quoted(kind)}",
             allowed=f"OpenAI's 5b model without lyrics: {names.VQVAE_FILE} and {names.PRIOR_FILE}",
             fix="dancedata jukebox fetch gets it; the hub has no copy of it",
         )

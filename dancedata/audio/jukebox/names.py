@@ -11,6 +11,8 @@ from dancedata.audio.jukebox.config import JukeboxConfig
 
 VQVAE_FILE = "vqvae.pth.tar"
 PRIOR_FILE = "prior_level_2.pth.tar"
+#: Descriptions beside the weights have some ten kilobytes.
+MAX_JSON_BYTES = 1 << 20
 
 ENCODER = "encoders.2.level_blocks"
 CODEBOOK = "bottleneck.level_blocks.2.k"

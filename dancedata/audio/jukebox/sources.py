@@ -12,6 +12,7 @@ import torch
 from dancedata.audio.jukebox.legacy_file import LegacyFile, LegacyTensor
 from dancedata.audio.jukebox.names import TensorSpec
 from dancedata.core.errors import SourceError
+from dancedata.core.text import shown
 
 _FLOATING = (torch.float16, torch.bfloat16, torch.float32)
 
@@ -99,7 +100,7 @@ class ZipSource(_Closing):
             raise SourceError(
                 "torch cannot read this file as weights",
                 where=path,
-                found=f"{type(error).__name__}: {str(error).strip().splitlines()[0]}",
+                found=shown(error),
                 allowed="a whole file that torch.save wrote, of tensors and plain containers",
                 fix="get the file again",
             ) from error
@@ -180,7 +181,7 @@ class SafetensorsSource(_Closing):
                 raise SourceError(
                     "a file of the converted checkpoint cannot be read",
                     where=self.path / file,
-                    found=f"{type(error).__name__}: {error}",
+                    found=shown(error),
                     fix="copy the folder again, or convert again",
                 ) from error
             self._open_name = file
@@ -219,7 +220,7 @@ def _model(loaded: Any, path: Path) -> Mapping[str, Any]:
         raise SourceError(
             "the torch file is no Jukebox checkpoint",
             where=path,
-            found=f"keys {sorted(map(str, loaded))[:5]}" if isinstance(loaded, dict) else type(loaded).__name__,
+            found=f"keys {shown(list(loaded))}" if isinstance(loaded, dict) else type(loaded).__name__,
             allowed="a dictionary with the key 'model'",
         )
     return {str(name).removeprefix("module."): tensor for name, tensor in model.items()}
@@ -248,7 +249,7 @@ def require_tensors(source: TensorSource, specs: Iterable[TensorSpec], *, trimme
         if trimmed and shape[1:] == spec.shape[1:] and spec.rows <= shape[0] <= spec.shape[0]:
             shape = spec.shape
         if shape != spec.shape:
-            problems.append(f"{spec.name} has shape {shape}, not {spec.shape}")
+            problems.append(f"{spec.name} has shape {shown(shape)}, not {spec.shape}")
         elif dtype not in _FLOATING:
             problems.append(f"{spec.name} is {dtype}, not {spec.dtype}")
     if problems:

@@ -1,0 +1,66 @@
+"""JSON of other people: parsed within bounds, every failure a ValueError."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NoReturn
+
+from dancedata.core.regular_file import read_regular
+
+__all__ = ["MAX_DEPTH", "parse_json", "read_json"]
+
+#: Nesting that any document of ours has, many times over. Code that walks through deeper ones runs out of stack.
+MAX_DEPTH = 64
+
+
+def parse_json(text: str, pairs: Callable[[list[tuple[str, Any]]], Any] | None = None) -> Any:
+    """Parse a JSON document; `pairs` makes an object of its keys and values.
+
+    Raises
+    ------
+    ValueError
+        If it is not JSON, holds a number that is not finite, or is nested deeper than MAX_DEPTH.
+    """
+    try:
+        document = json.loads(text, object_pairs_hook=pairs, parse_constant=_no_constant, parse_float=_finite)
+    except RecursionError as error:
+        raise ValueError("it is nested too deep") from error
+    level = [document]
+    for _ in range(MAX_DEPTH + 1):
+        level = [
+            inner
+            for outer in level
+            if isinstance(outer, dict | list)
+            for inner in (outer.values() if isinstance(outer, dict) else outer)
+            if isinstance(inner, dict | list)
+        ]
+        if not level:
+            return document
+    raise ValueError(f"it is nested deeper than {MAX_DEPTH} levels")
+
+
+def _no_constant(name: str) -> NoReturn:
+    raise ValueError(f"{name} is no JSON")
+
+
+def _finite(text: str) -> float:
+    number = float(text)
+    if not math.isfinite(number):
+        raise ValueError(f"{text[:40]} is larger than any number")
+    return number
+
+
+def read_json(path: Path, limit: int) -> Any:
+    """Read a JSON file of at most `limit` bytes.
+
+    Raises
+    ------
+    OSError
+        If it cannot be read, is no regular file, or is larger.
+    ValueError
+        If it is not JSON in UTF-8, or nested deeper than MAX_DEPTH.
+    """
+    return parse_json(read_regular(path, limit).decode("utf-8"))

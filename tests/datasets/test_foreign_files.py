@@ -1,0 +1,134 @@
+"""What may lie in a source folder where a file is expected, and names that no file should have."""
+
+from __future__ import annotations
+
+import os
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dancedata.core.bodies import SMPLX55
+from dancedata.core.errors import DataError, RecipeError, SourceError
+from dancedata.datasets._aistpp_load import load_motion as load_aist
+from dancedata.datasets._bvh import read_bvh_header
+from dancedata.datasets._finedance_labels import read_label
+from dancedata.datasets._finedance_lengths import length_note
+from dancedata.datasets._finedance_load import load_motion as load_finedance
+from dancedata.datasets._finedance_load import motion_length
+from dancedata.datasets._folder_arrays import open_arrays
+from dancedata.datasets._folder_manifest import read_manifest
+from dancedata.datasets._layout import few, read_names
+from dancedata.datasets.folder import Folder
+from dancedata.pipeline.recipe_file import load_recipe
+
+
+@pytest.fixture
+def pipe(tmp_path: Path) -> Path:
+    os.mkfifo(tmp_path / "pipe")
+    return tmp_path / "pipe"
+
+
+def read_array(path: Path) -> None:
+    with open_arrays(path) as arrays:
+        arrays.read("")
+
+
+@pytest.mark.parametrize(
+    ("suffix", "read"),
+    [
+        (".pkl", read_array),
+        (".npz", read_array),
+        (".npy", read_array),
+        (".bvh", read_bvh_header),
+        (".pkl", lambda path: load_aist(path, 60)),
+        (".npy", lambda path: load_finedance(path, 30, SMPLX55)),
+    ],
+)
+def test_a_pipe_for_a_motion(pipe: Path, suffix: str, read: Callable[[Path], Any]) -> None:
+    path = pipe.rename(pipe.with_suffix(suffix))
+    with pytest.raises(DataError, match="named pipe") as error:
+        read(path)
+    assert error.value.reason == "broken_file"
+
+
+def test_a_pipe_for_anything_else(pipe: Path) -> None:
+    assert motion_length(pipe) is None
+    assert length_note(pipe, pipe, 30) == ""
+    assert "named pipe" in read_label(pipe, "001").problem
+    for read in (read_names, read_manifest):
+        with pytest.raises(SourceError, match="named pipe"):
+            read(pipe)
+    with pytest.raises(RecipeError, match="named pipe"):
+        load_recipe(pipe.rename(pipe.with_suffix(".yaml")))
+
+
+def test_pipes_in_a_folder_of_ones_own(tmp_path: Path) -> None:
+    Folder().make_example(tmp_path)
+    (tmp_path / "manifest.csv").unlink()
+    os.mkfifo(tmp_path / "motions" / "pipe.npz")
+    os.mkfifo(tmp_path / "music" / "pipe.wav")
+    (tmp_path / "motions" / "nowhere.npz").symlink_to("gone")
+    scan = Folder(music="optional").scan(tmp_path)
+    found = {r.file: r.detail for r in scan.rejects if "not a file" in r.detail}
+    assert set(found) == {"motions/pipe.npz", "music/pipe.wav", "motions/nowhere.npz"}
+    os.mkfifo(tmp_path / "manifest.csv")
+    with pytest.raises(SourceError, match=r"manifest\.csv.*named pipe"):
+        Folder().scan(tmp_path)
+
+
+def test_pipes_that_a_manifest_names(tmp_path: Path) -> None:
+    Folder().make_example(tmp_path)
+    os.mkfifo(tmp_path / "a.npz")
+    os.mkfifo(tmp_path / "a.wav")
+    (tmp_path / "manifest.csv").write_text("motion,audio\na.npz,\nmotions/smpl.npz,a.wav\n")
+    scan = Folder().scan(tmp_path)
+    assert [(r.reason, "not a file" in r.detail) for r in scan.rejects] == [
+        ("missing_motion", True),
+        ("missing_music", True),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("x" * 256, "a name of 256 characters"),
+        ("y\n" * 100_001, "100,001 names"),
+        ("z" * (1 << 23) + "\n" + "z" * 10, "a name of 8,388,608 characters"),
+    ],
+)
+def test_lists_that_are_none(tmp_path: Path, text: str, said: str) -> None:
+    (tmp_path / "x_train.txt").write_text(text)
+    with pytest.raises(SourceError, match=said) as error:
+        read_names(tmp_path / "x_train.txt")
+    assert len(str(error.value)) < 600
+
+
+def test_lists_at_the_bounds(tmp_path: Path) -> None:
+    (tmp_path / "a.txt").write_text("\n".join(["x" * 255, *(str(k) for k in range(99_999))]))
+    assert len(read_names(tmp_path / "a.txt")) == 100_000
+
+
+def test_a_joint_whose_name_is_too_long(tmp_path: Path) -> None:
+    (tmp_path / "a.bvh").write_text("HIERARCHY\nROOT " + "x" * 10**6 + "\n{\n")
+    with pytest.raises(DataError, match="line 2: the name of a ROOT is too long") as error:
+        read_bvh_header(tmp_path / "a.bvh")
+    assert len(str(error.value)) < 500
+
+
+def test_lists_within_lists_are_not_unfolded(tmp_path: Path) -> None:
+    rows: Any = [[0.0] * 72] * 4
+    good = {"smpl_trans": np.zeros((4, 3)), "smpl_scaling": [np.float32(90)]}
+    (tmp_path / "a.pkl").write_bytes(pickle.dumps({"smpl_poses": rows, **good}))
+    with pytest.raises(DataError, match="lists within lists are not read") as error:
+        load_aist(tmp_path / "a.pkl", 60)
+    assert error.value.reason == "bad_shape"
+    (tmp_path / "a.pkl").write_bytes(pickle.dumps({"smpl_poses": np.array(rows), **good}))
+    assert load_aist(tmp_path / "a.pkl", 60).n_frames == 4
+
+
+def test_names_in_a_message_are_cut_and_print() -> None:
+    assert few(["a\x1b", "b" * 999, "c", "d"], 3) == rf"a\x1b, {'b' * 255}..., c and 1 more"

@@ -1,0 +1,167 @@
+"""Datasets of other people: what is no file is refused at once, what does not print is written as sequences."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from dancedata.core.errors import DanceDataError, StoreError
+from dancedata.core.text import json_text
+from dancedata.pipeline.report import describe_clips, describe_problems, describe_store, store_json
+from dancedata.store import open_store, verify_store
+from dancedata.testing.stores import random_fields, write_random_store
+
+LOUD = "x\x1b[2J\x9b1m\u202e\r\ny"
+SAFE = r"x\x1b[2J\x9b1m\u202e\r\ny"
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A small store to bend."""
+    made = write_random_store(
+        tmp_path / "store", fields=random_fields({"pose": 3}, {}), clips={"train": 2}, n_frames=(40, 40), length=20
+    )
+    return made.path
+
+
+def edit(folder: Path, change: Callable[[dict[str, Any]], Any]) -> None:
+    document = json.loads((folder / "dataset.json").read_text(encoding="utf-8"))
+    change(document)
+    (folder / "dataset.json").write_text(json.dumps(document), encoding="utf-8")
+
+
+def everything(folder: Path) -> str:
+    """All that info and check print."""
+    texts = [describe_store(folder), describe_clips(folder), json_text(store_json(folder))]
+    return "\n".join([*texts, describe_problems(folder, verify_store(folder))])
+
+
+@pytest.mark.parametrize("name", ["dataset.json", "stats.json", "rejects.jsonl", "quality.jsonl"])
+@pytest.mark.parametrize("kind", ["pipe", "device"])
+def test_no_command_waits_for_what_is_no_file(folder: Path, name: str, kind: str) -> None:
+    (folder / name).unlink()
+    if kind == "pipe":
+        os.mkfifo(folder / name)
+    else:
+        (folder / name).symlink_to("/dev/zero")
+    for command in ("info", "check"):
+        ended = subprocess.run(
+            [sys.executable, "-m", "dancedata", command, str(folder)], capture_output=True, text=True, timeout=120
+        )
+        text = ended.stdout + ended.stderr
+        assert "Traceback" not in text
+        if command == "check" or name != "stats.json":  # which info does not show
+            assert ended.returncode == 1, text
+            assert "not a regular file" in text or f"{name}: it is missing" in text
+    if name == "stats.json":
+        with (
+            open_store(folder) as store,
+            pytest.raises(StoreError, match=r"stats\.json cannot be read.*regular file"),
+        ):
+            store.normalizer("pose")
+
+
+def test_control_characters_in_a_description(folder: Path) -> None:
+    def change(document: dict[str, Any]) -> None:
+        document |= {
+            "name": LOUD,
+            "licence": LOUD,
+            "axes": {"pose": LOUD},
+            "source": {"notes": [LOUD, LOUD * 10_000]},
+        }
+        document["fields"][0]["columns"]["groups"][0]["name"] = LOUD
+        document["counts"][LOUD] = document["counts"]["train"]
+        document["fps"] = "\n30 "
+
+    edit(folder, change)
+    rows = [{"reason": LOUD, "clip": LOUD}, {"reason": "nan", "file": "\ud800"}]
+    (folder / "rejects.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+    flag = {"clip": LOUD, "kind": LOUD, "joint": LOUD, "unit": LOUD, "frame": 3, "value": 1.5}
+    (folder / "quality.jsonl").write_text(json.dumps(flag) + "\n")
+    text = everything(folder)
+    assert SAFE in text
+    assert r"\ud800" in text
+    assert all(c.isprintable() or c == "\n" for c in text)
+    assert max(map(len, describe_store(folder).split("\n"))) < 3000
+    json.loads(json_text(store_json(folder)))
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("name", 7),
+        ("licence", ["x"]),
+        ("recipe", []),
+        ("recipe", {"x": "y" * 200_000}),
+        ("source", {"notes": [1]}),
+        ("source", {"notes": {}}),
+        ("counts", {"train": {}}),
+        ("counts", {"train": 3}),
+        ("counts", {"train": {"clips": 1, "windows": 1, "frames": 1, "songs": 1, "hours": "x"}}),
+        ("counts", {"train": {"clips": -1, "windows": 1, "frames": 1, "songs": 1, "hours": 1}}),
+        ("counts", {"train": {"clips": 1, "windows": 1, "frames": 1, "songs": 1, "hours": 10**400}}),
+        ("quality_flags", "many"),
+        ("axes", 3),
+        ("format", [[[[]]] * 1000]),
+        ("scope", {"x": [1] * 100_000}),
+        ("shards", [{"file": ["x"] * 100_000}]),
+    ],
+)
+def test_values_of_other_types_are_an_error(folder: Path, key: str, value: object) -> None:
+    edit(folder, lambda document: document.update({key: value}))
+    with pytest.raises(StoreError, match=r"dataset\.json") as error:
+        open_store(folder)
+    assert len(str(error.value)) < 800
+    assert "error" in describe_problems(folder, verify_store(folder))
+
+
+def test_deep_nesting_in_a_description(folder: Path) -> None:
+    edit(folder, lambda document: document.update(recipe={"a": json.loads("[" * 200 + "]" * 200)}))
+    with pytest.raises(StoreError, match="nested deeper than 64 levels"):
+        open_store(folder)
+
+
+@pytest.mark.parametrize(
+    ("name", "line"),
+    [
+        ("rejects.jsonl", '{"clip": "x"}'),
+        ("rejects.jsonl", '{"reason": 3}'),
+        ("rejects.jsonl", '{"reason": "nan", "clip": ["x"]}'),
+        ("rejects.jsonl", '{"reason": "nan", "window": "x"}'),
+        ("rejects.jsonl", "[]"),
+        ("quality.jsonl", '{"kind": "x"}'),
+        ("quality.jsonl", '{"clip": "x", "value": "much"}'),
+        ("quality.jsonl", '{"clip": "x", "value": 1e999}'),
+        ("quality.jsonl", f'{{"clip": "x", "value": {"9" * 4000}}}'),
+        ("quality.jsonl", '{"clip": "x", "frame": true}'),
+    ],
+)
+def test_lines_of_other_types_are_an_error(folder: Path, name: str, line: str) -> None:
+    (folder / name).write_text(line + "\n")
+    with pytest.raises(StoreError, match=name.replace(".", r"\.")) as error:
+        describe_store(folder)
+    assert len(str(error.value)) < 600
+
+
+def test_many_lines_are_told_in_linear_time(folder: Path) -> None:
+    """Each with a reason, or of a clip, of its own."""
+    rejects = [{"reason": f"r{k}", "clip": f"c{k}"} for k in range(20_000)]
+    (folder / "rejects.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rejects))
+    flags = [{"clip": f"c{k}", "frame": 1, "value": 1} for k in range(20_000)]
+    (folder / "quality.jsonl").write_text("".join(json.dumps(row) + "\n" for row in flags))
+    assert len(describe_store(folder).split("\n")) > 20_000
+
+
+def test_files_beside_a_dataset_are_named_without_their_control_characters(folder: Path) -> None:
+    (folder / f"{LOUD}~").touch()
+    (folder / "dataset.json").rename(folder / "other.json")
+    with pytest.raises(DanceDataError) as error:
+        open_store(folder)
+    assert SAFE in str(error.value)
