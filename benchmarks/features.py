@@ -37,7 +37,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from dancedata.pipeline import arithmetic
+from dancedata.execution import arithmetic
 
 if "--native" not in sys.argv:
     arithmetic.adopt()  # before numpy is loaded
@@ -45,13 +45,13 @@ if "--native" not in sys.argv:
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from dancedata.audio.librosa35 import Librosa35
+from dancedata.audio.librosa35.feature import Librosa35
 from dancedata.audio.signal import load_audio
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.grid import FrameGrid
-from dancedata.datasets._synthetic_music import SyntheticSong
 from dancedata.datasets.synthetic import synthesise_song
 from dancedata.store import open_store
+from dancedata.synthetic.music import SyntheticSong
 
 GRID = FrameGrid.of(30)
 N_ROWS = 150

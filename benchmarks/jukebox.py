@@ -378,7 +378,7 @@ def _matmul_rate(device: Any, precision: str) -> float:
 def _random_converted(folder: Path, config: Any, layer: int) -> None:
     """Write a converted checkpoint of random weights, one block in memory at a time."""
     from dancedata.audio.jukebox.conversion import write_converted
-    from dancedata.audio.jukebox.loading import Checkpoint
+    from dancedata.audio.jukebox.weights.loading import Checkpoint
     from dancedata.testing.jukebox import RandomSource
 
     source = RandomSource(config, layer)

@@ -31,13 +31,13 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.registry import DATASETS, FEATURES, REPRESENTATIONS
 from dancedata.core.skeleton import SMPL24, Skeleton
+from dancedata.execution.cache import Cache
+from dancedata.execution.execute import Progress, run_units
 from dancedata.pipeline.build import build
-from dancedata.pipeline.cache import Cache
-from dancedata.pipeline.execute import Progress, run_units
-from dancedata.pipeline.gather import gather, identify
+from dancedata.pipeline.clips import gather, identify
 from dancedata.pipeline.plan import make_plan
-from dancedata.pipeline.recipe import Recipe
-from dancedata.pipeline.recipe_file import load_recipe, parse_recipe
+from dancedata.recipes.parse import load_recipe, parse_recipe
+from dancedata.recipes.recipe import Recipe
 
 FRAMES, SAMPLE_RATE, CLIPS_A_SONG = 4, 8000, 100
 

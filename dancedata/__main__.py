@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dancedata.interrupts import run
+from dancedata.cli.interrupts import run
 
 
 def main() -> None:
@@ -12,7 +12,7 @@ def main() -> None:
 
 def _command() -> None:
     # Imported here, so that Ctrl-C is dealt with before anything takes time.
-    from dancedata.cli import main as command
+    from dancedata.cli.app import main as command
 
     command()
 

@@ -22,7 +22,10 @@ from dancedata.core.clip import Reject
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid, Number
 from dancedata.core.registry import FEATURES
-from dancedata.pipeline.audio_units import (
+from dancedata.execution.cache import Cache, CachedArray, default_cache
+from dancedata.execution.execute import Progress, exactly, on_one_thread
+from dancedata.execution.lost_entries import with_lost_entries
+from dancedata.pipeline.audio import (
     FeatureKeys,
     SignalId,
     extract_track,
@@ -33,11 +36,8 @@ from dancedata.pipeline.audio_units import (
     window_samples,
     window_units,
 )
-from dancedata.pipeline.cache import Cache, CachedArray, default_cache
-from dancedata.pipeline.execute import Progress, exactly, on_one_thread
-from dancedata.pipeline.lost_entries import with_lost_entries
-from dancedata.pipeline.recipe import Recipe, WindowSpec, resolve_feature
-from dancedata.pipeline.slots import make_named
+from dancedata.recipes.plugins import make_named
+from dancedata.recipes.recipe import Recipe, WindowSpec, resolve_feature
 
 __all__ = ["FeatureCache"]
 

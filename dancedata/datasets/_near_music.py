@@ -10,7 +10,7 @@ from functools import cached_property
 from pathlib import Path, PurePath
 
 from dancedata.core.errors import SourceError
-from dancedata.datasets._layout import list_folder, relative
+from dancedata.datasets._source import list_folder, relative
 
 __all__ = ["MUSIC", "NearMusic"]
 

@@ -19,7 +19,7 @@ from typing import Any
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import SourceError, UsageError, did_you_mean
 from dancedata.core.grid import as_fraction
-from dancedata.datasets._layout import counted, few
+from dancedata.datasets._source import counted, few
 
 __all__ = ["SplitRule"]
 

@@ -37,8 +37,8 @@ from dancedata.core.registry import DATASETS
 from dancedata.core.regular_file import read_regular
 from dancedata.core.strict_json import read_json
 from dancedata.core.text import shown
-from dancedata.datasets._layout import few
-from dancedata.datasets._synthetic_plan import (
+from dancedata.datasets._source import few
+from dancedata.synthetic.plan import (
     ClipPlan,
     Plan,
     SongPlan,
@@ -49,8 +49,8 @@ from dancedata.datasets._synthetic_plan import (
 )
 
 if TYPE_CHECKING:
-    from dancedata.datasets._synthetic_motion import MotionTruth
-    from dancedata.datasets._synthetic_music import SyntheticSong
+    from dancedata.synthetic.motion import MotionTruth
+    from dancedata.synthetic.music import SyntheticSong
 
 __all__ = ["Synthetic", "crossmodal_split", "synthesise_motion", "synthesise_song", "write_synthetic"]
 
@@ -181,7 +181,7 @@ def synthesise_song(
     UsageError
         If `music` is no AIST++ music id.
     """
-    from dancedata.datasets._synthetic_music import make_song
+    from dancedata.synthetic.music import make_song
 
     return make_song(SongPlan(music_of(music), sample_rate, n_channels, length_s), seed)
 
@@ -205,7 +205,7 @@ def synthesise_motion(name: str, *, seed: int = 0, n_frames: int = 810) -> tuple
     UsageError
         If the name has no AIST++ music id in it.
     """
-    from dancedata.datasets._synthetic_motion import make_motion
+    from dancedata.synthetic.motion import make_motion
 
     return make_motion(name, n_frames, seed)
 
@@ -308,7 +308,7 @@ def _write_lists(folder: Path, plan: Plan) -> None:
 
 def _write_song(folder: Path, plan: SongPlan, seed: int) -> None:
     """One wav, PCM 16, and its truth."""
-    from dancedata.datasets._synthetic_music import make_song
+    from dancedata.synthetic.music import make_song
 
     song = make_song(plan, seed)
     stream = io.BytesIO()
@@ -325,7 +325,7 @@ def _write_song(folder: Path, plan: SongPlan, seed: int) -> None:
 
 def _write_clip(folder: Path, plan: ClipPlan, seed: int) -> None:
     """One motion pickle as AIST++ publishes them, and its truth."""
-    from dancedata.datasets._synthetic_motion import make_motion
+    from dancedata.synthetic.motion import make_motion
 
     motion, truth = make_motion(plan.name, plan.n_frames, seed)
     rng = generator(seed, "scaling", plan.name)

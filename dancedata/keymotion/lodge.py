@@ -12,10 +12,10 @@ import numpy.typing as npt
 from dancedata.core.bodies import SMPLX22, SMPLX55, carried_over
 from dancedata.core.columns import Columns, Group, Mirror
 from dancedata.core.errors import UsageError
-from dancedata.core.key_motion import SIGMA_FRAMES, key_motion
 from dancedata.core.motion import Motion
 from dancedata.core.registry import KEYMOTIONS
 from dancedata.core.skeleton import Skeleton
+from dancedata.keymotion.minima import SIGMA_FRAMES, key_motion
 
 
 @KEYMOTIONS.register("lodge")

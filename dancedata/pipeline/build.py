@@ -14,22 +14,22 @@ from dancedata.core.clip import Reject, Scan
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.text import printable, shown
 from dancedata.core.version import __version__
-from dancedata.pipeline.audio_units import libsndfile_version
-from dancedata.pipeline.cache import Cache, default_cache, package_version
-from dancedata.pipeline.cache_files import running, sweep
+from dancedata.execution.cache import Cache, default_cache, package_version
+from dancedata.execution.cache_files import running, sweep
+from dancedata.execution.execute import Progress
+from dancedata.execution.lost_entries import with_lost_entries
+from dancedata.execution.reference_process import expected
+from dancedata.execution.workers import Workers, check_backend, hired
+from dancedata.pipeline.audio import libsndfile_version
 from dancedata.pipeline.card import dataset_card
+from dancedata.pipeline.clips import gather, identify, scan_source
 from dancedata.pipeline.diff import document_differences, shaping
-from dancedata.pipeline.execute import Progress
-from dancedata.pipeline.gather import gather, identify, scan_source
 from dancedata.pipeline.gathered import Gathered
 from dancedata.pipeline.implausible import stop_if_implausible
 from dancedata.pipeline.left_out import nothing_left, stop_if_strict
-from dancedata.pipeline.lost_entries import with_lost_entries
 from dancedata.pipeline.out_folder import check_out, locked, new_dataset
-from dancedata.pipeline.recipe import Recipe, resolve
-from dancedata.pipeline.reference_process import expected
 from dancedata.pipeline.source_record import SourceRecord, source_differences
-from dancedata.pipeline.workers import Workers, check_backend, hired
+from dancedata.recipes.recipe import Recipe, resolve
 from dancedata.store import Field, StoredClip, StoreHeader, open_store, write_store
 from dancedata.store.schema import DATASET_FILE
 

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 from dancedata.pipeline.gathered import Gathered
-from dancedata.pipeline.recipe import Recipe
+from dancedata.recipes.recipe import Recipe
 from dancedata.store import StoredClip
 from dancedata.store.schema import sort_splits
 

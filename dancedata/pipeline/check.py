@@ -11,9 +11,9 @@ from dancedata.core.errors import DataError, SourceError
 from dancedata.core.plugins import Dataset
 from dancedata.core.quality import implausible_flags
 from dancedata.core.registry import DATASETS
-from dancedata.pipeline.execute import Progress, run_units
+from dancedata.execution.execute import Progress, run_units
+from dancedata.execution.last_words import doing
 from dancedata.pipeline.implausible import implausible_problems
-from dancedata.pipeline.last_words import doing
 from dancedata.pipeline.rejects import NOTED, reject_of
 from dancedata.store import Problem, open_store, verify_store
 from dancedata.store.schema import DATASET_FILE, is_shard_name

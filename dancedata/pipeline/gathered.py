@@ -10,8 +10,8 @@ from typing import Any
 from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import StoreError
 from dancedata.core.hashing import json_sha256
-from dancedata.pipeline.audio_units import SignalId
-from dancedata.pipeline.recipe import Recipe
+from dancedata.pipeline.audio import SignalId
+from dancedata.recipes.recipe import Recipe
 
 
 @dataclass

@@ -12,16 +12,16 @@ from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.quality import implausible_flags
+from dancedata.execution.cache import Cache, default_cache
+from dancedata.execution.execute import Progress, run_units
 from dancedata.pipeline.build import header_of, relative_to
-from dancedata.pipeline.cache import Cache, default_cache
-from dancedata.pipeline.execute import Progress, run_units
-from dancedata.pipeline.gather import audio_window_count, scan_source
+from dancedata.pipeline.clips import audio_window_count, scan_source
 from dancedata.pipeline.implausible import describe_implausible
 from dancedata.pipeline.left_out import nothing_left
-from dancedata.pipeline.motion_units import motion_window_count
+from dancedata.pipeline.motion import motion_window_count
 from dancedata.pipeline.plan_cached import Cached, cached_units
-from dancedata.pipeline.recipe import Recipe
 from dancedata.pipeline.rejects import missing_music, reject_of, short_audio, too_short
+from dancedata.recipes.recipe import Recipe
 from dancedata.store.schema import sort_splits
 
 

@@ -10,10 +10,10 @@ from typing import Any
 
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import SourceError, UsageError
-from dancedata.pipeline.audio_units import FeatureKeys, known_signal
-from dancedata.pipeline.cache import Cache
-from dancedata.pipeline.motion_units import MotionKeys, content_hashes
-from dancedata.pipeline.recipe import Recipe, resolve_feature
+from dancedata.execution.cache import Cache
+from dancedata.pipeline.audio import FeatureKeys, known_signal
+from dancedata.pipeline.motion import MotionKeys, content_hashes
+from dancedata.recipes.recipe import Recipe, resolve_feature
 
 
 @dataclass(frozen=True)

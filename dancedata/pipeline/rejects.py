@@ -8,7 +8,7 @@ from pathlib import Path
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.errors import DataError
 from dancedata.core.quality import IMPLAUSIBLE
-from dancedata.pipeline.recipe import Recipe
+from dancedata.recipes.recipe import Recipe
 
 CHANGED = "the file changed while the build was running"
 BUILD_AGAIN = "run the build again when the source is at rest"

@@ -10,7 +10,7 @@ from typing import Any
 from dancedata.core.clip import Reject
 from dancedata.core.quality import IMPLAUSIBLE
 from dancedata.core.text import counted, shown
-from dancedata.pipeline.cache_admin import size_text
+from dancedata.execution.cache_admin import size_text
 from dancedata.pipeline.implausible import describe_implausible
 from dancedata.pipeline.left_out import left_out_lines
 from dancedata.store import Store, open_store

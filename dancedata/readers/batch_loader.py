@@ -17,8 +17,8 @@ from torch.utils.data import BatchSampler, SequentialSampler, default_collate
 
 from dancedata.core.errors import UsageError
 from dancedata.readers._checks import whole
-from dancedata.readers.fill import Fill, Request
-from dancedata.readers.memory import Pool
+from dancedata.readers.batch_fill import Fill, Request
+from dancedata.readers.batch_memory import Pool
 from dancedata.readers.sampler import EpochSampler
 from dancedata.readers.windows import WindowDataset
 

@@ -18,12 +18,12 @@ from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.movement import Movement
 from dancedata.core.normalize import MinMax
 from dancedata.readers._checks import whole
+from dancedata.readers.batch_fill import FieldFill, Fill, Request
+from dancedata.readers.batch_memory import Pool, shared_tensor
 from dancedata.readers.collate import Batch, Sample, collate
-from dancedata.readers.cues import PRIMITIVES, Cues, cues_of
-from dancedata.readers.fill import FieldFill, Fill, Request
-from dancedata.readers.memory import Pool, shared_tensor
 from dancedata.readers.metadata import metadata
 from dancedata.readers.presets import Preset, field_names, find_preset, preset_cut, preset_fields
+from dancedata.readers.primitives import PRIMITIVES, Cues, cues_of
 from dancedata.readers.scalers import mirrors_of, normalized_fields, scaler_of
 from dancedata.readers.selection import Choice, movement_filter, select
 from dancedata.store.dataset import Store, open_store, reopen

@@ -12,8 +12,8 @@ import numpy.typing as npt
 from dancedata.core.atomic import atomic_file
 from dancedata.core.errors import StoreError
 from dancedata.store import hdf5
-from dancedata.store.plan import ShardPlan
 from dancedata.store.schema import FORMAT, LIST_SEPARATOR, Field, LazyArray
+from dancedata.store.shard_plan import ShardPlan
 from dancedata.store.sparse_file import SparseFile
 
 #: Values converted and checked at a time.

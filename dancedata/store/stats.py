@@ -12,8 +12,8 @@ import numpy.typing as npt
 
 from dancedata.core.normalize import MinMax
 from dancedata.store import hdf5
-from dancedata.store.plan import ShardPlan
 from dancedata.store.schema import Field, StoreHeader
+from dancedata.store.shard_plan import ShardPlan
 
 QUANTILES = (0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
 #: Values (float32) of a block of columns in memory; a field with more rows is read in several passes.

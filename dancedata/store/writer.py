@@ -14,7 +14,6 @@ from dancedata.core.atomic import write_text
 from dancedata.core.clip import Reject
 from dancedata.core.errors import StoreError
 from dancedata.core.hashing import json_sha256, sha256_file
-from dancedata.store.plan import ShardPlan, plan_shards
 from dancedata.store.schema import (
     CARD_FILE,
     DATASET_FILE,
@@ -25,6 +24,7 @@ from dancedata.store.schema import (
     StoredClip,
     StoreHeader,
 )
+from dancedata.store.shard_plan import ShardPlan, plan_shards
 from dancedata.store.shard_writer import write_shard
 from dancedata.store.stats import compute_stats
 

@@ -189,8 +189,8 @@ def check_plugin(cls: type[Any]) -> None:
     _require(bool(text) and not text.startswith(f"{cls.__name__}("), f"{cls.__name__} has a docstring")
     for field in dataclasses.fields(cls):
         _require(re.search(rf"^{field.name}\b", text, re.M) is not None, f"the docstring describes {field.name}")
-    from dancedata.pipeline.documents import document_of
-    from dancedata.pipeline.slots import make_plugin, one_of
+    from dancedata.recipes.documents import document_of
+    from dancedata.recipes.plugins import make_plugin, one_of
 
     problems: list[str] = []
     registry = _registry_of(cls)
@@ -206,7 +206,7 @@ def check_plugin(cls: type[Any]) -> None:
 
 def recipe_with(*, dataset: str, scope: str = "track", skeleton: Skeleton = SMPL24) -> Any:
     """Return a recipe of one dataset, joint positions of its skeleton, no audio: what a reader is tried with."""
-    from dancedata.pipeline.recipe_file import parse_recipe
+    from dancedata.recipes.parse import parse_recipe
 
     document = {
         "recipe": 1,

@@ -10,8 +10,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dancedata.audio.jukebox import names
 from dancedata.audio.jukebox.config import JukeboxConfig
+from dancedata.audio.jukebox.weights import names
 from dancedata.core.atomic import write_json
 
 if TYPE_CHECKING:

@@ -18,9 +18,9 @@ import soundfile
 import soxr
 from numpy.typing import NDArray
 
-from dancedata.audio import _librosa35_fast as fast
-from dancedata.audio._fast_resample import MAX_PERIOD, period
-from dancedata.audio.librosa35 import Librosa35, _log_once
+from dancedata.audio.librosa35 import fast
+from dancedata.audio.librosa35.feature import Librosa35, _log_once
+from dancedata.audio.librosa35.resample import MAX_PERIOD, period
 from dancedata.audio.signal import load_audio, pcm16
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.grid import FrameGrid
@@ -210,7 +210,7 @@ def test_near_ties_are_decided_as_librosa_does(monkeypatch: pytest.MonkeyPatch) 
         decided.append(chroma.copy())
         return np.ones(chroma.shape[:2], dtype=np.bool_)
 
-    monkeypatch.setattr("dancedata.audio._fast_ties.near_ties", all_near)
+    monkeypatch.setattr("dancedata.audio.librosa35.ties.near_ties", all_near)
     replaced = []
     decide = fast.decide_near_ties
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from filelock import FileLock, Timeout
 
-from dancedata.audio import _librosa35_plain as plain
-from dancedata.audio.librosa35 import Librosa35
+from dancedata.audio.librosa35 import reference as plain
+from dancedata.audio.librosa35.feature import Librosa35
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.grid import FrameGrid
 
@@ -42,7 +42,7 @@ def test_the_fast_version_needs_neither_librosa_nor_numba() -> None:
     """Their import takes seconds in every worker process."""
     script = (
         "import sys, numpy as np\n"
-        "from dancedata.audio.librosa35 import Librosa35\n"
+        "from dancedata.audio.librosa35.feature import Librosa35\n"
         "from dancedata.core.audio_signal import AudioSignal\n"
         "from dancedata.core.grid import FrameGrid\n"
         "noise = np.random.default_rng(1).uniform(-0.5, 0.5, 6 * 44100)\n"

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dancedata.audio.librosa35 import Librosa35, _log_once
+from dancedata.audio.librosa35.feature import Librosa35, _log_once
 from dancedata.audio.signal import pcm16
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
-from dancedata.pipeline.documents import document_of
+from dancedata.recipes.documents import document_of
 
 GRID = FrameGrid.of(30)
 FEATURE = Librosa35()

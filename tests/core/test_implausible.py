@@ -89,8 +89,8 @@ def test_examples_of_all_readers_are_plausible(tmp_path: Path, name: str) -> Non
 
 
 def test_real_clips_are_plausible(shared: Path) -> None:
-    from dancedata.datasets._folder_facts import Declared
-    from dancedata.datasets._folder_load import Reading, load_motion
+    from dancedata.datasets.folder.facts import Declared
+    from dancedata.datasets.folder.load import Reading, load_motion
 
     real = shared / "realdata"
     paths = [(path, "m", None) for path in sorted((real / "finedance").glob("derived_315_*.npy"))]

@@ -21,7 +21,7 @@ from dancedata.core.errors import (
     did_you_mean,
 )
 from dancedata.core.registry import CONTACTS, DATASETS, FEATURES, REPRESENTATIONS, Registry
-from dancedata.core.safe_pickle import load_pickle
+from dancedata.formats.safe_pickle import load_pickle
 
 ALL = (DATASETS, REPRESENTATIONS, CONTACTS, FEATURES)
 

@@ -15,7 +15,7 @@ import pytest
 from numpy._core.multiarray import _reconstruct, scalar
 
 from dancedata.core.errors import DataError
-from dancedata.core.safe_pickle import MAX_DEPTH, as_array, load_pickle
+from dancedata.formats.safe_pickle import MAX_DEPTH, as_array, load_pickle
 
 
 class Call:
@@ -325,7 +325,7 @@ def test_values_that_are_none(value: Any) -> None:
 
 
 def test_a_pickle_that_is_too_large(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("dancedata.core.safe_pickle.MAX_PICKLE_BYTES", 100)
+    monkeypatch.setattr("dancedata.formats.safe_pickle.MAX_PICKLE_BYTES", 100)
     assert "bigger than 100 bytes" in refused(path, pickle.dumps("x" * 200), "broken_file")
 
 

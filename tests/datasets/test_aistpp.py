@@ -11,8 +11,8 @@ import pytest
 from dancedata.core.clip import ClipRef, Scan
 from dancedata.core.errors import SourceError
 from dancedata.core.registry import DATASETS
-from dancedata.datasets._aistpp_names import crossmodal_split, facts, parse_name, tempo_bpm
 from dancedata.datasets.aistpp import AistPP
+from dancedata.datasets.aistpp.facts import crossmodal_split, facts, parse_name, tempo_bpm
 
 TRAIN = "gBR_sBM_cAll_d04_mBR2_ch08"
 VAL = "gJS_sBM_cAll_d03_mJS3_ch01"

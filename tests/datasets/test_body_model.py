@@ -14,10 +14,10 @@ from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DataError, SourceError, UsageError
 from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24, Skeleton
-from dancedata.datasets._body_model import SMPLH52, body_model_skeleton
 from dancedata.datasets.folder import Folder
+from dancedata.formats.body_model import SMPLH52, body_model_skeleton
 from dancedata.pipeline.build import build
-from dancedata.pipeline.recipe_file import parse_recipe
+from dancedata.recipes.parse import parse_recipe
 from dancedata.store import open_store
 
 N = 20

@@ -16,13 +16,13 @@ from dancedata.core.errors import DataError, UsageError
 from dancedata.core.kinematics import forward_kinematics
 from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24, Skeleton
-from dancedata.datasets._bvh import read_bvh
-from dancedata.datasets._bvh_kinematics import world
-from dancedata.datasets._bvh_names import REQUIRED, map_joints
-from dancedata.datasets._bvh_write import write_bvh
-from dancedata.datasets._folder_facts import UPRIGHT
 from dancedata.datasets.folder import Folder
+from dancedata.datasets.folder.facts import UPRIGHT
 from dancedata.datasets.synthetic import synthesise_motion
+from dancedata.formats.bvh.joint_names import REQUIRED, map_joints
+from dancedata.formats.bvh.kinematics import world
+from dancedata.formats.bvh.parse import read_bvh
+from dancedata.formats.bvh.write import write_bvh
 
 Floats = NDArray[np.float64]
 
@@ -157,7 +157,7 @@ def test_names_of_many_makers(tmp_path: Path, danced: Motion, names: str, style:
 
 
 def test_spines_of_any_number() -> None:
-    from dancedata.datasets._bvh_hierarchy import BvhJoint
+    from dancedata.formats.bvh.hierarchy import BvhJoint
 
     for n, expected in [(0, []), (1, [1]), (2, [1, 2]), (3, [1, 2, 3]), (4, [1, 3, 4]), (5, [1, 3, 5])]:
         names, parents = ["Hips"] + [f"s{k}" for k in range(1, n + 1)], [-1, *range(n)]

@@ -13,9 +13,9 @@ import pytest
 from dancedata.core.clip import ClipRef, Scan
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.registry import DATASETS
-from dancedata.datasets._finedance_facts import SPLITS, facts
 from dancedata.datasets.aistpp import AistPP
 from dancedata.datasets.finedance import FineDance
+from dancedata.datasets.finedance.facts import SPLITS, facts
 
 
 def splits(scan: Scan) -> dict[str, str]:

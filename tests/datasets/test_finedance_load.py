@@ -84,7 +84,7 @@ def test_bones_of_a_body_model(fine: Any, monkeypatch: pytest.MonkeyPatch) -> No
         asked.append(path)
         return SMPLX55.with_root_offset("smplx55:12345678", (0.0, 1.0, 0.0))
 
-    name = "dancedata.datasets._body_model"
+    name = "dancedata.formats.body_model"
     monkeypatch.setitem(sys.modules, name, SimpleNamespace(body_model_skeleton=body_model_skeleton))  # type: ignore[arg-type]
     model = fine.root / "models" / "SMPLX_NEUTRAL.npz"
     path = fine.motion("150")

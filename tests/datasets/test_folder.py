@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 from dancedata.core.clip import Scan
 from dancedata.core.errors import DataError, SourceError, StoreError, UsageError
 from dancedata.core.registry import DATASETS
-from dancedata.datasets._bvh_names import STYLES
-from dancedata.datasets._folder_manifest import COLUMNS, read_manifest
 from dancedata.datasets.folder import Folder
+from dancedata.datasets.folder.manifest import COLUMNS, read_manifest
+from dancedata.formats.bvh.joint_names import STYLES
 
 
 def put(source: Path, file: str, data: bytes = b"stand-in") -> Path:

@@ -24,10 +24,10 @@ from dancedata.core.errors import DataError
 from dancedata.core.kinematics import forward_kinematics
 from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24, Skeleton
-from dancedata.datasets import _folder_arrays
-from dancedata.datasets._body_model import SMPLH52
-from dancedata.datasets._folder_facts import UPRIGHT
 from dancedata.datasets.folder import Folder
+from dancedata.datasets.folder.facts import UPRIGHT
+from dancedata.formats import arrays as _folder_arrays
+from dancedata.formats.body_model import SMPLH52
 
 Floats = NDArray[np.float64]
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dancedata.cli.text import describe_store
 from dancedata.datasets.folder import Folder
 from dancedata.pipeline.build import build
-from dancedata.pipeline.recipe_file import parse_recipe
-from dancedata.pipeline.report import describe_store
+from dancedata.recipes.parse import parse_recipe
 from dancedata.store import open_store, verify_store
 
 

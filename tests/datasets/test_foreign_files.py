@@ -13,17 +13,17 @@ import pytest
 
 from dancedata.core.bodies import SMPLX55
 from dancedata.core.errors import DataError, RecipeError, SourceError
-from dancedata.datasets._aistpp_load import load_motion as load_aist
-from dancedata.datasets._bvh import read_bvh_header
-from dancedata.datasets._finedance_labels import read_label
-from dancedata.datasets._finedance_lengths import length_note
-from dancedata.datasets._finedance_load import load_motion as load_finedance
-from dancedata.datasets._finedance_load import motion_length
-from dancedata.datasets._folder_arrays import open_arrays
-from dancedata.datasets._folder_manifest import read_manifest
-from dancedata.datasets._layout import few, read_names
+from dancedata.datasets._source import few, read_names
+from dancedata.datasets.aistpp.load import load_motion as load_aist
+from dancedata.datasets.finedance.labels import read_label
+from dancedata.datasets.finedance.lengths import length_note
+from dancedata.datasets.finedance.load import load_motion as load_finedance
+from dancedata.datasets.finedance.load import motion_length
 from dancedata.datasets.folder import Folder
-from dancedata.pipeline.recipe_file import load_recipe
+from dancedata.datasets.folder.manifest import read_manifest
+from dancedata.formats.arrays import open_arrays
+from dancedata.formats.bvh.parse import read_bvh_header
+from dancedata.recipes.parse import load_recipe
 
 
 @pytest.fixture

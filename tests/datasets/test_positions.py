@@ -15,13 +15,13 @@ from hypothesis import strategies as st
 from dancedata.core.errors import DataError
 from dancedata.core.motion import Motion
 from dancedata.core.quality import implausible_flags
-from dancedata.core.safe_pickle import load_pickle
 from dancedata.core.skeleton import SMPL24
-from dancedata.datasets import _aistpp_load
-from dancedata.datasets._folder_facts import Declared
-from dancedata.datasets._folder_load import Reading, load_motion
 from dancedata.datasets._positions import require_rotations
+from dancedata.datasets.aistpp import load as _aistpp_load
+from dancedata.datasets.folder.facts import Declared
+from dancedata.datasets.folder.load import Reading, load_motion
 from dancedata.datasets.synthetic import synthesise_motion
+from dancedata.formats.safe_pickle import load_pickle
 
 READING = Reading(Declared("60", "y", "m"), Declared())
 NOT = "oint positions are not rotations"

@@ -15,12 +15,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
-from dancedata.cli import app
+from dancedata.cli.app import app
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import RecipeError, SourceError, UsageError
 from dancedata.datasets._split_rule import SplitRule
 from dancedata.datasets.folder import Folder
-from dancedata.pipeline.recipe_file import parse_recipe
+from dancedata.recipes.parse import parse_recipe
 
 VAL, TEST = ["song20", "song26"], ["song5", "song6", "song11", "song13"]
 RULE = {"val": 0.1, "test": 0.1, "by": "music"}

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from dancedata.pipeline.build import build
-from dancedata.pipeline.recipe_file import load_recipe
 from dancedata.pipeline.summary import describe_built
+from dancedata.recipes.parse import load_recipe
 
 ROOT = Path(__file__).resolve().parents[2]
 

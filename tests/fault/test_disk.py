@@ -21,15 +21,15 @@ import pytest
 from dancedata.core import locks
 from dancedata.core.errors import DanceDataError, StoreError
 from dancedata.datasets.aistpp import AistPP
+from dancedata.execution import cache_files
+from dancedata.execution.cache import Cache
+from dancedata.execution.cache_admin import prune, verify_cache
+from dancedata.execution.execute import Progress, run_units
+from dancedata.execution.workers import Workers
 from dancedata.pipeline import build as build_module
-from dancedata.pipeline import cache_files
 from dancedata.pipeline.build import build
-from dancedata.pipeline.cache import Cache
-from dancedata.pipeline.cache_admin import prune, verify_cache
-from dancedata.pipeline.execute import Progress, run_units
-from dancedata.pipeline.parts import Part, build_part
-from dancedata.pipeline.recipe_file import parse_recipe
-from dancedata.pipeline.workers import Workers
+from dancedata.pipeline.part import Part, build_part
+from dancedata.recipes.parse import parse_recipe
 from dancedata.store import verify_store
 
 DOCUMENT: dict[str, Any] = {
@@ -100,7 +100,7 @@ def test_a_disk_that_fills_up_is_a_clear_error_and_room_mends_it(
 LIMITED = """
 import resource, sys
 resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv.pop(1)),) * 2)
-from dancedata.cli import main
+from dancedata.cli.app import main
 main()
 """
 

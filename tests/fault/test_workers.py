@@ -165,8 +165,8 @@ def test_a_worker_is_checked_for_what_it_needs(
 ):
     distributed = pytest.importorskip("distributed")
     from dancedata.core.errors import DanceDataError
-    from dancedata.pipeline import workers
-    from dancedata.pipeline.cache_files import held
+    from dancedata.execution import workers
+    from dancedata.execution.cache_files import held
 
     worker = SimpleNamespace(address="tcp://x", state=SimpleNamespace(nthreads=wrong.pop("threads", 1)))
     monkeypatch.setattr(distributed, "get_worker", lambda: worker)
@@ -195,7 +195,7 @@ def test_a_worker_is_checked_for_what_it_needs(
 def test_wrong_options(corpus: Path, out: Path, options: list[str], code: int, said: str):
     from typer.testing import CliRunner
 
-    from dancedata.cli import app
+    from dancedata.cli.app import app
 
     arguments = ["build", "aist++", "--source", str(corpus), "--out", str(out), *options]
     result = CliRunner().invoke(app, arguments)
@@ -206,9 +206,9 @@ def test_wrong_options(corpus: Path, out: Path, options: list[str], code: int, s
 def test_a_scheduler_that_does_not_answer(corpus: Path, out: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     pytest.importorskip("distributed")
     from dancedata.core.errors import DanceDataError
-    from dancedata.pipeline import workers
+    from dancedata.execution import workers
     from dancedata.pipeline.build import build
-    from dancedata.pipeline.recipe_file import load_recipe
+    from dancedata.recipes.parse import load_recipe
 
     monkeypatch.setattr(workers, "DASK_TIMEOUT_S", 0.5)
     with pytest.raises(DanceDataError, match="no Dask scheduler that answers"):
@@ -229,7 +229,7 @@ def test_a_crash_in_the_only_process_names_the_file(end: str, said: bool) -> Non
     code = f"""
 import os, signal
 from pathlib import Path
-from dancedata.pipeline.execute import Progress, run_units
+from dancedata.execution.execute import Progress, run_units
 def decode(path):
     if path.name == "bad song.wav":
         {end}

@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 import soundfile
 
-from dancedata.audio.jukebox import names
 from dancedata.audio.jukebox.config import JukeboxConfig
-from dancedata.audio.jukebox.legacy_file import LegacyFile
+from dancedata.audio.jukebox.weights import names
+from dancedata.audio.jukebox.weights.legacy_file import LegacyFile
 
 Arrays = dict[str, np.ndarray]
 

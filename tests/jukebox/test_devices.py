@@ -17,18 +17,19 @@ pytest.importorskip("accelerate")
 
 import torch
 
-from dancedata.audio import _devices, jukebox_feature
+from dancedata.audio.jukebox import devices as _devices
+from dancedata.audio.jukebox import feature as jukebox_feature
 from dancedata.audio.jukebox import memory
-from dancedata.audio.jukebox_feature import Jukebox
+from dancedata.audio.jukebox.feature import Jukebox
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import sha256_file
-from dancedata.pipeline import read_ahead
-from dancedata.pipeline.audio_units import FeatureKeys, SignalId
-from dancedata.pipeline.gather_audio import _jobs_for, _next_songs
-from dancedata.pipeline.recipe import Recipe, WindowSpec
-from dancedata.pipeline.workers import Workers
+from dancedata.execution import read_ahead
+from dancedata.execution.workers import Workers
+from dancedata.pipeline.audio import FeatureKeys, SignalId
+from dancedata.pipeline.features import _jobs_for, _next_songs
+from dancedata.recipes.recipe import Recipe, WindowSpec
 
 FPS = FrameGrid.of(30)
 

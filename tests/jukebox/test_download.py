@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from dancedata.audio.jukebox import fetch
-from dancedata.audio.jukebox.download import FILES, RemoteFile
+from dancedata.audio.jukebox.weights.download import FILES, RemoteFile
 from dancedata.core.errors import DanceDataError, SourceError, UsageError
 
 DATA = np.random.default_rng(0).bytes(3_000_000)

@@ -12,7 +12,7 @@ pytest.importorskip("torch")
 
 import dancedata
 from dancedata.audio.jukebox import JukeboxEncoder
-from dancedata.audio.jukebox_feature import ENVIRONMENT, Jukebox
+from dancedata.audio.jukebox.feature import ENVIRONMENT, Jukebox
 from dancedata.audio.signal import pcm16
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DanceDataError, DataError, SourceError, UsageError

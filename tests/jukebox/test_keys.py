@@ -14,8 +14,9 @@ pytest.importorskip("accelerate")
 
 import torch
 
-from dancedata.audio.jukebox import JukeboxConfig, memory, names
-from dancedata.audio.jukebox.loading import Checkpoint, load_encoder, load_prior
+from dancedata.audio.jukebox import JukeboxConfig, memory
+from dancedata.audio.jukebox.weights import names
+from dancedata.audio.jukebox.weights.loading import Checkpoint, load_encoder, load_prior
 
 REAL = JukeboxConfig()
 

@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dancedata.core.errors import UsageError
-from dancedata.core.key_motion import KeyMotion
 from dancedata.core.motion import Motion
 from dancedata.keymotion import Primitives, borders, primitives
 from dancedata.keymotion.lodge import Lodge
+from dancedata.keymotion.minima import KeyMotion
 
 #: What 4 segments give, in the order of time.
 HARD_13 = [True, False, False] * 4 + [True]

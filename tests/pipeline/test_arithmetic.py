@@ -20,9 +20,9 @@ import soundfile
 
 from dancedata.core.errors import DataError
 from dancedata.datasets.synthetic import synthesise_song
-from dancedata.pipeline import arithmetic, reference_process
-from dancedata.pipeline.execute import Progress, run_units
-from dancedata.pipeline.reference_process import ReferenceProcess, ReferenceProcessError
+from dancedata.execution import arithmetic, reference_process
+from dancedata.execution.execute import Progress, run_units
+from dancedata.execution.reference_process import ReferenceProcess, ReferenceProcessError
 
 RECIPE = """recipe: 1
 name: kernels
@@ -41,7 +41,7 @@ import threading
 from collections.abc import Iterator
 from pathlib import Path
 from dancedata.pipeline.build import build
-from dancedata.pipeline.recipe_file import load_recipe
+from dancedata.recipes.parse import load_recipe
 
 recipe, source, out, cache, jobs = sys.argv[1:]
 import numpy  # before anything can be chosen

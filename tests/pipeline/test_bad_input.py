@@ -15,7 +15,7 @@ import soundfile
 
 import dancedata
 from dancedata.core.errors import RecipeError, SourceError, StoreError
-from dancedata.pipeline.recipe_file import load_recipe
+from dancedata.recipes.parse import load_recipe
 from dancedata.store import verify_store
 
 GOOD = "gHO_sBM_cAll_d19_mHO3_ch03"

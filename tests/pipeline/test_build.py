@@ -17,14 +17,14 @@ import pytest
 import soundfile
 
 import dancedata
-from dancedata.audio.librosa35 import Librosa35
+from dancedata.audio.librosa35.feature import Librosa35
+from dancedata.cli.text import describe_store
 from dancedata.core import staging
 from dancedata.core.errors import DataError, SourceError, StoreError
 from dancedata.core.locks import writing_lock
 from dancedata.datasets.aistpp import AistPP
 from dancedata.datasets.synthetic import Synthetic
 from dancedata.pipeline import build as build_module
-from dancedata.pipeline.report import describe_store
 from dancedata.store import verify_store
 
 Hashes = Callable[[Path], dict[str, str]]
@@ -240,7 +240,7 @@ import {module} as module
 def kill(*args): os.kill(os.getpid(), signal.SIGKILL)
 {patch}
 from dancedata.pipeline.build import build
-from dancedata.pipeline.recipe_file import load_recipe
+from dancedata.recipes.parse import load_recipe
 build(load_recipe("aist++"), Path(sys.argv[1]), Path(sys.argv[2]), overwrite=True)
 """
 

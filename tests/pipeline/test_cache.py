@@ -17,16 +17,18 @@ from dancedata.audio.signal import load_audio
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.clip import Reject
 from dancedata.core.errors import StoreError
-from dancedata.pipeline import audio_units, cache_files, motion_units
-from dancedata.pipeline import cache as cache_module
-from dancedata.pipeline.audio_units import FeatureKeys, SignalId
-from dancedata.pipeline.cache import Cache, CachedArray, EntryLostError
-from dancedata.pipeline.execute import Progress
-from dancedata.pipeline.gather import identify
-from dancedata.pipeline.motion_units import MotionKeys, content_hashes
+from dancedata.execution import cache as cache_module
+from dancedata.execution import cache_files
+from dancedata.execution.cache import Cache, CachedArray, EntryLostError
+from dancedata.execution.execute import Progress
+from dancedata.pipeline import audio as audio_units
+from dancedata.pipeline import motion as motion_units
+from dancedata.pipeline.audio import FeatureKeys, SignalId
+from dancedata.pipeline.clips import identify
+from dancedata.pipeline.motion import MotionKeys, content_hashes
 from dancedata.pipeline.plan_cached import Cached, cached_units
-from dancedata.pipeline.recipe import Recipe
-from dancedata.pipeline.recipe_file import load_recipe
+from dancedata.recipes.parse import load_recipe
+from dancedata.recipes.recipe import Recipe
 
 FORK = multiprocessing.get_context("fork")
 KEY = "ab" + "0" * 62

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from dancedata.pipeline.audio_units import SignalId, extract_track, identify_audio
-from dancedata.pipeline.cache import Cache
-from dancedata.pipeline.motion_units import MotionKeys, encode_motion
-from dancedata.pipeline.recipe_file import load_recipe
+from dancedata.execution.cache import Cache
+from dancedata.pipeline.audio import SignalId, extract_track, identify_audio
+from dancedata.pipeline.motion import MotionKeys, encode_motion
+from dancedata.recipes.parse import load_recipe
 
 #: Each of these takes a good part of a second, or needs an extra.
 HEAVY = {"torch", "librosa", "scipy", "numba", "sklearn", "pandas", "matplotlib", "soundfile", "soxr"}

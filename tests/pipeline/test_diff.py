@@ -28,7 +28,7 @@ def of(found: list[Difference], kind: str) -> list[Difference]:
 
 
 def run(*args: object, code: int) -> str:
-    from dancedata.cli import app
+    from dancedata.cli.app import app
 
     result = CliRunner().invoke(app, ["diff", *map(str, args)])
     assert result.exit_code == code, result.output

@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 
 import dancedata
-from dancedata.audio.librosa35 import Librosa35
+from dancedata.audio.librosa35.feature import Librosa35
 from dancedata.cache import FeatureCache
 from dancedata.core.errors import DataError, UsageError
-from dancedata.pipeline.cache_admin import prune
+from dancedata.execution.cache_admin import prune
 
 FORK = multiprocessing.get_context("fork")
 PAGE = Path(__file__).parents[2] / "docs" / "cache.md"

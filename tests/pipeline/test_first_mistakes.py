@@ -14,9 +14,9 @@ from click.testing import Result
 from typer.testing import CliRunner
 
 import dancedata
-from dancedata.audio.librosa35 import Librosa35
+from dancedata.audio.librosa35.feature import Librosa35
 from dancedata.audio.signal import load_audio
-from dancedata.cli import app
+from dancedata.cli.app import app
 from dancedata.core.clip import Reject
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid

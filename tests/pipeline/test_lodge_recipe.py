@@ -16,7 +16,7 @@ from dancedata.core.registry import DATASETS, KEYMOTIONS, REPRESENTATIONS
 from dancedata.datasets.synthetic import write_synthetic
 from dancedata.pipeline.build import build
 from dancedata.pipeline.plan import make_plan
-from dancedata.pipeline.recipe_file import load_recipe, parse_recipe
+from dancedata.recipes.parse import load_recipe, parse_recipe
 from dancedata.store import verify_store
 
 

@@ -19,7 +19,7 @@ from dancedata.core.clip import Scan
 from dancedata.core.errors import DataError
 from dancedata.datasets.folder import Folder
 from dancedata.pipeline.build import build
-from dancedata.pipeline.recipe_file import load_recipe
+from dancedata.recipes.parse import load_recipe
 
 RECIPE = """recipe: 1
 name: mine

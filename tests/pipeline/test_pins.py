@@ -20,10 +20,12 @@ import pytest
 
 from dancedata.core.clip import ClipRef
 from dancedata.core.hashing import sha256_file
-from dancedata.pipeline import arithmetic, audio_units, motion_units
-from dancedata.pipeline.audio_units import FeatureKeys, SignalId
-from dancedata.pipeline.motion_units import MotionKeys
-from dancedata.pipeline.recipe_file import load_recipe, recipe_names
+from dancedata.execution import arithmetic
+from dancedata.pipeline import audio as audio_units
+from dancedata.pipeline import motion as motion_units
+from dancedata.pipeline.audio import FeatureKeys, SignalId
+from dancedata.pipeline.motion import MotionKeys
+from dancedata.recipes.parse import load_recipe, recipe_names
 
 PINS = Path(__file__).with_name("pins.json")
 #: Whose versions shape the bytes of the demo.

@@ -16,9 +16,9 @@ from click.testing import Result
 from typer.testing import CliRunner
 
 import dancedata
-from dancedata.cli import app
+from dancedata.cli.app import app
 from dancedata.core.registry import CONTACTS, DATASETS, FEATURES, REPRESENTATIONS
-from dancedata.pipeline.recipe_file import recipe_names
+from dancedata.recipes.parse import recipe_names
 
 RECIPES = {"track": "aist++", "window": "aist++-edge-exact"}
 TRAIN = "gHO_sBM_cAll_d19_mHO3_ch03"

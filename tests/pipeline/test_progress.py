@@ -7,8 +7,8 @@ import io
 import pytest
 
 from dancedata.core.errors import DataError
-from dancedata.pipeline import execute
-from dancedata.pipeline.execute import Progress, run_units
+from dancedata.execution import execute
+from dancedata.execution.execute import Progress, run_units
 
 
 class Terminal(io.StringIO):

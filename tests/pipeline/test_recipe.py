@@ -11,8 +11,8 @@ import pytest
 
 from dancedata.core.errors import RecipeError, UsageError
 from dancedata.core.registry import FEATURES, REPRESENTATIONS
-from dancedata.pipeline.recipe import Recipe
-from dancedata.pipeline.recipe_file import apply_override, load_recipe, parse_recipe, recipe_names
+from dancedata.recipes.parse import apply_override, load_recipe, parse_recipe, recipe_names
+from dancedata.recipes.recipe import Recipe
 
 
 def document(**changes: Any) -> dict[str, Any]:

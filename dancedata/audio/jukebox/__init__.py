@@ -4,7 +4,8 @@ Dhariwal et al. 2020, "Jukebox: A Generative Model for Music"; EDGE (Tseng et al
 after the 66th block of its top-level prior as music features. The weights are OpenAI's, under a Noncommercial Use
 License, and no part of this package.
 
-The names below are loaded when they are asked for: importing this package needs no torch.
+The feature is registered here; the other names are loaded when they are first used, so that importing this package
+needs no torch.
 """
 
 from __future__ import annotations
@@ -12,22 +13,24 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from dancedata.audio.jukebox.feature import Jukebox as Jukebox
+
 if TYPE_CHECKING:
     from dancedata.audio.jukebox.config import JukeboxConfig as JukeboxConfig
     from dancedata.audio.jukebox.conversion import checkpoint_sha256 as checkpoint_sha256
     from dancedata.audio.jukebox.conversion import convert as convert
-    from dancedata.audio.jukebox.download import fetch as fetch
     from dancedata.audio.jukebox.encoder import JukeboxEncoder as JukeboxEncoder
-    from dancedata.audio.jukebox.overflow import JukeboxOverflowError as JukeboxOverflowError
+    from dancedata.audio.jukebox.network.overflow import JukeboxOverflowError as JukeboxOverflowError
+    from dancedata.audio.jukebox.weights.download import fetch as fetch
 
 # No name is that of a module: importing that would put the module in its place.
 _HOMES = {
     "JukeboxConfig": "config",
     "JukeboxEncoder": "encoder",
-    "JukeboxOverflowError": "overflow",
+    "JukeboxOverflowError": "network.overflow",
     "checkpoint_sha256": "conversion",
     "convert": "conversion",
-    "fetch": "download",
+    "fetch": "weights.download",
 }
 
 

@@ -22,11 +22,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dancedata.audio.jukebox import names
 from dancedata.audio.jukebox.config import JukeboxConfig
-from dancedata.audio.jukebox.licence import LICENCE
-from dancedata.audio.jukebox.loading import Checkpoint, open_openai
-from dancedata.audio.jukebox.sources import SafetensorsSource, TensorSource, require_tensors
+from dancedata.audio.jukebox.weights import names
+from dancedata.audio.jukebox.weights.licence import LICENCE
+from dancedata.audio.jukebox.weights.loading import Checkpoint, open_openai
+from dancedata.audio.jukebox.weights.sources import SafetensorsSource, TensorSource, require_tensors
 from dancedata.core.atomic import atomic_file, write_json
 from dancedata.core.errors import DanceDataError, SourceError, UsageError
 from dancedata.core.hashing import sha256_file

@@ -16,12 +16,12 @@ from dancedata.audio.jukebox.batching import Batches
 from dancedata.audio.jukebox.clips import TooLong, fitted, prepare, require_audio, require_length
 from dancedata.audio.jukebox.config import JukeboxConfig
 from dancedata.audio.jukebox.conversion import open_converted, read_description
-from dancedata.audio.jukebox.loading import Checkpoint, load_encoder, load_prior, open_openai
-from dancedata.audio.jukebox.overflow import overflow
-from dancedata.audio.jukebox.precision import compute_dtype, exact_float32, resolve_precision
-from dancedata.audio.jukebox.prior import Prior
-from dancedata.audio.jukebox.resampling import n_frames, resampling_matrix
-from dancedata.audio.jukebox.vqvae import VqEncoder
+from dancedata.audio.jukebox.network.overflow import overflow
+from dancedata.audio.jukebox.network.precision import compute_dtype, exact_float32, resolve_precision
+from dancedata.audio.jukebox.network.prior import Prior
+from dancedata.audio.jukebox.network.resampling import n_frames, resampling_matrix
+from dancedata.audio.jukebox.network.vqvae import VqEncoder
+from dancedata.audio.jukebox.weights.loading import Checkpoint, load_encoder, load_prior, open_openai
 from dancedata.core.errors import UsageError
 
 Features = dict[int, NDArray[np.float32]]

@@ -1,0 +1,126 @@
+"""Rate, up axis, unit and the rest: declared in the manifest, said by the file, or declared in the recipe.
+
+In this order, the first that says something decides: a line of the manifest is about one file, and a recipe
+about all files that say nothing themselves. What nobody says is an error that tells what to declare.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dancedata.core.errors import DataError, did_you_mean
+from dancedata.datasets.folder.rates import MAX_RATE, MIN_RATE, rate_of_text
+from dancedata.formats.body_model import GENDERS
+
+__all__ = ["LAYOUTS", "UNITS", "UPRIGHT", "Declared", "Fact", "bad_declaration", "decide", "undeclared"]
+
+T = TypeVar("T")
+Floats = NDArray[np.float64]
+
+LAYOUTS = ("auto", "amass", "smpl", "smplh", "smplx", "finedance")
+#: Metres a unit. "cmu": the files of the CMU database are in inches / 0.45.
+UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "cmu": 0.0254 / 0.45}
+GUESS = "guess"
+#: From a file's axes to +Y up.
+UPRIGHT: Mapping[str, Floats] = {
+    "y": np.eye(3),
+    "z": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]),
+}
+IN_MANIFEST, IN_RECIPE = "declared in the manifest", "declared in the recipe"
+
+
+@dataclass(frozen=True)
+class Fact(Generic[T]):
+    """Something that is known of a file, and from where."""
+
+    value: T
+    where: str
+
+    def __str__(self) -> str:
+        """Show it for a note: "cm (declared in the recipe)"."""
+        return f"{self.value} ({self.where})"
+
+
+@dataclass(frozen=True)
+class Declared:
+    """What was declared, of one file or of all; None where nothing was.
+
+    Attributes
+    ----------
+    fps : as text, such as "30" or "30000/1001".
+    unit : a name in UNITS, "guess", or metres a unit as text.
+    """
+
+    fps: str | None = None
+    up: str | None = None
+    unit: str | None = None
+    layout: str | None = None
+    gender: str | None = None
+
+    def problem(self) -> tuple[str, str, str] | None:
+        """Return (name, value, what is allowed) of the first value that cannot be; None if all can."""
+        if self.fps is not None and rate_of_text(self.fps) is None:
+            return "fps", self.fps, f"{MIN_RATE} to {MAX_RATE:,} frames a second, such as 30, 59.94 or 30000/1001"
+        for name, allowed in (("up", tuple(UPRIGHT)), ("layout", LAYOUTS), ("gender", GENDERS)):
+            value = getattr(self, name)
+            if value is not None and value not in allowed:
+                return name, value, did_you_mean(value, allowed)
+        if self.unit is not None and self.unit != GUESS and metres(self.unit) is None:
+            return "unit", self.unit, f"{', '.join(UNITS)}, guess (for BVH), or the metres of a unit, such as 0.0254"
+        return None
+
+
+def metres(unit: str) -> float | None:
+    """Return the metres of a unit by name, or as a number above 0; None if it is neither."""
+    if unit in UNITS:
+        return UNITS[unit]
+    if len(unit) > 40:
+        return None
+    try:
+        value = float(unit)
+    except ValueError:
+        return None
+    return value if 1e-6 <= value <= 1e6 else None
+
+
+def decide(row: T | None, own: Fact[T] | None, recipe: T | None) -> Fact[T] | None:
+    """Return what is known: the manifest's word, else the file's, else the recipe's."""
+    if row is not None:
+        return Fact(row, IN_MANIFEST)
+    if own is not None:
+        return own
+    return None if recipe is None else Fact(recipe, IN_RECIPE)
+
+
+def decide_rate(row: Declared, own: Fact[Fraction] | None, recipe: Declared) -> Fact[Fraction] | None:
+    """Return the frame rate, as `decide` does."""
+    return decide(_rate(row), own, _rate(recipe))
+
+
+def _rate(declared: Declared) -> Fraction | None:
+    return None if declared.fps is None else rate_of_text(declared.fps)
+
+
+def undeclared(path: Path, key: str, what: str, allowed: str, found: str) -> DataError:
+    """Return the DataError for a fact that nobody states."""
+    return DataError(
+        f"nothing says the {what} of this file",
+        reason="undeclared",
+        where=str(path),
+        found=found,
+        allowed=allowed,
+        fix=f"declare {key}: as a column of the manifest, or for the whole folder in the recipe "
+        f"(--set dataset.folder.{key}=...)",
+    )
+
+
+def bad_declaration(path: Path, problem: str, found: str, allowed: str, fix: str) -> DataError:
+    """Return the DataError for a declaration that does not suit its file."""
+    return DataError(problem, reason="bad_declaration", where=str(path), found=found, allowed=allowed, fix=fix)

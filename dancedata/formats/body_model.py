@@ -1,0 +1,200 @@
+"""Skeletons from a body model that the user brings: SMPL-X, SMPL-H or SMPL, as .npz.
+
+The rest joints of a SMPL body are J_regressor @ (v_template + shapedirs @ betas) (Loper et al. 2015, eq. 10;
+Pavlakos et al. 2019). That is three arrays of the published file and all that is needed of it, so they are read
+here, with allow_pickle=False. The smplx library gives the same joints (a test holds the two together) but
+opens the file with allow_pickle=True, which runs whatever is in it, and needs torch.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dancedata.core.bodies import SMPLX52, SMPLX55
+from dancedata.core.errors import DataError, UsageError
+from dancedata.core.skeleton import SMPL24, Skeleton
+from dancedata.datasets._source import few
+from dancedata.formats.arrays import open_arrays
+from dancedata.formats.bvh.hierarchy import MAX_VALUE
+
+__all__ = ["GENDERS", "SMPLH52", "body_model_skeleton", "find_model"]
+
+GENDERS = ("neutral", "male", "female")
+#: From this number of shapes on, SMPL-X's files hold 300 of the body, then the face's; older ones 10 and 10.
+_SHAPES = 300
+#: Betas are standard deviations.
+_MAX_BETA = 1000.0
+
+
+def _smplh52() -> Skeleton:
+    offsets = np.array(SMPLX52.offsets)
+    offsets[:22] = SMPL24.offsets[:22]
+    return Skeleton("smplh52", SMPLX52.joints, SMPLX52.parents, offsets, SMPLX52.pairs, SMPLX52.feet)
+
+
+#: SMPL-H: the body of SMPL (as in SMPL24), with SMPL-X's fingers at its wrists.
+SMPLH52 = _smplh52()
+_BODIES = {55: SMPLX55, 52: SMPLH52, 24: SMPL24}
+_KINDS = {"smplx": 55, "smplh": 52, "smpl": 24}
+
+Floats = NDArray[np.float64]
+
+
+def body_model_skeleton(
+    path: Path, *, joints: Skeleton = SMPLX55, betas: ArrayLike | None = None, gender: str = "neutral"
+) -> Skeleton:
+    """Return a skeleton whose bones are a body model's.
+
+    Parameters
+    ----------
+    path
+        A model file (SMPLX_NEUTRAL.npz), or a folder of models, in which `gender` and the number of joints
+        choose: SMPLX_MALE.npz, smplx/SMPLX_MALE.npz, smplh/male/model.npz, ...
+    joints
+        Whose joints are wanted: all of the model's or some of them (SMPLX52 of a SMPL-X model).
+    betas
+        (n,) shape of the body; None is the model's mean. Missing ones are 0.
+    gender
+        "neutral", "male" or "female". Of a file, which has one gender only, it chooses nothing.
+
+    Returns
+    -------
+    Skeleton
+        Metres; joint 0's offset is its rest position. Its name tells the body: "smplx55:1a2b3c4d".
+
+    Raises
+    ------
+    UsageError
+        If there is no such model, it is no .npz, lacks an array, has other joints or fewer betas.
+    """
+    file = find_model(path, joints=joints, gender=gender)
+    model = _model(file, file.stat().st_size, file.stat().st_mtime_ns)
+    body = _BODIES[len(model[0])]
+    if not set(joints.joints) <= set(body.joints):
+        raise UsageError(
+            f"this body model does not have the joints of {joints.name}",
+            where=str(file),
+            found=f"{body.n_joints} joints ({body.name})",
+            allowed=f"a model with {', '.join(j for j in joints.joints if j not in body.joints)}",
+            fix="name the model that the motion was made with in body_model",
+        )
+    rest = model[0] + model[1] @ _shape(file, betas, model[1].shape[2])
+    offsets = rest.copy()
+    offsets[1:] -= rest[list(body.parents[1:])]
+    whole = Skeleton(body.name, body.joints, body.parents, offsets, body.pairs, body.feet)
+    part = whole if joints.joints == body.joints else whole.subset(joints.name, joints.joints)
+    digest = hashlib.sha256((np.round(part.offsets, 6) + 0.0).astype("<f8").tobytes()).hexdigest()
+    name = f"{joints.name.partition(':')[0]}:{digest[:8]}"
+    return Skeleton(name, part.joints, part.parents, part.offsets, part.pairs, part.feet)
+
+
+def find_model(path: Path, *, joints: Skeleton = SMPLX55, gender: str = "neutral") -> Path:
+    """Return the model's file: `path` itself, or the one of that gender and kind in a folder.
+
+    Raises
+    ------
+    UsageError
+        If it is not there. Says what was looked for.
+    """
+    if gender not in GENDERS:
+        raise UsageError("unknown gender of a body model", found=repr(gender), allowed=", ".join(GENDERS))
+    path = Path(path).expanduser()
+    if not path.is_dir():
+        if path.is_file():
+            return path
+        raise UsageError("there is no such body model", where=str(path), fix="correct body_model")
+    kinds = [kind for kind, n in _KINDS.items() if set(joints.joints) <= set(_BODIES[n].joints)]
+    if joints.name.startswith("smplh"):
+        kinds = ["smplh"]
+    tried = []
+    for kind in kinds:
+        name = f"{kind.upper()}_{gender.upper()}.npz"
+        tried += [path / name, path / kind / name, path / gender / "model.npz", path / kind / gender / "model.npz"]
+    there = next((file for file in tried if file.is_file()), None)
+    if there is None:
+        raise UsageError(
+            f"the folder has no {gender} body model for {joints.name}",
+            where=str(path),
+            found=few(sorted(p.name for p in path.iterdir())) or "nothing",
+            allowed=" or ".join(str(file.relative_to(path)) for file in tried),
+            fix="name a folder with the models, or the model's file, in body_model",
+        )
+    return there
+
+
+@lru_cache(maxsize=8)
+def _model(file: Path, size: int, changed_ns: int) -> tuple[Floats, Floats]:
+    """Rest joints of the mean body (J, 3) and what each shape adds (J, 3, B); small, whatever the model's size."""
+    if file.suffix.lower() != ".npz":
+        raise UsageError(
+            "this body model is no .npz file; others are pickles, which run foreign code when they are loaded",
+            where=str(file),
+            found=file.suffix or "no ending",
+            allowed="SMPLX_NEUTRAL.npz, SMPLH_MALE.npz, ...",
+            fix="download the .npz version, or save v_template, shapedirs and J_regressor with numpy.savez",
+        )
+    try:
+        with open_arrays(file) as arrays:
+            missing = [name for name in ("v_template", "shapedirs", "J_regressor") if name not in arrays.names]
+            if missing:
+                raise _no_model(file, f"no {' and no '.join(missing)}", "v_template, shapedirs and J_regressor")
+            template, regressor = arrays.read("v_template"), arrays.read("J_regressor")
+            shapes = arrays.read("shapedirs")
+            parents = arrays.read("kintree_table") if "kintree_table" in arrays.names else None
+    except DataError as error:
+        raise UsageError("the body model cannot be read", where=str(file), found=str(error)) from error
+    _check(file, template, regressor, shapes, parents)
+    if len(regressor) == 55:
+        shapes = shapes[..., : _SHAPES if shapes.shape[2] >= _SHAPES else min(shapes.shape[2], 10)]
+    return regressor @ template, np.einsum("jv,vcb->jcb", regressor, shapes)
+
+
+def _check(file: Path, template: Floats, regressor: Floats, shapes: Floats, parents: Floats | None) -> None:
+    vertices = template.shape[0] if template.ndim else 0
+    good = (
+        template.shape == (vertices, 3)
+        and regressor.ndim == 2
+        and regressor.shape[1] == vertices
+        and shapes.ndim == 3
+        and shapes.shape[:2] == (vertices, 3)
+    )
+    if not good:
+        found = f"v_template {template.shape}, J_regressor {regressor.shape}, shapedirs {shapes.shape}"
+        raise _no_model(file, found, "(V, 3), (J, V) and (V, 3, B)")
+    if len(regressor) not in _BODIES:
+        raise _no_model(file, f"{len(regressor)} joints", "55 (SMPL-X), 52 (SMPL-H) or 24 (SMPL)")
+    # A comparison with NaN is false as well.
+    if not all((np.abs(array) <= MAX_VALUE).all() for array in (template, regressor, shapes)):
+        raise _no_model(file, "NaN, infinity or larger numbers", f"numbers within +-{MAX_VALUE:g}")
+    expected = np.array(_BODIES[len(regressor)].parents[1:])
+    if parents is not None and not (
+        parents.shape == (2, len(regressor)) and np.array_equal(parents[0, 1:], expected)
+    ):
+        raise _no_model(file, "a kintree_table with other parents", f"the tree of {_BODIES[len(regressor)].name}")
+
+
+def _shape(file: Path, betas: ArrayLike | None, available: int) -> Floats:
+    shape = np.zeros(available)
+    if betas is None:
+        return shape
+    given = np.asarray(betas, dtype=np.float64).reshape(-1)
+    if not (np.abs(given) <= _MAX_BETA).all() or np.any(given[available:]):
+        raise UsageError(
+            "the body model cannot take these betas",
+            where=str(file),
+            found=f"{len(given)} betas",
+            allowed=f"at most {available}, within +-{_MAX_BETA:g}",
+            fix="name the model that they were fitted with in body_model",
+        )
+    shape[: min(len(given), available)] = given[:available]
+    return shape
+
+
+def _no_model(file: Path, found: str, allowed: str) -> UsageError:
+    fix = "name a SMPL-X, SMPL-H or SMPL model as published (.npz) in body_model"
+    return UsageError("this is no body model", where=str(file), found=found, allowed=allowed, fix=fix)
