@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from typing import ClassVar
 
 from dancedata.core.nearest import closest
-from dancedata.core.text import printable, shown
+from dancedata.core.text import listed, printable, shown
 
 #: Characters of a path that a message shows: all that a file system takes.
 _MAX_WHERE = 4400
@@ -140,6 +140,5 @@ def did_you_mean(name: str, known: Iterable[str], also: Iterable[str] = ()) -> s
     """
     names = [shown(k) for k in known]
     close = closest(shown(name), [*names, *also])
-    more = f" and {len(names) - _LISTED:,} more" if len(names) > _LISTED else ""
-    listed = f"known: {', '.join(names[:_LISTED])}{more}" if names else "none is known"
-    return f"did you mean {close!r}? {listed}" if close is not None else listed
+    known_names = f"known: {listed(names, _LISTED)}" if names else "none is known"
+    return f"did you mean {close!r}? {known_names}" if close is not None else known_names

@@ -8,17 +8,19 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from fractions import Fraction
 from numbers import Integral, Real
 from typing import Any
 from unicodedata import category
 
-__all__ = ["MAX_SHOWN", "counted", "is_unicode", "json_text", "printable", "quoted", "shown"]
+__all__ = ["MAX_SHOWN", "counted", "is_unicode", "json_text", "listed", "printable", "quoted", "shown"]
 
 #: Characters of a value that a message shows.
 MAX_SHOWN = 200
-#: Entries of a list that a message shows, and characters of each.
+#: Names of a list that a message shows, and characters of each: as many as a file name has.
+_NAMES, _NAME = 6, 255
+#: Entries of a value that is a list, and characters of each.
 _ENTRIES, _ENTRY = 8, 40
 #: Larger whole numbers are shown by their size: writing them out takes time that grows with its square.
 _MAX_BITS = 128
@@ -134,6 +136,16 @@ def _is_plain(value: object) -> bool:
     if isinstance(value, int):
         return value.bit_length() <= _MAX_BITS
     return value is None or isinstance(value, str | bytes | float)
+
+
+def listed(names: Iterable[object], most: int = _NAMES, show: Callable[[object, int], str] = shown) -> str:
+    """Join the first names of a list, made printable by `show`, and say how many more there are.
+
+    "a, b, c and 12 more"; "" for an empty list.
+    """
+    names = list(names)
+    text = ", ".join(show(name, _NAME) for name in names[:most])
+    return text if len(names) <= most else f"{text} and {len(names) - most:,} more"
 
 
 #: Characters that JSON leaves as they are and that a terminal may obey, or no file takes.

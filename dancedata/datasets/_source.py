@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from dancedata.core.errors import SourceError
 from dancedata.core.regular_file import read_regular
-from dancedata.core.text import counted, quoted, shown
+from dancedata.core.text import counted, listed, quoted
 
-__all__ = ["counted", "describe", "few", "list_folder", "read_names", "relative", "require_folder"]
+__all__ = ["counted", "describe", "list_folder", "read_names", "relative", "require_folder"]
 
-SHOWN = 6
-"""How many entries of a folder, or names of a list, a message shows."""
 MAX_LIST_BYTES = 1 << 24
 """A list of names is never larger."""
 MAX_NAMES = 100_000
@@ -69,14 +66,7 @@ def describe(folder: Path) -> str:
     entries = list_folder(folder)
     folders = [f"{entry.name}/" for entry in entries if entry.is_dir()]
     files = [entry.name for entry in entries if not entry.is_dir()]
-    return few([*folders, *files]) if entries else "nothing"
-
-
-def few(names: Iterable[object], most: int = SHOWN, show: Callable[[object, int], str] = shown) -> str:
-    """Join the first names of a list, fit to be printed by `show`, and say how many more there are."""
-    names = list(names)
-    text = ", ".join(show(name, MAX_NAME) for name in names[:most])
-    return text if len(names) <= most else f"{text} and {len(names) - most:,} more"
+    return listed([*folders, *files]) if entries else "nothing"
 
 
 def relative(path: Path, source: Path) -> str:

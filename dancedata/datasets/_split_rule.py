@@ -19,7 +19,8 @@ from typing import Any
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import SourceError, UsageError, did_you_mean
 from dancedata.core.grid import as_fraction
-from dancedata.datasets._source import counted, few
+from dancedata.core.text import listed
+from dancedata.datasets._source import counted
 
 __all__ = ["SplitRule"]
 
@@ -101,7 +102,7 @@ class SplitRule:
         if nameless:
             raise SourceError(
                 f"folder: splits by {self.by} need the {self.by} of every clip",
-                found=f"{counted(len(nameless), 'clip')} without: {few(nameless)}",
+                found=f"{counted(len(nameless), 'clip')} without: {listed(nameless)}",
                 fix=f"fill in the column {self.by} of the manifest, or split by music or clip",
             )
         given = self._given(clips)

@@ -36,8 +36,7 @@ from dancedata.core.motion import Motion
 from dancedata.core.registry import DATASETS
 from dancedata.core.regular_file import read_regular
 from dancedata.core.strict_json import read_json
-from dancedata.core.text import shown
-from dancedata.datasets._source import few
+from dancedata.core.text import listed, shown
 from dancedata.synthetic.plan import (
     ClipPlan,
     Plan,
@@ -265,7 +264,7 @@ def _check_folder(folder: Path, made_by: dict[str, Any]) -> bool:
         raise SourceError(
             "synthetic: the source folder holds files that this dataset did not write; nothing was touched",
             where=str(folder),
-            found=few(names, 8),
+            found=listed(names, 8),
             allowed=f"no folder, an empty folder, or one with a {MARKER}",
             fix="give --source a folder of its own, it will be filled",
         )

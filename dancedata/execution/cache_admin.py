@@ -13,6 +13,7 @@ from stat import S_ISREG
 from typing import Any
 
 from dancedata.core.errors import StoreError, UsageError
+from dancedata.core.text import listed
 from dancedata.execution import cache_files as files
 
 _UNITS = {"b": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12}
@@ -102,7 +103,7 @@ def require_cache(root: Path) -> None:
     raise UsageError(
         "this folder is not a cache of dancedata; nothing was removed",
         where=root,
-        found=", ".join(names[:5]) + (", ..." if len(names) > 5 else ""),
+        found=listed(names),
         allowed=f"a folder with {files.MARKER} in it, which builds write",
         fix="name the cache's folder: --cache DIR, or $DANCEDATA_CACHE",
     )

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from dancedata.core.errors import DataError
 from dancedata.core.regular_file import open_regular
-from dancedata.core.text import quoted, shown
-from dancedata.datasets._source import few
+from dancedata.core.text import listed, quoted, shown
 from dancedata.formats.npy_header import require_short_header
 from dancedata.formats.safe_pickle import MAX_PICKLE_BYTES, as_array, load_pickle
 
@@ -48,7 +47,7 @@ class ArrayFile:
     @property
     def listed(self) -> str:
         """The first names, for messages."""
-        return few(self.names, 20, quoted) or "none"
+        return listed(self.names, 20, quoted) or "none"
 
     def shape(self, name: str) -> tuple[int, ...]:
         """Return the shape of an array of numbers, from its header. DataError if it is none."""

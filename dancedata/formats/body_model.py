@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from dancedata.core.bodies import SMPLX52, SMPLX55
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.skeleton import SMPL24, Skeleton
-from dancedata.datasets._source import few
+from dancedata.core.text import listed
 from dancedata.formats.arrays import open_arrays
 from dancedata.formats.bvh.hierarchy import MAX_VALUE
 
@@ -120,7 +120,7 @@ def find_model(path: Path, *, joints: Skeleton = SMPLX55, gender: str = "neutral
         raise UsageError(
             f"the folder has no {gender} body model for {joints.name}",
             where=str(path),
-            found=few(sorted(p.name for p in path.iterdir())) or "nothing",
+            found=listed(sorted(p.name for p in path.iterdir())) or "nothing",
             allowed=" or ".join(str(file.relative_to(path)) for file in tried),
             fix="name a folder with the models, or the model's file, in body_model",
         )

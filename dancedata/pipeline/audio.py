@@ -18,8 +18,8 @@ from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.clip import Reject
 from dancedata.core.errors import DataError
 from dancedata.execution.cache import Cache, CachedArray, package_version
-from dancedata.execution.read_ahead import decoded, read_ahead
 from dancedata.execution.reference_process import expected
+from dancedata.pipeline.read_ahead import decoded, read_ahead
 from dancedata.pipeline.rejects import BUILD_AGAIN, CHANGED, reject_of
 from dancedata.recipes.documents import document_of
 from dancedata.recipes.recipe import Recipe

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.errors import UsageError
-from dancedata.core.text import shown
+from dancedata.core.text import listed, shown
 from dancedata.pipeline.diff_rows import is_same_number, unmatched
 from dancedata.pipeline.source_record import SourceRecord, source_differences
 from dancedata.store import Store, open_store
@@ -58,9 +58,8 @@ class Difference:
 
     def __str__(self) -> str:
         """Show the kind, the message and the first names."""
-        listed = ", ".join(map(shown, self.names[:_SHOWN]))
-        more = f" and {len(self.names) - _SHOWN} more" if len(self.names) > _SHOWN else ""
-        return f"{self.kind}: {shown(self.message, _MESSAGE)}{f': {listed}{more}' if listed else ''}"
+        names = f": {listed(self.names, _SHOWN)}" if self.names else ""
+        return f"{self.kind}: {shown(self.message, _MESSAGE)}{names}"
 
 
 def diff(a: str | Path, b: str | Path, *, atol: float | None = None) -> list[Difference]:

@@ -10,7 +10,7 @@ from typing import Any
 
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.hashing import json_sha256
-from dancedata.core.text import counted, shown
+from dancedata.core.text import counted, listed, shown
 from dancedata.pipeline.gathered import Gathered
 from dancedata.store import Store
 
@@ -92,8 +92,7 @@ class SourceDifference:
         message = shown(self.message, _MESSAGE)
         if not self.names:
             return message
-        more = f" and {len(self.names) - _SHOWN:,} more" if len(self.names) > _SHOWN else ""
-        return f"{message}: {', '.join(map(shown, self.names[:_SHOWN]))}{more}"
+        return f"{message}: {listed(self.names, _SHOWN)}"
 
 
 def source_differences(

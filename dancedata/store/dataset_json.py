@@ -15,7 +15,7 @@ from dancedata.core.hashing import canonical_json, json_sha256
 from dancedata.core.regular_file import read_regular
 from dancedata.core.skeleton import Skeleton
 from dancedata.core.strict_json import parse_json
-from dancedata.core.text import quoted, shown
+from dancedata.core.text import listed, quoted, shown
 from dancedata.store.schema import DATASET_FILE, FORMAT, Field, is_shard_name
 
 REBUILD = "build the dataset again"
@@ -148,10 +148,10 @@ def describe_folder(folder: Path) -> str:
     names = sorted(p.name for p in folder.iterdir())
     if not names:
         return "an empty folder"
-    listed = ", ".join(map(shown, names[:8])) + (f" and {len(names) - 8} more" if len(names) > 8 else "")
+    text = listed(names, 8)
     if any(name.startswith(OWN) for name in names):
-        return listed + " (an unfinished build)"
-    return listed + (" (shards without dataset.json: an unfinished build)" if any(map(is_shard_name, names)) else "")
+        return text + " (an unfinished build)"
+    return text + (" (shards without dataset.json: an unfinished build)" if any(map(is_shard_name, names)) else "")
 
 
 def _parse(document: dict[str, Any], path: Path) -> Description:

@@ -12,7 +12,7 @@ from dancedata.core.atomic import OWN
 from dancedata.core.errors import StoreError
 from dancedata.core.hashing import sha256_file
 from dancedata.core.regular_file import read_regular
-from dancedata.core.text import shown
+from dancedata.core.text import listed, shown
 from dancedata.store.dataset_json import MAX_BYTES, Description, ShardEntry, json_stats, load_description, self_hash
 from dancedata.store.problem import Problem
 from dancedata.store.schema import (
@@ -203,5 +203,4 @@ def _find_strangers(folder: Path, description: Description) -> Iterator[Problem]
 
 
 def _list(names: Sequence[str]) -> str:
-    listed = ", ".join(map(shown, names[:_SHOWN])) or "none"
-    return listed + (f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else "")
+    return listed(names, _SHOWN) or "none"

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from dancedata.core.errors import StoreError
+from dancedata.core.text import listed
 from dancedata.store import hdf5
 from dancedata.store.dataset_json import Description, ShardEntry
 from dancedata.store.described import DescribedFile
@@ -190,7 +191,4 @@ def _clip_of(clips: ClipTable, f: Field, row: int) -> str:
 
 
 def _some(bad: Any) -> str:
-    numbers = np.flatnonzero(bad)
-    return ", ".join(map(str, numbers[:_SHOWN])) + (
-        f" and {len(numbers) - _SHOWN} more" if len(numbers) > _SHOWN else ""
-    )
+    return listed(np.flatnonzero(bad), _SHOWN)

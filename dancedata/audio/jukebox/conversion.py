@@ -33,7 +33,7 @@ from dancedata.core.hashing import sha256_file
 from dancedata.core.locks import writing_lock
 from dancedata.core.staging import Layout, staged, tidy
 from dancedata.core.strict_json import read_json
-from dancedata.core.text import shown
+from dancedata.core.text import listed, shown
 
 DESCRIPTION_FILE = "jukebox.json"
 FORMAT = 1
@@ -134,7 +134,7 @@ def _refuse_others(out: Path, names: Sequence[str]) -> None:
         raise UsageError(
             "jukebox: the output folder holds files of these names already, and no finished conversion",
             where=out,
-            found=", ".join(there[:5]) + (", ..." if len(there) > 5 else ""),
+            found=listed(there),
             fix="give another folder, or remove them if an interrupted conversion of an earlier version left them",
         )
 

@@ -89,8 +89,8 @@ class Jukebox:
     @classmethod
     def make_example(cls, folder: Path) -> Jukebox:
         """Write a tiny random checkpoint in the real layout; returns the feature on it. For tests."""
+        from dancedata.audio.jukebox.weights.random_weights import random_checkpoint
         from dancedata.core.hashing import sha256_file
-        from dancedata.testing.jukebox import random_checkpoint
 
         random_checkpoint(folder)
         return cls(weights=folder, layer=6, device="cpu").resolved(sha256_file)

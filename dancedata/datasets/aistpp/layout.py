@@ -8,8 +8,9 @@ from pathlib import Path
 
 from dancedata.core.clip import Reject
 from dancedata.core.errors import SourceError
+from dancedata.core.text import listed
 from dancedata.datasets._near_music import MUSIC, NearMusic
-from dancedata.datasets._source import describe, few, list_folder, relative, require_folder
+from dancedata.datasets._source import describe, list_folder, relative, require_folder
 from dancedata.datasets.aistpp.facts import is_music_id, parse_name
 
 __all__ = [
@@ -86,13 +87,13 @@ def find_folders(source: Path) -> Folders:
     chosen = below if len(below) == 1 else known
     if len(chosen) == 1:
         others = [f"{entry.name}/" for entry in below if entry != chosen[0]]
-        notes = (f"Not read: {few(others)}, which hold motions/ too.",) if others else ()
+        notes = (f"Not read: {listed(others)}, which hold motions/ too.",) if others else ()
         return Folders(source, chosen[0], chosen[0] / MOTIONS, notes)
     if below:
         raise SourceError(
             "aist++: several folders could be the data set",
             where=str(source),
-            found=few(f"{entry.name}/motions/" for entry in below),
+            found=listed(f"{entry.name}/motions/" for entry in below),
             fix="give --source the one that is meant",
         )
     raise SourceError(
@@ -173,7 +174,7 @@ def list_music(folders: Folders) -> MusicFiles:
     if doubled:
         notes.append(
             f"Music: {len(doubled):,} ids have several files; wav is preferred to flac, flac to mp3 and ogg. "
-            f"Used: {few(doubled, 3)}."
+            f"Used: {listed(doubled, 3)}."
         )
     return MusicFiles(files, tuple(used), tuple(rejects), tuple(notes))
 

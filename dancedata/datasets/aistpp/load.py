@@ -13,10 +13,9 @@ from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24
-from dancedata.core.text import quoted, shown
+from dancedata.core.text import listed, quoted, shown
 from dancedata.datasets._checks import require_finite
 from dancedata.datasets._positions import require_rotations
-from dancedata.datasets._source import few
 from dancedata.formats.safe_pickle import as_array, load_pickle
 
 __all__ = ["load_motion"]
@@ -91,7 +90,7 @@ def _read(path: Path) -> Mapping[str, Any]:
             f"the motion file has no {' and no '.join(missing)}",
             reason="missing_key",
             where=str(path),
-            found=f"keys {few(content, show=quoted)}" if content else "no key",
+            found=f"keys {listed(content, show=quoted)}" if content else "no key",
             allowed=f"keys {', '.join(KEYS)}",
             fix="get the file anew; data without smpl_scaling in metres needs smpl_scaling = [1.0]",
         )

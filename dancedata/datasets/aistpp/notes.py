@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from dancedata.core.clip import ClipRef, Reject
-from dancedata.datasets._source import counted, few, relative
+from dancedata.core.text import listed
+from dancedata.datasets._source import counted, relative
 from dancedata.datasets.aistpp.facts import facts
 from dancedata.datasets.aistpp.layout import MUSIC_FOLDERS, Folders, MotionFiles, MusicFiles, music_in_use
 from dancedata.datasets.aistpp.splits import ALL, SPLITS, Ignored, Splits
@@ -17,7 +18,7 @@ def layout_notes(folders: Folders, motions: MotionFiles, music: MusicFiles) -> l
     """Which layout it is, and by what it was recognised."""
     at = relative(folders.motions, folders.source)
     own, songs = music_in_use(motions, music)
-    where = few(_folder(relative(folder, folders.source)) for folder in music.folders)
+    where = listed(_folder(relative(folder, folders.source)) for folder in music.folders)
     files, of_songs = counted(len(own), "file"), counted(len(songs), "song")
     if not own and not songs:
         looked = ", ".join(f"{name}/" for name in MUSIC_FOLDERS)
@@ -77,7 +78,7 @@ def clip_notes(clips: Sequence[ClipRef], left_out: Sequence[Reject], splits: Spl
     notes = [f"Clips: {counts}; left out: {why or 'none'}."]
     unknown = sorted({clip.music for clip in clips if clip.tempo_bpm is None})
     if unknown:
-        notes.append(f"Tempo: no rule for {few(unknown)}; it has to be estimated from the music.")
+        notes.append(f"Tempo: no rule for {listed(unknown)}; it has to be estimated from the music.")
     silent = sum(clip.audio_path is None for clip in clips)
     if silent:
         notes.append(f"Music: {counted(silent, 'clip')} kept without music, as asked for.")

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from dancedata.core.errors import SourceError
-from dancedata.core.text import shown
-from dancedata.datasets._source import describe, few, list_folder, read_names, relative
+from dancedata.core.text import listed, shown
+from dancedata.datasets._source import describe, list_folder, read_names, relative
 from dancedata.datasets.aistpp.facts import crossmodal_split, facts, parse_name
 from dancedata.datasets.aistpp.layout import Folders
 
@@ -115,7 +115,7 @@ def _no_such_split(name: str, places: list[Path], split_dir: str | None) -> None
         f"aist++: no split named {name!r}; looked for {wanted}",
         where=where or "no folder splits/ in the source",
         found=", ".join(describe(place) for place in places) or "no split file",
-        allowed=few(allowed, 20) or "a name that has files",
+        allowed=listed(allowed, 20) or "a name that has files",
         fix="correct split in the recipe, or split_dir",
     )
 
@@ -170,7 +170,7 @@ def find_ignored(folders: Folders, use: bool, split_dir: str | None) -> Ignored:
     notes = [f"{where}{same}"]
     others = [relative(other, folders.source) for other, its in lists[1:] if its != names]
     if others:
-        notes.append(f"not used: {few(others)}, which says something else")
+        notes.append(f"not used: {listed(others)}, which says something else")
     return Ignored(names, where, tuple(notes))
 
 

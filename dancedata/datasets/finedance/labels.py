@@ -7,8 +7,7 @@ from pathlib import Path
 
 from dancedata.core.regular_file import read_regular
 from dancedata.core.strict_json import parse_json
-from dancedata.core.text import quoted
-from dancedata.datasets._source import few
+from dancedata.core.text import listed, quoted
 from dancedata.datasets.finedance.facts import facts
 
 __all__ = ["Label", "read_label"]
@@ -57,7 +56,7 @@ def read_label(path: Path | None, clip: str) -> Label:
         return _broken(name, f"it holds a {type(content).__name__}, not an object with {KEY}")
     style = content.get(KEY)
     if style is None or style == "":
-        found = few(content, show=quoted) or "none"
+        found = listed(content, show=quoted) or "none"
         return Label(reason="missing_label", problem=f"{name} has no {KEY}; keys found: {found}")
     genre = facts().genre(style) if isinstance(style, str) else ""
     if genre:

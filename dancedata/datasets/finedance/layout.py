@@ -9,9 +9,10 @@ from pathlib import Path
 
 from dancedata.core.clip import Reject
 from dancedata.core.errors import SourceError
+from dancedata.core.text import listed
 from dancedata.datasets._near_music import MUSIC as MUSIC_FILES
 from dancedata.datasets._near_music import NearMusic
-from dancedata.datasets._source import describe, few, list_folder, relative, require_folder
+from dancedata.datasets._source import describe, list_folder, relative, require_folder
 
 __all__ = [
     "LABELS",
@@ -74,7 +75,7 @@ def find_folders(source: Path) -> Folders:
         raise SourceError(
             "finedance: several folders could be the data set",
             where=str(source),
-            found=few(f"{entry.name}/{MOTION}/" for entry in below),
+            found=listed(f"{entry.name}/{MOTION}/" for entry in below),
             fix="give --source the one that is meant",
         )
     raise SourceError(
@@ -91,7 +92,7 @@ def _not_read(root: Path, others: list[str]) -> tuple[str, ...]:
     folders = [entry.name for entry in list_folder(root) if entry.is_dir()]
     others += [f"{name}/" for name in folders if name not in (MOTION, MUSIC, LABELS)]
     why = " Music features are computed from the music." if "music_npy" in folders else ""
-    return (f"Not read: {few(others)}.{why}",) if others else ()
+    return (f"Not read: {listed(others)}.{why}",) if others else ()
 
 
 def _advice(source: Path) -> str:
@@ -152,7 +153,9 @@ def list_music(folders: Folders) -> Files:
         doubled += [best.name] if others else []
     notes = []
     if doubled:
-        text = f"Music: several files of one id; wav is preferred to flac, flac to mp3 and ogg. Used: {few(doubled)}."
+        text = (
+            f"Music: several files of one id; wav is preferred to flac, flac to mp3 and ogg. Used: {listed(doubled)}."
+        )
         notes.append(text)
     return Files(files, tuple(rejects), tuple(notes))
 

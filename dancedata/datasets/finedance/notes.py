@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 
 from dancedata.core.clip import ClipRef, Reject
-from dancedata.datasets._source import counted, few, relative
+from dancedata.core.text import listed
+from dancedata.datasets._source import counted, relative
 from dancedata.datasets.finedance.facts import SPLITS, facts
 from dancedata.datasets.finedance.layout import LABELS, MOTION, MUSIC, Files, Folders
 from dancedata.datasets.finedance.lengths import MAX_DIFFERENCE
@@ -33,8 +34,8 @@ def layout_notes(folders: Folders, motions: Files, music: Files, labels: Files) 
 def list_notes(protocol: str, here: Collection[str], kept: Collection[str]) -> list[str]:
     """Which split and ignore lists apply, which ids stand in two lists, and who wins."""
     lists, ignored = facts().protocols[protocol], facts().ignored(protocol)
-    listed = f"{len(lists.val):,} in val, {len(lists.test):,} in test, all others in train"
-    notes = [f"Splits: {protocol}: {listed}, less what is ignored."]
+    sizes = f"{len(lists.val):,} in val, {len(lists.test):,} in test, all others in train"
+    notes = [f"Splits: {protocol}: {sizes}, less what is ignored."]
     if not lists.val:
         notes.append(f"Splits: {protocol} has no val; Lodge and FineDance test at the end only.")
     applied = [f"{name} ({i.source})" for name, i in facts().ignore_lists.items() if protocol in i.applies_to]
@@ -44,11 +45,11 @@ def list_notes(protocol: str, here: Collection[str], kept: Collection[str]) -> l
     if both:
         names = ", ".join(f"{clip} ({facts().listed(protocol, clip)})" for clip in both)
         stay = sorted(set(both) & set(kept))
-        outcome = f"{few(stay)} kept as asked for" if stay else "the ignore list wins, as in Lodge and FineDance"
+        outcome = f"{listed(stay)} kept as asked for" if stay else "the ignore list wins, as in Lodge and FineDance"
         rest = "; for the others the ignore list wins" if stay and len(stay) < len(both) else ""
         notes.append(f"In two lists: {names} and ignored; {outcome}{rest}. `keep` keeps ids by name.")
     if kept:
-        notes.append(f"Ignore list: {few(sorted(kept), 12)} not ignored, as asked for.")
+        notes.append(f"Ignore list: {listed(sorted(kept), 12)} not ignored, as asked for.")
     for name, other in facts().ignore_lists.items():
         stay = sorted(clip for clip in other.ids if protocol not in other.applies_to and clip in here)
         if stay:
@@ -62,7 +63,7 @@ def trim_notes(clips: Sequence[ClipRef], trim: bool) -> list[str]:
     here = {clip.id: facts().trims[clip.id].frames for clip in clips if clip.id in facts().trims}
     if not here:
         return []
-    cuts = few((f"{clip} ({frames:,} frames)" for clip, frames in sorted(here.items())), 12)
+    cuts = listed((f"{clip} ({frames:,} frames)" for clip, frames in sorted(here.items())), 12)
     if not trim:
         return [f"Trims: not taken over, as asked for; Lodge cuts the beginning of {cuts}."]
     return [
@@ -76,7 +77,7 @@ def genre_notes(clips: Sequence[ClipRef]) -> list[str]:
     notes = [f"Genres: {n:,} of {len(facts().genre_ids):,}, by style2 of the labels under Lodge's names."]
     kept = [f"{clip.id} ({'; '.join(clip.notes)})" for clip in clips if not clip.genre]
     if kept:
-        notes.append(f"Genres: {counted(len(kept), 'clip')} kept without, as asked for: {few(kept, 3)}.")
+        notes.append(f"Genres: {counted(len(kept), 'clip')} kept without, as asked for: {listed(kept, 3)}.")
     return notes
 
 
@@ -84,7 +85,7 @@ def length_notes(differing: Mapping[str, str]) -> list[str]:
     """Clips whose motion and music are not of one length."""
     if not differing:
         return []
-    which = few((f"{clip} ({lengths})" for clip, lengths in differing.items()), 12)
+    which = listed((f"{clip} ({lengths})" for clip, lengths in differing.items()), 12)
     return [
         f"Lengths: motion and music differ by more than {MAX_DIFFERENCE} frames in "
         f"{counted(len(differing), 'clip')}: {which}. The shorter counts: windows without music are left out "
@@ -101,7 +102,7 @@ def clip_notes(clips: Sequence[ClipRef], left_out: Sequence[Reject]) -> list[str
     silent = [clip.id for clip in clips if clip.audio_path is None]
     if silent:
         notes.append(
-            f"Music: {counted(len(silent), 'clip')} without a file in {MUSIC}/ ({few(silent)}); only a recipe "
+            f"Music: {counted(len(silent), 'clip')} without a file in {MUSIC}/ ({listed(silent)}); only a recipe "
             "without audio features keeps them."
         )
     return notes

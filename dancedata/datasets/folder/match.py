@@ -7,8 +7,9 @@ from pathlib import Path
 
 from dancedata.core.clip import Reject
 from dancedata.core.errors import SourceError
+from dancedata.core.text import listed
 from dancedata.datasets._near_music import MUSIC, NearMusic
-from dancedata.datasets._source import counted, describe, few, list_folder, relative
+from dancedata.datasets._source import counted, describe, list_folder, relative
 from dancedata.datasets.folder.load import SUFFIXES
 
 __all__ = ["MUSIC", "Matched", "match_names"]
@@ -68,7 +69,7 @@ def match_names(source: Path) -> Matched:
     rejects += _rest(source, {motion_folder, *music_folders}, motions, music)
     both = sorted(set(motions) & set(music))
     places = (
-        f"{relative(motion_folder, source)}/ and {few([f'{p.name}/' for p in music_folders]) or 'no music folder'}"
+        f"{relative(motion_folder, source)}/ and {listed([f'{p.name}/' for p in music_folders]) or 'no music folder'}"
     )
     notes = [
         f"No manifest: motion and music were matched by file name, {places if apart else 'side by side'}; "

@@ -21,7 +21,7 @@ from dancedata.audio.jukebox.weights import names
 from dancedata.audio.jukebox.weights.sources import TensorSource, open_torch_file, require_tensors
 from dancedata.core.errors import SourceError
 from dancedata.core.strict_json import read_json
-from dancedata.core.text import quoted, shown
+from dancedata.core.text import listed, quoted
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ def _refuse_unknown(source: TensorSource, found: Iterable[str], known: Iterable[
         raise SourceError(
             "the checkpoint has tensors that this network has not: it is another network",
             where=source.path,
-            found=", ".join(map(shown, unknown[:5])) + (f" and {len(unknown) - 5} more" if len(unknown) > 5 else ""),
+            found=listed(unknown),
             allowed="the 5b model without lyrics (or what the JukeboxConfig describes)",
             fix="dancedata jukebox fetch gets the right files",
         )
