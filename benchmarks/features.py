@@ -49,8 +49,8 @@ from dancedata.audio.librosa35.feature import Librosa35
 from dancedata.audio.signal import load_audio
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.grid import FrameGrid
-from dancedata.datasets.synthetic import synthesise_song
 from dancedata.store import open_store
+from dancedata.synthetic import synthesise_song
 from dancedata.synthetic.music import SyntheticSong
 
 GRID = FrameGrid.of(30)

@@ -18,44 +18,18 @@ captured, so it is CC0.
 from __future__ import annotations
 
 import dataclasses
-import io
-import json
-import pickle
-import wave
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
-import numpy as np
-
-from dancedata.core import atomic
 from dancedata.core.clip import ClipRef, Scan
-from dancedata.core.errors import SourceError
-from dancedata.core.locks import writing_lock
 from dancedata.core.motion import Motion
 from dancedata.core.registry import DATASETS
-from dancedata.core.regular_file import read_regular
-from dancedata.core.strict_json import read_json
-from dancedata.core.text import listed, shown
-from dancedata.synthetic.plan import (
-    ClipPlan,
-    Plan,
-    SongPlan,
-    crossmodal_split,
-    generator,
-    make_plan,
-    music_of,
-)
+from dancedata.datasets.aistpp import AistPP
+from dancedata.synthetic.corpus import VERSION, is_example, write_example, write_synthetic
 
-if TYPE_CHECKING:
-    from dancedata.synthetic.motion import MotionTruth
-    from dancedata.synthetic.music import SyntheticSong
+__all__ = ["Synthetic"]
 
-__all__ = ["Synthetic", "crossmodal_split", "synthesise_motion", "synthesise_song", "write_synthetic"]
-
-MARKER = "synthetic.json"
-MAX_MARKER_BYTES = 1 << 16
-UNFINISHED = "synthetic.partial.json"
 #: They decide which clips are written; a written one is read the same way, whatever they are.
 _SCAN = {"scan": True}
 
@@ -80,7 +54,7 @@ class Synthetic:
     clip_s: float = field(default=13.5, metadata=_SCAN)
     split: str = field(default="crossmodal", metadata=_SCAN)
 
-    version: ClassVar[int] = 1
+    version: ClassVar[int] = VERSION
     generates: ClassVar[bool] = True
     licence: ClassVar[str] = "CC0-1.0: made by a program, free of rights"
     citation: ClassVar[str] = "Synthetic corpus of dancedata; layout of AIST++ (Li et al., ICCV 2021)."
@@ -94,253 +68,28 @@ class Synthetic:
             If `source` holds anything but this corpus; nothing is overwritten.
         """
         source = Path(source)
-        example = _found(source, self._made_by(example=True)) == MARKER
+        example = is_example(source, **self._size())
         if not example:
             write_synthetic(source, **self._size())
-        scan: Scan = self._reader().scan(source)
+        scan = self._reader().scan(source)
         note = ("this is the small example, not the whole synthetic corpus",) if example else ()
         return dataclasses.replace(scan, layout="synthetic", notes=scan.notes + note)
 
     def load(self, ref: ClipRef) -> Motion:
         """Motion of one clip; see the dataset aist++."""
-        motion: Motion = self._reader().load(ref)
-        return motion
+        return self._reader().load(ref)
 
     def make_example(self, folder: Path) -> None:
         """Write four clips of six seconds to two songs: two of train, one of val, one of test.
 
         `scan` takes the folder for this dataset's, whatever its own size is, and notes that it is an example.
         """
-        _write(Path(folder), make_plan(songs=2, clips_per_song=2, clip_s=6.0), self._made_by(example=True))
+        write_example(folder, **self._size())
 
     def _size(self) -> dict[str, Any]:
         fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         del fields["split"]  # says how the corpus is read, not what is in it
         return fields
 
-    def _made_by(self, example: bool = False) -> dict[str, Any]:
-        made_by = {"version": self.version, **self._size(), "clip_s": float(self.clip_s)}
-        return {**made_by, "example": True} if example else made_by
-
-    def _reader(self) -> Any:
-        from dancedata.datasets.aistpp import AistPP
-
+    def _reader(self) -> AistPP:
         return AistPP(split=self.split)
-
-
-def write_synthetic(
-    folder: Path | str, *, seed: int = 0, songs: int = 11, clips_per_song: int = 4, clip_s: float = 13.5
-) -> Path:
-    """Write the corpus into `folder`, unless just this corpus is there already.
-
-    A write that was cut short goes on when called again. Equal arguments give equal bytes, and no clip or
-    song depends on how many others there are.
-
-    Parameters
-    ----------
-    folder : made if missing. It has to be empty otherwise, or hold this corpus.
-    seed, songs, clips_per_song, clip_s : as in `Synthetic`.
-
-    Returns
-    -------
-    Path
-        The folder.
-
-    Raises
-    ------
-    SourceError
-        If the folder holds something else, or a synthetic corpus with other parameters, or cannot be
-        written to.
-    UsageError
-        If a parameter is out of range.
-    """
-    corpus = Synthetic(seed=seed, songs=songs, clips_per_song=clips_per_song, clip_s=clip_s)
-    _write(Path(folder), make_plan(songs, clips_per_song, clip_s), corpus._made_by())
-    return Path(folder)
-
-
-def synthesise_song(
-    music: str, *, seed: int = 0, length_s: float = 14.5, sample_rate: int = 48_000, n_channels: int = 2
-) -> SyntheticSong:
-    """Make one song in memory.
-
-    Parameters
-    ----------
-    music : AIST++ music id, which names the tempo: ``mBR0`` or ``BR0``.
-    length_s : seconds. The beats do not depend on it.
-
-    Returns
-    -------
-    SyntheticSong
-        .signal (mono AudioSignal), .pcm (n, channels) int16, .beat_times_s, .downbeat_times_s, .chord_roots,
-        .tempo_bpm.
-
-    Raises
-    ------
-    UsageError
-        If `music` is no AIST++ music id.
-    """
-    from dancedata.synthetic.music import make_song
-
-    return make_song(SongPlan(music_of(music), sample_rate, n_channels, length_s), seed)
-
-
-def synthesise_motion(name: str, *, seed: int = 0, n_frames: int = 810) -> tuple[Motion, MotionTruth]:
-    """Make one clip in memory, in full precision (the file holds float32).
-
-    Parameters
-    ----------
-    name : AIST++ clip name, such as ``gBR_sBM_cAll_d04_mBR0_ch01``; its song gives the beats.
-    n_frames : length in frames at 60 a second.
-
-    Returns
-    -------
-    (Motion, MotionTruth)
-        MotionTruth: .beat_times_s, .beat_frames, .key_frames, .planted (N, 4), .moving (N, 4),
-        .foot_positions (N, 4, 3), .floor_height_m.
-
-    Raises
-    ------
-    UsageError
-        If the name has no AIST++ music id in it.
-    """
-    from dancedata.synthetic.motion import make_motion
-
-    return make_motion(name, n_frames, seed)
-
-
-def _write(folder: Path, plan: Plan, made_by: dict[str, Any]) -> None:
-    """Write what is planned, unless it is there already; a second writer waits for the first."""
-    if _check_folder(folder, made_by):
-        return
-    try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        with writing_lock(folder, "process", wait=True):
-            if not _check_folder(folder, made_by):
-                _write_all(folder, plan, made_by)
-    except OSError as error:
-        raise SourceError(
-            "synthetic: the corpus is made on first use and cannot be written here",
-            where=str(folder),
-            found=str(error),
-            fix="give --source a folder that can be written to, on a disk with room",
-        ) from error
-
-
-def _write_all(folder: Path, plan: Plan, made_by: dict[str, Any]) -> None:
-    _claim(folder, made_by)
-    _write_lists(folder, plan)
-    for song in plan.songs:
-        _write_song(folder, song, made_by["seed"])
-    for clip in plan.clips:
-        _write_clip(folder, clip, made_by["seed"])
-    atomic.write_json(folder / MARKER, made_by)
-    (folder / UNFINISHED).unlink()
-
-
-def _found(folder: Path, made_by: dict[str, Any]) -> str | None:
-    """Which marker in the folder says that it was made with just these parameters, if any does."""
-    for name in (MARKER, UNFINISHED):
-        try:
-            there = read_json(folder / name, MAX_MARKER_BYTES)
-        except (OSError, ValueError):
-            continue
-        if there == made_by:
-            return name
-    return None
-
-
-def _check_folder(folder: Path, made_by: dict[str, Any]) -> bool:
-    """Tell whether the finished corpus is there (True) or may be written (False); else SourceError."""
-    if folder.exists() and not folder.is_dir():
-        raise SourceError("synthetic: the source is not a folder", where=str(folder), fix="name a new folder")
-    names = sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
-    names = [name for name in names if not atomic.is_temporary(name)]
-    marker = _found(folder, made_by)
-    if marker is not None or not names:
-        return marker == MARKER
-    other = next((name for name in (MARKER, UNFINISHED) if name in names), None)
-    if other is None:
-        raise SourceError(
-            "synthetic: the source folder holds files that this dataset did not write; nothing was touched",
-            where=str(folder),
-            found=listed(names, 8),
-            allowed=f"no folder, an empty folder, or one with a {MARKER}",
-            fix="give --source a folder of its own, it will be filled",
-        )
-    raise SourceError(
-        "synthetic: the source folder holds a synthetic corpus with other parameters; nothing was touched",
-        where=str(folder / other),
-        found=_marker_text(folder / other),
-        allowed=json.dumps(made_by),
-        fix="use the parameters that were found, delete the folder, or give --source another one",
-    )
-
-
-def _marker_text(path: Path) -> str:
-    try:
-        return shown(read_regular(path, MAX_MARKER_BYTES).decode("utf-8", "replace").strip())
-    except OSError as error:
-        return shown(error)
-
-
-def _claim(folder: Path, made_by: dict[str, Any]) -> None:
-    """Make the folders; the note who does it comes first, so a killed write can be taken up again."""
-    folder.mkdir(parents=True, exist_ok=True)
-    atomic.write_json(folder / UNFINISHED, made_by)
-    for name in ("motions", "wavs", "cameras", "splits", "truth"):
-        (folder / name).mkdir(exist_ok=True)
-    for left in folder.rglob("*"):
-        if atomic.is_temporary(left.name):  # of a process that was killed
-            left.unlink()
-
-
-def _write_lists(folder: Path, plan: Plan) -> None:
-    """Name lists of the official layout: mapping, splits, ignore list."""
-    mapping = "".join(f"{clip.name} setting1\n" for clip in plan.clips)
-    atomic.write_text(folder / "cameras" / "mapping.txt", mapping)
-    for split in ("train", "val", "test"):
-        text = "".join(f"{name}\n" for name in plan.names(split))
-        atomic.write_text(folder / "splits" / f"crossmodal_{split}.txt", text)
-    atomic.write_text(folder / "ignore_list.txt", "".join(f"{name}\n" for name in plan.ignored))
-
-
-def _write_song(folder: Path, plan: SongPlan, seed: int) -> None:
-    """One wav, PCM 16, and its truth."""
-    from dancedata.synthetic.music import make_song
-
-    song = make_song(plan, seed)
-    stream = io.BytesIO()
-    with wave.open(stream, "wb") as file:
-        file.setnchannels(plan.n_channels)
-        file.setsampwidth(2)
-        file.setframerate(plan.sample_rate)
-        file.writeframes(song.pcm.astype("<i2").tobytes())
-    atomic.write_bytes(folder / "wavs" / f"m{plan.music}.wav", stream.getvalue())
-    names = ("beat_times_s", "downbeat_times_s", "chord_roots", "tempo_bpm")
-    truth = {name: np.asarray(getattr(song, name)) for name in names}
-    _write_npz(folder / "truth" / f"m{plan.music}.npz", truth)
-
-
-def _write_clip(folder: Path, plan: ClipPlan, seed: int) -> None:
-    """One motion pickle as AIST++ publishes them, and its truth."""
-    from dancedata.synthetic.motion import make_motion
-
-    motion, truth = make_motion(plan.name, plan.n_frames, seed)
-    rng = generator(seed, "scaling", plan.name)
-    scaling = rng.uniform(89.0, 99.0, 1).astype(np.float32)
-    content = {
-        "smpl_loss": float(rng.uniform(1.0, 2.5)),
-        "smpl_poses": motion.rotations.reshape(-1, 72).astype(np.float32),
-        "smpl_scaling": scaling,
-        "smpl_trans": (motion.translation * float(scaling[0])).astype(np.float32),
-    }
-    atomic.write_bytes(folder / "motions" / f"{plan.name}.pkl", pickle.dumps(content, protocol=4))
-    arrays = {field.name: np.asarray(getattr(truth, field.name)) for field in dataclasses.fields(truth)}
-    _write_npz(folder / "truth" / f"{plan.name}.npz", arrays)
-
-
-def _write_npz(path: Path, arrays: dict[str, Any]) -> None:
-    stream = io.BytesIO()
-    np.savez(stream, **arrays)
-    atomic.write_bytes(path, stream.getvalue())

@@ -24,7 +24,7 @@ from dancedata.audio.librosa35.resample import MAX_PERIOD, period
 from dancedata.audio.signal import load_audio, pcm16
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.grid import FrameGrid
-from dancedata.datasets.synthetic import synthesise_song
+from dancedata.synthetic import synthesise_song
 
 GRID = FrameGrid.of(30)
 FAST, PLAIN = Librosa35(), Librosa35(method="librosa")

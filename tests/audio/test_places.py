@@ -25,7 +25,7 @@ import threadpoolctl
 from dancedata.audio.librosa35.feature import Librosa35
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.grid import FrameGrid
-from dancedata.datasets.synthetic import synthesise_song
+from dancedata.synthetic import synthesise_song
 
 kernels = {pool.get("architecture") for pool in threadpoolctl.threadpool_info()}
 feature, grid = Librosa35(), FrameGrid.of(30)

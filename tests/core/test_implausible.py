@@ -14,7 +14,7 @@ from dancedata.core.motion import Motion
 from dancedata.core.quality import body_size, implausible_flags, quality_flags
 from dancedata.core.registry import DATASETS
 from dancedata.core.skeleton import SMPL24, Skeleton
-from dancedata.datasets.synthetic import synthesise_motion
+from dancedata.synthetic import synthesise_motion
 
 
 def sized(factor: float) -> Skeleton:

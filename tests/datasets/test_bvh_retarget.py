@@ -18,11 +18,11 @@ from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.datasets.folder import Folder
 from dancedata.datasets.folder.facts import UPRIGHT
-from dancedata.datasets.synthetic import synthesise_motion
 from dancedata.formats.bvh.joint_names import REQUIRED, map_joints
 from dancedata.formats.bvh.kinematics import world
 from dancedata.formats.bvh.parse import read_bvh
 from dancedata.formats.bvh.write import write_bvh
+from dancedata.synthetic import synthesise_motion
 
 Floats = NDArray[np.float64]
 

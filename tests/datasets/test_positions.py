@@ -20,8 +20,8 @@ from dancedata.datasets._positions import require_rotations
 from dancedata.datasets.aistpp import load as _aistpp_load
 from dancedata.datasets.folder.facts import Declared
 from dancedata.datasets.folder.load import Reading, load_motion
-from dancedata.datasets.synthetic import synthesise_motion
 from dancedata.formats.safe_pickle import load_pickle
+from dancedata.synthetic import synthesise_motion
 
 READING = Reading(Declared("60", "y", "m"), Declared())
 NOT = "oint positions are not rotations"

@@ -15,14 +15,9 @@ from dancedata.core.kinematics import forward_kinematics
 from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24
 from dancedata.core.windows import count_windows
-from dancedata.datasets.synthetic import (
-    crossmodal_split,
-    synthesise_motion,
-    synthesise_song,
-    write_synthetic,
-)
+from dancedata.synthetic import synthesise_motion, synthesise_song, write_synthetic
 from dancedata.synthetic.motion import MotionTruth
-from dancedata.synthetic.plan import CATALOGUE, make_plan, tempo_bpm
+from dancedata.synthetic.plan import CATALOGUE, crossmodal_split, make_plan, tempo_bpm
 
 Floats = NDArray[np.float64]
 FEET = [SMPL24.index(name) for name in ("left_ankle", "right_ankle", "left_foot", "right_foot")]

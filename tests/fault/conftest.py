@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from dancedata.core.hashing import sha256_file
-from dancedata.datasets.synthetic import write_synthetic
+from dancedata.synthetic import write_synthetic
 
 ROOT = Path(__file__).resolve().parents[2]
 SONGS = 4

@@ -19,10 +19,10 @@ import pytest
 import soundfile
 
 from dancedata.core.errors import DataError
-from dancedata.datasets.synthetic import synthesise_song
 from dancedata.execution import arithmetic, reference_process
 from dancedata.execution.execute import Progress, run_units
 from dancedata.execution.reference_process import ReferenceProcess, ReferenceProcessError
+from dancedata.synthetic import synthesise_song
 
 RECIPE = """recipe: 1
 name: kernels

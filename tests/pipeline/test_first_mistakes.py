@@ -34,7 +34,7 @@ def run(*args: object, code: int = 0) -> Result:
 @pytest.fixture
 def larger(tmp_path: Path) -> Path:
     """Eight clips to two songs, all in one split by the recipe of the tests below."""
-    from dancedata.datasets.synthetic import write_synthetic
+    from dancedata.synthetic import write_synthetic
 
     return write_synthetic(tmp_path / "larger", songs=2, clips_per_song=4, clip_s=6)
 

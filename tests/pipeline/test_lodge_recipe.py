@@ -13,11 +13,11 @@ import dancedata
 from dancedata.core.errors import RecipeError, SourceError
 from dancedata.core.kinematics import forward_kinematics
 from dancedata.core.registry import DATASETS, KEYMOTIONS, REPRESENTATIONS
-from dancedata.datasets.synthetic import write_synthetic
 from dancedata.pipeline.build import build
 from dancedata.pipeline.plan import make_plan
 from dancedata.recipes.parse import load_recipe, parse_recipe
 from dancedata.store import verify_store
+from dancedata.synthetic import write_synthetic
 
 
 @pytest.fixture(scope="module")

@@ -168,7 +168,7 @@ class AistPP:
 
     def make_example(self, folder: Path) -> None:
         """Write four synthetic clips of six seconds in the official layout."""
-        from dancedata.datasets.synthetic import write_synthetic
+        from dancedata.synthetic import write_synthetic
 
         write_synthetic(folder, seed=0, songs=2, clips_per_song=2, clip_s=6.0)
 

@@ -66,7 +66,7 @@ def _columns(motion: Motion) -> NDArray[np.float32]:
 
 
 def _write_song(path: Path, steps: str, n_frames: int) -> None:
-    from dancedata.datasets.synthetic import synthesise_song
+    from dancedata.synthetic import synthesise_song
 
     music = steps.split("_")[4]
     song = synthesise_song(music, length_s=n_frames / FRAME_RATE, sample_rate=SAMPLE_RATE, n_channels=1)

@@ -33,7 +33,7 @@ motions/smpl.npz,music/fast.wav,test,house,ben,125,60,y,m
 
 def write_example(folder: Path) -> None:
     """Write three clips of six seconds at 60 FPS."""
-    from dancedata.datasets.synthetic import synthesise_motion, synthesise_song
+    from dancedata.synthetic import synthesise_motion, synthesise_song
 
     (folder / "motions").mkdir(parents=True, exist_ok=True)
     (folder / "music").mkdir(exist_ok=True)
