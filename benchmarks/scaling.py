@@ -32,7 +32,8 @@ from dancedata.core.motion import Motion
 from dancedata.core.registry import DATASETS, FEATURES, REPRESENTATIONS
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.execution.cache import Cache
-from dancedata.execution.execute import Progress, run_units
+from dancedata.execution.progress import Progress
+from dancedata.execution.units import run_units
 from dancedata.pipeline.build import build
 from dancedata.pipeline.clips import gather, identify
 from dancedata.pipeline.plan import make_plan

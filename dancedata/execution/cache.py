@@ -7,7 +7,7 @@ import mmap
 import os
 import time
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.metadata import version
@@ -28,10 +28,14 @@ DURABLE_FROM_S = 0.5
 
 
 def default_cache() -> Path:
-    """Return $DANCEDATA_CACHE, else dancedata's folder in the user's cache folder."""
+    """Return $DANCEDATA_CACHE, else `user_cache`."""
     named = os.environ.get(ENVIRONMENT)
-    if named:
-        return Path(named)
+    return Path(named) if named else user_cache()
+
+
+def user_cache() -> Path:
+    """Return dancedata's folder in the user's cache folder."""
+    # Not platformdirs: it ignores a relative $XDG_CACHE_HOME, which would move existing caches.
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "dancedata"
 
 
@@ -194,7 +198,9 @@ class Cache:
         A process that dies gives its locks back. What is held here is worth looking for again in the cache: who
         had the lock before may have published it.
         """
-        with entered(self.root, files.held(self.root / files.LOCKS, f"{stage}-{key}")):
+        with ExitStack() as stack:
+            with _clear_errors(self.root):  # of entering the context, not of what is done in it
+                stack.enter_context(files.locked_file(self.root / files.LOCKS, f"{stage}-{key}"))
             yield
 
     def json(self, stage: str, key: str) -> Any | None:
@@ -261,17 +267,6 @@ class Cache:
 def _real_folder(folder: str) -> str:
     # Many files lie in few folders. Where a link in their path is changed, files have other inodes.
     return os.path.realpath(folder)
-
-
-@contextmanager
-def entered(root: Path, context: AbstractContextManager[Any]) -> Iterator[None]:
-    """Enter a context, with the errors of entering it made clear; not those of what is done within."""
-    with _clear_errors(root):
-        context.__enter__()
-    try:
-        yield
-    finally:
-        context.__exit__(None, None, None)
 
 
 class _clear_errors:  # noqa: N801

@@ -22,14 +22,14 @@ from contextlib import ExitStack, contextmanager, suppress
 from itertools import islice
 from pathlib import Path
 from stat import S_ISREG
-from typing import Any
+from typing import Any, cast
 from uuid import uuid4
 
 import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.hashing import canonical_bytes
-from dancedata.core.locks import is_abandoned, left_behind, lock_file, open_held
+from dancedata.core.locks import file_lock, is_abandoned, lock_abandoned, lock_file, open_locked
 
 #: Folders of the cache: those of entries, and those of what is being written and who computes what.
 STAGES = ("features", "motion", "clips", "signals", "files")
@@ -142,7 +142,7 @@ def publish(root: Path, path: Path, parts: Sequence[bytes | memoryview], *, dura
     With `durable` it is flushed to disk before it appears. Without, a machine that loses power may leave a
     damaged entry, which its checksum gives away.
     """
-    fd, temporary = _open_held(root / TEMPORARY, f"{temporary_name()}.tmp")
+    fd, temporary = _open_temporary(root)
     try:
         for part in parts:
             _write_all(fd, part)
@@ -168,18 +168,15 @@ def _write_all(fd: int, part: bytes | memoryview) -> None:
 
 
 @contextmanager
-def held(folder: Path, name: str) -> Iterator[Path]:
-    """Hold a file in `folder` and its lock, waiting for whoever holds it; it is gone afterwards.
-
-    Where the file system knows no locks nobody waits.
-    """
-    fd, path = _open_held(folder, name)
-    try:
-        yield path
-    finally:
-        with suppress(OSError):
-            path.unlink()  # while it is held: who waits for it finds out and makes a new one
-        os.close(fd)
+def locked_file(folder: Path, name: str) -> Iterator[Path]:
+    """Hold a file in a folder of the cache and its lock, see `file_lock`; the folder is made if it is missing."""
+    with ExitStack() as stack:
+        try:
+            stack.enter_context(file_lock(folder / name))
+        except FileNotFoundError:
+            _make_folder(folder)
+            stack.enter_context(file_lock(folder / name))
+        yield folder / name
 
 
 @contextmanager
@@ -187,7 +184,7 @@ def running(root: Path) -> Iterator[None]:
     """Say, within the context, that a build is running: `cache prune` leaves alone what it may be using."""
     with ExitStack() as stack:
         with suppress(OSError):  # a cache that may only be read is enough for a build that finds all in it
-            stack.enter_context(held(root / LOCKS, f"{RUNNING}{uuid4().hex}"))
+            stack.enter_context(locked_file(root / LOCKS, f"{RUNNING}{uuid4().hex}"))
             mark(root)
         yield
 
@@ -200,7 +197,7 @@ def oldest_running(root: Path) -> float | None:
             path = root / LOCKS / name
             with suppress(FileNotFoundError):
                 since = path.stat().st_mtime
-                if not left_behind(path):
+                if not is_abandoned(path):
                     begun.append(since)
     return min(begun, default=None)
 
@@ -309,7 +306,7 @@ def _remove_abandoned(path: Path) -> bool:
     except OSError:
         return False
     try:
-        if not S_ISREG(os.fstat(fd).st_mode) or not is_abandoned(fd):
+        if not S_ISREG(os.fstat(fd).st_mode) or not lock_abandoned(fd):
             return False
         path.unlink()  # while it is held: a process that was about to hold it finds out and makes a new one
     except OSError:
@@ -331,12 +328,18 @@ def _listed(folder: Path) -> list[str]:
         return []
 
 
-def _open_held(folder: Path, name: str) -> tuple[int, Path]:
-    """Open a file and lock it, see `open_held`; its folder is made, and the cache marked, if it is missing."""
+def _open_temporary(root: Path) -> tuple[int, Path]:
+    """Make a temporary file in the cache, and lock it; returns its descriptor and its path."""
+    path = root / TEMPORARY / f"{temporary_name()}.tmp"
     try:
-        return open_held(folder, name)
+        fd = open_locked(path)
     except FileNotFoundError:
-        folder.mkdir(parents=True, exist_ok=True)
-        if folder.name in (TEMPORARY, LOCKS):
-            mark(folder.parent)
-        return open_held(folder, name)
+        _make_folder(path.parent)
+        fd = open_locked(path)
+    return cast(int, fd), path  # it waits
+
+
+def _make_folder(folder: Path) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    if folder.name in (TEMPORARY, LOCKS):
+        mark(folder.parent)

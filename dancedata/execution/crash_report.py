@@ -1,8 +1,8 @@
-"""Says what a process was doing when it died.
+"""Prints what a process was doing when it crashed.
 
-A crash inside libsndfile or libhdf5 ends a process before it can say a word. So a second, tiny process is told what
-the first one is doing; when that is gone without a goodbye, it prints the last it heard. Worker processes need none
-of this: whoever hired them sees them die (`execute`).
+A crash inside libsndfile or libhdf5 ends a process before Python can print anything; `faulthandler` could name lines
+of code, but not the file that was read. So a second, tiny process is told what the first one is doing, and prints the
+last of it when its input ends before the work does. Worker processes do not need it: `run_units` sees them die.
 """
 
 from __future__ import annotations
@@ -12,11 +12,13 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from functools import lru_cache
+from typing import IO, cast
 
 from dancedata.core.text import printable
 from dancedata.execution.shielded import shielded
 
-_LISTENER = r"""
+_REPORTER = r"""
 import signal, sys
 signal.signal(signal.SIGTERM, signal.SIG_IGN)
 last = b""
@@ -28,39 +30,27 @@ if last:
 """
 
 
-class _Listener:
-    """The other process, started when there is something to say."""
-
-    def __init__(self) -> None:
-        self.process: subprocess.Popen[bytes] | None = None
-
-    def hear(self, text: str) -> None:
-        if self.process is None:
-            command = [sys.executable, "-I", "-S", "-c", _LISTENER]
-            with shielded():
-                # Nothing in the command comes from outside.
-                self.process = subprocess.Popen(command, stdin=subprocess.PIPE, bufsize=0)  # noqa: S603
-            atexit.register(self.goodbye)
-        pipe = self.process.stdin
-        if pipe is not None:
-            with suppress(OSError):  # it is gone: nothing depends on it
-                pipe.write(printable(" ".join(text.split())).encode() + b"\n")
-
-    def goodbye(self) -> None:
-        if self.process is not None:
-            with suppress(OSError):
-                self.process.communicate()
-            self.process = None
-
-
-_listener = _Listener()
-
-
 @contextmanager
-def doing(what: str) -> Iterator[None]:
+def named_if_it_crashes(what: str) -> Iterator[None]:
     """If this process dies within the context, print that it died at `what`."""
-    _listener.hear(what)
+    _report(what)
     try:
         yield
     finally:
-        _listener.hear("")
+        _report("")
+
+
+def _report(text: str) -> None:
+    with suppress(OSError):  # the other process is gone: nothing depends on it
+        _reporter().write(printable(" ".join(text.split())).encode() + b"\n")
+
+
+@lru_cache(maxsize=1)
+def _reporter() -> IO[bytes]:
+    """Return the standard input of the other process, which is started by the first call."""
+    command = [sys.executable, "-I", "-S", "-c", _REPORTER]
+    with shielded():
+        # Nothing in the command comes from outside.
+        process = subprocess.Popen(command, stdin=subprocess.PIPE, bufsize=0)  # noqa: S603
+        atexit.register(process.communicate)
+    return cast(IO[bytes], process.stdin)

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TypeVar
 
 from dancedata.execution.cache import Cache, EntryLostError
-from dancedata.execution.execute import Progress
+from dancedata.execution.progress import Progress
 
 #: How often a build begins again because of entries that were removed or damaged while it ran.
 LOST_ENTRIES = 3
@@ -30,6 +30,6 @@ def with_lost_entries(cache: Cache, run: Callable[[Cache], T], progress: Progres
         try:
             return run(cache)
         except EntryLostError as error:
-            progress.say(f"{error.where}: {error.problem}; all entries are compared with their checksums now")
+            progress.write(f"{error.where}: {error.problem}; all entries are compared with their checksums now")
             cache = replace(cache, careful=True)
     return run(cache)

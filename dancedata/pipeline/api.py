@@ -14,7 +14,7 @@ from dancedata.core.grid import FrameGrid, Number
 from dancedata.core.hashing import sha256_file
 from dancedata.core.motion import Motion
 from dancedata.core.registry import CONTACTS, FEATURES, REPRESENTATIONS
-from dancedata.execution.execute import exactly, on_one_thread
+from dancedata.execution.threads import exactly, on_one_thread
 from dancedata.pipeline.audio import is_exact
 from dancedata.recipes.plugins import make_named, one_of, raise_problems
 from dancedata.recipes.recipe import resolve_feature

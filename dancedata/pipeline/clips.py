@@ -12,8 +12,9 @@ from dancedata.core.errors import SourceError
 from dancedata.core.text import is_unicode, quoted
 from dancedata.core.windows import count_windows
 from dancedata.execution.cache import Cache, CachedArray
-from dancedata.execution.execute import Progress, exactly, run_units
-from dancedata.execution.workers import Jobs
+from dancedata.execution.progress import Progress
+from dancedata.execution.threads import exactly
+from dancedata.execution.units import Jobs, run_units
 from dancedata.pipeline.audio import SignalId, identify_audio, known_signal, window_samples
 from dancedata.pipeline.features import extract_all
 from dancedata.pipeline.gathered import Gathered, window_numbers

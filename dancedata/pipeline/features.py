@@ -9,8 +9,9 @@ from typing import Any
 
 from dancedata.core.clip import Reject
 from dancedata.execution.cache import Cache, CachedArray
-from dancedata.execution.execute import Progress, run_units
-from dancedata.execution.workers import Jobs, Workers
+from dancedata.execution.executors.base import Executor
+from dancedata.execution.progress import Progress
+from dancedata.execution.units import Jobs, run_units
 from dancedata.pipeline.audio import (
     FeatureKeys,
     SignalId,
@@ -140,7 +141,7 @@ def _jobs_for(feature: Any, jobs: Jobs) -> Jobs:
     """Return the workers for a feature: one that computes on cards wants one process a card."""
     if not hasattr(feature, "workers"):
         return jobs
-    return replace(jobs, n=feature.workers(jobs.n)) if isinstance(jobs, Workers) else int(feature.workers(jobs))
+    return replace(jobs, n=feature.workers(jobs.n)) if isinstance(jobs, Executor) else int(feature.workers(jobs))
 
 
 def _next_songs(feature: Any, songs: Sequence[SignalId]) -> list[Path | None]:

@@ -20,7 +20,7 @@ from dancedata.core.hashing import json_sha256
 from dancedata.core.registry import FEATURES
 from dancedata.core.text import shown
 from dancedata.execution.cache import Cache, default_cache
-from dancedata.execution.execute import exactly, on_one_thread
+from dancedata.execution.threads import exactly, on_one_thread
 from dancedata.pipeline.audio import is_exact, window_samples
 from dancedata.recipes.documents import document_of
 from dancedata.recipes.parse import load_recipe, parse_recipe

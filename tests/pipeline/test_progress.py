@@ -7,8 +7,9 @@ import io
 import pytest
 
 from dancedata.core.errors import DataError
-from dancedata.execution import execute
-from dancedata.execution.execute import Progress, run_units
+from dancedata.execution import units
+from dancedata.execution.progress import Progress
+from dancedata.execution.units import run_units
 
 
 class Terminal(io.StringIO):
@@ -29,7 +30,7 @@ def test_lines_where_there_is_no_terminal(monkeypatch: pytest.MonkeyPatch):
     stream = io.StringIO()
     assert run_units(square, CALLS, jobs=1, label="squaring", progress=Progress(stream=stream)) == [1, 4, 9]
     assert stream.getvalue() == "squaring: 3/3 in 0.0 s\n"
-    monkeypatch.setattr(execute, "LINE_INTERVAL_S", 0.0)
+    monkeypatch.setattr("dancedata.execution.progress.LINE_INTERVAL_S", 0.0)
     run_units(square, CALLS, jobs=1, label="squaring", progress=Progress(stream=stream))
     assert "squaring: 1/3, about 0 s left\nsquaring: 2/3, about 0 s left\nsquaring: 3/3 in" in stream.getvalue()
 
@@ -46,7 +47,7 @@ def test_a_bar_on_a_terminal():
 def test_nothing_if_quiet():
     for stream in (io.StringIO(), Terminal()):
         progress = Progress(quiet=True, stream=stream)
-        progress.say("hello")
+        progress.write("hello")
         run_units(square, CALLS, jobs=1, label="squaring", progress=progress)
         assert stream.getvalue() == ""
 
@@ -61,7 +62,7 @@ def test_what_is_known_is_not_computed(monkeypatch: pytest.MonkeyPatch):
         9,
     ]
     assert stream.getvalue() == "squaring: 3/3 in 0.0 s\n"
-    monkeypatch.setattr(execute, "_Run", None)  # worker processes
+    monkeypatch.setattr(units, "_run", None)  # worker processes
     every = ["a", "b", "c"]
     assert run_units(square, calls, known=every, jobs=2, label="", progress=Progress(quiet=True)) == every
 
