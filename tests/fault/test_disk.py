@@ -328,7 +328,8 @@ def test_a_full_cache_that_is_read_only_is_enough(
     def refuse(*args: Any, **options: Any) -> Any:
         raise PermissionError(errno.EACCES, "read-only")
 
-    monkeypatch.setattr(cache_files, "_open_held", refuse)
+    monkeypatch.setattr(cache_files, "open_locked", refuse)
+    monkeypatch.setattr(cache_files, "file_lock", refuse)
     monkeypatch.setattr(os, "utime", refuse)
     monkeypatch.setattr(os, "access", lambda path, mode: "cache" not in str(path))
     run()

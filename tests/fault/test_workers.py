@@ -243,3 +243,42 @@ run_units(decode, calls, jobs=1, label="decoding music", progress=Progress(quiet
         assert "error: the process died at decoding music, bad song.wav." in done.stderr
     else:
         assert done.stderr == ""
+
+
+class DiesOnArrival:
+    """A function whose modules crash when a worker imports them."""
+
+    def __reduce__(self) -> Any:
+        return os._exit, (7,)
+
+    def __call__(self, path: Path) -> None: ...
+
+
+def test_no_unit_is_blamed_for_workers_that_die_before_they_run_one() -> None:
+    from dancedata.core.errors import DanceDataError
+    from dancedata.execution.progress import Progress
+    from dancedata.execution.units import run_units
+
+    calls = [(Path("a.wav"),), (Path("b.wav"),)]
+    with pytest.raises(DanceDataError, match="worker processes die during decoding before they run a unit") as caught:
+        run_units(DiesOnArrival(), calls, jobs=2, label="decoding", progress=Progress(quiet=True))
+    assert "a.wav" not in str(caught.value)
+
+
+def test_units_that_were_not_running_when_a_worker_died_are_no_suspects() -> None:
+    from dancedata.execution.executors.base import WorkerDiedError
+    from dancedata.execution.executors.loky import LokyExecutor
+
+    found: dict[int, Any] = {}
+    calls = {number: (number,) for number in (2, 3, 5, 7, 11, 13)}
+    with pytest.raises(WorkerDiedError) as caught:
+        LokyExecutor(2).run(exit_at_5, calls, "x", found.__setitem__)
+    assert 5 in caught.value.suspects
+    assert len(caught.value.suspects) <= 2
+    assert not set(found) & set(caught.value.suspects)
+
+
+def exit_at_5(number: int) -> int:
+    if number == 5:
+        os._exit(1)
+    return number
