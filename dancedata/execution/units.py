@@ -18,9 +18,9 @@ from dancedata.execution.threads import exactly, on_one_thread
 #: What `run_units` takes: a number of processes on this machine, or an executor.
 Jobs = int | Executor
 
-#: How often a unit may kill the worker that runs it and nothing else.
-TRIES_ALONE = 2
-#: How often in a row workers may die while they start.
+#: After how many deaths of a worker that runs nothing else a unit is named as their cause.
+DEATHS_ALONE = 2
+#: After how many deaths in a row of workers that have not run a unit a stage ends.
 BLIND_DEATHS = 3
 
 
@@ -98,7 +98,7 @@ def _check_that_workers_start(executor: Executor, function: Callable[..., Any], 
     if death is not None:
         raise DanceDataError(
             f"worker processes die during {label} before they run a unit of work",
-            found=str(death),
+            found=f"{death.deaths} times: {death}",
             fix="run the same command again to resume; if memory ran out, with fewer --jobs",
         ) from death
 
@@ -106,27 +106,29 @@ def _check_that_workers_start(executor: Executor, function: Callable[..., Any], 
 def _run_alone(
     executor: Executor, function: Callable[..., Any], index: int, call: Call, label: str, on_result: OnResult
 ) -> None:
-    death = _last_death(TRIES_ALONE, lambda: executor.run(function, {index: call}, label, on_result))
+    death = _last_death(DEATHS_ALONE, lambda: executor.run(function, {index: call}, label, on_result))
     if death is not None:
         raise DanceDataError(
             f"this unit of work kills its worker process ({label})",
             where=unit_name(call),
-            found=f"{TRIES_ALONE} times, running alone: {death}",
+            found=f"{death.deaths} times, running alone: {death}",
             fix="if memory ran out, use a machine with more; else remove the file from the source and report it",
         ) from death
 
 
-def _last_death(tries: int, run: Callable[[], None]) -> WorkerDiedError | None:
-    """Call `run` until no worker dies; returns the last death if one dies in every try."""
-    death = None
-    for _ in range(tries):
+def _last_death(limit: int, run: Callable[[], None]) -> WorkerDiedError | None:
+    """Call `run` until no worker dies; after `limit` deaths return the last one, with the number of all."""
+    deaths = 0
+    while True:
         try:
             run()
-        except WorkerDiedError as error:
-            death = error
+        except WorkerDiedError as death:
+            deaths += death.deaths
+            if deaths >= limit:
+                death.deaths = deaths
+                return death
         else:
             return None
-    return death
 
 
 def _import(function: Callable[..., Any]) -> None:

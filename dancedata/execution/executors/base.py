@@ -21,11 +21,13 @@ class WorkerDiedError(Exception):
     ----------
     suspects
         Numbers of the calls that were running and may have caused it.
+    deaths
+        How often that happened: engines may run a call again by themselves.
     """
 
-    def __init__(self, problem: str, suspects: list[int]) -> None:
+    def __init__(self, problem: str, suspects: list[int], deaths: int = 1) -> None:
         super().__init__(problem)
-        self.suspects = suspects
+        self.suspects, self.deaths = suspects, deaths
 
 
 @dataclass(frozen=True)
@@ -54,7 +56,7 @@ class Executor(ABC):
         Raises
         ------
         WorkerDiedError
-            If a worker process died. Nothing is run again: `run_units` decides that.
+            If a worker process died. `run_units` decides what is run again.
         Exception
             The first exception that a call raises. Other calls are cancelled.
         """

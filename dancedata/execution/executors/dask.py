@@ -48,7 +48,7 @@ class DaskExecutor(Executor):
         except OSError as error:
             raise _lost(label, error) from error
         numbers = dict(zip(futures, calls, strict=True))
-        suspects, death = [], ""
+        suspects, killed = [], None
         try:
             done = as_completed(futures, self.client.loop, with_results=True, raise_errors=False)  # type: ignore[no-untyped-call]
             for future, outcome in done:
@@ -58,14 +58,14 @@ class DaskExecutor(Executor):
                     raise _lost(label, outcome)
                 elif isinstance(outcome[1], KilledWorker):
                     suspects.append(numbers[future])
-                    death = first_line(outcome[1])
+                    killed = outcome[1]
                 else:
                     raise outcome[1]
         finally:
             for future in futures:
                 future.release()  # type: ignore[no-untyped-call]
-        if suspects:
-            raise WorkerDiedError(death, sorted(suspects))
+        if killed is not None:
+            raise WorkerDiedError(first_line(killed), sorted(suspects), killed.allowed_failures + 1) from killed
 
 
 def _run_checked(requirements: WorkerRequirements, unit: Callable[[], Any]) -> Any:
