@@ -29,6 +29,7 @@ from dancedata.core.clip import ClipRef, Scan
 from dancedata.core.columns import Columns, Group
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
+from dancedata.core.plugins import AudioFeature, Dataset, Representation
 from dancedata.core.registry import DATASETS, FEATURES, REPRESENTATIONS
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.execution.cache import Cache
@@ -44,7 +45,7 @@ FRAMES, SAMPLE_RATE, CLIPS_A_SONG = 4, 8000, 100
 
 @DATASETS.register("many")
 @dataclass(frozen=True)
-class Many:
+class Many(Dataset):
     """Clips of four frames, a file each, and a song for every hundred."""
 
     version: ClassVar[int] = 1
@@ -80,15 +81,11 @@ class Many:
 
 @REPRESENTATIONS.register("place")
 @dataclass(frozen=True)
-class Place:
+class Place(Representation):
     """Where the root is."""
 
     version: ClassVar[int] = 1
-    default_contacts: ClassVar[None] = None
-    rate: ClassVar[None] = None
-    grounded: ClassVar[bool] = False
     axes: ClassVar[str] = "as given"
-    rotation_6d: ClassVar[None] = None
 
     @property
     def skeleton(self) -> Skeleton:
@@ -107,12 +104,11 @@ class Place:
 
 @FEATURES.register("level")
 @dataclass(frozen=True)
-class Level:
+class Level(AudioFeature):
     """One column of nothing much."""
 
     version: ClassVar[int] = 1
     packages: ClassVar[tuple[str, ...]] = ("numpy",)
-    dtype: ClassVar[str] = "float32"
 
     @property
     def columns(self) -> Columns:

@@ -21,6 +21,7 @@ import numpy.typing as npt
 from dancedata.core.clip import Reject
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid, Number
+from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
 from dancedata.execution.cache import Cache, CachedArray, default_cache
 from dancedata.execution.execute import Progress, exactly, on_one_thread
@@ -31,13 +32,12 @@ from dancedata.pipeline.audio import (
     extract_track,
     extract_windows,
     identify_audio,
-    is_exact,
     known_windows,
     window_samples,
     window_units,
 )
 from dancedata.recipes.plugins import make_named
-from dancedata.recipes.recipe import Recipe, WindowSpec, resolve_feature
+from dancedata.recipes.recipe import Recipe, WindowSpec
 
 __all__ = ["FeatureCache"]
 
@@ -57,7 +57,7 @@ class FeatureCache:
     def __init__(self, root: str | Path | None = None) -> None:
         self.root = (Path(root).expanduser() if root is not None else default_cache()).absolute()
         self._compared: set[Path] = set()
-        self._features: dict[str, Any] = {}
+        self._features: dict[str, AudioFeature] = {}
 
     def __repr__(self) -> str:
         """Say where it is."""
@@ -187,22 +187,22 @@ class FeatureCache:
         """Return as much of a recipe as the features' units of work look at."""
         plugin = self._feature(feature, parameters)
         return Recipe(
-            name="", description="", dataset=None, grid=grid, scope=scope, windows=windows, motion=(),
+            name="", description="", dataset=None, grid=grid, scope=scope, windows=windows, motion=(),  # type: ignore[arg-type]
             audio=(plugin,), keymotion=(), mirror=False, shard_mb=1,
         )  # fmt: skip
 
-    def _feature(self, name: str, parameters: dict[str, Any]) -> Any:
+    def _feature(self, name: str, parameters: dict[str, Any]) -> AudioFeature:
         """Return a feature that is ready to compute, as a build makes it; made once by each object."""
         asked = repr((name, sorted(parameters.items())))
         if asked not in self._features:
             plugin = make_named(FEATURES, "audio", name, parameters)
-            self._features[asked] = resolve_feature(plugin, Cache(self.root).file_sha256)
+            self._features[asked] = plugin.resolved(Cache(self.root).file_sha256)
         return self._features[asked]
 
 
-def _computed(feature: Any, function: Callable[..., Any], *args: Any) -> Any:
+def _computed(feature: AudioFeature, function: Callable[..., Any], *args: Any) -> Any:
     """Run a unit of work as a build does."""
-    return _found((exactly if is_exact(feature) else on_one_thread)(function, *args))
+    return _found((exactly if feature.exact else on_one_thread)(function, *args))
 
 
 def _found(result: Any) -> Any:

@@ -17,6 +17,7 @@ import numpy.typing as npt
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.clip import Reject
 from dancedata.core.errors import DataError
+from dancedata.core.plugins import AudioFeature
 from dancedata.execution.cache import Cache, CachedArray, package_version
 from dancedata.execution.reference_process import expected
 from dancedata.pipeline.read_ahead import decoded, read_ahead
@@ -123,15 +124,10 @@ def libsndfile_version() -> str:
     return str(soundfile.__libsndfile_version__)
 
 
-def is_exact(feature: Any) -> bool:
-    """Tell whether a feature's bits are promised, so that it has to be computed with `expected` instructions."""
-    return bool(getattr(feature, "exact", True))
-
-
 class FeatureKeys:
     """The cache keys of a feature's rows. What they have in common is hashed once for each tempo."""
 
-    def __init__(self, recipe: Recipe, feature: Any) -> None:
+    def __init__(self, recipe: Recipe, feature: AudioFeature) -> None:
         self._recipe, self._feature = recipe, feature
         self._common: dict[float | None, str] = {}
         self._strides: dict[int, Fraction] = {}
@@ -155,7 +151,7 @@ class FeatureKeys:
     def _of(self, bpm: float | None) -> str:
         recipe, feature = self._recipe, self._feature
         # Else equal music would be computed again for another tempo, and for none.
-        bpm = None if bpm is None or not getattr(feature, "uses_tempo", True) else float(bpm)
+        bpm = None if bpm is None or not feature.uses_tempo else float(bpm)
         if bpm not in self._common:
             self._common[bpm] = Cache.key(
                 "feature",
@@ -165,7 +161,7 @@ class FeatureKeys:
                 scope=recipe.scope,
                 start_bpm=bpm,
                 packages={name: package_version(name) for name in feature.packages},
-                arithmetic=expected() if is_exact(feature) else None,
+                arithmetic=expected() if feature.exact else None,
             )
         return self._common[bpm]
 
@@ -173,7 +169,7 @@ class FeatureKeys:
 def extract_track(
     cache: Cache,
     recipe: Recipe,
-    feature: Any,
+    feature: AudioFeature,
     signal: SignalId,
     bpm: float | None,
     key: str,
@@ -194,7 +190,7 @@ def extract_track(
 def extract_windows(
     cache: Cache,
     recipe: Recipe,
-    feature: Any,
+    feature: AudioFeature,
     signal: SignalId,
     bpm: float | None,
     keys: Mapping[int, str],
@@ -210,9 +206,11 @@ def extract_windows(
         with cache.lock("features", keys[min(keys)]):
             found = {number: cache.array("features", key) for number, key in keys.items()}
             missing = [number for number, array in found.items() if array is None]
-            whole = _decoded(signal, ahead) if missing else None
+            if not missing:
+                return {number: array for number, array in found.items() if array is not None}
+            whole = _decoded(signal, ahead)
             starts, length = window_samples(recipe, signal.n_samples, signal.sample_rate)
-            at_once = getattr(feature, "windows_a_call", len(missing)) or 1
+            at_once = feature.windows_a_call or len(missing)
             for begin in range(0, len(missing), at_once):
                 some = missing[begin : begin + at_once]
                 rows = feature.extract_windows(

@@ -220,7 +220,7 @@ def _meta(recipe: Recipe, gathered: Gathered, source_sha256: str, record: Source
         "axes": {slot.name: slot.representation.axes for slot in recipe.motion},
         "rotation_6d": {slot.name: slot.representation.rotation_6d for slot in recipe.motion},
         "skeletons": {slot.name: slot.representation.skeleton.name for slot in recipe.motion},
-        "genre_ids": dict(getattr(recipe.dataset, "genre_ids", {})),
+        "genre_ids": dict(recipe.dataset.genre_ids),
         "content": gathered.content,
         "arithmetic": expected(),
         "packages": {**versions, **{name: package_version(name) for name in sorted(packages)}},

@@ -35,9 +35,7 @@ from dancedata.store import AudioBlock, StoredClip
 
 def scan_source(recipe: Recipe, source: Path) -> Scan:
     """List what the source holds. A dataset that writes its own source computes it as results are computed."""
-    generates = getattr(recipe.dataset, "generates", False)
-    scan: Scan = exactly(recipe.dataset.scan, source) if generates else recipe.dataset.scan(source)
-    return scan
+    return exactly(recipe.dataset.scan, source) if recipe.dataset.generates else recipe.dataset.scan(source)
 
 
 def identify(cache: Cache, recipe: Recipe, scan: Scan, *, jobs: Jobs, progress: Progress) -> Gathered:

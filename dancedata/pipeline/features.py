@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from dancedata.core.clip import Reject
+from dancedata.core.plugins import AudioFeature
 from dancedata.execution.cache import Cache, CachedArray
 from dancedata.execution.execute import Progress, run_units
 from dancedata.execution.workers import Jobs, Workers
@@ -16,7 +17,6 @@ from dancedata.pipeline.audio import (
     SignalId,
     extract_track,
     extract_windows,
-    is_exact,
     known_windows,
     window_units,
 )
@@ -49,7 +49,7 @@ class _Extraction:
 
     cache: Cache
     gathered: Gathered
-    feature: Any
+    feature: AudioFeature
     jobs: Jobs
     progress: Progress
 
@@ -132,20 +132,18 @@ class _Extraction:
             jobs=jobs,
             label=self.feature.name,
             progress=self.progress,
-            exact=is_exact(self.feature),
+            exact=self.feature.exact,
         )
 
 
-def _jobs_for(feature: Any, jobs: Jobs) -> Jobs:
+def _jobs_for(feature: AudioFeature, jobs: Jobs) -> Jobs:
     """Return the workers for a feature: one that computes on cards wants one process a card."""
-    if not hasattr(feature, "workers"):
-        return jobs
-    return replace(jobs, n=feature.workers(jobs.n)) if isinstance(jobs, Workers) else int(feature.workers(jobs))
+    return replace(jobs, n=feature.workers(jobs.n)) if isinstance(jobs, Workers) else feature.workers(jobs)
 
 
-def _next_songs(feature: Any, songs: Sequence[SignalId]) -> list[Path | None]:
+def _next_songs(feature: AudioFeature, songs: Sequence[SignalId]) -> list[Path | None]:
     """Return, for each unit of work, the file of the next one, if the feature computes on a device meanwhile."""
-    if not getattr(feature, "reads_ahead", False):
+    if not feature.reads_ahead:
         return [None] * len(songs)
     paths: list[Path | None] = [song.path for song in songs]
     return [then if then != path else None for path, then in zip(paths, [*paths[1:], None], strict=False)]

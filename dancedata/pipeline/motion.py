@@ -19,6 +19,7 @@ from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import sha256_file
 from dancedata.core.motion import Motion
+from dancedata.core.plugins import Dataset
 from dancedata.core.quality import (
     MAX_ROOT_SPEED_M_S,
     MAX_TURN_DEG_S,
@@ -285,7 +286,7 @@ def vertical_extent(motion: Motion) -> float:
     return round(float(np.median(heights.max(axis=1) - heights.min(axis=1))), 4)
 
 
-def content_hashes(dataset: Any, hash_file: Callable[[Path], str]) -> dict[str, str]:
+def content_hashes(dataset: Dataset, hash_file: Callable[[Path], str]) -> dict[str, str]:
     """Return the hash of every file that a dataset's parameters name, such as a body model.
 
     Those files are the fields whose metadata say ``{"content": True}``. Of a folder, all files count.

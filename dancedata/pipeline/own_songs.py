@@ -17,15 +17,16 @@ from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import StoreError, UsageError, did_you_mean
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import json_sha256
+from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
 from dancedata.core.text import shown
 from dancedata.execution.cache import Cache, default_cache
 from dancedata.execution.execute import exactly, on_one_thread
-from dancedata.pipeline.audio import is_exact, window_samples
+from dancedata.pipeline.audio import window_samples
 from dancedata.recipes.documents import document_of
 from dancedata.recipes.parse import load_recipe, parse_recipe
 from dancedata.recipes.plugins import make_named
-from dancedata.recipes.recipe import Recipe, resolve_feature
+from dancedata.recipes.recipe import Recipe
 from dancedata.store import open_store
 from dancedata.store.schema import DATASET_FILE
 
@@ -36,7 +37,7 @@ _MUSIC = (".wav", ".flac", ".mp3", ".ogg")
 class Like:
     """How features are computed: as a dataset or recipe does it, or plainly per track at 30 a second."""
 
-    feature: Any
+    feature: AudioFeature
     grid: FrameGrid
     recipe: Recipe | None
 
@@ -84,7 +85,7 @@ def write_features(
                 for like in likes:
                     path = out / f"{song.stem}.{like.feature.name}.npy"
                     new.update(p for p in (path, path.with_suffix(".json")) if not p.exists())
-                    compute = exactly if is_exact(like.feature) else on_one_thread
+                    compute = exactly if like.feature.exact else on_one_thread
                     computed = compute(_compute, like, signal, bpm, song)
                     with atomic_file(path) as temporary, open(temporary, "wb") as file:
                         np.save(file, computed.rows)
@@ -148,11 +149,11 @@ def _undone_if_it_fails(out: Path) -> Iterator[set[Path]]:
         raise
 
 
-def _ready(feature: Any, weights: Path | None) -> Any:
+def _ready(feature: AudioFeature, weights: Path | None) -> AudioFeature:
     """Return a feature with its weights; those of a dataset are known by their hash, not by their place."""
-    if weights is not None and hasattr(feature, "weights"):
-        feature = replace(feature, weights=weights)
-    return resolve_feature(feature, Cache(default_cache()).file_sha256)
+    if weights is not None:
+        feature = feature.with_weights(weights)
+    return feature.resolved(Cache(default_cache()).file_sha256)
 
 
 @dataclass(frozen=True)
@@ -166,14 +167,13 @@ class _Computed:
 
 def _compute(like: Like, signal: AudioSignal, bpm: float | None, song: Path) -> _Computed:
     windows = _windows(like, signal, song)
-    estimates = bpm is None and hasattr(like.feature, "estimated_bpm")
     if windows is None or like.recipe is None:
-        estimated = like.feature.estimated_bpm(signal, like.grid) if estimates else None
+        estimated = like.feature.estimated_bpm(signal, like.grid) if bpm is None else None
         start_bpm = bpm if estimated is None else estimated
         return _Computed(like.feature.extract(signal, like.grid, start_bpm=start_bpm), estimated_bpm=estimated)
     starts, length = windows
     rows = like.feature.extract_windows(signal, starts, length, like.grid, like.recipe.windows.length, start_bpm=bpm)
-    tempos = like.feature.estimated_window_bpms(signal, starts, length, like.grid) if estimates else None
+    tempos = like.feature.estimated_window_bpms(signal, starts, length, like.grid) if bpm is None else None
     return _Computed(rows, [k * like.recipe.windows.stride for k in range(len(starts))], tempos)
 
 
@@ -196,7 +196,6 @@ def _windows(like: Like, signal: AudioSignal, song: Path) -> tuple[Any, int] | N
 def _about(
     like: Like, song: Path, signal: AudioSignal, computed: _Computed, bpm: float | None, path: Path
 ) -> dict[str, Any]:
-    uses_tempo = getattr(like.feature, "uses_tempo", True)
     return {
         "song": song.name,
         "file": path.name,
@@ -207,7 +206,7 @@ def _about(
         "scope": like.scope,
         "window_starts": computed.starts,
         "start_bpm": bpm,
-        "tempo_bpm": computed.estimated_bpm if bpm is None else bpm if uses_tempo else None,
+        "tempo_bpm": computed.estimated_bpm if bpm is None else bpm if like.feature.uses_tempo else None,
         "tempo_estimated": computed.estimated_bpm is not None,
         "signal_sha256": signal.sha256,
         "columns": list(like.feature.columns.labels),

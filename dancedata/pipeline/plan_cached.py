@@ -10,10 +10,11 @@ from typing import Any
 
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import SourceError, UsageError
+from dancedata.core.plugins import AudioFeature
 from dancedata.execution.cache import Cache
 from dancedata.pipeline.audio import FeatureKeys, known_signal
 from dancedata.pipeline.motion import MotionKeys, content_hashes
-from dancedata.recipes.recipe import Recipe, resolve_feature
+from dancedata.recipes.recipe import Recipe
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,7 @@ def cached_units(cache: Cache, recipe: Recipe, clips: Sequence[tuple[ClipRef, in
 
 
 def _motion(cache: Cache, recipe: Recipe, refs: Sequence[ClipRef]) -> dict[str, Cached]:
-    names = [plugin.name for plugin in (*recipe.motion, *recipe.keymotion)]
+    names = [*(slot.name for slot in recipe.motion), *(finder.name for finder in recipe.keymotion)]
     held = dict.fromkeys(names, 0)
     try:
         every = MotionKeys(recipe, content_hashes(recipe.dataset, _known(cache)))
@@ -79,7 +80,7 @@ def _motion(cache: Cache, recipe: Recipe, refs: Sequence[ClipRef]) -> dict[str, 
 def _audio(
     cache: Cache,
     recipe: Recipe,
-    feature: Any,
+    feature: AudioFeature,
     clips: Sequence[tuple[ClipRef, int]],
     signals: dict[Path, Any],
 ) -> Cached:
@@ -87,11 +88,11 @@ def _audio(
     ready = _resolved(cache, feature)
     known: set[str] = set()
     unknown: set[tuple[Any, ...]] = set()
-    keys = FeatureKeys(recipe, ready)
+    keys = None if ready is None else FeatureKeys(recipe, ready)
     for ref, n_windows in clips:
         signal = None if ref.audio_path is None else signals[ref.audio_path]
         numbers = [0] if recipe.scope == "track" else range(n_windows)
-        if signal is None or ready is None:
+        if signal is None or keys is None:
             unknown.update((ref.audio_path, ref.tempo_bpm, number) for number in numbers)
         elif recipe.scope == "track":
             known.add(keys.track(ref.tempo_bpm, signal.sha256))
@@ -100,11 +101,11 @@ def _audio(
     return Cached(unit, sum(cache.holds("features", key) for key in known), len(known) + len(unknown))
 
 
-def _resolved(cache: Cache, feature: Any) -> Any | None:
+def _resolved(cache: Cache, feature: AudioFeature) -> AudioFeature | None:
     """Return a feature as a build computes it; None if that cannot be known here without reading weights."""
     # ImportError: a login node that plans, without the packages that compute.
     with suppress(_UnknownError, UsageError, SourceError, ImportError):
-        return resolve_feature(feature, _known(cache))
+        return feature.resolved(_known(cache))
     return None
 
 

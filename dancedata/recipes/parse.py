@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 import yaml
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
@@ -13,12 +13,16 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 from dancedata.core.errors import DanceDataError, RecipeError, UsageError, did_you_mean
 from dancedata.core.grid import FrameGrid
 from dancedata.core.movement import Movement
+from dancedata.core.plugins import Plugin
 from dancedata.core.registry import CONTACTS, DATASETS, FEATURES, KEYMOTIONS, REPRESENTATIONS, Registry
 from dancedata.core.resources import resource, resources
 from dancedata.core.text import shown
 from dancedata.recipes.plugins import key_paths, make_dataclass, make_plugin, one_of
 from dancedata.recipes.recipe import MotionSlot, Recipe, WindowSpec
 from dancedata.recipes.yaml import load_yaml, read_yaml
+
+P = TypeVar("P", bound=Plugin)
+T = TypeVar("T")
 
 #: Characters of what PyYAML says, which are several lines.
 _YAML_PROBLEM = 600
@@ -71,7 +75,12 @@ class _Document(_Strict):
 
 
 _MODELS: dict[str, type[BaseModel]] = {"windows": _Windows, "store": _Store, "augment": _Augment}
-_SLOTS = {"dataset": DATASETS, "motion": REPRESENTATIONS, "audio": FEATURES, "keymotion": KEYMOTIONS}
+_SLOTS: dict[str, Registry[Any]] = {
+    "dataset": DATASETS,
+    "motion": REPRESENTATIONS,
+    "audio": FEATURES,
+    "keymotion": KEYMOTIONS,
+}
 
 
 def recipe_names() -> tuple[str, ...]:
@@ -150,7 +159,7 @@ def parse_recipe(document: Mapping[str, Any], where: str = "recipe") -> Recipe:
     windows = None
     if spec is not None and grid is not None:
         windows = _attempt(problems, lambda: _windows(spec, grid, _filter(spec.filter, motion, problems)))
-    if windows is not None:
+    if windows is not None and grid is not None:
         for slot in motion:
             _attempt(problems, partial(_whole_rows, slot, windows, grid))
     if model is not None and model.augment.mirror:
@@ -160,7 +169,7 @@ def parse_recipe(document: Mapping[str, Any], where: str = "recipe") -> Recipe:
         for feature in audio:
             # A rate that a feature cannot do is said now, not after all music was decoded.
             _attempt(problems, partial(feature.n_rows, 1, 48_000, grid))
-    if problems or model is None or grid is None or windows is None:
+    if problems or model is None or dataset is None or grid is None or windows is None:
         listed = "\n".join(f"  - {p}" for p in problems)
         raise RecipeError(f"{len(problems)} problem{'s' * (len(problems) != 1)} in the recipe\n{listed}", where=where)
     return Recipe(
@@ -191,7 +200,7 @@ def _find(name: str) -> Path:
     )
 
 
-def _attempt(problems: list[str], make: Any) -> Any:
+def _attempt(problems: list[str], make: Callable[[], T]) -> T | None:
     try:
         return make()
     except DanceDataError as error:
@@ -220,7 +229,7 @@ def _motion_slots(given: Any, problems: list[str]) -> tuple[MotionSlot, ...]:
     return tuple(sorted(slots, key=lambda slot: slot.name))
 
 
-def _slots(registry: Registry, where: str, given: Any, problems: list[str]) -> tuple[Any, ...]:
+def _slots(registry: Registry[P], where: str, given: Any, problems: list[str]) -> tuple[P, ...]:
     named = _mapping(given or {})
     made = [make_plugin(registry, where, name, own, problems, beside=named) for name, own in named.items()]
     # By name, as in the recipe's hash, which knows no order either.

@@ -4,24 +4,31 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
 from dancedata.core.errors import DanceDataError, RecipeError, did_you_mean
+from dancedata.core.plugins import Plugin
 from dancedata.core.registry import Registry
 from dancedata.core.text import shown
 
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+P = TypeVar("P", bound=Plugin)
+T = TypeVar("T", bound="DataclassInstance")
+
 
 def make_plugin(
-    registry: Registry,
+    registry: Registry[P],
     where: str,
     name: str,
     parameters: Any,
     problems: list[str],
     also: tuple[str, ...] = (),
     beside: Any = None,
-) -> Any | None:
+) -> P | None:
     """Make one plug-in; problems are added to the list, all of them, and then there is no plug-in.
 
     `also` names keys of the slot that the caller has taken out of `parameters` already; `beside` is all that the
@@ -35,7 +42,7 @@ def make_plugin(
     return make_dataclass(cls, f"{where}.{name}", parameters, problems, also)
 
 
-def key_paths(registry: Registry, where: str, given: Any, also: Sequence[str] = ()) -> list[str]:
+def key_paths(registry: Registry[P], where: str, given: Any, also: Sequence[str] = ()) -> list[str]:
     """Return the keys of the plug-ins that a slot names, as --set takes them: "audio.librosa35.tightness"."""
     names = [given] if isinstance(given, str) else list(given) if isinstance(given, dict) else []
     paths = []
@@ -45,7 +52,7 @@ def key_paths(registry: Registry, where: str, given: Any, also: Sequence[str] = 
     return paths
 
 
-def make_named(registry: Registry, where: str, name: str, parameters: dict[str, Any]) -> Any:
+def make_named(registry: Registry[P], where: str, name: str, parameters: dict[str, Any]) -> P:
     """Make one plug-in for a call from Python, where a problem is raised at once.
 
     Raises
@@ -58,7 +65,8 @@ def make_named(registry: Registry, where: str, name: str, parameters: dict[str, 
     registry.get(name)  # an unknown name is an error of its own, with the closest known one
     problems: list[str] = []
     made = make_plugin(registry, where, name, parameters, problems)
-    raise_problems(problems)
+    if made is None:
+        raise RecipeError("; ".join(problems))
     return made
 
 
@@ -69,8 +77,8 @@ def raise_problems(problems: list[str]) -> None:
 
 
 def make_dataclass(
-    cls: type[Any], at: str, parameters: Any, problems: list[str], also: tuple[str, ...] = ()
-) -> Any | None:
+    cls: type[T], at: str, parameters: Any, problems: list[str], also: tuple[str, ...] = ()
+) -> T | None:
     """Make an object of a frozen dataclass from what a recipe says of its fields."""
     parameters = {} if parameters is None else parameters
     if not isinstance(parameters, dict):
@@ -96,7 +104,7 @@ def make_dataclass(
     return None if unknown else made
 
 
-def one_of(registry: Registry, where: str, given: Any, problems: list[str]) -> Any | None:
+def one_of(registry: Registry[P], where: str, given: Any, problems: list[str]) -> P | None:
     """Make the one plug-in of a slot, given as ``name`` or ``{name: {parameters}}``."""
     if isinstance(given, str):
         given = {given: {}}

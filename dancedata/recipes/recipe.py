@@ -15,6 +15,7 @@ from typing import Any, Literal
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import json_sha256
 from dancedata.core.movement import Movement
+from dancedata.core.plugins import AudioFeature, ContactRule, Dataset, KeyMotionFinder, Representation
 from dancedata.recipes.documents import document_of
 
 
@@ -42,8 +43,8 @@ class WindowSpec:
 class MotionSlot:
     """A representation and the contact rule it is given."""
 
-    representation: Any
-    contacts: Any | None
+    representation: Representation
+    contacts: ContactRule | None
 
     @property
     def name(self) -> str:
@@ -64,21 +65,26 @@ class Recipe:
 
     name: str
     description: str
-    dataset: Any
+    dataset: Dataset
     grid: FrameGrid
     scope: Literal["track", "window"]
     windows: WindowSpec
     motion: tuple[MotionSlot, ...]
-    audio: tuple[Any, ...]
-    keymotion: tuple[Any, ...]
+    audio: tuple[AudioFeature, ...]
+    keymotion: tuple[KeyMotionFinder, ...]
     mirror: bool
     shard_mb: int
 
     def __repr__(self) -> str:
         """Show name, dataset, rate and fields; `document` has every key."""
-        fields = ", ".join(plugin.name for plugin in (*self.motion, *self.keymotion, *self.audio))
+        fields = ", ".join(self.field_names)
         about = f"dataset {self.dataset.name}, {self.grid} FPS, {self.scope} scope, fields: {fields}"
         return f"Recipe({self.name!r}, {about})"
+
+    @property
+    def field_names(self) -> tuple[str, ...]:
+        """Names of all fields: motion, key motions, audio."""
+        return (*(s.name for s in self.motion), *(k.name for k in self.keymotion), *(f.name for f in self.audio))
 
     @property
     def fps(self) -> Fraction:
@@ -123,9 +129,4 @@ def resolve(recipe: Recipe, hash_file: Callable[[Path], str]) -> Recipe:
     hash_file
         Gives the SHA-256 of a file, such as `Cache.file_sha256`.
     """
-    return replace(recipe, audio=tuple(resolve_feature(feature, hash_file) for feature in recipe.audio))
-
-
-def resolve_feature(feature: Any, hash_file: Callable[[Path], str]) -> Any:
-    """Return an audio feature that is ready to compute; most are as they are."""
-    return feature.resolved(hash_file) if hasattr(feature, "resolved") else feature
+    return replace(recipe, audio=tuple(feature.resolved(hash_file) for feature in recipe.audio))
