@@ -16,10 +16,10 @@ from dancedata.execution.cache import Cache, default_cache
 from dancedata.execution.execute import Progress
 from dancedata.execution.lost_entries import with_lost_entries
 from dancedata.pipeline.build import hired_for
-from dancedata.pipeline.clips import gather, identify, scan_source
-from dancedata.pipeline.gathered import Gathered
+from dancedata.pipeline.clips import ComputedClips, compute_clips
 from dancedata.pipeline.implausible import stop_if_implausible
 from dancedata.pipeline.left_out import stop_if_strict
+from dancedata.pipeline.sources import Sources, identify, scan_source
 from dancedata.recipes.recipe import Recipe, resolve
 
 
@@ -127,14 +127,15 @@ def build_part(
     share = replace(scan, clips=mine, rejects=())
     with hired_for(recipe, source, store_cache, jobs) as workers:
 
-        def run(cache: Cache) -> Gathered:
-            gathered = identify(cache, recipe, share, jobs=workers, progress=progress)
-            stop_if_strict(strict, [*gathered.rejects, *gathered.audio_problems.values()], scan)
-            gather(cache, gathered, jobs=workers, progress=progress)
-            stop_if_strict(strict, gathered.rejects, scan)
-            stop_if_implausible(strict, gathered.quality)
-            return gathered
+        def run(cache: Cache) -> tuple[Sources, ComputedClips]:
+            sources = identify(cache, recipe, share, jobs=workers, progress=progress)
+            stop_if_strict(strict, sources.rejects, scan)
+            found = compute_clips(cache, recipe, sources, jobs=workers, progress=progress)
+            stop_if_strict(strict, found.rejects, scan)
+            stop_if_implausible(strict, found.quality)
+            return sources, found
 
-        gathered = with_lost_entries(store_cache, run, progress)
-    left_out = Counter(reject.reason for reject in gathered.rejects)
-    return PartResult(part, len(scan.clips), len(mine), len(gathered.signals), dict(sorted(left_out.items())))
+        sources, found = with_lost_entries(store_cache, run, progress)
+    left_out = Counter(reject.reason for reject in found.rejects)
+    songs = {clip.signal.path for clip in sources.clips if clip.signal is not None}
+    return PartResult(part, len(scan.clips), len(mine), len(songs), dict(sorted(left_out.items())))

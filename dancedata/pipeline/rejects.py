@@ -45,7 +45,7 @@ def too_short(recipe: Recipe, ref: ClipRef, n_frames: int, rate: Fraction) -> Re
     motion_s = float(n_frames / rate)
     detail = (
         f"clip {ref.id} has no whole window: {n_frames} frames at {rate} a second "
-        f"({motion_s:.2f} s); a window has {_window_s(recipe):g} s"
+        f"({motion_s:.2f} s); a window has {recipe.windows.length_s:g} s"
     )
     numbers: dict[str, float | int] = {"motion_s": round(motion_s, 3)}
     return Reject("too_short", ref.id, str(ref.motion_path), detail=detail, numbers=numbers)
@@ -53,10 +53,6 @@ def too_short(recipe: Recipe, ref: ClipRef, n_frames: int, rate: Fraction) -> Re
 
 def short_audio(recipe: Recipe, ref: ClipRef, path: Path, audio_s: float) -> Reject:
     """Return the reject of a clip whose music has no whole window."""
-    detail = f"{path}: the music has no whole window: {audio_s} s; a window has {_window_s(recipe):g} s"
+    detail = f"{path}: the music has no whole window: {audio_s} s; a window has {recipe.windows.length_s:g} s"
     numbers: dict[str, float | int] = {"audio_s": audio_s}
     return Reject("short_audio", ref.id, str(path), detail=detail, numbers=numbers)
-
-
-def _window_s(recipe: Recipe) -> float:
-    return float(recipe.windows.length / recipe.fps)
