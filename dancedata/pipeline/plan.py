@@ -139,7 +139,7 @@ def make_plan(
     recipe: Recipe, source: Path, *, jobs: int = 1, cache: Path | None = None, progress: Progress | None = None
 ) -> Plan:
     """Find out what `build` would make of a source, and what of that is in the cache."""
-    source = source.absolute()  # as in a build, so that both say the same
+    source = source.absolute()  # as in a build, so that messages are the same
     scan = scan_source(recipe, source)
     progress = progress or Progress(quiet=True)
     songs: dict[Path | None, Any] = {}
