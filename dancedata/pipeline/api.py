@@ -15,9 +15,7 @@ from dancedata.core.hashing import sha256_file
 from dancedata.core.motion import Motion
 from dancedata.core.registry import CONTACTS, FEATURES, REPRESENTATIONS
 from dancedata.execution.threads import exactly, on_one_thread
-from dancedata.pipeline.audio import is_exact
 from dancedata.recipes.plugins import make_named, one_of, raise_problems
-from dancedata.recipes.recipe import resolve_feature
 
 
 def extract(
@@ -49,9 +47,9 @@ def extract(
     """
     from dancedata.audio.signal import load_audio
 
-    plugin = resolve_feature(make_named(FEATURES, "audio", feature, parameters), sha256_file)
+    plugin = make_named(FEATURES, "audio", feature, parameters).resolved(sha256_file)
     signal = song if isinstance(song, AudioSignal) else load_audio(song)
-    compute = exactly if is_exact(plugin) else on_one_thread
+    compute = exactly if plugin.exact else on_one_thread
     rows: npt.NDArray[Any] = compute(partial(plugin.extract, start_bpm=start_bpm), signal, FrameGrid.of(fps))
     return rows
 
@@ -73,7 +71,7 @@ def encode(
 
 
 def decode(array: npt.NDArray[Any], representation: str, *, fps: Number = 30, **parameters: Any) -> Motion:
-    """Decode columns (T, D), not normalised, into a motion at `fps` frames a second."""
+    """Decode columns (T, D), not normalised, into a motion at `fps` frames per second."""
     motion: Motion = make_named(REPRESENTATIONS, "motion", representation, parameters).decode(
         array, FrameGrid.of(fps)
     )

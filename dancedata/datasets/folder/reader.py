@@ -33,6 +33,7 @@ from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import DataError, SourceError, UsageError, did_you_mean
 from dancedata.core.grid import as_rate
 from dancedata.core.motion import Motion
+from dancedata.core.plugins import Dataset
 from dancedata.core.registry import DATASETS
 from dancedata.core.skeleton import SMPL24
 from dancedata.datasets._near_music import NearMusic
@@ -51,7 +52,7 @@ _SHOWN = 12
 
 @DATASETS.register("folder")
 @dataclass(frozen=True)
-class Folder:
+class Folder(Dataset):
     """A folder of one's own captures. What is declared here is for files that say nothing themselves.
 
     Attributes
