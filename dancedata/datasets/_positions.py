@@ -29,7 +29,7 @@ _MANY_FRAMES, _RIGID, _RIGID_OF_FEW_FRAMES = 60, 0.25, 0.1
 #: Half of all rotation vectors of a body are never longer than half a turn; real dances: 0.44 rad at most.
 _LONGEST_MEDIAN = np.pi
 #: The translation is a multiple of the first joint, but for a constant, within this part of the movement in its
-#: second direction: a pelvis that was measured apart from the translation moves nearly as that does, a rotation never.
+#: second direction: a pelvis that was measured apart from the translation moves nearly as that does.
 _SAME = 0.15
 #: A movement along a line has less than this in its second direction, and says nothing.
 _LINE = 0.02

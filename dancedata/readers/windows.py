@@ -25,7 +25,7 @@ from dancedata.readers.memory import Pool, shared_tensor
 from dancedata.readers.metadata import metadata
 from dancedata.readers.presets import Preset, field_names, find_preset, preset_cut, preset_fields
 from dancedata.readers.scalers import mirrors_of, normalized_fields, scaler_of
-from dancedata.readers.selection import Choice, movement_filter, select
+from dancedata.readers.selection import Choice, movement_filter, require_protocol, select
 from dancedata.store.dataset import Store, open_store, reopen
 
 #: What is read where nothing else is asked for.
@@ -172,6 +172,8 @@ class WindowDataset(Dataset[dict[str, Any]]):
         self.split = split
         self.preset = preset
         known = find_preset(self.store, preset)
+        if protocol is not None:
+            require_protocol(self.store, protocol)
         cut = {
             "length_s": length_s,
             "length_frames": length_frames,
