@@ -63,13 +63,14 @@ class Plan:
 
     @property
     def rejects(self) -> list[Reject]:
-        """Files and clips that would be left out; windows are only counted."""
-        return [*self.scan.rejects, *(problem for c in self.clips for problem in c.problems)]
+        """Files and clips that would be left out, paths below the source; windows are only counted."""
+        rejects = [*self.scan.rejects, *(problem for c in self.clips for problem in c.problems)]
+        return [relative_to(reject, self.source) for reject in rejects]
 
     def require_clips(self) -> None:
         """Raise StoreError, as a build would, if nothing is left to store."""
         if not any(c.n_windows for c in self.clips):
-            raise nothing_left(self.source, self.scan, [relative_to(r, self.source) for r in self.rejects])
+            raise nothing_left(self.source, self.recipe.dataset, self.scan, self.rejects)
 
     def to_json(self) -> dict[str, Any]:
         """Return plain JSON data: counts, columns and bytes."""
