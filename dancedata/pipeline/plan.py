@@ -19,7 +19,7 @@ from dancedata.pipeline.gather import audio_window_count, scan_source
 from dancedata.pipeline.implausible import describe_implausible
 from dancedata.pipeline.left_out import nothing_left
 from dancedata.pipeline.motion_units import motion_window_count
-from dancedata.pipeline.plan_cached import Cached, cached_units
+from dancedata.pipeline.plan_cached import Cached, cached_units, not_ready
 from dancedata.pipeline.recipe import Recipe
 from dancedata.pipeline.rejects import missing_music, reject_of, short_audio, too_short
 from dancedata.store.schema import sort_splits
@@ -110,7 +110,8 @@ class Plan:
         if chosen is not None:
             where = ", ".join(chosen.splits)
             notes.append(f"windows of {where} are counted before the movement filter, which looks at encoded motion")
-        return notes
+        # A note: where a cluster builds, the weights need not be on the node that plans.
+        return notes + [f"a build here ends with: {why}" for why in map(not_ready, self.recipe.audio) if why]
 
     def _bytes(self, kept: list[ClipPlan]) -> int:
         """Estimate the size of the shards, tables aside; equal windows of several files are counted each."""

@@ -72,6 +72,9 @@ def write_features(
     a network's weights, where a feature needs one. Where it fails, nothing is left behind; where it is interrupted,
     the songs that are done are.
     """
+    if bpm is not None and not 0 < bpm < float("inf"):
+        fix = "without --bpm the tempo is estimated"
+        raise UsageError("not a valid tempo; nothing was computed", found=bpm, allowed="--bpm above 0", fix=fix)
     _check_songs(songs)
     # Only now: weights are ten gigabytes to hash.
     likes = [replace(like, feature=_ready(like.feature, weights)) for like in likes]

@@ -133,6 +133,14 @@ def test_the_command_that_lists_every_file_can_be_copied(larger: Path, tmp_path:
     assert run(*shlex.split(last)[4:], code=1).stdout.count("missing_music") >= 8
 
 
+def test_plan_names_weights_that_a_build_will_miss(larger: Path, monkeypatch: pytest.MonkeyPatch):
+    pytest.importorskip("torch")
+    monkeypatch.delenv("DANCEDATA_JUKEBOX", raising=False)
+    said = run("plan", "aist++", "--source", larger, *ALL, "--set", "audio=jukebox").stdout
+    assert "note: a build here ends with: jukebox needs its weights" in said
+    assert "a build here ends" not in run("plan", "aist++", "--source", larger, *ALL).stdout
+
+
 def test_what_is_not_a_recipe(tmp_path: Path, out: Path):
     (tmp_path / "captures").mkdir()
     for name, says in (
@@ -150,6 +158,15 @@ def test_list_has_the_contact_rule_of_representations():
     found = json.loads(run("list", "--json").stdout)["representations"]
     assert found["edge151"]["keys"] == {"contacts": "velocity"}
     assert found["fact219"]["keys"] == {}
+
+
+@pytest.mark.parametrize("bpm", ["0", "-5", "nan", "inf"])
+def test_a_tempo_that_is_none_names_the_option(tmp_path: Path, bpm: str):
+    song = tmp_path / "song.wav"
+    soundfile.write(song, np.zeros(22_050), 22_050)
+    said = run("features", song, "--bpm", bpm, "--out", tmp_path / "out", code=2).stderr
+    assert "not a valid tempo; nothing was computed; found" in said
+    assert "allowed: --bpm above 0" in said
 
 
 def test_values_that_are_not_what_they_look_like(tmp_path: Path):
