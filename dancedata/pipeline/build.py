@@ -155,7 +155,7 @@ class _Build:
         stop_if_implausible(self.strict, gathered.quality)
         gathered.rejects = [relative_to(r, self.source) for r in gathered.rejects]
         if not clips:
-            raise nothing_left(self.source, self.scan, gathered.rejects)
+            raise nothing_left(self.source, self.recipe.dataset, self.scan, gathered.rejects)
         with new_dataset(self.out) as folder:
             _write(folder, self.recipe, gathered, clips, _meta(self.recipe, gathered, *inputs), self.progress)
         return True

@@ -108,6 +108,21 @@ def _resolved(cache: Cache, feature: Any) -> Any | None:
     return None
 
 
+def not_ready(feature: Any) -> str:
+    """Return what would end a build with this feature here, such as weights that are missing; "" if nothing would."""
+
+    def unread(path: Path) -> str:
+        raise _UnknownError  # there are weights: a build reads them, a plan does not
+
+    try:
+        resolve_feature(feature, unread)
+    except (UsageError, SourceError) as error:
+        return str(error)
+    except (_UnknownError, ImportError):
+        pass
+    return ""
+
+
 class _UnknownError(Exception):
     pass
 

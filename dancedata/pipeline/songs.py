@@ -24,7 +24,7 @@ from dancedata.pipeline.cache import Cache, default_cache
 from dancedata.pipeline.documents import document_of
 from dancedata.pipeline.execute import exactly, on_one_thread
 from dancedata.pipeline.recipe import Recipe, resolve_feature
-from dancedata.pipeline.recipe_file import load_recipe, parse_recipe
+from dancedata.pipeline.recipe_file import load_recipe, parse_recipe, recipe_names
 from dancedata.pipeline.slots import make_named
 from dancedata.store import open_store
 from dancedata.store.schema import DATASET_FILE
@@ -72,6 +72,9 @@ def write_features(
     a network's weights, where a feature needs one. Where it fails, nothing is left behind; where it is interrupted,
     the songs that are done are.
     """
+    if bpm is not None and not 0 < bpm < float("inf"):
+        fix = "without --bpm the tempo is estimated"
+        raise UsageError("not a valid tempo; nothing was computed", found=bpm, allowed="--bpm above 0", fix=fix)
     _check_songs(songs)
     # Only now: weights are ten gigabytes to hash.
     likes = [replace(like, feature=_ready(like.feature, weights)) for like in likes]
@@ -229,6 +232,9 @@ def describe_features(out: Path, about: Mapping[str, Any]) -> str:
 def _recipe_like(like: str) -> Recipe:
     folder = Path(like)
     if not folder.is_dir():
+        if not folder.exists() and folder.suffix not in (".yaml", ".yml") and like not in recipe_names():
+            problem = f"there is neither a dataset folder nor a recipe {shown(like)}"
+            raise UsageError(problem, fix=did_you_mean(like, recipe_names()))
         return load_recipe(like)
     if not (folder / DATASET_FILE).exists():
         raise StoreError("there is no dataset to take the features' parameters from", where=folder)
