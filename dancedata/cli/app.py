@@ -68,7 +68,7 @@ def build(
 ) -> None:
     """Build a dataset: dancedata build aist++ --source DIR --out DIR."""
     from dancedata.cli.text import store_json
-    from dancedata.execution.execute import Progress
+    from dancedata.execution.progress import Progress
     from dancedata.pipeline.build import build as run_build
     from dancedata.pipeline.summary import describe_built, describe_unchanged
     from dancedata.recipes.parse import load_recipe
@@ -78,7 +78,7 @@ def build(
     progress = Progress(quiet=quiet or as_json)
     folder = _source_of(made, source, target)
     if jobs is None:
-        from joblib import cpu_count
+        from loky import cpu_count
 
         jobs = cpu_count()
     options: dict[str, Any] = {
@@ -123,7 +123,7 @@ def plan(
 ) -> None:
     """Show what a build would make; reads lengths only and writes nothing under OUT."""
     from dancedata.cli.text import describe_plan
-    from dancedata.execution.execute import Progress
+    from dancedata.execution.progress import Progress
     from dancedata.pipeline.plan import make_plan
     from dancedata.recipes.parse import load_recipe
 
@@ -132,7 +132,7 @@ def plan(
     progress = Progress(quiet=quiet or as_json)
     folder = _source_of(made, source, target)
     if not folder.exists() and made.dataset.generates:
-        progress.say(f"the dataset {made.dataset.name} writes its own source: {folder}")
+        progress.write(f"the dataset {made.dataset.name} writes its own source: {folder}")
     found = make_plan(made, folder, jobs=jobs, cache=cache, progress=progress)
     if as_json:
         _print_json(found.to_json())
@@ -154,7 +154,7 @@ def check(
 ) -> None:
     """Check a built dataset or a source folder; exit code 1 if something is wrong."""
     from dancedata.cli.text import describe_problems
-    from dancedata.execution.execute import Progress
+    from dancedata.execution.progress import Progress
     from dancedata.pipeline.check import check as run_check
     from dancedata.recipes.parse import load_recipe
 

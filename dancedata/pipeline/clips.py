@@ -10,8 +10,8 @@ from dancedata.augment.mirror import SUFFIX, mirrored_copy
 from dancedata.core.clip import Reject
 from dancedata.core.errors import SourceError
 from dancedata.execution.cache import Cache
-from dancedata.execution.execute import Progress
-from dancedata.execution.workers import Jobs
+from dancedata.execution.progress import Progress
+from dancedata.execution.units import Jobs
 from dancedata.pipeline.encode import encode_clips
 from dancedata.pipeline.features import ExtractedClip, extract_features
 from dancedata.pipeline.sources import Sources

@@ -13,7 +13,8 @@ from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.quality import implausible_flags
 from dancedata.execution.cache import Cache, default_cache
-from dancedata.execution.execute import Progress, run_units
+from dancedata.execution.progress import Progress
+from dancedata.execution.units import run_units
 from dancedata.pipeline.build import header_of, relative_to
 from dancedata.pipeline.implausible import describe_implausible
 from dancedata.pipeline.left_out import nothing_left
