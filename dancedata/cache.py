@@ -188,7 +188,7 @@ class FeatureCache:
         plugin = self._feature(feature, parameters)
         return Recipe(
             name="", description="", dataset=None, grid=grid, scope=scope, windows=windows, motion=(),  # type: ignore[arg-type]
-            audio=(plugin,), keymotion=(), mirror=False, shard_mb=1,
+            audio=(plugin,), keymotion=(), augment=(), shard_mb=1,
         )  # fmt: skip
 
     def _feature(self, name: str, parameters: dict[str, Any]) -> AudioFeature:

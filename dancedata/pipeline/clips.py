@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from dancedata.augment.mirror import SUFFIX, mirrored_copy
+from dancedata.augment.copies import check_ids
 from dancedata.core.clip import ClipRef, Reject, Scan
-from dancedata.core.errors import SourceError
 from dancedata.core.text import is_unicode, quoted
 from dancedata.core.windows import count_windows
 from dancedata.execution.cache import Cache, CachedArray
 from dancedata.execution.execute import Progress, exactly, run_units
 from dancedata.execution.workers import Jobs
 from dancedata.pipeline.audio import SignalId, identify_audio, known_signal, window_samples
+from dancedata.pipeline.copies import CopySource, make_copies
 from dancedata.pipeline.features import extract_all
 from dancedata.pipeline.gathered import Gathered, window_numbers
 from dancedata.pipeline.motion import (
@@ -28,7 +27,7 @@ from dancedata.pipeline.motion import (
     motion_window_count,
 )
 from dancedata.pipeline.rejects import missing_music, short_audio, too_short
-from dancedata.pipeline.window_filter import still_windows
+from dancedata.pipeline.window_filter import filtered_windows
 from dancedata.recipes.recipe import Recipe
 from dancedata.store import AudioBlock, StoredClip
 
@@ -84,7 +83,7 @@ def _identify_music(cache: Cache, gathered: Gathered, jobs: Jobs, progress: Prog
 
 def gather(cache: Cache, gathered: Gathered, *, jobs: Jobs, progress: Progress) -> list[StoredClip]:
     """Encode all motion and extract all features; returns the clips to store, sorted by id."""
-    _check_mirrored_ids(gathered)
+    check_ids([(ref.id, ref.split) for ref in gathered.refs.values()], gathered.recipe.augment)
     motions = _encode_all(cache, gathered, jobs, progress)
     for clip, problem in gathered.audio_problems.items():
         gathered.drop(clip, problem)
@@ -101,37 +100,19 @@ def gather(cache: Cache, gathered: Gathered, *, jobs: Jobs, progress: Progress) 
             arrays = {name: array.take(numbers) for name, array in arrays.items()}
         gathered.quality += [{"clip": clip, **flag} for flag in motion.flags]
         clips.append(_stored(ref, motion, starts[clip], arrays, audio[clip]))
-    return clips + _mirrored(gathered.recipe, clips)
+    sources = [CopySource(clip, gathered.refs[clip.id], gathered.motion_sha[clip.id]) for clip in clips]
+    copies, rejects = make_copies(cache, gathered.recipe, sources, gathered.content, jobs=jobs, progress=progress)
+    gathered.rejects += rejects
+    return clips + copies
 
 
 def _moving(gathered: Gathered, clip: str, motion: MotionResult, starts: tuple[int, ...]) -> tuple[int, ...]:
     """Return the starts that the recipe's filter keeps; a clip without any is set aside."""
-    kept, rejects = still_windows(gathered.recipe, gathered.refs[clip], motion, starts)
+    kept, rejects = filtered_windows(gathered.recipe, gathered.refs[clip], motion, starts)
     gathered.rejects += rejects
     if rejects and not kept:
-        detail = f"none of the {len(rejects)} windows of clip {clip} passes the movement filter"
-        gathered.drop(clip, Reject("still", clip, str(gathered.refs[clip].motion_path), detail=detail))
+        del gathered.refs[clip]
     return kept
-
-
-def _mirrored(recipe: Recipe, clips: Sequence[StoredClip]) -> list[StoredClip]:
-    """Return mirrored copies of the train clips, if the recipe wants them."""
-    if not recipe.mirror:
-        return []
-    columns = {slot.name: slot.representation.columns for slot in recipe.motion}
-    columns |= {plugin.name: plugin.columns for plugin in recipe.keymotion}
-    mirrors = {name: own.mirror for name, own in columns.items() if own.mirror is not None}
-    return [mirrored_copy(clip, mirrors) for clip in clips if clip.split == "train"]
-
-
-def _check_mirrored_ids(gathered: Gathered) -> None:
-    both = [clip for clip in gathered.refs if gathered.recipe.mirror and clip + SUFFIX in gathered.refs]
-    if both:
-        raise SourceError(
-            "a clip has the id that its neighbour's mirrored copy would get",
-            where=f"clip {both[0]}{SUFFIX}",
-            fix="rename it, or build without augment.mirror",
-        )
 
 
 def _stored(

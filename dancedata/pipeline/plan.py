@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from dancedata.augment.copies import copies_per_clip
 from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
@@ -101,14 +102,16 @@ class Plan:
         }
 
     def _copies(self, split: str) -> int:
-        return 2 if self.recipe.mirror and split == "train" else 1
+        return copies_per_clip(self.recipe.augment, split)
 
     def _notes(self) -> list[str]:
         notes = [line.strip() for line in describe_implausible(row for c in self.clips for row in c.implausible)]
         chosen = self.recipe.windows.filter
         if chosen is not None:
             where = ", ".join(chosen.splits)
-            notes.append(f"windows of {where} are counted before the movement filter, which looks at encoded motion")
+            notes.append(
+                f"windows of {where} are counted before the {chosen.name} filter, which reads encoded motion"
+            )
         return notes
 
     def _bytes(self, kept: list[ClipPlan]) -> int:

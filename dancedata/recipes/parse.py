@@ -12,12 +12,21 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 
 from dancedata.core.errors import DanceDataError, RecipeError, UsageError, did_you_mean
 from dancedata.core.grid import FrameGrid
-from dancedata.core.movement import Movement
-from dancedata.core.plugins import Plugin
-from dancedata.core.registry import CONTACTS, DATASETS, FEATURES, KEYMOTIONS, REPRESENTATIONS, Registry
+from dancedata.core.plugins import Plugin, WindowFilter
+from dancedata.core.registry import (
+    AUGMENTATIONS,
+    CONTACTS,
+    DATASETS,
+    FEATURES,
+    FILTERS,
+    KEYMOTIONS,
+    REPRESENTATIONS,
+    Registry,
+)
 from dancedata.core.resources import resource, resources
 from dancedata.core.text import shown
-from dancedata.recipes.plugins import key_paths, make_dataclass, make_plugin, one_of
+from dancedata.recipes.parse_augment import copy_specs
+from dancedata.recipes.plugins import key_paths, make_plugin, one_of
 from dancedata.recipes.recipe import MotionSlot, Recipe, WindowSpec
 from dancedata.recipes.yaml import load_yaml, read_yaml
 
@@ -51,10 +60,6 @@ class _Windows(_Strict):
     filter: Any = None
 
 
-class _Augment(_Strict):
-    mirror: bool = False
-
-
 class _Store(_Strict):
     shard_mb: int = Field(default=256, ge=1)
 
@@ -70,11 +75,11 @@ class _Document(_Strict):
     motion: Any
     audio: Any = None
     keymotion: Any = None
-    augment: _Augment = _Augment()
+    augment: Any = None
     store: _Store = _Store()
 
 
-_MODELS: dict[str, type[BaseModel]] = {"windows": _Windows, "store": _Store, "augment": _Augment}
+_MODELS: dict[str, type[BaseModel]] = {"windows": _Windows, "store": _Store}
 _SLOTS: dict[str, Registry[Any]] = {
     "dataset": DATASETS,
     "motion": REPRESENTATIONS,
@@ -155,16 +160,16 @@ def parse_recipe(document: Mapping[str, Any], where: str = "recipe") -> Recipe:
     audio = _slots(FEATURES, "audio", given.get("audio"), problems)
     keymotion = _slots(KEYMOTIONS, "keymotion", given.get("keymotion"), problems)
     grid = _attempt(problems, lambda: _grid(given.get("fps", 30)))
+    columns = {slot.name: slot.representation.columns for slot in motion} | {k.name: k.columns for k in keymotion}
+    augment = copy_specs(given.get("augment"), columns, problems)
     spec = model.windows if model is not None else _window_keys(given.get("windows"))
     windows = None
     if spec is not None and grid is not None:
-        windows = _attempt(problems, lambda: _windows(spec, grid, _filter(spec.filter, motion, problems)))
+        made = _filter(spec.filter, [*columns], problems)
+        windows = _attempt(problems, lambda: _windows(spec, grid, made))
     if windows is not None and grid is not None:
         for slot in motion:
             _attempt(problems, partial(_whole_rows, slot, windows, grid))
-    if model is not None and model.augment.mirror:
-        without = [slot.name for slot in motion if slot.representation.columns.mirror is None]
-        problems += [f"augment.mirror: {name} has no mirror image" for name in without]
     if grid is not None:
         for feature in audio:
             # A rate that a feature cannot do is said now, not after all music was decoded.
@@ -182,7 +187,7 @@ def parse_recipe(document: Mapping[str, Any], where: str = "recipe") -> Recipe:
         motion=motion,
         audio=audio,
         keymotion=keymotion,
-        mirror=model.augment.mirror,
+        augment=augment,
         shard_mb=model.store.shard_mb,
     )
 
@@ -254,19 +259,13 @@ def _window_keys(given: Any) -> _Windows | None:
         return None  # said already, with the rest of the document
 
 
-def _filter(given: Any, motion: Sequence[MotionSlot], problems: list[str]) -> Movement | None:
+def _filter(given: Any, fields: Sequence[str], problems: list[str]) -> WindowFilter | None:
     if given is None:
         return None
-    given = {given: {}} if isinstance(given, str) else given
-    if not isinstance(given, dict) or list(given) != ["movement"]:
-        problems.append(
-            f"windows.filter: name the filter, as in {{movement: {{min_std: 0.07}}}}; found {shown(repr(given))}"
-        )
-        return None
-    made: Movement | None = make_dataclass(Movement, "windows.filter.movement", given["movement"], problems)
-    names = [slot.name for slot in motion]
-    if made is not None and made.field not in names:
-        problems.append(f"windows.filter.movement.field: no such field in motion; {did_you_mean(made.field, names)}")
+    made = one_of(FILTERS, "windows.filter", given, problems)
+    if made is not None and made.field not in fields:
+        meant = did_you_mean(made.field, fields)
+        problems.append(f"windows.filter.{made.name}.field: no such field in motion or keymotion; {meant}")
     return made
 
 
@@ -283,7 +282,7 @@ def _whole_rows(slot: MotionSlot, windows: WindowSpec, grid: FrameGrid) -> None:
             )
 
 
-def _windows(given: _Windows, grid: FrameGrid, chosen: Movement | None) -> WindowSpec:
+def _windows(given: _Windows, grid: FrameGrid, chosen: WindowFilter | None) -> WindowSpec:
     found = {}
     for what in ("length", "stride"):
         seconds, frames = getattr(given, f"{what}_s"), getattr(given, f"{what}_frames")
@@ -300,6 +299,7 @@ def _windows(given: _Windows, grid: FrameGrid, chosen: Movement | None) -> Windo
 def _key_paths(document: Mapping[str, Any]) -> list[str]:
     """Return all keys below the top, as --set takes them, of the plug-ins that the document names."""
     paths = [f"{name}.{key}" for name, model in _MODELS.items() for key in model.model_fields]
+    paths += key_paths(AUGMENTATIONS, "augment", dict.fromkeys(AUGMENTATIONS.names()))
     for slot, registry in _SLOTS.items():
         also = ("contacts",) if slot == "motion" else ()
         paths += key_paths(registry, slot, document.get(slot), also)

@@ -14,8 +14,8 @@ from typing import Any, Literal
 
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import json_sha256
-from dancedata.core.movement import Movement
-from dancedata.core.plugins import AudioFeature, ContactRule, Dataset, KeyMotionFinder, Representation
+from dancedata.core.plugins import AudioFeature, ContactRule, Dataset, KeyMotionFinder, Representation, WindowFilter
+from dancedata.recipes.copies import CopySpec, augment_document
 from dancedata.recipes.documents import document_of
 
 
@@ -26,11 +26,11 @@ class WindowSpec:
     length: int
     stride: int
     order: Literal["time", "name"]
-    filter: Movement | None = None
+    filter: WindowFilter | None = None
 
     def document(self) -> dict[str, Any]:
         """Return all keys, defaults included."""
-        chosen = None if self.filter is None else {"movement": document_of(self.filter)}
+        chosen = None if self.filter is None else {self.filter.name: document_of(self.filter)}
         return {
             "length_frames": self.length,
             "stride_frames": self.stride,
@@ -72,7 +72,7 @@ class Recipe:
     motion: tuple[MotionSlot, ...]
     audio: tuple[AudioFeature, ...]
     keymotion: tuple[KeyMotionFinder, ...]
-    mirror: bool
+    augment: tuple[CopySpec, ...]
     shard_mb: int
 
     def __repr__(self) -> str:
@@ -110,7 +110,7 @@ class Recipe:
             "motion": {slot.name: slot.document() for slot in self.motion},
             "audio": {feature.name: document_of(feature) for feature in self.audio},
             "keymotion": {plugin.name: document_of(plugin) for plugin in self.keymotion},
-            "augment": {"mirror": self.mirror},
+            "augment": augment_document(self.augment),
             "store": {"shard_mb": self.shard_mb},
         }
 

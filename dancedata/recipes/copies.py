@@ -1,0 +1,75 @@
+"""Copies of train clips that a recipe asks for: which augmentation makes them, under which name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.columns import Columns
+from dancedata.core.errors import UsageError
+from dancedata.core.motion import Motion
+from dancedata.core.plugins import Augmentation
+from dancedata.recipes.documents import document_of
+
+
+@dataclass(frozen=True)
+class CopySpec:
+    """One copy of every train clip.
+
+    Attributes
+    ----------
+    name
+        What the recipe calls it; part of the ids of copies.
+    """
+
+    name: str
+    augmentation: Augmentation
+
+    def document(self) -> dict[str, Any] | Literal[True]:
+        """Return the augmentation's parameters, as a recipe gives them; True if it has none."""
+        return document_of(self.augmentation) or True
+
+    def key(self) -> list[Any]:
+        """Return what decides the motion of copies, for keys of the cache."""
+        return [self.augmentation.name, self.augmentation.version, document_of(self.augmentation)]
+
+    def clip_id(self, clip: str) -> str:
+        """Return the id of a clip's copy."""
+        return f"{clip}__{self.name}"
+
+    def motion_of(self, motion: Motion, clip: str) -> Motion:
+        """Return the motion of a clip's copy; UsageError if the augmentation changes its time."""
+        made = self.augmentation.change_motion(motion, clip)
+        times = [(m.n_frames, str(m.grid), m.trim_start) for m in (made, motion)]
+        if times[0] != times[1]:
+            raise UsageError(
+                f"the augmentation {self.name} changes frames, rate or trim_start",
+                where=f"clip {clip}",
+                found="{} frames at {} per second, trim_start {}".format(*times[0]),
+                allowed="{} frames at {} per second, trim_start {}".format(*times[1]),
+            )
+        return made
+
+    def rows_of(
+        self, rows: npt.NDArray[Any], columns: Columns, kind: Literal["motion", "keymotion"], clip: str
+    ) -> npt.NDArray[Any]:
+        """Return the rows of a clip's copy; UsageError if the augmentation changes their shape or dtype."""
+        given = rows.view()
+        given.flags.writeable = False
+        made = np.asarray(self.augmentation.change_rows(given, columns, kind=kind, clip=clip))
+        if made.shape != rows.shape or made.dtype != rows.dtype:
+            raise UsageError(
+                f"the augmentation {self.name} changes the shape or dtype of rows",
+                where=f"clip {clip}",
+                found=f"{made.shape} {made.dtype}",
+                allowed=f"{rows.shape} {rows.dtype}",
+            )
+        return made
+
+
+def augment_document(specs: tuple[CopySpec, ...]) -> dict[str, Any]:
+    """Return the slot `augment` as recipes have it; mirror is spelled out, as in the hashes of earlier versions."""
+    return {"mirror": False, **{spec.name: spec.document() for spec in specs}}
