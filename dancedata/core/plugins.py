@@ -324,6 +324,10 @@ class WindowFilter(Plugin):
         """Splits that are filtered; windows of the others are all kept."""
         return ("train",)
 
+    def check(self, columns: Columns) -> None:
+        """Raise UsageError if windows of a field with these columns cannot be judged."""
+        return
+
     @abstractmethod
     def reject(self, rows: Float32Array, columns: Columns, grid: FrameGrid) -> Reject | None:
         """Return why a window is left out, ``Reject(self.reason, detail=..., numbers=...)``; None if it is kept.

@@ -128,6 +128,7 @@ def _filtered(store: Store, windows: WindowList, chosen: WindowFilter) -> tuple[
     """Return which windows the filter keeps, (W,), and a reject for each of the others."""
     looked_at = store.field(chosen.field)
     grid = FrameGrid(looked_at.rate)
+    chosen.check(looked_at.columns)
     kept = np.ones(len(windows), dtype=np.bool_)
     rejects: list[Reject] = []
     for k, window in enumerate(windows):

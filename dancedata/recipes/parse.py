@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal, TypeVar
 import yaml
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
+from dancedata.core.columns import Columns
 from dancedata.core.errors import DanceDataError, RecipeError, UsageError, did_you_mean
 from dancedata.core.grid import FrameGrid
 from dancedata.core.plugins import Plugin, WindowFilter
@@ -165,7 +166,7 @@ def parse_recipe(document: Mapping[str, Any], where: str = "recipe") -> Recipe:
     spec = model.windows if model is not None else _window_keys(given.get("windows"))
     windows = None
     if spec is not None and grid is not None:
-        made = _filter(spec.filter, [*columns], problems)
+        made = _filter(spec.filter, columns, problems)
         windows = _attempt(problems, lambda: _windows(spec, grid, made))
     if windows is not None and grid is not None:
         for slot in motion:
@@ -259,13 +260,21 @@ def _window_keys(given: Any) -> _Windows | None:
         return None  # said already, with the rest of the document
 
 
-def _filter(given: Any, fields: Sequence[str], problems: list[str]) -> WindowFilter | None:
+def _filter(given: Any, fields: Mapping[str, Columns], problems: list[str]) -> WindowFilter | None:
     if given is None:
         return None
     made = one_of(FILTERS, "windows.filter", given, problems)
-    if made is not None and made.field not in fields:
+    if made is None:
+        return None
+    where = f"windows.filter.{made.name}"
+    if made.field not in fields:
         meant = did_you_mean(made.field, fields)
-        problems.append(f"windows.filter.{made.name}.field: no such field in motion or keymotion; {meant}")
+        problems.append(f"{where}.field: no such field in motion or keymotion; {meant}")
+        return None
+    try:
+        made.check(fields[made.field])
+    except UsageError as error:
+        problems.append(f"{where}: field {made.field}: {error}")
     return made
 
 
