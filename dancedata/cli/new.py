@@ -7,6 +7,7 @@ import re
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
+from shlex import quote
 from typing import Any
 
 from dancedata.core.errors import UsageError, did_you_mean
@@ -38,10 +39,10 @@ def test_conformance(tmp_path: Path) -> None:
 '''
 _NEXT = """wrote {module} and {test}
 next:
-  1. python -m pytest {test}
-     The template passes; change it, and run the test again.
-  2. Make dancedata find it. In a checkout of dancedata: move {module} to {folder}/
-     Elsewhere: write this pyproject.toml beside it and run: pip install -e {out}
+  1. python -m pytest {test}: the template passes; change it, and run the test again
+  2. in a checkout of dancedata: move {module} to {folder}/;
+     elsewhere: write the pyproject.toml below beside it, and pip install -e {out}
+  3. dancedata list shows it, and a recipe may have: {recipe}
 
 [project]
 name = "{name}"
@@ -51,9 +52,7 @@ version = "0.1"
 py-modules = ["{name}"]
 
 [project.entry-points."{group}"]
-{name} = "{name}"
-
-  3. dancedata list shows it, and a recipe may have: {recipe}"""
+{name} = "{name}\""""
 
 
 @dataclass(frozen=True)
@@ -103,9 +102,9 @@ class NewPlugin:
         """Return what was written and what to do next."""
         group = self.kind.registry.package
         return _NEXT.format(
-            module=self.module,
-            test=self.test,
-            out=self.module.parent,
+            module=quote(str(self.module)),
+            test=quote(str(self.test)),
+            out=quote(str(self.module.parent)),
             folder=group.replace(".", "/"),
             name=self.name,
             group=group,
