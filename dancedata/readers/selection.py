@@ -132,7 +132,9 @@ def _filtered(store: Store, windows: WindowList, chosen: WindowFilter) -> tuple[
     kept = np.ones(len(windows), dtype=np.bool_)
     rejects: list[Reject] = []
     for k, window in enumerate(windows):
-        reject = chosen.reject(store.read(window, chosen.field), looked_at.columns, grid)
+        rows = store.read(window, chosen.field)
+        rows.flags.writeable = False
+        reject = chosen.reject(rows, looked_at.columns, grid)
         if reject is not None:
             kept[k] = False
             rejects.append(replace(reject, clip=window.clip, window=window.start))

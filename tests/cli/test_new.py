@@ -40,12 +40,13 @@ def test_a_template_passes_as_it_is(kind: str, name: str, tmp_path: Path, monkey
     registry.names()
     monkeypatch.setattr(registry, "_classes", dict(registry._classes))
     monkeypatch.syspath_prepend(tmp_path / "here")
-    monkeypatch.delitem(sys.modules, name, raising=False)
     importlib.import_module(name)
-    assert name in registry.names()
-    if name == "my_first2":
-        check(registry.get(name), tmp_path)
-    monkeypatch.delitem(sys.modules, name)
+    try:
+        assert name in registry.names()
+        if name == "my_first2":
+            check(registry.get(name), tmp_path)
+    finally:
+        del sys.modules[name]
 
 
 def test_the_test_that_is_written_passes(tmp_path: Path) -> None:

@@ -93,7 +93,7 @@ def test_filters_in_recipes() -> None:
         ("windows.filter={minima: {field: lodg}}", "windows.filter.minima.field: no such field"),
         (
             "windows.filter={minima: {field: edge151}}",
-            "windows.filter.minima: field edge151: no column group 'minimum'",
+            "minima: field edge151: no column group 'minimum'",
         ),
     ):
         with pytest.raises(RecipeError) as error:
