@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.columns import Columns
 from dancedata.core.errors import SourceError
 from dancedata.recipes.copies import CopySpec
+from dancedata.recipes.fields import KeyMotionField, MotionField
 from dancedata.store import StoredClip
 from dancedata.store.schema import LazyArray
 
@@ -20,19 +20,11 @@ _SPLIT = "train"
 
 
 @dataclass(frozen=True)
-class CopiedField:
-    """What a copy has to be told of a motion or key motion field."""
-
-    columns: Columns
-    kind: Literal["motion", "keymotion"]
-
-
-@dataclass(frozen=True)
 class CopiedArray:
     """Rows (..., D) of a copy, made when numpy asks for them."""
 
     array: LazyArray
-    field: CopiedField
+    field: MotionField | KeyMotionField
     spec: CopySpec
     clip: str
 
@@ -58,7 +50,10 @@ def copies_per_clip(specs: tuple[CopySpec, ...], split: str) -> int:
 
 
 def copied(
-    clip: StoredClip, spec: CopySpec, fields: Mapping[str, CopiedField], arrays: Mapping[str, LazyArray] | None = None
+    clip: StoredClip,
+    spec: CopySpec,
+    fields: Mapping[str, MotionField | KeyMotionField],
+    arrays: Mapping[str, LazyArray] | None = None,
 ) -> StoredClip:
     """Return the copy of a clip under the id `<id>__<name>`; its `source` is the clip.
 

@@ -71,7 +71,7 @@ def encode(
 
 
 def decode(array: npt.NDArray[Any], representation: str, *, fps: Number = 30, **parameters: Any) -> Motion:
-    """Decode columns (T, D), not normalised, into a motion at `fps` frames a second."""
+    """Decode columns (T, D), not normalised, into a motion at `fps` frames per second."""
     motion: Motion = make_named(REPRESENTATIONS, "motion", representation, parameters).decode(
         array, FrameGrid.of(fps)
     )

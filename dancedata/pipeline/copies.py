@@ -1,16 +1,15 @@
-"""Clips to store -> clips and their copies. Motion that an augmentation changes is encoded as that of clips is."""
+"""Stage 6, clips to store -> their copies. Motion that an augmentation changes is encoded as that of clips is."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from dancedata.augment.copies import CopiedField, copied, is_copied
+from dancedata.augment.copies import copied, is_copied
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.execution.cache import Cache
 from dancedata.execution.execute import Progress, run_units
 from dancedata.execution.workers import Jobs
-from dancedata.pipeline.gathered import window_numbers
 from dancedata.pipeline.motion import MotionKeys, encode_motion, known_motion
 from dancedata.recipes.recipe import Recipe
 from dancedata.store import StoredClip
@@ -42,8 +41,7 @@ def make_copies(
         SHA-256 of the files that the dataset's parameters name.
     """
     clips = [clip for clip in clips if is_copied(clip.clip.split)]
-    fields = {slot.name: CopiedField(slot.representation.columns, "motion") for slot in recipe.motion}
-    fields |= {finder.name: CopiedField(finder.columns, "keymotion") for finder in recipe.keymotion}
+    fields = {field.name: field for field in recipe.clip_fields}
     made: list[StoredClip] = []
     rejects: list[Reject] = []
     for spec in recipe.augment:
@@ -61,7 +59,7 @@ def make_copies(
             else:
                 arrays = result.arrays
                 if recipe.scope == "window":
-                    numbers = window_numbers(recipe, clip.clip.starts)
+                    numbers = recipe.windows.numbers(clip.clip.starts)
                     arrays = {name: array.take(numbers) for name, array in arrays.items()}
                 made.append(copied(replace(clip.clip, height_m=result.height_m), spec, fields, arrays))
     return made, rejects

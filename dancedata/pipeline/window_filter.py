@@ -7,8 +7,6 @@ from dataclasses import replace
 import numpy as np
 
 from dancedata.core.clip import ClipRef, Reject
-from dancedata.core.columns import Columns
-from dancedata.core.grid import FrameGrid
 from dancedata.pipeline.motion import MotionResult
 from dancedata.recipes.recipe import Recipe
 
@@ -24,8 +22,8 @@ def filtered_windows(
     if chosen is None or ref.split not in chosen.splits or not starts:
         return starts, []
     rows = np.asarray(motion.arrays[chosen.field])
-    columns, grid = _field(recipe, chosen.field)
-    ratio = grid.rate / recipe.fps
+    field = next(own for own in recipe.clip_fields if own.name == chosen.field)
+    ratio = field.grid.rate / recipe.fps
     length = int(recipe.windows.length * ratio)
     kept, rejects = [], []
     for start in starts:
@@ -34,7 +32,7 @@ def filtered_windows(
         else:
             window = rows[int(start * ratio) : int(start * ratio) + length]
         window.flags.writeable = False
-        reject = chosen.reject(window, columns, grid)
+        reject = chosen.reject(window, field.columns, field.grid)
         if reject is None:
             kept.append(start)
         else:
@@ -43,8 +41,3 @@ def filtered_windows(
         detail = f"none of the {len(starts)} windows of clip {ref.id} passes the {chosen.name} filter"
         rejects.append(Reject(chosen.reason, ref.id, str(ref.motion_path), detail=detail))
     return tuple(kept), rejects
-
-
-def _field(recipe: Recipe, name: str) -> tuple[Columns, FrameGrid]:
-    found = {slot.name: (slot.representation.columns, recipe.grid_of(slot)) for slot in recipe.motion}
-    return {**found, **{finder.name: (finder.columns, recipe.grid) for finder in recipe.keymotion}}[name]

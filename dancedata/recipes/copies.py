@@ -22,7 +22,7 @@ class CopySpec:
     Attributes
     ----------
     name
-        What the recipe calls it; part of the ids of copies.
+        The augmentation's name, or PLUGIN.NAME where a recipe has several of one plug-in; part of the ids of copies.
     """
 
     name: str

@@ -10,7 +10,7 @@ from dancedata.core.errors import UsageError
 from dancedata.core.registry import AUGMENTATIONS
 from dancedata.core.text import shown
 from dancedata.recipes.copies import CopySpec
-from dancedata.recipes.plugins import make_plugin
+from dancedata.recipes.plugins import make_instance
 
 
 def copy_specs(given: Any, fields: Mapping[str, Columns], problems: list[str]) -> tuple[CopySpec, ...]:
@@ -29,7 +29,7 @@ def copy_specs(given: Any, fields: Mapping[str, Columns], problems: list[str]) -
     specs = []
     for name, parameters in (given or {}).items():
         own = {} if isinstance(parameters, bool) else parameters
-        made = make_plugin(AUGMENTATIONS, "augment", name, own, problems)
+        made = make_instance(AUGMENTATIONS, "augment", str(name), own, problems)
         if made is None or parameters is False:
             continue
         for field, columns in fields.items():
@@ -37,6 +37,6 @@ def copy_specs(given: Any, fields: Mapping[str, Columns], problems: list[str]) -
                 made.check(columns)
             except UsageError as error:
                 problems.append(f"augment.{name}: field {field}: {error}")
-        specs.append(CopySpec(name, made))
+        specs.append(CopySpec(str(name), made))
     # By name, as the recipe's hash does not depend on the order.
     return tuple(sorted(specs, key=lambda spec: spec.name))

@@ -97,25 +97,27 @@ def test_copies_of_changed_motion_and_rows(corpus: Path, run_build, scope: str, 
         corpus,
         tmp_path / "out",
         "aist++",
-        (*plain, "augment={mirror: true, noise: true, shift: {metres: 0.25}}"),
+        (*plain, "augment={mirror: true, noise: true, shift: {metres: 0.25}, shift.far: {metres: 2}}"),
         cache=tmp_path / "cache",
     )
     assert [p for p in verify_store(tmp_path / "out") if p.severity == "error"] == []
     one, all_of_it = dancedata.open(tmp_path / "plain"), dancedata.open(tmp_path / "out")
     train = [c.id for c in one.clips if c.split == "train"]
-    copies = {f"{clip}__{name}": clip for clip in train for name in ("mirror", "noise", "shift")}
+    copies = {f"{clip}__{name}": clip for clip in train for name in ("mirror", "noise", "shift", "shift.far")}
     assert {c.id: c.source for c in all_of_it.clips if c.source} == copies
     # Clips are those of a build without copies, from the cache; only shift is encoded.
-    assert len(set((tmp_path / "cache").rglob("*.npy")) - entries) == 3 * len(train)
+    assert len(set((tmp_path / "cache").rglob("*.npy")) - entries) == 2 * 3 * len(train)
     for window in one.windows("train"):
         for field in one.fields:
             rows = one.read(window, field)
             np.testing.assert_array_equal(all_of_it.read(window, field), rows)
             shifted = all_of_it.read(replace(window, clip=f"{window.clip}__shift"), field)
             noisy = all_of_it.read(replace(window, clip=f"{window.clip}__noise"), field)
+            far = all_of_it.read(replace(window, clip=f"{window.clip}__shift.far"), field)
             if field == "joints":
-                wanted = rows.reshape(-1, 24, 3) + np.float32((0.25, 0, 0))
-                np.testing.assert_allclose(shifted.reshape(-1, 24, 3), wanted, atol=1e-6)
+                for moved, metres in ((shifted, 0.25), (far, 2)):
+                    wanted = rows.reshape(-1, 24, 3) + np.float32((metres, 0, 0))
+                    np.testing.assert_allclose(moved.reshape(-1, 24, 3), wanted, atol=1e-6)
             if field == "lodge":
                 np.testing.assert_array_equal(noisy, rows)
             else:
@@ -168,6 +170,9 @@ def test_augment_in_recipes() -> None:
     both = load_recipe("aist++", ("augment.shift=true", "augment.noise={}"))
     shift = {"metres": 0.5, "broken": ""}
     assert both.document["augment"] == {"mirror": False, "noise": True, "shift": shift}
+    two = load_recipe("aist++", ("augment={shift: true, shift.left: {}}", "augment.shift.left.metres=-1"))
+    assert [(spec.name, spec.augmentation) for spec in two.augment] == [("shift", Shift()), ("shift.left", Shift(-1))]
+    assert [spec.clip_id("clip") for spec in two.augment] == ["clip__shift", "clip__shift.left"]
     with pytest.raises(RecipeError) as error:
         load_recipe("aist++", ("augment={shift: {metres: x}, shif: true, noise: 3, wider: {}}", "motion=joints"))
     for text in ("augment.shift.metres", "Did you mean 'shift'", "augment.noise: parameters are a mapping"):

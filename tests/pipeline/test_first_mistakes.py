@@ -93,7 +93,7 @@ def test_many_songs_are_summed_up():
         "  song mBR5 is missing: 6 clips",
         "  song mHO5 is missing: 6 clips",
         "  song mBR4 is missing: 5 clips",
-        "  9 songs more: 25 clips (mHO4, mBR3, mHO3, ... 6 more)",
+        "  9 songs more: 25 clips (mHO4, mBR3, mHO3 and 6 more)",
     ]
 
 
