@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from dancedata.augment.copies import check_ids
 from dancedata.core.clip import Reject
 from dancedata.execution.cache import Cache
 from dancedata.execution.execute import Progress
@@ -15,6 +14,7 @@ from dancedata.pipeline.encode import encode_clips
 from dancedata.pipeline.features import ExtractedClip, extract_features
 from dancedata.pipeline.sources import Sources
 from dancedata.pipeline.windows import cut_windows
+from dancedata.recipes.copies import check_ids
 from dancedata.recipes.recipe import Recipe
 from dancedata.store import StoredClip
 
@@ -56,10 +56,7 @@ def compute_clips(cache: Cache, recipe: Recipe, sources: Sources, *, jobs: Jobs,
 
 
 def _stored(recipe: Recipe, clip: ExtractedClip) -> StoredClip:
-    ref, motion, arrays = clip.source.ref, clip.motion, clip.motion.arrays
-    if recipe.scope == "window":
-        numbers = recipe.windows.numbers(clip.starts)
-        arrays = {name: array.take(numbers) for name, array in arrays.items()}
+    ref, motion = clip.source.ref, clip.motion
     return StoredClip(
         id=ref.id,
         split=ref.split,
@@ -74,6 +71,6 @@ def _stored(recipe: Recipe, clip: ExtractedClip) -> StoredClip:
         lists=ref.lists,
         n_frames=motion.n_frames,
         starts=clip.starts,
-        motion=arrays,
+        motion=motion.stored(recipe, clip.starts),
         audio=dict(clip.audio),
     )

@@ -66,6 +66,13 @@ class MotionResult:
     flags: tuple[dict[str, Any], ...] = ()
     arrays: dict[str, CachedArray] = field(default_factory=dict)
 
+    def stored(self, recipe: Recipe, starts: tuple[int, ...]) -> dict[str, CachedArray]:
+        """Return what is stored of the arrays; in window scope only the windows that begin at `starts`."""
+        if recipe.scope == "track":
+            return self.arrays
+        numbers = recipe.windows.numbers(starts)
+        return {name: array.take(numbers) for name, array in self.arrays.items()}
+
 
 @dataclass(frozen=True)
 class ClipKeys:

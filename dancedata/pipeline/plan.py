@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from dancedata.augment.copies import copies_per_clip
 from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
@@ -23,6 +22,7 @@ from dancedata.pipeline.plan_cached import Cached, cached_units
 from dancedata.pipeline.rejects import missing_music, reject_of, short_audio, too_short
 from dancedata.pipeline.sources import scan_source
 from dancedata.pipeline.windows import audio_window_count
+from dancedata.recipes.copies import copies_per_clip
 from dancedata.recipes.recipe import Recipe
 from dancedata.store.schema import sort_splits
 

@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from dancedata.augment.copies import is_copied
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.execution.cache import Cache
 from dancedata.pipeline.audio import FeatureKeys, known_signal
 from dancedata.pipeline.motion import MotionKeys, content_hashes
+from dancedata.recipes.copies import is_copied
 from dancedata.recipes.fields import FeatureJob
 from dancedata.recipes.recipe import Recipe
 

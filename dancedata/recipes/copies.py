@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -9,10 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.columns import Columns
-from dancedata.core.errors import UsageError
+from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import Augmentation
 from dancedata.recipes.documents import document_of
+
+#: The split whose clips are copied.
+_SPLIT = "train"
 
 
 @dataclass(frozen=True)
@@ -73,3 +77,35 @@ class CopySpec:
 def augment_document(specs: tuple[CopySpec, ...]) -> dict[str, Any]:
     """Return the slot `augment` as recipes have it; mirror is spelled out, as in the hashes of earlier versions."""
     return {"mirror": False, **{spec.name: spec.document() for spec in specs}}
+
+
+def is_copied(split: str) -> bool:
+    """Tell whether clips of a split are copied: those of train are."""
+    return split == _SPLIT
+
+
+def copies_per_clip(specs: tuple[CopySpec, ...], split: str) -> int:
+    """Return how many clips are stored for each clip of a split, itself included."""
+    return 1 + len(specs) if is_copied(split) else 1
+
+
+def check_ids(clips: Iterable[tuple[str, str]], specs: tuple[CopySpec, ...]) -> None:
+    """Raise SourceError if a copy would get the id of a clip or of another copy.
+
+    Parameters
+    ----------
+    clips
+        Id and split of every clip.
+    """
+    clips = list(clips)
+    taken = {clip for clip, _ in clips}
+    for clip in (clip for clip, split in clips if is_copied(split)):
+        for spec in specs:
+            made = spec.clip_id(clip)
+            if made in taken:
+                raise SourceError(
+                    f"the copy of clip {clip} that augment.{spec.name} makes would get the id of another clip",
+                    where=f"clip {made}",
+                    fix=f"rename the clip, or build without augment.{spec.name}",
+                )
+            taken.add(made)

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import dancedata
-from dancedata.augment.copies import check_ids
 from dancedata.core.columns import Columns
 from dancedata.core.errors import DataError, RecipeError, SourceError, UsageError
 from dancedata.core.motion import Motion
@@ -19,7 +18,7 @@ from dancedata.core.registry import AUGMENTATIONS
 from dancedata.execution.execute import Progress
 from dancedata.pipeline.part import Part, build_part
 from dancedata.pipeline.plan import make_plan
-from dancedata.recipes.copies import CopySpec
+from dancedata.recipes.copies import CopySpec, check_ids
 from dancedata.recipes.parse import load_recipe
 from dancedata.store import verify_store
 
