@@ -39,6 +39,7 @@ Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print no progress.")
 CACHE_HELP = "Cache folder; default $DANCEDATA_CACHE, else the user's cache folder."
 CacheFolder = Annotated[Path | None, typer.Option("--cache", help=CACHE_HELP)]
 ATOL_HELP = "Floating-point values that differ by no more than this are the same; default: compared exactly."
+KINDS_HELP = "dataset, representation, contact-rule, feature, key-motion, augmentation or filter."
 PART_HELP = "Compute the K-th of N shares of the work into the cache and write no dataset, for job arrays."
 
 
@@ -196,13 +197,31 @@ def info(
 @app.command("list")
 @_errors_to_exit_codes
 def list_plugins(as_json: AsJson = False) -> None:
-    """List recipes, datasets, representations, contact rules and audio features, with their keys."""
+    """List recipes and plug-ins of all kinds, with their keys."""
     from dancedata.cli.text import catalogue, describe_catalogue
 
     if as_json:
         _print_json(catalogue())
     else:
         typer.echo(describe_catalogue(catalogue()))
+
+
+@app.command()
+@_errors_to_exit_codes
+def new(
+    kind: Annotated[str, typer.Argument(metavar="KIND", help=KINDS_HELP)],
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Its name in recipes, and of its Python module.")],
+    out: Annotated[Path, typer.Option(help="Folder to write NAME.py and test_NAME.py to.")] = Path(),
+    as_json: AsJson = False,
+) -> None:
+    """Write a plug-in and its test from a template; the test passes as it is."""
+    from dancedata.cli.new import write_plugin
+
+    made = write_plugin(kind, name, out)
+    if as_json:
+        _print_json(made.to_json())
+    else:
+        typer.echo(str(made))
 
 
 @app.command()
