@@ -1,4 +1,4 @@
-"""The code of README, add-a-dataset and add-a-feature runs as it stands there."""
+"""The code of the pages runs as it stands there, and prints what they show; lines, links and lists are right."""
 
 from __future__ import annotations
 
@@ -42,6 +42,20 @@ def test_readme_snippets_print_what_it_says(demo: Path, capsys: pytest.CaptureFi
             pytest.importorskip("torch")
         exec(compile(snippet, "README.md", "exec"), names)
         assert capsys.readouterr().out in outputs
+
+
+@pytest.mark.filterwarnings("ignore:.*multi-threaded, use of fork:DeprecationWarning")
+def test_the_python_page_prints_what_it_says(demo: Path, capsys: pytest.CaptureFixture[str], monkeypatch) -> None:
+    pytest.importorskip("torch")
+    monkeypatch.chdir(demo)
+    monkeypatch.setenv("DANCEDATA_CACHE", str(demo / "cache"))
+    text = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"^```python\n(.*?)^```\n(?:\n```text\n(.*?)^```\n)?", text, flags=re.DOTALL | re.MULTILINE)
+    assert len(blocks) == len(_blocks("docs/python.md", "python")) >= 9
+    names: dict[str, object] = {}
+    for code, output in blocks:
+        exec(compile(code, "python.md", "exec"), names)
+        assert capsys.readouterr().out == output
 
 
 def test_readme_shows_how_a_build_ends(demo: Path, monkeypatch: pytest.MonkeyPatch) -> None:
