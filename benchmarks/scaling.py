@@ -35,8 +35,9 @@ from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.execution.cache import Cache
 from dancedata.execution.execute import Progress, run_units
 from dancedata.pipeline.build import build
-from dancedata.pipeline.clips import gather, identify
+from dancedata.pipeline.clips import compute_clips
 from dancedata.pipeline.plan import make_plan
+from dancedata.pipeline.sources import identify
 from dancedata.recipes.parse import load_recipe, parse_recipe
 from dancedata.recipes.recipe import Recipe
 
@@ -175,8 +176,8 @@ def corpus(n: int) -> None:
         scan = staged("scan", lambda: recipe.dataset.scan(source))
         staged("plan: lengths of all", lambda: make_plan(recipe, source))
         for turn in ("cold", "warm"):
-            gathered = staged(f"identify, {turn}", lambda: identify(cache, recipe, scan, jobs=1, progress=quiet))
-            staged(f"units, {turn}", lambda g=gathered: gather(cache, g, jobs=1, progress=quiet))
+            sources = staged(f"identify, {turn}", lambda: identify(cache, recipe, scan, jobs=1, progress=quiet))
+            staged(f"units, {turn}", lambda s=sources: compute_clips(cache, recipe, s, jobs=1, progress=quiet))
         options: dict[str, Any] = {"cache": folder / "cache"}
         staged("whole build from the cache", lambda: build(recipe, source, folder / "out", **options))
         staged("the same again: nothing to do", lambda: build(recipe, source, folder / "out", **options))

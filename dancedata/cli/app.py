@@ -182,9 +182,9 @@ def features(
     as_json: AsJson = False,
 ) -> None:
     """Compute features of your own music, exactly as in training."""
-    from dancedata.pipeline.own_songs import describe_features, find_like, write_features
+    from dancedata.pipeline.own_songs import describe_features, find_jobs, write_features
 
-    written = write_features(songs, out, find_like(feature, like), bpm, weights)
+    written = write_features(songs, out, find_jobs(feature, like), bpm, weights)
     if as_json:
         _print_json(written)
         return

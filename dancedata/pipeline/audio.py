@@ -17,13 +17,12 @@ import numpy.typing as npt
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.clip import Reject
 from dancedata.core.errors import DataError
-from dancedata.core.plugins import AudioFeature
 from dancedata.execution.cache import Cache, CachedArray, package_version
 from dancedata.execution.reference_process import expected
 from dancedata.pipeline.read_ahead import decoded, read_ahead
 from dancedata.pipeline.rejects import BUILD_AGAIN, CHANGED, reject_of
 from dancedata.recipes.documents import document_of
-from dancedata.recipes.recipe import Recipe
+from dancedata.recipes.fields import FeatureJob
 
 #: Raised by hand when a stage here gives other numbers for the same input.
 SIGNAL_STAGE, FEATURE_STAGE = 3, 3
@@ -49,24 +48,19 @@ class SignalId:
     n_samples: int
 
 
-def window_samples(recipe: Recipe, n_samples: int, sample_rate: int) -> tuple[npt.NDArray[np.int64], int]:
+def window_samples(job: FeatureJob, n_samples: int, sample_rate: int) -> tuple[npt.NDArray[np.int64], int]:
     """Return the first samples (W,) of a signal's whole windows, and their length in samples.
 
     Every window starts at its own exact time, rounded down, so that music never drifts away from motion. EDGE
     adds up a truncated stride, which is the same wherever a stride is a whole number of samples (0.5 s at any
     even rate).
     """
-    length = int(recipe.windows.length / recipe.fps * sample_rate)
-    stride = _stride(recipe, sample_rate)
+    length, stride = job.window_length(sample_rate), job.window_stride(sample_rate)
     if n_samples < length or length < 1:
         return np.empty(0, dtype=np.int64), length
     # Start k is floor(k * stride), so the last k that fits is the last with k * stride < n - length + 1.
     count = math.ceil((n_samples - length + 1) / stride)
     return np.array([_start(k, stride) for k in range(count)], dtype=np.int64), length
-
-
-def _stride(recipe: Recipe, sample_rate: int) -> Fraction:
-    return recipe.windows.stride / recipe.fps * sample_rate
 
 
 def _start(number: int, stride: Fraction) -> int:
@@ -127,8 +121,8 @@ def libsndfile_version() -> str:
 class FeatureKeys:
     """The cache keys of a feature's rows. What they have in common is hashed once for each tempo."""
 
-    def __init__(self, recipe: Recipe, feature: AudioFeature) -> None:
-        self._recipe, self._feature = recipe, feature
+    def __init__(self, job: FeatureJob) -> None:
+        self._job = job
         self._common: dict[float | None, str] = {}
         self._strides: dict[int, Fraction] = {}
 
@@ -143,22 +137,22 @@ class FeatureKeys:
         so that equal windows of two songs differ by rounding.
         """
         if signal.sample_rate not in self._strides:
-            self._strides[signal.sample_rate] = _stride(self._recipe, signal.sample_rate)
+            self._strides[signal.sample_rate] = self._job.window_stride(signal.sample_rate)
         start = _start(number, self._strides[signal.sample_rate])
-        length = self._recipe.windows.length
-        return Cache.key("window", common=self._of(bpm), signal=signal.sha256, start=start, rows=length)
+        rows = self._job.window_rows
+        return Cache.key("window", common=self._of(bpm), signal=signal.sha256, start=start, rows=rows)
 
     def _of(self, bpm: float | None) -> str:
-        recipe, feature = self._recipe, self._feature
+        job, feature = self._job, self._job.feature
         # Else equal music would be computed again for another tempo, and for none.
         bpm = None if bpm is None or not feature.uses_tempo else float(bpm)
         if bpm not in self._common:
             self._common[bpm] = Cache.key(
                 "feature",
                 version=[FEATURE_STAGE, feature.version],
-                feature={feature.name: document_of(feature)},
-                fps=str(recipe.grid),
-                scope=recipe.scope,
+                feature={job.name: document_of(feature)},
+                fps=str(job.grid),
+                scope=job.scope,
                 start_bpm=bpm,
                 packages={name: package_version(name) for name in feature.packages},
                 arithmetic=expected() if feature.exact else None,
@@ -168,8 +162,7 @@ class FeatureKeys:
 
 def extract_track(
     cache: Cache,
-    recipe: Recipe,
-    feature: AudioFeature,
+    job: FeatureJob,
     signal: SignalId,
     bpm: float | None,
     key: str,
@@ -177,11 +170,11 @@ def extract_track(
 ) -> CachedArray | Reject:
     """Compute a feature of a whole signal, and publish it under `key`.
 
-    `ahead` is a file that will be wanted next, for features that compute on a device meanwhile.
+    `ahead` is the file of the next unit, for features that compute on a device: it is decoded meanwhile.
     """
     try:
         return cache.once(
-            "features", key, lambda: feature.extract(_decoded(signal, ahead), recipe.grid, start_bpm=bpm)
+            "features", key, lambda: job.feature.extract(_decoded(signal, ahead), job.grid, start_bpm=bpm)
         )
     except DataError as error:
         return reject_of(error, file=signal.path)
@@ -189,8 +182,7 @@ def extract_track(
 
 def extract_windows(
     cache: Cache,
-    recipe: Recipe,
-    feature: AudioFeature,
+    job: FeatureJob,
     signal: SignalId,
     bpm: float | None,
     keys: Mapping[int, str],
@@ -209,12 +201,12 @@ def extract_windows(
             if not missing:
                 return {number: array for number, array in found.items() if array is not None}
             whole = _decoded(signal, ahead)
-            starts, length = window_samples(recipe, signal.n_samples, signal.sample_rate)
-            at_once = feature.windows_a_call or len(missing)
+            starts, length = window_samples(job, signal.n_samples, signal.sample_rate)
+            at_once = job.feature.windows_a_call or len(missing)
             for begin in range(0, len(missing), at_once):
                 some = missing[begin : begin + at_once]
-                rows = feature.extract_windows(
-                    whole, starts[some], length, recipe.grid, recipe.windows.length, start_bpm=bpm
+                rows = job.feature.extract_windows(
+                    whole, starts[some], length, job.grid, job.window_rows, start_bpm=bpm
                 )
                 for number, own in zip(some, rows, strict=True):
                     found[number] = cache.put_array("features", keys[number], own, durable=False)

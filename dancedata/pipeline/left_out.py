@@ -47,7 +47,7 @@ def stop_if_strict(strict: bool, rejects: Sequence[Reject], scan: Scan) -> None:
     broken = [r for r in rejects if r.reason not in BY_CHOICE]
     if strict and broken:
         text = _report(f"{counted(len(broken), 'broken clip')} in a strict build", broken, scan)
-        fix = "mend or remove what is broken, or build without --strict to set it aside"
+        fix = "repair or remove the broken files, or build without --strict to leave their clips out"
         raise DataError(text, reason=broken[0].reason, fix=fix)
 
 

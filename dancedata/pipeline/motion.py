@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
-from functools import lru_cache, partial
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +32,7 @@ from dancedata.execution.cache import Cache, CachedArray, package_version
 from dancedata.execution.reference_process import expected
 from dancedata.pipeline.rejects import BUILD_AGAIN, CHANGED, reject_of
 from dancedata.recipes.documents import document_of
+from dancedata.recipes.fields import KeyMotionField, MotionField
 from dancedata.recipes.recipe import Recipe
 
 #: Raised by hand when a stage here gives other numbers for the same input.
@@ -117,17 +118,17 @@ class MotionKeys:
         arithmetic = expected()
         self._clip = Cache.key("clip", version=MOTION_STAGE, dataset=loading, limits=limits, arithmetic=arithmetic)
         self._fields = {
-            encoder.name: Cache.key(
+            field.name: Cache.key(
                 "motion",
-                version=[MOTION_STAGE, *encoder.version],
+                version=[MOTION_STAGE, *field.version],
                 dataset=loading,
-                representation={encoder.name: encoder.document()},
-                fps=str(encoder.grid),
+                representation={field.name: field.document()},
+                fps=str(field.grid),
                 windows=_window_cut(recipe) if recipe.scope == "window" else None,
                 packages={name: package_version(name) for name in ("numpy", "scipy")},
                 arithmetic=arithmetic,
             )
-            for encoder in _encoders(recipe)
+            for field in recipe.clip_fields
         }
 
     def of(self, ref: ClipRef, sha256: str) -> ClipKeys:
@@ -186,7 +187,7 @@ def _encode_missing(
     motion = recipe.dataset.load(ref)
     if motion.rotations.size * 3 <= _REMEMBERED:
         motion = motion.remembering()  # what every field, and in window scope every window, asks for
-    made = {e.name: _encode(recipe, e, motion) for e in _encoders(recipe) if arrays[e.name] is None}
+    made = {f.name: _encode(recipe, f, motion) for f in recipe.clip_fields if arrays[f.name] is None}
     if sha256_file(ref.motion_path) != sha256:
         raise DataError(CHANGED, reason="changed", where=ref.motion_path, fix=BUILD_AGAIN)
     content = content_hashes(recipe.dataset, cache.file_sha256)
@@ -205,11 +206,10 @@ def usable_frames(recipe: Recipe, n_source: int, source_rate: Fraction) -> int:
     """Return how many frames, at the recipe's rate, every motion field of a clip covers."""
     source = FrameGrid(source_rate)
     frames = [source.resampled_length(n_source, recipe.grid)]
-    for slot in recipe.motion:
-        grid = recipe.grid_of(slot)
-        if grid != recipe.grid:
-            ratio = recipe.fps / grid.rate
-            frames.append(math.floor(source.resampled_length(n_source, grid) * ratio))
+    for own in recipe.motion:
+        if own.grid != recipe.grid:
+            ratio = recipe.fps / own.grid.rate
+            frames.append(math.floor(source.resampled_length(n_source, own.grid) * ratio))
     return min(frames)
 
 
@@ -227,53 +227,22 @@ def motion_window_count(recipe: Recipe, n_source: int, source_rate: Fraction) ->
     return count
 
 
-@dataclass(frozen=True)
-class _Encoder:
-    """One field of the store that comes of a motion: what makes it, and at which rate."""
-
-    name: str
-    grid: FrameGrid
-    document: Callable[[], dict[str, Any]]
-    version: tuple[int, int]
-    width: int
-    encode: Callable[[Motion], npt.NDArray[np.float32]]
-
-
-def _encoders(recipe: Recipe) -> list[_Encoder]:
-    found = []
-    for slot in recipe.motion:
-        rule = slot.contacts
-        version = (slot.representation.version, rule.version if rule is not None else 0)
-        encode = partial(slot.representation.encode, contacts=rule)
-        found.append(
-            _Encoder(
-                slot.name, recipe.grid_of(slot), slot.document, version, slot.representation.columns.width, encode
-            )
-        )
-    for plugin in recipe.keymotion:
-        document, width = partial(document_of, plugin), plugin.columns.width
-        found.append(_Encoder(plugin.name, recipe.grid, document, (plugin.version, 0), width, plugin.analyse))
-    return found
-
-
-def _encode(recipe: Recipe, encoder: _Encoder, motion: Motion) -> npt.NDArray[np.float32]:
+def _encode(recipe: Recipe, own: MotionField | KeyMotionField, motion: Motion) -> npt.NDArray[np.float32]:
     if recipe.scope == "track":
-        return np.asarray(encoder.encode(motion.resampled(encoder.grid)))
+        return np.asarray(own.encode(motion.resampled(own.grid)))
     length, stride = recipe.windows.length, recipe.windows.stride
     count = motion_window_count(recipe, motion.n_frames, motion.grid.rate)
     # EDGE cuts at the source's rate and decimates after that; frames k * step are the same either way, but
-    # where rates are no whole multiples windows can only be cut on the new grid.
-    whole = motion.grid.step_to(recipe.grid) is not None and motion.grid.step_to(encoder.grid) is not None
-    source = motion if whole else motion.resampled(encoder.grid)
+    # where rates are not whole multiples, windows can only be cut on the new grid.
+    whole = motion.grid.step_to(recipe.grid) is not None and motion.grid.step_to(own.grid) is not None
+    source = motion if whole else motion.resampled(own.grid)
     ratio = source.grid.rate / recipe.fps
     windows = [
-        encoder.encode(
-            source.part(int(k * stride * ratio), int((k * stride + length) * ratio)).resampled(encoder.grid)
-        )
+        own.encode(source.part(int(k * stride * ratio), int((k * stride + length) * ratio)).resampled(own.grid))
         for k in range(count)
     ]
-    rows = int(length * encoder.grid.rate / recipe.fps)
-    return np.stack(windows) if windows else np.empty((0, rows, encoder.width), np.float32)
+    rows = int(length * own.grid.rate / recipe.fps)
+    return np.stack(windows) if windows else np.empty((0, rows, own.columns.width), np.float32)
 
 
 def vertical_extent(motion: Motion) -> float:
@@ -311,5 +280,5 @@ def content_hashes(dataset: Dataset, hash_file: Callable[[Path], str]) -> dict[s
 
 def _window_cut(recipe: Recipe) -> list[Any]:
     # The fields together decide how many windows there are, see usable_frames.
-    rates = sorted({str(recipe.grid_of(slot)) for slot in recipe.motion})
+    rates = sorted({str(own.grid) for own in recipe.motion})
     return [recipe.windows.length, recipe.windows.stride, str(recipe.grid), rates]

@@ -17,12 +17,13 @@ from dancedata.execution.cache import Cache, default_cache
 from dancedata.execution.cache_admin import size_text
 from dancedata.execution.execute import Progress, run_units
 from dancedata.pipeline.build import header_of, relative_to
-from dancedata.pipeline.clips import audio_window_count, scan_source
 from dancedata.pipeline.implausible import describe_implausible
 from dancedata.pipeline.left_out import left_out_lines, nothing_left
 from dancedata.pipeline.motion import motion_window_count
 from dancedata.pipeline.plan_cached import Cached, cached_units
 from dancedata.pipeline.rejects import missing_music, reject_of, short_audio, too_short
+from dancedata.pipeline.sources import scan_source
+from dancedata.pipeline.windows import audio_window_count
 from dancedata.recipes.recipe import Recipe
 from dancedata.store.schema import sort_splits
 
@@ -172,7 +173,7 @@ def make_plan(
     recipe: Recipe, source: Path, *, jobs: int = 1, cache: Path | None = None, progress: Progress | None = None
 ) -> Plan:
     """Find out what `build` would make of a source, and what of that is in the cache."""
-    source = source.absolute()  # as in a build, so that both say the same
+    source = source.absolute()  # as in a build, so that messages are the same
     scan = scan_source(recipe, source)
     progress = progress or Progress(quiet=True)
     songs: dict[Path | None, Any] = {}
@@ -209,7 +210,7 @@ def _clip_plan(recipe: Recipe, ref: ClipRef, samples: tuple[int, int] | Reject |
     if not kept:
         audio_s = round(samples[0] / samples[1], 3)
         return ClipPlan(ref, problems=(short_audio(recipe, ref, ref.audio_path or ref.motion_path, audio_s),))
-    rows = tuple(f.n_rows(*samples, recipe.grid) for f in recipe.audio)
+    rows = tuple(job.feature.n_rows(*samples, job.grid) for job in recipe.audio)
     return ClipPlan(ref, n_frames, kept, count - kept, rows, implausible=implausible)
 
 

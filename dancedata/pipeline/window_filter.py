@@ -21,8 +21,8 @@ def still_windows(
     if chosen is None or ref.split not in chosen.splits or not starts:
         return starts, []
     rows = np.asarray(motion.arrays[chosen.field])
-    slot = next(s for s in recipe.motion if s.name == chosen.field)
-    ratio = recipe.grid_of(slot).rate / recipe.fps
+    grid = next(own.grid for own in recipe.motion if own.name == chosen.field)
+    ratio = grid.rate / recipe.fps
     length = int(recipe.windows.length * ratio)
     kept, rejects = [], []
     for start in starts:

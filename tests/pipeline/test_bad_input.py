@@ -62,7 +62,7 @@ SONGS = {
     "mBR2": ("0 bytes", "broken_audio", "0 bytes"),
     "mBR3": ("no audio", "broken_audio", "cannot be decoded"),
     "mBR4": ("nan", "nan", "NaN"),
-    "mBR5": ("short", "short_audio", "no whole window: 3.0 s"),
+    "mBR5": ("short", "short_audio", "shorter than a window: 3.0 s"),
     "mPO1": ("missing", "missing_music", "mPO1"),
 }
 #: Song -> how it is stored. All of these are fine.

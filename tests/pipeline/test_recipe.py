@@ -161,7 +161,7 @@ def test_overrides_reach_every_level(tmp_path: Path):
         "motion.edge151.contacts.velocity.max_speed_m_s=0.2",
     )
     assert (recipe.scope, recipe.windows.stride, recipe.dataset.split) == ("window", 30, "all")
-    assert recipe.audio[0].tightness == 50
+    assert recipe.audio[0].feature.tightness == 50
     assert recipe.motion[0].contacts.max_speed_m_s == 0.2
 
 
