@@ -70,7 +70,7 @@ def test_data_pass_the_functions_in_this_order(tmp_path: Path) -> None:
         if event == "call" and frame.f_code in codes:
             passed.append(codes[frame.f_code])
 
-    small = {"dataset.synthetic": {"songs": 2, "clips_per_song": 1, "clip_s": 6, "split": "all"}, "audio": {}}
+    small = {"dataset.synthetic": {"songs": 2, "clips_per_song": 2, "clip_s": 6, "split": "all"}, "audio": {}}
     before = sys.getprofile()
     sys.setprofile(trace)
     try:
