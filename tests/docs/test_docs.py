@@ -13,6 +13,7 @@ import pytest
 
 from dancedata.pipeline.build import build
 from dancedata.pipeline.summary import describe_built
+from dancedata.readers.presets import PRESETS
 from dancedata.recipes.parse import load_recipe
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -149,3 +150,14 @@ def test_links_lead_somewhere(page: str) -> None:
     for target in re.findall(r"\]\(([^)#]+)[^)]*\)", text):
         if "://" not in target:
             assert (ROOT / page).parent.joinpath(target).exists(), target
+
+
+def test_the_index_has_every_page() -> None:
+    index = (ROOT / "docs" / "README.md").read_text(encoding="utf-8")
+    pages = {path.name for path in (ROOT / "docs").glob("*.md")} - {"README.md"}
+    assert pages <= set(re.findall(r"\]\(([^)]+)\)", index))
+
+
+def test_readme_names_every_preset() -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert [name for name in PRESETS if f'"{name}"' not in text] == []
