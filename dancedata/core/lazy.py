@@ -23,7 +23,7 @@ def lazy_names(package: str, homes: Mapping[str, str]) -> tuple[Callable[[str], 
 
     def get(name: str) -> Any:
         if name not in homes:
-            message = f"module {package!r} has no attribute {name!r}"
+            message = f"module {package!r} has no attribute {name!r}; it has {', '.join(homes)}"
             raise AttributeError(message, name=name, obj=sys.modules[package])
         module, _, attribute = homes[name].partition(":")
         return getattr(import_module(module), attribute or name)
