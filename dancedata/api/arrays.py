@@ -152,4 +152,9 @@ def decode(array: npt.NDArray[Any], representation: str, *, fps: Number = 30, **
     Motion(150 frames at 30 FPS, 5.00 s, skeleton smpl24)
     """
     plugin = make_named(REPRESENTATIONS, "motion", representation, parameters)
+    if not plugin.decodes:
+        raise UsageError(
+            f"{representation} cannot be decoded: positions do not determine how a bone turns about its own axis",
+            fix="use the positions as they are, or store a representation that holds rotations as well",
+        )
     return plugin.decode(array, FrameGrid.of(fps))

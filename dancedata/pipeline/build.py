@@ -135,7 +135,7 @@ class _Build:
         stop_if_implausible(self.strict, found.quality)
         found = replace(found, rejects=tuple(relative_to(r, self.source) for r in found.rejects))
         if not found.clips:
-            raise nothing_left(self.source, self.scan, found.rejects)
+            raise nothing_left(self.source, self.recipe.dataset, self.scan, found.rejects)
         meta = {**_meta(self.recipe, sources, *inputs), "quality_flags": len(found.quality)}
         with new_dataset(self.out) as folder:
             _write(folder, self.recipe, self.scan, found, meta, self.progress)

@@ -138,7 +138,8 @@ def _read(path: Path) -> dict[str, Any]:
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise RecipeError("the recipe cannot be read", where=path, found=str(error)[:_YAML_PROBLEM]) from error
     if not isinstance(document, dict):
-        raise RecipeError("a recipe is a mapping of keys", where=path, found=type(document).__name__)
+        found = "an empty file" if document is None else type(document).__name__
+        raise RecipeError("a recipe is a mapping of keys", where=path, found=found)
     return document
 
 
@@ -242,16 +243,20 @@ def parse_recipe(document: Mapping[str, Any], where: str = "recipe") -> Recipe:
 
 
 def _find(name: str) -> Path:
-    path = Path(name)
+    path = Path(name).expanduser()
     if path.suffix in (".yaml", ".yml") or path.is_file():
         if not path.exists():
             raise UsageError("the recipe file does not exist", where=path)
         return path
     if name in recipe_names():
         return resource("pipelines", f"{name}.yaml")
-    raise UsageError(
-        f"unknown recipe {name!r}", fix=f"{did_you_mean(name, recipe_names())}; or give the path of a .yaml file"
-    )
+    problem = f"unknown recipe {name!r}"
+    fix = f"{did_you_mean(name, recipe_names())}; or give the path of a .yaml file"
+    if path.is_dir():
+        problem, fix = f"{problem}: it is a folder", f"name a recipe, and the folder with --source; {fix}"
+    elif name in DATASETS.names():
+        problem, fix = f"{problem}: it is a dataset", f"write a recipe with dataset: {name}; {fix}"
+    raise UsageError(problem, fix=fix)
 
 
 def _attempt(problems: list[str], make: Callable[[], T]) -> T | None:
@@ -264,8 +269,10 @@ def _attempt(problems: list[str], make: Callable[[], T]) -> T | None:
 
 def _motion_fields(given: Any, grid: FrameGrid, problems: list[str]) -> tuple[MotionField, ...]:
     if not isinstance(given, (dict, str)) or not given:
+        several = given if isinstance(given, list) and all(isinstance(name, str) for name in given) else []
+        example = ", ".join(f"{shown(name)}: {{}}" for name in several or ["edge151"])
         problems.append(
-            f"motion: name at least one representation, such as {{edge151: {{}}}}; found {shown(repr(given))}"
+            f"motion: name at least one representation, such as {{{example}}}; found {shown(repr(given))}"
         )
         return ()
     fields = []
@@ -391,4 +398,7 @@ def _explain(error: ValidationError, document: Mapping[str, Any]) -> list[str]:
 def _invalid(key: str, item: Any) -> str:
     if item["type"] in ("model_type", "dict_type"):
         return f"{key}: not a mapping of keys; found {shown(repr(item['input']))}"
+    if item["type"] == "string_pattern_mismatch":
+        allowed = "letters, digits and _ . + -, a letter or digit first"
+        return f"{key}: not a valid name; found {shown(repr(item['input']))}; allowed: {allowed}"
     return f"{key}: {item['msg'].removeprefix('Value error, ')}; found {shown(repr(item['input']))}"

@@ -53,7 +53,7 @@ MOTIONS = {
     name_of(15): ("no frames", "empty", "no frames"),
     name_of(16): ("no scaling", "missing_key", "smpl_scaling"),
     name_of(17): ("lengths", "length_mismatch", "360 and 359 frames"),
-    name_of(18): ("short", "too_short", "120 frames at 60 a second (2.00 s)"),
+    name_of(18): ("short", "too_short", "120 frames at 60 per second (2.00 s)"),
     name_of(19): ("no bytes", "broken_file", "EOFError"),
 }
 #: Song -> (what is wrong, reason, what the message says besides the file's name).
