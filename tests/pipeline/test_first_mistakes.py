@@ -112,7 +112,7 @@ def test_what_is_broken_is_said_in_plan_and_summary(larger: Path, out: Path):
     for args in (["plan"], ["build", "--out", out]):
         said = run(args[0], "aist++", "--source", larger, *args[1:], *ALL).stdout
         (line,) = [line for line in said.splitlines() if "broken_audio: 4 (" in line]
-        assert "... 1 more): wavs/mHO3.wav: the audio file cannot be decoded" in line
+        assert "and 1 more): wavs/mHO3.wav: the audio file cannot be decoded" in line
 
 
 def test_audio_features_of_clips_without_music(larger: Path, out: Path):
