@@ -119,6 +119,22 @@ def test_progress_is_printed_or_not(demo: Any, capsys: pytest.CaptureFixture[str
     assert capsys.readouterr() == ("", "")
 
 
+def test_a_script_needs_no_guard(demo: Any, corpus: Path, tmp_path: Path) -> None:
+    """Worker processes do not run the script again."""
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import sys, dancedata\n"
+        "print('once')\n"
+        "built = dancedata.build('aist++', sys.argv[1], sys.argv[2], jobs=2, cache=sys.argv[3])\n"
+        "print(built.built, built.counts['train']['clips'])\n"
+    )
+    run = [sys.executable, script, corpus, tmp_path / "out", tmp_path / "cache"]
+    done = subprocess.run(run, capture_output=True, text=True, check=True)
+    with dancedata.open(tmp_path / "out") as ds:
+        train = sum(clip.split == "train" for clip in ds.clips)
+    assert done.stdout == f"once\nTrue {train}\n"
+
+
 def test_a_part_is_computed(demo: Any, corpus: Path, tmp_path: Path) -> None:
     share = build_part("aist++", corpus, "1/2", cache=tmp_path / "cache", jobs=1, progress=False)
     assert share.clips_in_all == 4
