@@ -30,11 +30,12 @@ __all__ = [
 
 if TYPE_CHECKING:
     from dancedata.api.arrays import decode, encode, extract
-    from dancedata.api.commands import build, check, diff, plan
+    from dancedata.api.commands import build, check, plan
     from dancedata.cache import FeatureCache
     from dancedata.core.audio_signal import AudioSignal
     from dancedata.core.motion import Motion
     from dancedata.core.skeleton import Skeleton
+    from dancedata.pipeline.diff import diff
     from dancedata.store.dataset import open_store as open
 else:  # type checkers take the imports above, and so find misspelt names
     __getattr__, __dir__ = lazy_names(
@@ -47,7 +48,7 @@ else:  # type checkers take the imports above, and so find misspelt names
             "build": "dancedata.api.commands",
             "check": "dancedata.api.commands",
             "decode": "dancedata.api.arrays",
-            "diff": "dancedata.api.commands",
+            "diff": "dancedata.pipeline.diff",
             "encode": "dancedata.api.arrays",
             "extract": "dancedata.api.arrays",
             "open": "dancedata.store.dataset:open_store",

@@ -1,4 +1,4 @@
-"""build, plan, check and diff from Python: what the command line does, which calls the same functions."""
+"""build, plan and check from Python: what the command line does, which calls the same functions."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from dancedata.core.errors import UsageError
 from dancedata.execution.execute import Progress
 from dancedata.pipeline.build import build as _build
 from dancedata.pipeline.check import check as _check
-from dancedata.pipeline.diff import diff as diff  # the same function
 from dancedata.pipeline.part import Part, PartResult
 from dancedata.pipeline.part import build_part as _build_part
 from dancedata.pipeline.plan import Plan, make_plan
@@ -20,7 +19,7 @@ from dancedata.recipes.parse import load_recipe
 from dancedata.recipes.recipe import Recipe
 from dancedata.store import Problem
 
-__all__ = ["build", "build_part", "check", "diff", "plan"]
+__all__ = ["build", "build_part", "check", "plan"]
 
 #: A recipe's name, its YAML file, its document, or one that is checked already.
 RecipeLike = str | Path | Mapping[str, Any] | Recipe

@@ -68,7 +68,6 @@ def build(
 ) -> None:
     """Build a dataset: dancedata build aist++ --source DIR --out DIR."""
     from dancedata.api import commands
-    from dancedata.cli.text import store_json
 
     options: dict[str, Any] = {
         "overrides": overrides or (), "jobs": jobs, "strict": strict, "cache": cache,
@@ -78,10 +77,15 @@ def build(
         if backend != "loky" or scheduler is not None or overwrite:
             raise UsageError("--part goes with neither --backend, --scheduler nor --overwrite")
         share = commands.build_part(recipe, source, part, out=out, **options)
-        typer.echo(json_text(share.to_json()) if as_json else str(share))
+        if as_json:
+            _print_json(share.to_json())
+        else:
+            typer.echo(str(share))
         return
     result = commands.build(recipe, source, out, overwrite=overwrite, backend=backend, scheduler=scheduler, **options)
     if as_json:
+        from dancedata.cli.text import store_json
+
         _print_json({"built": result.built, **store_json(result.path)})
     else:
         typer.echo(result.summary)
@@ -201,9 +205,9 @@ def diff(
     as_json: AsJson = False,
 ) -> None:
     """Show in what two built datasets differ; exit code 1 if they do."""
-    from dancedata.api import commands
+    from dancedata.pipeline.diff import diff as run_diff
 
-    found = commands.diff(a, b, atol=atol)
+    found = run_diff(a, b, atol=atol)
     differences = [d for d in found if d.kind != "note"]
     if as_json:
         listed = [d.to_json() for d in found]
