@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
-from dancedata.execution.execute import Progress
+from dancedata.execution.progress import Progress
 
 import dancedata
 from dancedata.core.columns import Columns
