@@ -92,7 +92,8 @@ def print_accounting() -> None:
     """Print the real model's device memory, 5-s clips, by precision and batch size."""
     import torch
 
-    from dancedata.audio.jukebox import JukeboxConfig, memory
+    from dancedata.audio.jukebox import JukeboxConfig
+    from dancedata.audio.jukebox.network import memory
 
     config = JukeboxConfig()
     print("\nlayer 66 of 5b, 5-s clips, GB on the device by accounting (no allocator, no libraries)")

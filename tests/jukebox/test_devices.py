@@ -19,8 +19,8 @@ import torch
 
 from dancedata.audio.jukebox import devices as _devices
 from dancedata.audio.jukebox import feature as jukebox_feature
-from dancedata.audio.jukebox import memory
 from dancedata.audio.jukebox.feature import Jukebox
+from dancedata.audio.jukebox.network import memory
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.grid import FrameGrid

@@ -21,8 +21,9 @@ pytest.importorskip("accelerate")
 import torch
 
 from dancedata.audio.jukebox import JukeboxEncoder
+from dancedata.audio.jukebox.network.tensors import BLOCKS
+from dancedata.audio.jukebox.weights.files import PRIOR_FILE, VQVAE_FILE
 from dancedata.audio.jukebox.weights.legacy_file import MAGIC, PROTOCOL
-from dancedata.audio.jukebox.weights.names import BLOCKS, PRIOR_FILE, VQVAE_FILE
 from dancedata.audio.jukebox.weights.sources import LegacySource, ZipSource, open_torch_file
 from dancedata.core.errors import DataError, SourceError, UsageError
 from dancedata.testing.jukebox import write_torch_file

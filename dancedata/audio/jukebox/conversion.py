@@ -23,8 +23,14 @@ from pathlib import Path
 from typing import Any
 
 from dancedata.audio.jukebox.config import JukeboxConfig
-from dancedata.audio.jukebox.weights import names
-from dancedata.audio.jukebox.weights.licence import LICENCE
+from dancedata.audio.jukebox.network.tensors import (
+    TensorSpec,
+    block_tensors,
+    prior_tensors,
+    table_tensors,
+    vqvae_tensors,
+)
+from dancedata.audio.jukebox.weights.files import LICENCE, MAX_JSON_BYTES, PRIOR_FILE, VQVAE_FILE
 from dancedata.audio.jukebox.weights.loading import Checkpoint, open_openai
 from dancedata.audio.jukebox.weights.sources import SafetensorsSource, TensorSource, require_tensors
 from dancedata.core.atomic import atomic_file, write_json
@@ -61,7 +67,7 @@ class Description:
 
 def _is_whole(path: Path) -> bool:
     try:
-        return bool(read_json(path, names.MAX_JSON_BYTES)["format"] == FORMAT)
+        return bool(read_json(path, MAX_JSON_BYTES)["format"] == FORMAT)
     except (OSError, ValueError, KeyError, TypeError):
         return False
 
@@ -101,8 +107,8 @@ def convert(
         raise UsageError("jukebox: bad layer", found=layer, allowed=f"1 to {config.depth}")
     checkpoint = open_openai(folder, config)
     try:
-        require_tensors(checkpoint.vqvae, names.vqvae_tensors(config))
-        require_tensors(checkpoint.prior, names.prior_tensors(config, layer))
+        require_tensors(checkpoint.vqvae, vqvae_tensors(config))
+        require_tensors(checkpoint.prior, prior_tensors(config, layer))
         source = checkpoint_sha256(folder)
         with _folder_to_write(out):
             tidy(out, _LAYOUT)
@@ -168,14 +174,14 @@ def checkpoint_sha256(folder: Path | str) -> dict[str, str]:
     folder = Path(folder)
     if (folder / DESCRIPTION_FILE).exists():
         return dict(read_description(folder).source)
-    return {name: sha256_file(folder / name) for name in (names.VQVAE_FILE, names.PRIOR_FILE)}
+    return {name: sha256_file(folder / name) for name in (VQVAE_FILE, PRIOR_FILE)}
 
 
 def read_description(folder: Path) -> Description:
     """Read jukebox.json; SourceError if it is missing, damaged, or of another format version."""
     path = folder / DESCRIPTION_FILE
     try:
-        data: Any = read_json(path, names.MAX_JSON_BYTES)
+        data: Any = read_json(path, MAX_JSON_BYTES)
         if data["format"] != FORMAT:
             raise SourceError(
                 "the converted checkpoint is of another format", where=path, found=data["format"], allowed=FORMAT
@@ -245,11 +251,11 @@ def verify_converted(folder: Path | str) -> None:
 
 def _parts(
     checkpoint: Checkpoint, config: JukeboxConfig, layer: int
-) -> list[tuple[str, TensorSource, tuple[names.TensorSpec, ...]]]:
-    blocks = [(_block_file(i), checkpoint.prior, names.block_tensors(config, i)) for i in range(layer)]
+) -> list[tuple[str, TensorSource, tuple[TensorSpec, ...]]]:
+    blocks = [(_block_file(i), checkpoint.prior, block_tensors(config, i)) for i in range(layer)]
     return [
-        (_VQVAE, checkpoint.vqvae, names.vqvae_tensors(config)),
-        (_TABLES, checkpoint.prior, names.table_tensors(config, config.n_ctx)),
+        (_VQVAE, checkpoint.vqvae, vqvae_tensors(config)),
+        (_TABLES, checkpoint.prior, table_tensors(config, config.n_ctx)),
         *blocks,
     ]
 
@@ -258,7 +264,7 @@ def _block_file(index: int) -> str:
     return f"block-{index:03d}.safetensors"
 
 
-def _write(path: Path, source: TensorSource, specs: tuple[names.TensorSpec, ...]) -> None:
+def _write(path: Path, source: TensorSource, specs: tuple[TensorSpec, ...]) -> None:
     from safetensors.torch import save_file
 
     tensors = {spec.name: source.read(spec.name, spec.rows) for spec in specs}

@@ -10,12 +10,12 @@ import numpy as np
 import torch
 from numpy.typing import ArrayLike, NDArray
 
-from dancedata.audio.jukebox import memory
 from dancedata.audio.jukebox.arguments import require_codes, require_device, require_layers, require_max_codes
-from dancedata.audio.jukebox.batching import Batches
 from dancedata.audio.jukebox.clips import TooLong, fitted, prepare, require_audio, require_length
 from dancedata.audio.jukebox.config import JukeboxConfig
 from dancedata.audio.jukebox.conversion import open_converted, read_description
+from dancedata.audio.jukebox.network import memory
+from dancedata.audio.jukebox.network.batches import Batches
 from dancedata.audio.jukebox.network.overflow import overflow
 from dancedata.audio.jukebox.network.precision import compute_dtype, exact_float32, resolve_precision
 from dancedata.audio.jukebox.network.prior import Prior

@@ -266,7 +266,7 @@ class Jukebox(AudioFeature):
 
     def _encoder(self, n_codes: int) -> JukeboxEncoder:
         """Return the network, with tables for clips of up to so many codes."""
-        from dancedata.audio.jukebox.memory import padded_length
+        from dancedata.audio.jukebox.network.memory import padded_length
 
         device = self.device
         if device == "auto":
@@ -308,7 +308,7 @@ def _named_folder() -> Path | None:
 def config_of(folder: Path) -> JukeboxConfig:
     """Return the sizes of a folder's network: the real ones, unless hparams.json or a conversion says otherwise."""
     from dancedata.audio.jukebox.conversion import DESCRIPTION_FILE, read_description
-    from dancedata.audio.jukebox.weights.names import MAX_JSON_BYTES
+    from dancedata.audio.jukebox.weights.files import MAX_JSON_BYTES
 
     if (folder / DESCRIPTION_FILE).exists():
         return read_description(folder).config
@@ -324,8 +324,8 @@ def config_of(folder: Path) -> JukeboxConfig:
 def _file_hashes(folder: Path, hash_file: Callable[[Path], str]) -> dict[str, str]:
     """Return the hashes of OpenAI's files, also for a folder converted from them."""
     from dancedata.audio.jukebox.conversion import DESCRIPTION_FILE, read_description
+    from dancedata.audio.jukebox.weights.files import PRIOR_FILE, VQVAE_FILE
     from dancedata.audio.jukebox.weights.loading import refuse_hugging_face
-    from dancedata.audio.jukebox.weights.names import PRIOR_FILE, VQVAE_FILE
 
     if (folder / DESCRIPTION_FILE).exists():
         return dict(read_description(folder).source)

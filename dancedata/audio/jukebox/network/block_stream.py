@@ -8,7 +8,7 @@ from typing import Any
 import torch
 from torch.func import functional_call
 
-from dancedata.audio.jukebox.memory import N_SLOTS
+from dancedata.audio.jukebox.network.memory import N_SLOTS
 from dancedata.audio.jukebox.network.transformer import Block
 
 

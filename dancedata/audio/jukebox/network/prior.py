@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import torch
 
 from dancedata.audio.jukebox.config import JukeboxConfig
-from dancedata.audio.jukebox.memory import padded_length
 from dancedata.audio.jukebox.network.block_stream import BlockStream
+from dancedata.audio.jukebox.network.memory import padded_length
 
 
 @dataclass(frozen=True)

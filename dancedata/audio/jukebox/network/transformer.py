@@ -9,7 +9,7 @@ from torch.nn.functional import layer_norm, silu
 from dancedata.audio.jukebox.config import JukeboxConfig
 from dancedata.audio.jukebox.network.attention import factored_attention
 from dancedata.audio.jukebox.network.precision import add_product, product
-from dancedata.audio.jukebox.weights.names import BLOCKS, block_tensors
+from dancedata.audio.jukebox.network.tensors import BLOCKS, block_tensors
 
 # Jukebox's GELU is u * sigmoid(1.702 u) = silu(1.702 u) / 1.702. The factors go into the two products around it.
 GELU_SLOPE = 1.702

@@ -9,7 +9,7 @@ from torch.nn.functional import conv1d, relu
 
 from dancedata.audio.jukebox.config import JukeboxConfig
 from dancedata.audio.jukebox.network.precision import exact_float32
-from dancedata.audio.jukebox.weights.names import CODEBOOK, ENCODER
+from dancedata.audio.jukebox.network.tensors import CODEBOOK, ENCODER
 
 # Distances to all code vectors of so many codes at a time: 17 MB at 2048 code vectors.
 _CHUNK = 1024

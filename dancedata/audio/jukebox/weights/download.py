@@ -16,8 +16,7 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 
-from dancedata.audio.jukebox.weights.licence import LICENCE
-from dancedata.audio.jukebox.weights.names import PRIOR_FILE, VQVAE_FILE
+from dancedata.audio.jukebox.weights.files import LICENCE, PRIOR_FILE, VQVAE_FILE
 from dancedata.core.atomic import atomic_file
 from dancedata.core.errors import DanceDataError, SourceError, UsageError
 from dancedata.core.hashing import sha256_file

@@ -11,13 +11,14 @@ from accelerate import init_empty_weights  # type: ignore[import-untyped]
 from accelerate.utils import set_module_tensor_to_device  # type: ignore[import-untyped]
 
 from dancedata.audio.jukebox.config import JukeboxConfig
-from dancedata.audio.jukebox.memory import Placement, padded_length
+from dancedata.audio.jukebox.network import tensors
 from dancedata.audio.jukebox.network.block_stream import BlockStream
 from dancedata.audio.jukebox.network.conditioning import start_vector, time_conditioning
+from dancedata.audio.jukebox.network.memory import Placement, padded_length
 from dancedata.audio.jukebox.network.prior import Prior
 from dancedata.audio.jukebox.network.transformer import Block, parameter_name, prepared
 from dancedata.audio.jukebox.network.vqvae import VqEncoder
-from dancedata.audio.jukebox.weights import names
+from dancedata.audio.jukebox.weights.files import MAX_JSON_BYTES, PRIOR_FILE, VQVAE_FILE
 from dancedata.audio.jukebox.weights.sources import TensorSource, open_torch_file, require_tensors
 from dancedata.core.errors import SourceError
 from dancedata.core.strict_json import read_json
@@ -55,18 +56,18 @@ def open_openai(folder: Path, config: JukeboxConfig) -> Checkpoint:
         "unsafe_pickle".
     """
     refuse_hugging_face(folder)
-    vqvae = open_torch_file(folder / names.VQVAE_FILE)
+    vqvae = open_torch_file(folder / VQVAE_FILE)
     try:
-        prior = open_torch_file(folder / names.PRIOR_FILE)
+        prior = open_torch_file(folder / PRIOR_FILE)
     except BaseException:
         vqvae.close()
         raise
     checkpoint = Checkpoint(vqvae, prior)
     try:
-        known = {spec.name for spec in names.vqvae_tensors(config)}
-        prefixes = (names.ENCODER.split(".level")[0] + ".", names.CODEBOOK)
+        known = {spec.name for spec in tensors.vqvae_tensors(config)}
+        prefixes = (tensors.ENCODER.split(".level")[0] + ".", tensors.CODEBOOK)
         _refuse_unknown(vqvae, (name for name in vqvae.shapes() if name.startswith(prefixes)), known)
-        _refuse_unknown(prior, prior.shapes(), names.all_prior_names(config))
+        _refuse_unknown(prior, prior.shapes(), tensors.all_prior_names(config))
     except BaseException:
         checkpoint.close()
         raise
@@ -75,7 +76,7 @@ def open_openai(folder: Path, config: JukeboxConfig) -> Checkpoint:
 
 def load_encoder(checkpoint: Checkpoint, config: JukeboxConfig, device: torch.device) -> VqEncoder:
     """Load the level-2 encoder and its codebook, as fp32."""
-    specs = names.vqvae_tensors(config)
+    specs = tensors.vqvae_tensors(config)
     source = checkpoint.vqvae
     require_tensors(source, specs, trimmed=checkpoint.trimmed)
     return VqEncoder(config, {s.name: source.read(s.name, s.rows).to(device, torch.float32) for s in specs})
@@ -92,9 +93,9 @@ def load_prior(
 ) -> Prior:
     """Load the prior up to as many blocks as `placement` knows, and tables for up to `max_codes` codes."""
     source, n_blocks, length = checkpoint.prior, len(placement.resident), padded_length(config, max_codes)
-    require_tensors(source, names.prior_tensors(config, n_blocks, length), trimmed=checkpoint.trimmed)
+    require_tensors(source, tensors.prior_tensors(config, n_blocks, length), trimmed=checkpoint.trimmed)
     start, positions = load_conditioning(source, config, length)
-    code_table = source.read(names.CODES, config.codebook_size).float()
+    code_table = source.read(tensors.CODES, config.codebook_size).float()
     blocks = []
     for index, here in enumerate(placement.resident):
         block = empty_block(config, index, precision)
@@ -107,15 +108,15 @@ def load_prior(
 
 def load_conditioning(source: TensorSource, config: JukeboxConfig, n_codes: int) -> tuple[torch.Tensor, torch.Tensor]:
     """Load y_cond (W,), and the position embedding plus x_cond (n_codes, W), both float32."""
-    rows = {spec.name: spec.rows for spec in names.table_tensors(config, n_codes)}
+    rows = {spec.name: spec.rows for spec in tensors.table_tensors(config, n_codes)}
 
     def read(name: str) -> torch.Tensor:
         return source.read(name, rows[name]).float()
 
     x_cond = time_conditioning(
-        config, read(names.SONG_LENGTH), read(names.SONG_POSITION), read(names.RELATIVE_POSITION), n_codes
+        config, read(tensors.SONG_LENGTH), read(tensors.SONG_POSITION), read(tensors.RELATIVE_POSITION), n_codes
     )
-    return start_vector(read(names.GENRES), read(names.ARTISTS)), x_cond.add_(read(names.POSITIONS))
+    return start_vector(read(tensors.GENRES), read(tensors.ARTISTS)), x_cond.add_(read(tensors.POSITIONS))
 
 
 def empty_block(config: JukeboxConfig, index: int, precision: torch.dtype) -> Block:
@@ -128,7 +129,7 @@ def fill_block(
     block: Block, index: int, source: TensorSource, config: JukeboxConfig, device: torch.device, *, pinned: bool
 ) -> None:
     """Give a block its weights, one tensor at a time."""
-    for spec in names.block_tensors(config, index):
+    for spec in tensors.block_tensors(config, index):
         stored = source.read(spec.name, spec.rows)
         value = prepared(spec.name, stored)
         dtype = block.kept_dtype(spec.name, stored.dtype)
@@ -152,7 +153,7 @@ def _refuse_unknown(source: TensorSource, found: Iterable[str], known: Iterable[
 def refuse_hugging_face(folder: Path) -> None:
     """Raise SourceError for a folder with one of the models that are on the Hugging Face hub."""
     try:
-        description = read_json(folder / "config.json", names.MAX_JSON_BYTES)
+        description = read_json(folder / "config.json", MAX_JSON_BYTES)
     except (OSError, ValueError):
         return
     kind = description.get("model_type") if isinstance(description, dict) else None
@@ -162,6 +163,6 @@ def refuse_hugging_face(folder: Path) -> None:
             "lyrics and attends to them in further blocks (5b: 79 instead of 72). Its activations are no substitute",
             where=folder,
             found=f"config.json with model_type {quoted(kind)}",
-            allowed=f"OpenAI's 5b model without lyrics: {names.VQVAE_FILE} and {names.PRIOR_FILE}",
+            allowed=f"OpenAI's 5b model without lyrics: {VQVAE_FILE} and {PRIOR_FILE}",
             fix="dancedata jukebox fetch gets it; the hub has no copy of it",
         )

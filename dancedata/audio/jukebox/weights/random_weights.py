@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dancedata.audio.jukebox.config import JukeboxConfig
-from dancedata.audio.jukebox.weights import names
+from dancedata.audio.jukebox.network import tensors
+from dancedata.audio.jukebox.weights.files import PRIOR_FILE, VQVAE_FILE
 from dancedata.core.atomic import write_json
 
 if TYPE_CHECKING:
@@ -47,7 +48,7 @@ class RandomSource:
 
     def __init__(self, config: JukeboxConfig, layer: int, *, seed: int = 0) -> None:
         self.seed = seed
-        specs = (*names.vqvae_tensors(config), *names.prior_tensors(config, layer))
+        specs = (*tensors.vqvae_tensors(config), *tensors.prior_tensors(config, layer))
         self._specs = {spec.name: spec for spec in specs}
 
     def shapes(self) -> Mapping[str, tuple[int, ...]]:
@@ -78,9 +79,9 @@ class RandomSource:
         """Nothing is open."""
 
 
-def _scale(spec: names.TensorSpec) -> float:
+def _scale(spec: tensors.TensorSpec) -> float:
     """Return a standard deviation with which activations neither vanish nor explode."""
-    if spec.name == names.CODEBOOK:
+    if spec.name == tensors.CODEBOOK:
         return 1.0
     if spec.name.endswith((".b", ".bias")) or ".ln_" in spec.name:
         return 0.1
@@ -120,18 +121,18 @@ def random_checkpoint(
     folder.mkdir(parents=True, exist_ok=True)
     source = RandomSource(config, config.depth, seed=seed)
 
-    def read(specs: tuple[names.TensorSpec, ...]) -> dict[str, torch.Tensor]:
+    def read(specs: tuple[tensors.TensorSpec, ...]) -> dict[str, torch.Tensor]:
         return {spec.name: source.read(spec.name, spec.shape[0]) for spec in specs}
 
     models = {
-        names.VQVAE_FILE: {
+        VQVAE_FILE: {
             "encoders.0.level_blocks.0.model.0.0.weight": torch.zeros(8, 1, 4),
-            **read(names.vqvae_tensors(config)),
+            **read(tensors.vqvae_tensors(config)),
             "decoders.0.out.weight": torch.zeros(1, 16, 3),
         },
-        names.PRIOR_FILE: {
-            **read(names.prior_tensors(config, config.depth)),
-            names.OUTPUT: torch.zeros(config.codebook_size, config.width),
+        PRIOR_FILE: {
+            **read(tensors.prior_tensors(config, config.depth)),
+            tensors.OUTPUT: torch.zeros(config.codebook_size, config.width),
         },
     }
     for file, model in models.items():

@@ -9,8 +9,8 @@ from typing import Any, Protocol, Self
 
 import torch
 
+from dancedata.audio.jukebox.network.tensors import TensorSpec
 from dancedata.audio.jukebox.weights.legacy_file import LegacyFile, LegacyTensor
-from dancedata.audio.jukebox.weights.names import TensorSpec
 from dancedata.core.errors import SourceError
 from dancedata.core.text import shown
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import torch
 
 from dancedata.audio.jukebox.config import JukeboxConfig
-from dancedata.audio.jukebox.weights.names import TensorSpec, block_tensors, vqvae_tensors
+from dancedata.audio.jukebox.network.tensors import TensorSpec, block_tensors, vqvae_tensors
 from dancedata.core.errors import UsageError
 
 # Of what is free, this much is left to the allocator's rounding and the libraries' work space.

@@ -9,11 +9,6 @@ from dataclasses import dataclass
 from dancedata.audio.jukebox.config import JukeboxConfig
 from dancedata.audio.jukebox.network.conditioning import relative_bins, song_position_bins
 
-VQVAE_FILE = "vqvae.pth.tar"
-PRIOR_FILE = "prior_level_2.pth.tar"
-#: Descriptions beside the weights have some ten kilobytes.
-MAX_JSON_BYTES = 1 << 20
-
 ENCODER = "encoders.2.level_blocks"
 CODEBOOK = "bottleneck.level_blocks.2.k"
 BLOCKS = "prior.transformer._attn_mods"
