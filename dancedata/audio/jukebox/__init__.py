@@ -2,10 +2,10 @@
 
 Dhariwal et al. 2020, "Jukebox: A Generative Model for Music"; EDGE (Tseng et al. 2023) uses the residual stream
 after the 66th block of its top-level prior as music features. The weights are OpenAI's, under a Noncommercial Use
-License, and no part of this package.
+License, and are not part of this package.
 
-The feature is registered here; the other names are loaded when they are first used, so that importing this package
-needs no torch.
+The feature is registered here; the other names are loaded on first use, so that importing this package does not need
+torch.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ from dancedata.audio.jukebox.feature import Jukebox as Jukebox
 
 if TYPE_CHECKING:
     from dancedata.audio.jukebox.config import JukeboxConfig as JukeboxConfig
-    from dancedata.audio.jukebox.conversion import checkpoint_sha256 as checkpoint_sha256
     from dancedata.audio.jukebox.conversion import convert as convert
     from dancedata.audio.jukebox.encoder import JukeboxEncoder as JukeboxEncoder
     from dancedata.audio.jukebox.network.overflow import JukeboxOverflowError as JukeboxOverflowError
     from dancedata.audio.jukebox.weights.download import fetch as fetch
+    from dancedata.audio.jukebox.weights.folder import checkpoint_sha256 as checkpoint_sha256
 
-# No name is that of a module: importing that would put the module in its place.
+# No name is that of a module: importing the module would replace it.
 _HOMES = {
     "JukeboxConfig": "config",
     "JukeboxEncoder": "encoder",
     "JukeboxOverflowError": "network.overflow",
-    "checkpoint_sha256": "conversion",
+    "checkpoint_sha256": "weights.folder",
     "convert": "conversion",
     "fetch": "weights.download",
 }

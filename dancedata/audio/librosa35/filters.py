@@ -79,7 +79,7 @@ def filter_bank(tuning: int, rate: int) -> FilterBank:
 
 @lru_cache(maxsize=4 * N_TUNINGS)
 def sparse_filters(tuning: int, rate: int) -> tuple[Any, NDArray[np.float64]]:
-    """Return librosa's filters of the top octave, a sparse matrix, and the lengths (252,) of all filters in samples."""
+    """Return librosa's filters of the top octave, sparse, and the lengths (252,) of all filters in samples."""
     from scipy.sparse import csr_matrix
 
     spectra, lengths = _spectra(tuning, rate)
@@ -87,7 +87,7 @@ def sparse_filters(tuning: int, rate: int) -> tuple[Any, NDArray[np.float64]]:
 
 
 def _spectra(tuning: int, rate: int) -> tuple[NDArray[np.complex64], NDArray[np.float64]]:
-    """Build the thinned spectra (36, n / 2 + 1) of the top octave's filters, and the lengths (252,) of all filters."""
+    """Build the thinned spectra (36, n / 2 + 1) of the top octave's filters, and the lengths (252,) of all."""
     frequencies, bandwidths = _frequencies(tuning)
     all_lengths = _lengths(frequencies, bandwidths, rate)
     top = slice(-BINS_PER_OCTAVE, None)

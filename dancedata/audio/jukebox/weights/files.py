@@ -4,10 +4,10 @@ from __future__ import annotations
 
 VQVAE_FILE = "vqvae.pth.tar"
 PRIOR_FILE = "prior_level_2.pth.tar"
-#: Descriptions beside the weights have some ten kilobytes.
+#: Limit of JSON files beside the weights, which have some ten kilobytes.
 MAX_JSON_BYTES = 1 << 20
 LICENCE = (
     "The Jukebox weights are OpenAI's. They are published under OpenAI's Noncommercial Use License "
-    "(https://github.com/openai/jukebox/blob/master/LICENSE): noncommercial use only, and whoever passes them on "
-    "passes on that license with them. They are no part of dancedata, whose own licence does not cover them."
+    "(https://github.com/openai/jukebox/blob/master/LICENSE): noncommercial use only, and anyone who passes "
+    "them on must include that license. They are not part of dancedata, whose own licence does not cover them."
 )

@@ -1,4 +1,4 @@
-"""From files to a network: each tensor is read by itself, straight into its type and onto its device."""
+"""Loading a network from files: each tensor is read by itself, directly into its type and onto its device."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from dancedata.audio.jukebox.network.memory import Placement, padded_length
 from dancedata.audio.jukebox.network.prior import Prior
 from dancedata.audio.jukebox.network.transformer import Block, parameter_name, prepared
 from dancedata.audio.jukebox.network.vqvae import VqEncoder
-from dancedata.audio.jukebox.weights.files import MAX_JSON_BYTES, PRIOR_FILE, VQVAE_FILE
+from dancedata.audio.jukebox.weights.files import PRIOR_FILE, VQVAE_FILE
+from dancedata.audio.jukebox.weights.folder import refuse_hugging_face
 from dancedata.audio.jukebox.weights.sources import TensorSource, open_torch_file, require_tensors
 from dancedata.core.errors import SourceError
-from dancedata.core.strict_json import read_json
-from dancedata.core.text import listed, quoted
+from dancedata.core.text import listed
 
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """Open sources of the two networks; close them when everything is loaded.
+    """Open sources of the two networks; to be closed once everything is loaded.
 
     Attributes
     ----------
-    vqvae, prior : where their tensors come from (one and the same for a converted checkpoint).
-    trimmed : only the needed rows are there.
+    vqvae, prior : sources of their tensors (the same one for a converted checkpoint).
+    trimmed : whether the sources have only the needed rows.
     """
 
     vqvae: TensorSource
@@ -46,7 +46,7 @@ class Checkpoint:
 
 
 def open_openai(folder: Path, config: JukeboxConfig) -> Checkpoint:
-    """Open OpenAI's vqvae.pth.tar and prior_level_2.pth.tar, and check that they are of this network.
+    """Open OpenAI's vqvae.pth.tar and prior_level_2.pth.tar, and check that they belong to this network.
 
     Raises
     ------
@@ -91,7 +91,7 @@ def load_prior(
     precision: torch.dtype,
     device: torch.device,
 ) -> Prior:
-    """Load the prior up to as many blocks as `placement` knows, and tables for up to `max_codes` codes."""
+    """Load the blocks of `placement`, and tables for up to `max_codes` codes."""
     source, n_blocks, length = checkpoint.prior, len(placement.resident), padded_length(config, max_codes)
     require_tensors(source, tensors.prior_tensors(config, n_blocks, length), trimmed=checkpoint.trimmed)
     start, positions = load_conditioning(source, config, length)
@@ -120,7 +120,7 @@ def load_conditioning(source: TensorSource, config: JukeboxConfig, n_codes: int)
 
 
 def empty_block(config: JukeboxConfig, index: int, precision: torch.dtype) -> Block:
-    """Make a block without memory (meta device)."""
+    """Create a block without memory (meta device)."""
     with init_empty_weights():
         return Block(config, index, precision)
 
@@ -128,7 +128,7 @@ def empty_block(config: JukeboxConfig, index: int, precision: torch.dtype) -> Bl
 def fill_block(
     block: Block, index: int, source: TensorSource, config: JukeboxConfig, device: torch.device, *, pinned: bool
 ) -> None:
-    """Give a block its weights, one tensor at a time."""
+    """Load the weights of a block, one tensor at a time."""
     for spec in tensors.block_tensors(config, index):
         stored = source.read(spec.name, spec.rows)
         value = prepared(spec.name, stored)
@@ -142,27 +142,9 @@ def _refuse_unknown(source: TensorSource, found: Iterable[str], known: Iterable[
     unknown = sorted(set(found) - set(known))
     if unknown:
         raise SourceError(
-            "the checkpoint has tensors that this network has not: it is another network",
+            "the checkpoint has unknown tensors: it belongs to another network",
             where=source.path,
             found=listed(unknown),
-            allowed="the 5b model without lyrics (or what the JukeboxConfig describes)",
-            fix="dancedata jukebox fetch gets the right files",
-        )
-
-
-def refuse_hugging_face(folder: Path) -> None:
-    """Raise SourceError for a folder with one of the models that are on the Hugging Face hub."""
-    try:
-        description = read_json(folder / "config.json", MAX_JSON_BYTES)
-    except (OSError, ValueError):
-        return
-    kind = description.get("model_type") if isinstance(description, dict) else None
-    if isinstance(kind, str) and kind.startswith("jukebox"):
-        raise SourceError(
-            "this is a Jukebox model of the Hugging Face hub, which is another network: its prior was trained with "
-            "lyrics and attends to them in further blocks (5b: 79 instead of 72). Its activations are no substitute",
-            where=folder,
-            found=f"config.json with model_type {quoted(kind)}",
-            allowed=f"OpenAI's 5b model without lyrics: {VQVAE_FILE} and {PRIOR_FILE}",
-            fix="dancedata jukebox fetch gets it; the hub has no copy of it",
+            allowed="the 5b model without lyrics (or that of the JukeboxConfig)",
+            fix="get the right files with `dancedata jukebox fetch`",
         )

@@ -18,7 +18,7 @@ from dancedata.core.atomic import write_json
 if TYPE_CHECKING:
     import torch
 
-# As small as the layout allows: six blocks are two of each kind; context and label tables are the real ones.
+# As small as the layout allows: two blocks of each of the three kinds; context and label tables of the real size.
 TINY = JukeboxConfig(
     conv_width=8,
     code_width=16,
@@ -32,16 +32,16 @@ TINY = JukeboxConfig(
 
 
 class RandomSource:
-    """Random tensors by name, made when they are read: a `TensorSource` that needs neither disk nor memory.
+    """Random tensors by name, generated when they are read: a `TensorSource` without disk or memory.
 
     Parameters
     ----------
     config
         Sizes.
     layer
-        Has what this layer needs.
+        The source has the tensors that this layer needs.
     seed
-        Each tensor depends on it and on its own name.
+        Each tensor depends on the seed and its own name.
     """
 
     path = Path("random weights")
@@ -63,7 +63,7 @@ class RandomSource:
         return dtype
 
     def read(self, name: str, rows: int) -> torch.Tensor:
-        """Make the leading rows of a tensor."""
+        """Generate the leading rows of a tensor."""
         import torch
 
         spec = self._specs[name]
@@ -76,7 +76,7 @@ class RandomSource:
         )
 
     def close(self) -> None:
-        """Nothing is open."""
+        """Do nothing: no file is open."""
 
 
 def _scale(spec: tensors.TensorSpec) -> float:
@@ -88,7 +88,7 @@ def _scale(spec: tensors.TensorSpec) -> float:
     if spec.name.endswith(".w"):
         return float(spec.shape[0] ** -0.5)
     if len(spec.shape) == 3:
-        # Convolutions; those of kernel 1 close a residual unit, and 28 of these add up.
+        # Convolutions; those with kernel 1 end a residual unit, and 28 of these are added.
         gain = 0.3 if spec.shape[2] == 1 else 1.4
         return float(gain * math.prod(spec.shape[1:]) ** -0.5)
     return 0.5
@@ -100,12 +100,12 @@ def random_checkpoint(
     """Write vqvae.pth.tar and prior_level_2.pth.tar with random weights, and their sizes as hparams.json.
 
     As in the real files: torch's legacy format, storages tagged cuda:0, keys hps, model, opt and step, linear weights
-    fp16 and all else fp32, and tensors that inference does not need.
+    in fp16 and all others in fp32, and tensors that inference does not need.
 
     Parameters
     ----------
     folder
-        Is made.
+        Created if it does not exist.
     config
         Sizes.
     seed
@@ -114,7 +114,7 @@ def random_checkpoint(
     Returns
     -------
     dict
-        The tensors by name, by file name.
+        The tensors by name, for each file name.
     """
     import torch
 
@@ -142,7 +142,7 @@ def random_checkpoint(
 
 
 def write_torch_file(path: Path, model: Mapping[str, torch.Tensor], *, legacy: bool = True) -> None:
-    """Write a checkpoint file with these tensors, in torch's legacy format (or the zip format of today)."""
+    """Write a checkpoint file with these tensors, in torch's legacy format (or the current zip format)."""
     import torch
 
     content = {"hps": {"level": 2, "name": "tiny"}, "model": OrderedDict(model), "opt": None, "step": 1}
@@ -151,5 +151,5 @@ def write_torch_file(path: Path, model: Mapping[str, torch.Tensor], *, legacy: b
         return
     buffer = io.BytesIO()
     torch.save(content, buffer, _use_new_zipfile_serialization=False)
-    # The pickle states the device once, as a string with its length; nothing in the file counts the pickle's bytes.
+    # The pickle has the device once, as a string with its length; nothing else depends on the pickle's length.
     path.write_bytes(buffer.getvalue().replace(b"X\x03\x00\x00\x00cpu", b"X\x06\x00\x00\x00cuda:0", 1))
