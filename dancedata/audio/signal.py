@@ -288,7 +288,7 @@ def _broken(
     allowed: str = "a complete wav, flac, ogg or mp3 file",
     fix: str = "copy or export the file again, as wav if in doubt",
 ) -> DataError:
-    # For an empty file libsndfile only reports an unknown format, or that there is no file.
+    # For an empty file libsndfile only reports an unknown format or a missing file.
     found = message.strip() if path.stat().st_size or not path.is_file() else "a file of 0 bytes"
     return DataError(
         "the audio file cannot be decoded",
