@@ -17,7 +17,6 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from filelock import FileLock
 from numpy.typing import NDArray
 
 from dancedata.audio.librosa35.settings import HOP, N_COLUMNS, TEMPO_SAMPLE_RATE, Settings
@@ -47,6 +46,8 @@ def compile_kernels() -> None:
     first runs `_compute` under a lock. The lock file is in the user's cache folder, which the machines of a cluster
     share as they share the environment.
     """
+    from filelock import FileLock
+
     rng = np.random.default_rng(0)
     noise = rng.standard_normal(3 * TEMPO_SAMPLE_RATE).astype(np.float32)
     noise[:: TEMPO_SAMPLE_RATE // 2] = 10.0

@@ -46,7 +46,8 @@ class Block(nn.Module):
         self.kind = index % 3
         self.heads, self.row_length = config.heads, config.row_length
         self.precision = precision
-        for spec in block_tensors(config, index):
+        self.specs = block_tensors(config, index)
+        for spec in self.specs:
             stored = getattr(torch, spec.dtype)
             empty = torch.empty(spec.shape, dtype=self.kept_dtype(spec.name, stored))
             self.register_parameter(parameter_name(spec.name), nn.Parameter(empty, requires_grad=False))

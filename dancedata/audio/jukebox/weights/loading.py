@@ -100,7 +100,7 @@ def load_prior(
     for index, here in enumerate(placement.resident):
         block = empty_block(config, index, precision)
         pinned = device.type == "cuda" and not here
-        fill_block(block, index, source, config, device if here else torch.device("cpu"), pinned=pinned)
+        fill_block(block, source, device if here else torch.device("cpu"), pinned=pinned)
         blocks.append(block)
     stream = BlockStream(blocks, placement.resident, device)
     return Prior(config, start.to(device), code_table.to(device), positions.to(device), stream)
@@ -125,11 +125,9 @@ def empty_block(config: JukeboxConfig, index: int, precision: torch.dtype) -> Bl
         return Block(config, index, precision)
 
 
-def fill_block(
-    block: Block, index: int, source: TensorSource, config: JukeboxConfig, device: torch.device, *, pinned: bool
-) -> None:
+def fill_block(block: Block, source: TensorSource, device: torch.device, *, pinned: bool) -> None:
     """Load the weights of a block, one tensor at a time."""
-    for spec in tensors.block_tensors(config, index):
+    for spec in block.specs:
         stored = source.read(spec.name, spec.rows)
         value = prepared(spec.name, stored)
         dtype = block.kept_dtype(spec.name, stored.dtype)
