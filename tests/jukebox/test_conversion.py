@@ -2,7 +2,10 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -50,6 +53,23 @@ def test_files_and_description(tiny: SimpleNamespace, converted: Path) -> None:
         assert what == {"bytes": (converted / name).stat().st_size, "sha256": sha256_file(converted / name)}
     assert description["source"] == {f: sha256_file(tiny.folder / f) for f in (VQVAE_FILE, PRIOR_FILE)}
     assert checkpoint_sha256(converted) == checkpoint_sha256(tiny.folder) == description["source"]
+
+
+def test_the_facts_of_a_folder_need_no_torch(tiny: SimpleNamespace, converted: Path) -> None:
+    code = (
+        "import sys; from pathlib import Path; from dancedata.audio.jukebox.weights import folder; "
+        "paths = [Path(p) for p in sys.argv[1:]]; print([folder.highest_layer(p) for p in paths]); "
+        "assert folder.config_of(paths[0]) == folder.config_of(paths[1]); "
+        "assert folder.checkpoint_sha256(paths[0]) == folder.checkpoint_sha256(paths[1]); "
+        "assert not {'torch', 'accelerate', 'safetensors'} & set(sys.modules)"
+    )
+    command = [sys.executable, "-c", code, str(tiny.folder), str(converted)]
+    assert subprocess.run(command, check=True, capture_output=True, text=True).stdout == "[6, 4]\n"
+
+
+def test_the_hash_of_missing_weights(tmp_path: Path) -> None:
+    with pytest.raises(SourceError, match=rf"weights is missing; found {re.escape(VQVAE_FILE)}"):
+        checkpoint_sha256(tmp_path)
 
 
 def test_tensors_are_the_originals_with_the_needed_rows(tiny: SimpleNamespace, converted: Path) -> None:
