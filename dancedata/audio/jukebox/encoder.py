@@ -58,7 +58,6 @@ class JukeboxEncoder:
         checkpoint: Checkpoint,
         config: JukeboxConfig,
         layers: tuple[int, ...],
-        *,
         device: str | torch.device | None,
         precision: str,
         max_codes: int | None,
@@ -128,15 +127,8 @@ class JukeboxEncoder:
         """
         config = config or JukeboxConfig()
         chosen = require_layers(layers, config.depth)
-        return cls(
-            open_openai(Path(folder), config),
-            config,
-            chosen,
-            device=device,
-            precision=precision,
-            max_codes=max_codes,
-            memory_budget=memory_budget,
-        )
+        checkpoint = open_openai(Path(folder), config)
+        return cls(checkpoint, config, chosen, device, precision, max_codes, memory_budget)
 
     @classmethod
     def from_converted(
@@ -169,15 +161,8 @@ class JukeboxEncoder:
                 allowed=config,
             )
         chosen = require_layers((description.layer,) if layers is None else layers, description.layer)
-        return cls(
-            open_converted(folder, description, max(chosen)),
-            description.config,
-            chosen,
-            device=device,
-            precision=precision,
-            max_codes=max_codes,
-            memory_budget=memory_budget,
-        )
+        checkpoint = open_converted(folder, description, max(chosen))
+        return cls(checkpoint, description.config, chosen, device, precision, max_codes, memory_budget)
 
     def encode(self, samples: ArrayLike, sample_rate: int) -> NDArray[np.int64]:
         """Encode a clip of any length as VQ-VAE codes.
