@@ -83,13 +83,13 @@ def require_length(n_codes: int, max_codes: int, config: JukeboxConfig) -> None:
     """Raise DataError "long_audio" for more codes than the network takes, or than its tables were loaded for."""
     if n_codes <= max_codes:
         return
-    limit = f"{max_codes} codes or {max_codes / float(config.code_rate):.2f} s"
+    limit = f"{max_codes} codes ({max_codes / float(config.code_rate):.2f} s)"
     if max_codes < config.n_ctx:
-        limit += f" (of {config.n_ctx}: the encoder was loaded with max_codes={max_codes})"
+        limit += f", as the encoder was loaded with max_codes={max_codes} of {config.n_ctx}"
     raise DataError(
         "jukebox: the clip is too long",
         reason="long_audio",
-        found=f"{n_codes} codes or {n_codes / float(config.code_rate):.2f} s",
+        found=f"{n_codes} codes ({n_codes / float(config.code_rate):.2f} s)",
         allowed=f"at most {limit}",
         fix='cut it into shorter clips, or pass too_long="truncate" to drop the rest, as the reference does',
     )
