@@ -39,6 +39,7 @@ Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print no progress.")
 CACHE_HELP = "Cache folder; default $DANCEDATA_CACHE, else the user's cache folder."
 CacheFolder = Annotated[Path | None, typer.Option("--cache", help=CACHE_HELP)]
 ATOL_HELP = "Floating-point values that differ by no more than this are the same; default: compared exactly."
+KINDS_HELP = "dataset, representation, contact-rule, feature, key-motion, augmentation or filter."
 PART_HELP = "Compute the K-th of N shares of the work into the cache and write no dataset, for job arrays."
 
 
@@ -68,7 +69,7 @@ def build(
 ) -> None:
     """Build a dataset: dancedata build aist++ --source DIR --out DIR."""
     from dancedata.cli.text import store_json
-    from dancedata.execution.execute import Progress
+    from dancedata.execution.progress import Progress
     from dancedata.pipeline.build import build as run_build
     from dancedata.pipeline.summary import describe_built, describe_unchanged
     from dancedata.recipes.parse import load_recipe
@@ -78,7 +79,7 @@ def build(
     progress = Progress(quiet=quiet or as_json)
     folder = _source_of(made, source, target)
     if jobs is None:
-        from joblib import cpu_count
+        from loky import cpu_count
 
         jobs = cpu_count()
     options: dict[str, Any] = {
@@ -123,7 +124,7 @@ def plan(
 ) -> None:
     """Show what a build would make; reads lengths only and writes nothing under OUT."""
     from dancedata.cli.text import describe_plan
-    from dancedata.execution.execute import Progress
+    from dancedata.execution.progress import Progress
     from dancedata.pipeline.plan import make_plan
     from dancedata.recipes.parse import load_recipe
 
@@ -132,7 +133,7 @@ def plan(
     progress = Progress(quiet=quiet or as_json)
     folder = _source_of(made, source, target)
     if not folder.exists() and made.dataset.generates:
-        progress.say(f"the dataset {made.dataset.name} writes its own source: {folder}")
+        progress.write(f"the dataset {made.dataset.name} writes its own source: {folder}")
     found = make_plan(made, folder, jobs=jobs, cache=cache, progress=progress)
     if as_json:
         _print_json(found.to_json())
@@ -154,7 +155,7 @@ def check(
 ) -> None:
     """Check a built dataset or a source folder; exit code 1 if something is wrong."""
     from dancedata.cli.text import describe_problems
-    from dancedata.execution.execute import Progress
+    from dancedata.execution.progress import Progress
     from dancedata.pipeline.check import check as run_check
     from dancedata.recipes.parse import load_recipe
 
@@ -196,13 +197,31 @@ def info(
 @app.command("list")
 @_errors_to_exit_codes
 def list_plugins(as_json: AsJson = False) -> None:
-    """List recipes, datasets, representations, contact rules and audio features, with their keys."""
+    """List recipes and plug-ins of all kinds, with their keys."""
     from dancedata.cli.text import catalogue, describe_catalogue
 
     if as_json:
         _print_json(catalogue())
     else:
         typer.echo(describe_catalogue(catalogue()))
+
+
+@app.command()
+@_errors_to_exit_codes
+def new(
+    kind: Annotated[str, typer.Argument(metavar="KIND", help=KINDS_HELP)],
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Its name in recipes, and of its Python module.")],
+    out: Annotated[Path, typer.Option(help="Folder to write NAME.py and test_NAME.py to.")] = Path(),
+    as_json: AsJson = False,
+) -> None:
+    """Write a plug-in and its test from a template; the test passes as it is."""
+    from dancedata.cli.new import write_plugin
+
+    made = write_plugin(kind, name, out)
+    if as_json:
+        _print_json(made.to_json())
+    else:
+        typer.echo(str(made))
 
 
 @app.command()

@@ -16,7 +16,7 @@ from dancedata.core.hashing import sha256_file
 from dancedata.core.motion import Motion
 from dancedata.core.registry import CONTACTS, FEATURES, REPRESENTATIONS
 from dancedata.core.text import shown
-from dancedata.execution.execute import exactly, on_one_thread
+from dancedata.execution.threads import exactly, on_one_thread
 from dancedata.recipes.plugins import make_named, one_of, raise_problems
 
 

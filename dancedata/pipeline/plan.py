@@ -13,7 +13,8 @@ from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.quality import implausible_flags
 from dancedata.execution.cache import Cache, default_cache
-from dancedata.execution.execute import Progress, run_units
+from dancedata.execution.progress import Progress
+from dancedata.execution.units import run_units
 from dancedata.pipeline.build import header_of, relative_to
 from dancedata.pipeline.implausible import describe_implausible
 from dancedata.pipeline.left_out import nothing_left
@@ -22,6 +23,7 @@ from dancedata.pipeline.plan_cached import Cached, cached_units, not_ready
 from dancedata.pipeline.rejects import missing_music, reject_of, short_audio, too_short
 from dancedata.pipeline.sources import scan_source
 from dancedata.pipeline.windows import audio_window_count
+from dancedata.recipes.copies import copies_per_clip
 from dancedata.recipes.recipe import Recipe
 from dancedata.store.schema import sort_splits
 
@@ -103,14 +105,16 @@ class Plan:
         }
 
     def _copies(self, split: str) -> int:
-        return 2 if self.recipe.mirror and split == "train" else 1
+        return copies_per_clip(self.recipe.augment, split)
 
     def _notes(self) -> list[str]:
         notes = [line.strip() for line in describe_implausible(row for c in self.clips for row in c.implausible)]
         chosen = self.recipe.windows.filter
         if chosen is not None:
             where = ", ".join(chosen.splits)
-            notes.append(f"windows of {where} are counted before the movement filter, which looks at encoded motion")
+            notes.append(
+                f"windows of {where} are counted before the {chosen.name} filter, which reads encoded motion"
+            )
         # A note: where a cluster builds, the weights need not be on the node that plans.
         return notes + [f"a build here ends with: {why}" for why in map(not_ready, self.recipe.audio) if why]
 

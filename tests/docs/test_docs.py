@@ -1,19 +1,23 @@
-"""The code of README, add-a-dataset and add-a-feature runs as it stands there."""
+"""The code of README and of the pages on plug-ins of one's own runs as it stands there."""
 
 from __future__ import annotations
 
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from dancedata.core.skeleton import SMPL24
 from dancedata.pipeline.build import build
 from dancedata.pipeline.summary import describe_built
 from dancedata.recipes.parse import load_recipe
+from dancedata.store import open_store
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -119,6 +123,55 @@ def test_added_dataset_builds(plug_in, tmp_path: Path) -> None:
     assert {split: n["clips"] for split, n in about["counts"].items()} == {"train": 1, "test": 1}
     assert about["rejects"] == {"broken_file": 1, "missing_music": 1}
     assert json.loads(_dancedata(environment, tmp_path, "check", "out", "--json"))["ok"]
+
+
+def test_added_augmentation_keeps_the_contract(plug_in, tmp_path: Path) -> None:
+    environment = plug_in("docs/add-an-augmentation.md", "augment", "turn")
+    code = "import my_turn; from pathlib import Path; from dancedata.testing import conformance as c; "
+    _python(environment, tmp_path, code + "c.check(my_turn.Turn, Path('.'))")
+
+
+def test_an_augmentation_is_one_file_of_the_tree(tmp_path: Path) -> None:
+    page = "docs/add-an-augmentation.md"
+    for folder in ("dancedata", "pipelines", "manifests"):
+        shutil.copytree(ROOT / folder, tmp_path / "tree" / folder, ignore=shutil.ignore_patterns("__pycache__"))
+    (tmp_path / "tree/dancedata/augment/turn.py").write_text(_blocks(page, "python")[0], encoding="utf-8")
+    (tmp_path / "recipe.yaml").write_text(_blocks(page, "yaml")[0], encoding="utf-8")
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path / "tree"), "DANCEDATA_CACHE": str(tmp_path / "cache")}
+    assert "turn" in json.loads(_dancedata(environment, tmp_path, "list", "--json"))["augmentations"]
+    planned = json.loads(_dancedata(environment, tmp_path, "plan", "recipe.yaml", "--out", "out", "--json"))
+    _dancedata(environment, tmp_path, "build", "recipe.yaml", "--out", "out", "--jobs", "2")
+    about = json.loads(_dancedata(environment, tmp_path, "info", "out", "--json"))
+    assert about["counts"]["train"]["clips"] == planned["splits"]["train"]["clips"]
+    assert json.loads(_dancedata(environment, tmp_path, "check", "out", "--json"))["ok"]
+    with open_store(tmp_path / "out") as store:
+        clip = next(c for c in store.clips if c.split == "train" and not c.source)
+        joints = clip.read("joints").reshape(-1, 24, 3)
+        turned = store.clip(f"{clip.id}__turn").read("joints").reshape(-1, 24, 3)
+        root = SMPL24.offsets[0]
+        np.testing.assert_allclose(turned - root, (joints - root) * (-1, 1, -1), atol=1e-5)
+        assert store.clip(f"{clip.id}__turn").source == store.clip(f"{clip.id}__mirror").source == clip.id
+
+
+def test_added_filter_builds(plug_in, tmp_path: Path) -> None:
+    environment = plug_in("docs/add-a-filter.md", "filters", "grounded")
+    code = "import my_grounded; from pathlib import Path; from dancedata.testing import conformance as c; "
+    _python(environment, tmp_path, code + "c.check(my_grounded.Grounded, Path('.'))")
+    _dancedata(environment, tmp_path, "build", "recipe.yaml", "--out", "out", "--jobs", "2", "--strict")
+    with open_store(tmp_path / "out") as store:
+        left_out = {(r["clip"], r["window"]) for r in store.rejects if r["reason"] == "filtered" and "window" in r}
+        contact = store.fields["edge151"].slice("contact")
+        shares = {
+            (c.id, start): float(c.read("edge151")[start : start + 60, contact].any(axis=1).mean())
+            for c in store.clips
+            if c.split == "train"
+            for start in range(0, c.n_frames - 59, 15)
+        }
+        kept = {(w.clip, w.start) for w in store.windows("train")}
+        assert left_out == {window for window, share in shares.items() if share < 0.9}
+        assert kept == shares.keys() - left_out
+        assert kept
+        assert left_out
 
 
 @pytest.mark.parametrize(

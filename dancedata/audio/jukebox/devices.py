@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import tempfile
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from dancedata.core.errors import UsageError
+from dancedata.core.locks import open_locked
 
 if TYPE_CHECKING:
     import torch
 
-_held: list[Any] = []
+#: Descriptors of the locks that this process holds.
+_held: list[int] = []
 
 
 def require_device(device: str | torch.device | None) -> torch.device:
@@ -42,16 +45,12 @@ def claimed(devices: tuple[str, ...]) -> str | None:
 
     If all cards are in use, the first one, which is then shared; None if there are none.
     """
-    from filelock import FileLock, Timeout
-
     for device in devices:
-        lock = FileLock(Path(tempfile.gettempdir()) / f"dancedata-{_user()}-{_card(device)}.lock", timeout=0)
-        try:
-            lock.acquire()
-        except (Timeout, OSError):
-            continue
-        _held.append(lock)
-        return device
+        with suppress(OSError):
+            lock = open_locked(Path(tempfile.gettempdir()) / f"dancedata-{_user()}-{_card(device)}.lock", wait=False)
+            if lock is not None:
+                _held.append(lock)
+                return device
     return devices[0] if devices else None
 
 

@@ -282,7 +282,7 @@ class Jukebox(AudioFeature):
         """Use all cores on a CPU: a build runs one process of this feature there."""
         if self._devices():
             return nullcontext()
-        from joblib import cpu_count
+        from loky import cpu_count
         from threadpoolctl import threadpool_limits
 
         # The cores that this process may use: a batch system assigns a part of the machine.

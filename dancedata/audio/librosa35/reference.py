@@ -21,6 +21,8 @@ from numpy.typing import NDArray
 
 from dancedata.audio.librosa35.settings import HOP, N_COLUMNS, TEMPO_SAMPLE_RATE, Settings
 from dancedata.audio.signal import pcm16, resample
+from dancedata.core.locks import file_lock
+from dancedata.execution.cache import user_cache
 
 
 def track_features(samples: NDArray[np.float32], settings: Settings) -> NDArray[np.float32]:
@@ -46,18 +48,16 @@ def compile_kernels() -> None:
     first runs `_compute` under a lock. The lock file is in the user's cache folder, which the machines of a cluster
     share as they share the environment.
     """
-    from filelock import FileLock
-
     rng = np.random.default_rng(0)
     noise = rng.standard_normal(3 * TEMPO_SAMPLE_RATE).astype(np.float32)
     noise[:: TEMPO_SAMPLE_RATE // 2] = 10.0
-    with FileLock(_lock_file()):
+    with file_lock(_lock_file()):
         _compute(noise, Settings(TEMPO_SAMPLE_RATE, 30 * HOP, None, 100.0))
 
 
 def _lock_file() -> Path:
     name = f"kernels-{hashlib.sha256(sys.prefix.encode()).hexdigest()[:16]}.lock"
-    folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "dancedata"
+    folder = user_cache()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         writable = os.access(folder, os.W_OK)
