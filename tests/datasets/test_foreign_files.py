@@ -13,7 +13,8 @@ import pytest
 
 from dancedata.core.bodies import SMPLX55
 from dancedata.core.errors import DataError, RecipeError, SourceError
-from dancedata.datasets._source import few, read_names
+from dancedata.core.text import listed
+from dancedata.datasets._source import read_names
 from dancedata.datasets.aistpp.load import load_motion as load_aist
 from dancedata.datasets.finedance.labels import read_label
 from dancedata.datasets.finedance.lengths import length_note
@@ -131,4 +132,4 @@ def test_lists_within_lists_are_not_unfolded(tmp_path: Path) -> None:
 
 
 def test_names_in_a_message_are_cut_and_print() -> None:
-    assert few(["a\x1b", "b" * 999, "c", "d"], 3) == rf"a\x1b, {'b' * 255}..., c and 1 more"
+    assert listed(["a\x1b", "b" * 999, "c", "d"], 3) == rf"a\x1b, {'b' * 255}..., c and 1 more"
