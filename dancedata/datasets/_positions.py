@@ -22,7 +22,7 @@ _MAX_FRAMES = 300
 _LEAST_FRAMES = 10
 #: A bone counts as moving if its vector moves by more than this fraction of its length; least number of such bones.
 _MOVES, _LEAST_BONES = 0.05, 6
-#: Threshold of the median over bones of (change of length) / (change of the vector): 0.44 to 0.72 for rotation vectors
+#: Threshold of the median over bones of (change of length) / (change of vector): 0.44 to 0.72 for rotation vectors
 #: of real dances, at least 0.18 for random ones of ten frames or more, 0 for positions of a body with rigid bones.
 _RIGID = 0.1
 #: Bound of the median length of the rotation vectors of a body; at most 0.44 rad in real dances.

@@ -124,7 +124,7 @@ class SplitRule:
                 )
         return {group: clip.split for group, clip in given.items()}
 
-    def _asked(self) -> dict[str, Fraction]:
+    def _requested(self) -> dict[str, Fraction]:
         requested = {_TRAIN: 1 - self.val - self.test, _VAL: self.val, _TEST: self.test}
         return {name: part for name, part in requested.items() if part}
 
