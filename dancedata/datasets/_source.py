@@ -150,7 +150,7 @@ def find_root(
 
 
 def has_archive(folder: Path) -> bool:
-    """Tell whether a folder holds an archive that may have to be unpacked."""
+    """Return whether a folder contains an archive."""
     return any(entry.suffix.lower() in _ARCHIVES for entry in list_folder(folder))
 
 

@@ -67,7 +67,7 @@ def write_synthetic(
 def write_example(
     folder: Path | str, *, seed: int = 0, songs: int = 11, clips_per_song: int = 4, clip_s: float = 13.5
 ) -> None:
-    """Write four clips of six seconds to two songs, two of train, one of val, one of test, as the example of a corpus."""
+    """Write the example of a corpus: four clips of six seconds, two of train, one of val, one of test; two songs."""
     made_by = {**_made_by(seed, songs, clips_per_song, clip_s), "example": True}
     _write(Path(folder), make_plan(songs=2, clips_per_song=2, clip_s=6.0), made_by)
 

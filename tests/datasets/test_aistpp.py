@@ -74,7 +74,7 @@ def test_edge_layout(empty_copy: Any, below: str) -> None:
     assert scan.layout == "edge"
     assert [clip.audio_path.name for clip in scan.clips if clip.audio_path] == [f"{TRAIN}.wav", f"{TEST}.wav"]
     assert scan.rejects == ()
-    assert f"one music file a sequence in {below}wavs/" in notes(scan)
+    assert f"one audio file per sequence in {below}wavs/" in notes(scan)
 
 
 def test_folder_above_with_music_and_lists_beside_it(empty_copy: Any) -> None:

@@ -138,7 +138,7 @@ def test_ignore_none(official: Any) -> None:
         ({"music": "no"}, "required, optional"),
         ({"split": "../mine"}, "split_dir"),
         ({"split": ""}, "split"),
-        ({"split": "all", "split_dir": "x"}, "Leave split_dir out"),
+        ({"split": "all", "split_dir": "x"}, "Remove split_dir"),
     ],
 )
 def test_wrong_fields(fields: dict[str, Any], word: str) -> None:

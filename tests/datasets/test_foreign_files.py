@@ -124,7 +124,7 @@ def test_lists_within_lists_are_not_unfolded(tmp_path: Path) -> None:
     rows: Any = [[0.0] * 72] * 4
     good = {"smpl_trans": np.zeros((4, 3)), "smpl_scaling": [np.float32(90)]}
     (tmp_path / "a.pkl").write_bytes(pickle.dumps({"smpl_poses": rows, **good}))
-    with pytest.raises(DataError, match="lists within lists are not read") as error:
+    with pytest.raises(DataError, match="nested lists are not read") as error:
         load_aist(tmp_path / "a.pkl", 60)
     assert error.value.reason == "bad_shape"
     (tmp_path / "a.pkl").write_bytes(pickle.dumps({"smpl_poses": np.array(rows), **good}))

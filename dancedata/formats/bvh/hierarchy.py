@@ -208,7 +208,7 @@ class _Hierarchy:
             raise self._bad(
                 line,
                 f"joint {done.name} (line {done.line}) has no CHANNELS",
-                allowed="for example CHANNELS 3 Zrotation Xrotation Yrotation; CHANNELS 0 for a joint without channels",
+                allowed="for example CHANNELS 3 Zrotation Xrotation Yrotation, or CHANNELS 0",
                 reason="missing_channels",
             )
 
