@@ -53,9 +53,9 @@ def matrix_from_rotvec(rotvec: FloatArray) -> Float64Array:
 def angles_between(rotvecs: FloatArray) -> Float64Array:
     """Return the angles, 0 to pi radians, of the rotations from each frame to the next: (T, J, 3) to (T - 1, J)."""
     quaternions = _quaternion(rotvecs)
-    (w, *here), (v, *there) = quaternions[:, :-1], quaternions[:, 1:]
-    real = w * v + sum(a * b for a, b in zip(here, there, strict=True))
-    turn = w * np.stack(there) - v * np.stack(here) - np.cross(here, there, axis=0)
+    (w, *start), (v, *end) = quaternions[:, :-1], quaternions[:, 1:]
+    real = w * v + sum(a * b for a, b in zip(start, end, strict=True))
+    turn = w * np.stack(end) - v * np.stack(start) - np.cross(start, end, axis=0)
     # The arccosine of the real part would lose all precision near 0.
     return np.asarray(2 * np.arctan2(np.sqrt(np.sum(turn * turn, axis=0)), np.abs(real)))
 

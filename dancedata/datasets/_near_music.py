@@ -57,10 +57,10 @@ class NearMusic:
             return ""
         self._names_left -= len(expected)
         misspelt = len(self._files) <= _MAX_MISSPELT
-        wanted = {target: _Name.of(PurePath(target).name) for target in expected}
+        names = {target: _Name.of(PurePath(target).name) for target in expected}
         found = [
             (path.suffix.lower() not in AUDIO_SUFFIXES, -have.likeness(name), path, target)
-            for target, name in wanted.items()
+            for target, name in names.items()
             for path, have, other in self._files
             if have.text == name.text or (not other and have.near(name, misspelt))
         ]
@@ -83,8 +83,8 @@ class NearMusic:
             files += [path for path in unused if path.suffix.lower() in (*AUDIO_SUFFIXES, *_OTHER)]
             if len(files) > _MAX_FILES:
                 break
-        there = (path for path in files[:_MAX_FILES] if path.is_file())
-        return [(path, _Name.of(path.stem), self.is_other(path.stem)) for path in there]
+        existing = (path for path in files[:_MAX_FILES] if path.is_file())
+        return [(path, _Name.of(path.stem), self.is_other(path.stem)) for path in existing]
 
 
 def _entries(folder: Path) -> list[Path]:

@@ -106,10 +106,12 @@ class SplitRule:
                 fix=f"fill in the column {self.by} of the manifest, or split by music or clip",
             )
         given = self._given(clips)
-        made = [replace(clip, split=given.get(self.group(clip)) or self.split(self.group(clip))) for clip in clips]
+        assigned = [
+            replace(clip, split=given.get(self.group(clip)) or self.split(self.group(clip))) for clip in clips
+        ]
         closer = self._closer_seed(clips, given)
-        self._require_all(made, closer)
-        return made, [self._note(made, closer)]
+        self._require_all(assigned, closer)
+        return assigned, [self._note(assigned, closer)]
 
     def _given(self, clips: Iterable[ClipRef]) -> dict[str, str]:
         """Return the splits of groups with a split in the manifest."""

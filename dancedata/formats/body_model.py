@@ -115,8 +115,8 @@ def find_model(path: Path, *, joints: Skeleton = SMPLX55, gender: str = "neutral
     for kind in kinds:
         name = f"{kind.upper()}_{gender.upper()}.npz"
         tried += [path / name, path / kind / name, path / gender / "model.npz", path / kind / gender / "model.npz"]
-    there = next((file for file in tried if file.is_file()), None)
-    if there is None:
+    found_file = next((file for file in tried if file.is_file()), None)
+    if found_file is None:
         raise UsageError(
             f"the folder has no {gender} body model for {joints.name}",
             where=str(path),
@@ -124,7 +124,7 @@ def find_model(path: Path, *, joints: Skeleton = SMPLX55, gender: str = "neutral
             allowed=" or ".join(str(file.relative_to(path)) for file in tried),
             fix="set body_model to a folder with the models, or to the model's file",
         )
-    return there
+    return found_file
 
 
 @lru_cache(maxsize=8)

@@ -133,14 +133,14 @@ def _call(unpickler: Any) -> None:
     # find_class returns functions only, except for _NdarrayName.
     if not isinstance(function, FunctionType) or type(arguments) is not tuple:
         raise UnsafePickleError(f"{'numpy.ndarray' if function is _NdarrayName else shown(function)}, called")
-    made = function(*arguments)
-    if isinstance(made, np.ndarray | np.generic):
-        unpickler.count_built(made.nbytes)
+    result = function(*arguments)
+    if isinstance(result, np.ndarray | np.generic):
+        unpickler.count_built(result.nbytes)
         if function is _reconstruct:
-            unpickler.unfinished[id(made)] = made
-    elif not isinstance(made, np.dtype):
-        unpickler.count_built(len(made))
-    unpickler.stack[-1] = made
+            unpickler.unfinished[id(result)] = result
+    elif not isinstance(result, np.dtype):
+        unpickler.count_built(len(result))
+    unpickler.stack[-1] = result
 
 
 def _build(unpickler: Any) -> None:

@@ -165,10 +165,10 @@ def _found(folder: Path, made_by: dict[str, Any]) -> str | None:
     """Return the marker in the folder that has exactly these parameters, if there is one."""
     for name in (MARKER, UNFINISHED):
         try:
-            there = read_json(folder / name, MAX_MARKER_BYTES)
+            content = read_json(folder / name, MAX_MARKER_BYTES)
         except (OSError, ValueError):
             continue
-        if there == made_by:
+        if content == made_by:
             return name
     return None
 

@@ -134,8 +134,8 @@ def make_plan(songs: int, clips_per_song: int, clip_s: float) -> Plan:
     named = sorted((_clip_name(music, k), music) for music in chosen for k in range(clips_per_song))
     splits = [crossmodal_split(name) for name, _ in named]
     # One clip has 29 (mod 30) frames, where counts before and after decimation differ.
-    odd = max(k for k, split in enumerate(splits) if split == "train")
-    lengths = [length - (length - 29) % 30 if k == odd else length for k in range(len(named))]
+    shortened = max(k for k, split in enumerate(splits) if split == "train")
+    lengths = [length - (length - 29) % 30 if k == shortened else length for k in range(len(named))]
     clips = tuple(
         ClipPlan(name, music, n, split) for (name, music), n, split in zip(named, lengths, splits, strict=True)
     )

@@ -133,7 +133,9 @@ def test_other_families_are_refused() -> None:
     other = replace(SMPL24, name="other", joints=("hips", *SMPL24.joints[1:]))
     assert not has_body(other)
     for motion, target in ((motion_on(other), SMPLX22), (motion_on(SMPLX22), other)):
-        with pytest.raises(UsageError, match=f"{motion.skeleton.name} cannot be transferred to {target.name}.*SMPL family"):
+        with pytest.raises(
+            UsageError, match=f"{motion.skeleton.name} cannot be transferred to {target.name}.*SMPL family"
+        ):
             carried_over(motion, target)
     # Its own joints are fine, whatever the family.
     same = replace(other, offsets=other.offsets * 2)

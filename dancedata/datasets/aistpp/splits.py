@@ -69,9 +69,9 @@ def find_splits(folders: Folders, name: str, split_dir: str | None) -> Splits:
     places = _split_places(folders, split_dir)
     for place in places:
         paths = {split: place / f"{name}_{split}.txt" for split in SPLITS}
-        there = {split: path for split, path in paths.items() if path.is_file()}
-        if there:
-            return _from_files(folders, name, there)
+        existing = {split: path for split, path in paths.items() if path.is_file()}
+        if existing:
+            return _from_files(folders, name, existing)
     if name != RULE or split_dir is not None:
         _no_such_split(name, places, split_dir)
     mapping, notes = _mapping(folders)
@@ -86,15 +86,15 @@ def _split_places(folders: Folders, split_dir: str | None) -> list[Path]:
         return [place / "splits" for place in folders.places if (place / "splits").is_dir()]
     # Joining an absolute split_dir to a folder leaves it unchanged.
     custom = [place / Path(split_dir).expanduser() for place in reversed(folders.places)]
-    there = [place for place in custom if place.is_dir()]
-    if not there:
+    existing = [place for place in custom if place.is_dir()]
+    if not existing:
         raise SourceError(
             "aist++: the folder of the split files does not exist",
             where=str(custom[0]),
             allowed="a folder with NAME_train.txt, NAME_val.txt, NAME_test.txt",
             fix="correct split_dir, a folder relative to the source or an absolute path",
         )
-    return there
+    return existing
 
 
 def _no_such_split(name: str, places: list[Path], split_dir: str | None) -> None:
@@ -172,6 +172,6 @@ def find_ignored(folders: Folders, use: bool, split_dir: str | None) -> Ignored:
     return Ignored(names, where, tuple(notes))
 
 
-def missing_motion(splits: Splits, ignored: Ignored, there: Iterable[str]) -> list[str]:
+def missing_motion(splits: Splits, ignored: Ignored, existing: Iterable[str]) -> list[str]:
     """Return the names of the chosen splits without a pickle, except ignored ones."""
-    return sorted(splits.expected - ignored.names - set(there))
+    return sorted(splits.expected - ignored.names - set(existing))

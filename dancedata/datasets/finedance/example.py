@@ -46,8 +46,8 @@ def _motion(steps: str, n_frames: int) -> Motion:
     """Return a dance on SMPL-X's joints, feet on the floor (y = 0), fingers opening and closing."""
     from dancedata.synthetic.motion import make_motion
 
-    made, _ = make_motion(steps, 2 * n_frames - 1, seed=0)
-    motion = carried_over(made.resampled(FrameGrid.of(FRAME_RATE)), SMPLX55)
+    dance, _ = make_motion(steps, 2 * n_frames - 1, seed=0)
+    motion = carried_over(dance.resampled(FrameGrid.of(FRAME_RATE)), SMPLX55)
     rotations = motion.rotations.copy()
     curl = 0.35 - 0.25 * np.cos(2 * np.pi * np.arange(n_frames) / FRAME_RATE)
     # About z, towards the palms, which face the floor at rest.

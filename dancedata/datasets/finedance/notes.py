@@ -19,8 +19,8 @@ def layout_notes(folders: Folders, motions: Files, music: Files, labels: Files) 
     at = relative(folders.root / MOTION, folders.source)
     parts = []
     for name, files in ((MUSIC, music), (LABELS, labels)):
-        there = counted(len(files.files), "file") if (folders.root / name).is_dir() else "missing"
-        parts.append(f"{name}/ ({there})")
+        number = counted(len(files.files), "file") if (folders.root / name).is_dir() else "missing"
+        parts.append(f"{name}/ ({number})")
     text = f"Layout: FineDance, by {at}/001.npy and so on; {' and '.join(parts)}."
     n = len(motions.files)
     known = sum(clip in motions.files for clip in facts().ids)
@@ -39,8 +39,8 @@ def list_notes(protocol: str, here: Collection[str], kept: Collection[str]) -> l
     if not lists.val:
         notes.append(f"Splits: {protocol} has no val; Lodge and FineDance evaluate only after training.")
     applied = [f"{name} ({i.source})" for name, i in facts().ignore_lists.items() if protocol in i.applies_to]
-    there = f"{len(ignored):,} ids, {len(ignored & set(here)):,} of them among the motion files found"
-    notes.append(f"Ignore list: {', '.join(applied)}: {there}.")
+    number = f"{len(ignored):,} ids, {len(ignored & set(here)):,} of them among the motion files found"
+    notes.append(f"Ignore list: {', '.join(applied)}: {number}.")
     both = sorted(clip for clip in ignored if facts().listed(protocol, clip))
     if both:
         names = ", ".join(f"{clip} ({facts().listed(protocol, clip)})" for clip in both)

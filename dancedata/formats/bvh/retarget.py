@@ -275,9 +275,9 @@ class _Aligner:
     def _frame(self, sides: tuple[int, int], rest_up: Floats, up: Floats, otherwise: Floats) -> Floats:
         """Map left to the file's line between two joints, and up as close as possible to `up`."""
         left, right = sides
-        here = _basis(np.array([1.0, 0.0, 0.0]), rest_up)
-        there = _basis(self.places[left] - self.places[right], up)
-        return otherwise if here is None or there is None else there @ here.T
+        source = _basis(np.array([1.0, 0.0, 0.0]), rest_up)
+        target = _basis(self.places[left] - self.places[right], up)
+        return otherwise if source is None or target is None else target @ source.T
 
     def _limb(self, joint: int) -> Floats:
         above = _anchor(joint, self.places)
