@@ -1,4 +1,4 @@
-"""FeatureCache: features of songs for a training job, each computed once whoever asks.
+"""FeatureCache: features of songs for a training job, each computed once for all processes.
 
 It is the cache that builds use, under the same keys: what a build computed is there for a training job, and the
 other way round.
@@ -168,7 +168,7 @@ class FeatureCache:
     def _identify(self, song: str | Path) -> SignalId:
         path = Path(song).expanduser().absolute()
         if not path.is_file():
-            raise UsageError("there is no such song", found=path)
+            raise UsageError("the song does not exist", found=path)
         signal: SignalId = _found(identify_audio(Cache(self.root), path))
         return signal
 

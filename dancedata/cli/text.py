@@ -224,6 +224,8 @@ def catalogue() -> dict[str, Any]:
 def _plugin_json(cls: type[Any]) -> dict[str, Any]:
     about = (inspect.getdoc(cls) or "").split("\n\n")[0].replace("\n", " ")
     keys = {f.name: f.default for f in dataclasses.fields(cls) if f.default is not dataclasses.MISSING}
+    if getattr(cls, "default_contacts", None) is not None:
+        keys["contacts"] = cls.default_contacts
     return {"about": about, "keys": keys}
 
 

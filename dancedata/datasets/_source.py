@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from dancedata.core.clip import ClipRef, Reject
-from dancedata.core.errors import SourceError, UsageError, did_you_mean
+from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.regular_file import read_regular
 from dancedata.core.text import listed, quoted
 
@@ -258,7 +258,7 @@ def require_choice(dataset: str, name: str, value: str, allowed: Sequence[str]) 
             f"{dataset}: invalid value for {name}",
             found=repr(value),
             allowed=", ".join(allowed),
-            fix=did_you_mean(value, allowed) if isinstance(value, str) else f"set {name}",
+            fix=f"set {name}",
         )
 
 

@@ -170,7 +170,7 @@ def extract_track(
 ) -> CachedArray | Reject:
     """Compute a feature of a whole signal, and publish it under `key`.
 
-    `ahead` is a file that will be wanted next, for features that compute on a device meanwhile.
+    `ahead` is the file of the next unit, for features that compute on a device: it is decoded meanwhile.
     """
     try:
         return cache.once(

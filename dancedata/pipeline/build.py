@@ -43,7 +43,7 @@ class BuildResult:
     built
         False if the dataset was there already and nothing had to be done.
     scan_notes
-        What the dataset reader had to say.
+        Notes of the dataset reader on the source.
     """
 
     out: Path
@@ -97,10 +97,10 @@ def build(
     check_backend(backend, scheduler)
     if overwrite and Path.cwd().is_relative_to(out.resolve()):
         raise UsageError(
-            "a folder that one stands in cannot be swapped", where=out, fix="build from another working folder"
+            "cannot replace the current working directory", where=out, fix="build from another working folder"
         )
     header_of(recipe, {}).check()
-    source = source.absolute()  # so that it can be told from other text in what rejects say
+    source = source.absolute()  # so that it can be found in the text of rejects
     store_cache = Cache((cache or default_cache()).absolute())
     recipe = resolve(recipe, store_cache.file_sha256)
     with locked(out):
@@ -155,7 +155,7 @@ class _Build:
         stop_if_implausible(self.strict, found.quality)
         found = replace(found, rejects=tuple(relative_to(r, self.source) for r in found.rejects))
         if not found.clips:
-            raise nothing_left(self.source, self.scan, found.rejects)
+            raise nothing_left(self.source, self.recipe.dataset, self.scan, found.rejects)
         meta = {**_meta(self.recipe, sources, *inputs), "quality_flags": len(found.quality)}
         with new_dataset(self.out) as folder:
             _write(folder, self.recipe, self.scan, found, meta, self.progress)

@@ -47,6 +47,9 @@ def check(
             if not any(p.severity == "error" for p in problems):
                 problems += _implausible(path)
             return problems
+    if not path.is_dir():
+        problem = "this is not a folder" if path.exists() else "there is no such folder"
+        raise SourceError(problem, where=path, allowed="a built dataset, or a folder to build from")
     reader, scan = _scan(path, dataset)
     problems = [Problem("note", str(path), note) for note in scan.notes]
     problems += [_problem(r) for r in scan.rejects]

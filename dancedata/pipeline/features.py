@@ -1,4 +1,4 @@
-"""Stage 4, windowed clips -> extracted clips: each signal's or window's features once, whatever clips it is in."""
+"""Stage 4, windowed clips -> extracted clips: features of each signal or window, once for all its clips."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ class _Extraction:
     def windows(self) -> tuple[dict[str, Blocks], dict[str, Reject]]:
         """Return a block for every window; the same window of equal songs, at one tempo, has one."""
         every = FeatureKeys(self.job)
-        wanted: dict[str, list[_Window]] = {}
+        by_clip: dict[str, list[_Window]] = {}
         owner: dict[str, _Window] = {}
         signals: dict[Path, SignalId] = {}
         songs: dict[tuple[Path, float | None], dict[int, str]] = {}
@@ -108,7 +108,7 @@ class _Extraction:
             signal, bpm = _signal(clip), clip.source.ref.tempo_bpm
             signals[signal.path] = signal
             numbered = songs.setdefault((signal.path, bpm), {})
-            mine = wanted[clip.source.ref.id] = []
+            mine = by_clip[clip.source.ref.id] = []
             for number in self.recipe.windows.numbers(clip.starts):
                 key = numbered.get(number) or every.window(bpm, signal, number)
                 window = owner.setdefault(key, _Window(key, (signal.path, bpm)))
@@ -121,7 +121,7 @@ class _Extraction:
         arrays, broken = self._compute_windows(units)
         found: dict[str, Blocks] = {}
         failed: dict[str, Reject] = {}
-        for clip_id, windows in wanted.items():
+        for clip_id, windows in by_clip.items():
             missing = [window for window in windows if window.key not in arrays]
             if missing:
                 failed[clip_id] = broken[missing[0].song[0]]
@@ -142,7 +142,7 @@ class _Extraction:
         return arrays, broken
 
     def _run(self, function: Callable[..., Any], units: Sequence[_Unit], known: list[Any]) -> list[Any]:
-        """Run the units of work that are not known, each told which song comes next."""
+        """Run the units of work that are not known, each with the song that comes next."""
         missing = [unit.signal.path for unit, result in zip(units, known, strict=True) if result is None]
         ahead = iter(_next_songs(self.job.feature, missing))
         calls = [

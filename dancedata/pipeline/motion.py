@@ -233,7 +233,7 @@ def _encode(recipe: Recipe, own: MotionField | KeyMotionField, motion: Motion) -
     length, stride = recipe.windows.length, recipe.windows.stride
     count = motion_window_count(recipe, motion.n_frames, motion.grid.rate)
     # EDGE cuts at the source's rate and decimates after that; frames k * step are the same either way, but
-    # where rates are no whole multiples windows can only be cut on the new grid.
+    # where rates are not whole multiples, windows can only be cut on the new grid.
     whole = motion.grid.step_to(recipe.grid) is not None and motion.grid.step_to(own.grid) is not None
     source = motion if whole else motion.resampled(own.grid)
     ratio = source.grid.rate / recipe.fps

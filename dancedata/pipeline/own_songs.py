@@ -25,7 +25,7 @@ from dancedata.execution.cache import Cache, default_cache
 from dancedata.execution.execute import exactly, on_one_thread
 from dancedata.pipeline.audio import window_samples
 from dancedata.recipes.fields import FeatureJob
-from dancedata.recipes.parse import load_recipe, parse_recipe
+from dancedata.recipes.parse import load_recipe, parse_recipe, recipe_names
 from dancedata.recipes.plugins import make_named
 from dancedata.recipes.recipe import Recipe
 from dancedata.store import open_store
@@ -54,12 +54,15 @@ def find_jobs(feature: str | None, like: str | None) -> list[FeatureJob]:
 def write_features(
     songs: Sequence[Path], out: Path, jobs: Sequence[FeatureJob], bpm: float | None, weights: Path | None = None
 ) -> list[dict[str, Any]]:
-    """Write OUT/<song>.<feature>.npy and a .json beside it that says what it is; returns the JSON's content.
+    """Write OUT/<song>.<feature>.npy and a .json beside it that describes it; returns the content of the JSON files.
 
     (T, D) in track scope; in window scope (W, L, D), each window by itself as in training. `weights` is the folder of
     a network's weights, where a feature needs one. Where it fails, nothing is left behind; where it is interrupted,
     the songs that are done are.
     """
+    if bpm is not None and not 0 < bpm < float("inf"):
+        fix = "without --bpm the tempo is estimated"
+        raise UsageError("not a valid tempo; nothing was computed", found=bpm, allowed="--bpm above 0", fix=fix)
     _check_songs(songs)
     # Only now: weights are ten gigabytes to hash.
     jobs = [replace(job, feature=_ready(job.feature, weights)) for job in jobs]
@@ -90,7 +93,7 @@ def _check_songs(songs: Sequence[Path]) -> None:
             raise _not_a_song(song)
     absent = [str(song) for song in songs if not song.is_file()]
     if absent:
-        raise UsageError("there is no such song; nothing was computed", found=", ".join(absent))
+        raise UsageError("the song does not exist; nothing was computed", found=", ".join(absent))
     names = [song.stem for song in songs]
     twice = sorted({n for n in names if names.count(n) > 1})
     if twice:
@@ -111,7 +114,7 @@ def _not_a_song(folder: Path) -> UsageError:
 
 def _check_signals(songs: Sequence[Path], jobs: Sequence[FeatureJob]) -> None:
     """Raise the error of the first song that cannot be used, before the others are computed."""
-    if len(songs) > 1:  # of one song, computing it says the same
+    if len(songs) > 1:  # for a single song, computing it raises the same error
         for song in songs:
             signal = load_audio(song)
             for job in jobs:
@@ -201,21 +204,25 @@ def _about(
 def describe_features(out: Path, about: Mapping[str, Any]) -> str:
     """Return the line that `features` prints of a song."""
     shape = " x ".join(str(n) for n in about["shape"])
-    said = f"{shown(out / about['file'])}: {shape} {about['dtype']}, {about['fps']} a second, {about['scope']} scope"
+    rate = f"{about['fps']} rows per second"
+    text = f"{shown(out / about['file'])}: {shape} {about['dtype']}, {rate}, {about['scope']} scope"
     tempo = about["tempo_bpm"]
     if about["tempo_estimated"] and isinstance(tempo, list):
-        return f"{said}; tempo of each window estimated: {min(tempo):.5g} to {max(tempo):.5g} BPM"
+        return f"{text}; tempo of each window estimated: {min(tempo):.5g} to {max(tempo):.5g} BPM"
     if about["tempo_estimated"]:
-        return f"{said}; tempo estimated: {tempo:.5g} BPM (--bpm sets it)"
-    return said
+        return f"{text}; tempo estimated: {tempo:.5g} BPM (--bpm sets it)"
+    return text
 
 
 def _recipe_like(like: str) -> Recipe:
     folder = Path(like)
     if not folder.is_dir():
+        if not folder.exists() and folder.suffix not in (".yaml", ".yml") and like not in recipe_names():
+            problem = f"there is neither a dataset folder nor a recipe {shown(like)}"
+            raise UsageError(problem, fix=did_you_mean(like, recipe_names()))
         return load_recipe(like)
     if not (folder / DATASET_FILE).exists():
-        raise StoreError("there is no dataset to take the features' parameters from", where=folder)
+        raise StoreError("the folder is not a dataset, so it has no feature parameters to use", where=folder)
     meta = open_store(folder).meta
     document = json.loads(json.dumps(meta["recipe"]))
     recipe = parse_recipe(document, where=f"{folder}/{DATASET_FILE}")

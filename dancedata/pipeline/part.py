@@ -35,7 +35,7 @@ class Part:
         """Read "3/16"; UsageError for anything else."""
         found = re.fullmatch(r"([0-9]{1,6})/([0-9]{1,6})", text.strip())
         if not found or not 1 <= int(found[1]) <= int(found[2]):
-            raise UsageError("a part is NUMBER/COUNT", found=repr(text), allowed="1/16 to 16/16, say")
+            raise UsageError("a part is NUMBER/COUNT", found=repr(text), allowed="such as 1/16 to 16/16")
         return cls(int(found[1]), int(found[2]))
 
     def __str__(self) -> str:
@@ -47,7 +47,7 @@ class Part:
 
         All clips of a song are in one part, so that no song is decoded, and no feature computed, in two. Parts get
         about equal numbers of clips: songs are dealt out by their number of clips, the largest first, each to the
-        part that has least. That depends on nothing but the clips.
+        part that has the fewest clips. The result depends on the clips alone.
         """
         songs: dict[str, list[ClipRef]] = defaultdict(list)
         for ref in clips:
@@ -84,8 +84,8 @@ class PartResult:
 
     def __str__(self) -> str:
         """Say what was done."""
-        said = f"part {self.part}: {self.clips} of {self.clips_in_all} clips, {self.songs} songs, all in the cache"
-        return said + "".join(f"\n  will be left out: {reason}: {n}" for reason, n in self.left_out.items())
+        text = f"part {self.part}: {self.clips} of {self.clips_in_all} clips, {self.songs} songs, all in the cache"
+        return text + "".join(f"\n  will be left out: {reason}: {n}" for reason, n in self.left_out.items())
 
 
 def build_part(

@@ -1,4 +1,4 @@
-"""What each clip of a dataset was built from, kept in dataset.json, to tell another source from it file by file."""
+"""The source of each clip, kept in dataset.json, so that a changed source can be described file by file."""
 
 from __future__ import annotations
 

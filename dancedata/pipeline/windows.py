@@ -80,7 +80,7 @@ def _short_fields(recipe: Recipe, ref: ClipRef, motion: MotionResult, count: int
     if recipe.scope == "window":
         return []
     rates = sorted({str(field.grid) for field in recipe.motion})
-    detail = f"fields at {' and '.join(rates)} rows a second do not all reach to the end of the window"
+    detail = f"fields at {' and '.join(rates)} rows per second do not all reach the end of the window"
     return [
         Reject("short_field", ref.id, "", k * recipe.windows.stride, f"{detail}, number {k}")
         for k in range(count, without)

@@ -131,7 +131,7 @@ class MotionField(FieldSpec):
 
 @dataclass(frozen=True)
 class KeyMotionField(FieldSpec):
-    """A field that says where a clip's key motions are."""
+    """A field with a clip's key motions."""
 
     kind: ClassVar[Kind] = "keymotion"
 
@@ -212,5 +212,5 @@ class FeatureJob(FieldSpec):
 
     def _spec(self) -> WindowSpec:
         if self.windows is None:
-            raise UsageError("there are no windows in track scope", where=self.name)
+            raise UsageError("a field of track scope has no windows", where=self.name)
         return self.windows

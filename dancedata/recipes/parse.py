@@ -24,13 +24,13 @@ from dancedata.recipes.yaml import load_yaml, read_yaml
 F = TypeVar("F", bound=FieldSpec)
 T = TypeVar("T")
 
-#: Characters of what PyYAML says, which are several lines.
+#: Characters shown of a PyYAML error, which has several lines.
 _YAML_PROBLEM = 600
 
 
 def _number(value: Any) -> Any:
     if value is not None and (isinstance(value, bool) or not isinstance(value, int | float | str)):
-        raise ValueError("a number, or a fraction such as 30000/1001, is wanted")
+        raise ValueError("not a number or a fraction such as 30000/1001")
     return value
 
 
@@ -99,7 +99,7 @@ def load_recipe(name_or_path: str | Path, overrides: Sequence[str] = ()) -> Reci
     RecipeError
         Listing every problem at once.
     UsageError
-        If there is no such recipe.
+        If the recipe does not exist.
     """
     path = _find(str(name_or_path))
     try:
@@ -107,7 +107,8 @@ def load_recipe(name_or_path: str | Path, overrides: Sequence[str] = ()) -> Reci
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise RecipeError("the recipe cannot be read", where=path, found=str(error)[:_YAML_PROBLEM]) from error
     if not isinstance(document, dict):
-        raise RecipeError("a recipe is a mapping of keys", where=path, found=type(document).__name__)
+        found = "an empty file" if document is None else type(document).__name__
+        raise RecipeError("a recipe is a mapping of keys", where=path, found=found)
     for override in overrides:
         apply_override(document, override)
     return parse_recipe(document, where=str(name_or_path))
@@ -209,13 +210,17 @@ def _find(name: str) -> Path:
     path = Path(name)
     if path.suffix in (".yaml", ".yml") or path.is_file():
         if not path.exists():
-            raise UsageError("there is no such recipe file", where=path)
+            raise UsageError("the recipe file does not exist", where=path)
         return path
     if name in recipe_names():
         return resource("pipelines", f"{name}.yaml")
-    raise UsageError(
-        f"unknown recipe {name!r}", fix=f"{did_you_mean(name, recipe_names())}; or give the path of a .yaml file"
-    )
+    problem = f"unknown recipe {name!r}"
+    fix = f"{did_you_mean(name, recipe_names())}; or give the path of a .yaml file"
+    if path.is_dir():
+        problem, fix = f"{problem}: it is a folder", f"name a recipe, and the folder with --source; {fix}"
+    elif name in DATASETS.names():
+        problem, fix = f"{problem}: it is a dataset", f"write a recipe with dataset: {name}; {fix}"
+    raise UsageError(problem, fix=fix)
 
 
 def _attempt(problems: list[str], make: Callable[[], T]) -> T | None:
@@ -228,8 +233,10 @@ def _attempt(problems: list[str], make: Callable[[], T]) -> T | None:
 
 def _motion_fields(given: Any, grid: FrameGrid, problems: list[str]) -> tuple[MotionField, ...]:
     if not isinstance(given, (dict, str)) or not given:
+        several = given if isinstance(given, list) and all(isinstance(name, str) for name in given) else []
+        example = ", ".join(f"{shown(name)}: {{}}" for name in several or ["edge151"])
         problems.append(
-            f"motion: name at least one representation, such as {{edge151: {{}}}}; found {shown(repr(given))}"
+            f"motion: name at least one representation, such as {{{example}}}; found {shown(repr(given))}"
         )
         return ()
     fields = []
@@ -240,7 +247,7 @@ def _motion_fields(given: Any, grid: FrameGrid, problems: list[str]) -> tuple[Mo
             continue
         rule = rule if rule is not None else made.default_contacts
         if rule is not None and made.default_contacts is None:
-            problems.append(f"motion.{name}.contacts: {name} holds no contacts")
+            problems.append(f"motion.{name}.contacts: {name} has no contact columns")
         contacts = None if rule is None else one_of(CONTACTS, f"motion.{name}.contacts", rule, problems)
         fields.append(MotionField(name, grid if made.rate is None else FrameGrid(made.rate), made, contacts))
     return _by_name(fields)
@@ -295,7 +302,7 @@ def _window_keys(given: Any) -> _Windows | None:
     try:
         return _Windows.model_validate(given)
     except ValidationError:
-        return None  # said already, with the rest of the document
+        return None  # reported already, with the rest of the document
 
 
 def _filter(given: Any, motion: Sequence[MotionField], problems: list[str]) -> Movement | None:
@@ -345,7 +352,7 @@ def _explain(error: ValidationError, document: Mapping[str, Any]) -> list[str]:
             meant = did_you_mean(str(item["loc"][-1]), model.model_fields, _key_paths(document))
             problems.append(f"{key}: unknown key; {meant}")
         elif item["type"] == "missing":
-            if key not in ("dataset", "motion"):  # these say by themselves what may stand there
+            if key not in ("dataset", "motion"):  # these have errors of their own, with what is allowed
                 problems.append(f"{key}: missing")
         else:
             problems.append(_invalid(key, item))
@@ -354,5 +361,8 @@ def _explain(error: ValidationError, document: Mapping[str, Any]) -> list[str]:
 
 def _invalid(key: str, item: Any) -> str:
     if item["type"] in ("model_type", "dict_type"):
-        return f"{key}: a mapping of keys is wanted; found {shown(repr(item['input']))}"
+        return f"{key}: not a mapping of keys; found {shown(repr(item['input']))}"
+    if item["type"] == "string_pattern_mismatch":
+        allowed = "letters, digits and _ . + -, a letter or digit first"
+        return f"{key}: not a valid name; found {shown(repr(item['input']))}; allowed: {allowed}"
     return f"{key}: {item['msg'].removeprefix('Value error, ')}; found {shown(repr(item['input']))}"

@@ -1,4 +1,4 @@
-"""Makes plug-ins from what a recipe says of them."""
+"""Makes plug-ins from the names and parameters of a recipe."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def make_plugin(
     also: tuple[str, ...] = (),
     beside: Any = None,
 ) -> P | None:
-    """Make one plug-in; problems are added to the list, all of them, and then there is no plug-in.
+    """Make one plug-in. If there are problems, all of them are added to the list, and None is returned.
 
     `also` names keys of the slot that the caller has taken out of `parameters` already; `beside` is all that the
     slot was given: where `name` is not a plug-in, it may be a key of one that stands beside it.
@@ -68,7 +68,7 @@ def make_instance(
 
 
 def split_instance(registry: Registry[P], name: str) -> tuple[str, str | None]:
-    """Split PLUGIN.NAME at the longest registered name; the second is None where there is no name after it."""
+    """Split PLUGIN.NAME at the longest registered name; the second is None without a name after it."""
     parts = name.split(".")
     for n in range(len(parts) - 1, 0, -1):
         plugin = ".".join(parts[:n])
@@ -127,7 +127,7 @@ def raise_problems(problems: list[str]) -> None:
 def make_dataclass(
     cls: type[T], at: str, parameters: Any, problems: list[str], also: tuple[str, ...] = ()
 ) -> T | None:
-    """Make an object of a frozen dataclass from what a recipe says of its fields."""
+    """Make an object of a frozen dataclass from the parameters of a recipe."""
     parameters = {} if parameters is None else parameters
     if not isinstance(parameters, dict):
         problems.append(f"{at}: parameters are a mapping of keys; found {shown(repr(parameters))}")

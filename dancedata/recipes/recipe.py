@@ -58,7 +58,7 @@ class Recipe:
 
     @cached_property
     def document(self) -> dict[str, Any]:
-        """The recipe with every default spelled out, as JSON; without paths, which are no part of its hash."""
+        """The recipe with every default spelled out, as JSON; without paths, which are not part of its hash."""
         return {
             "recipe": 1,
             "name": self.name,

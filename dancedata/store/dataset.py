@@ -253,10 +253,18 @@ class Store:
         Raises
         ------
         UsageError
-            For an unknown clip or field, or a window that is no whole number of rows or leaves its clip.
+            For an unknown clip or field, or a window that is no whole number of rows or leaves its clip; for
+            anything but a Window.
         StoreError
             In window scope, for a window that is not stored.
         """
+        if not isinstance(window, Window):
+            raise UsageError(
+                "a window is asked for",
+                where=str(self.path),
+                found=shown(window),
+                fix='take one of ds.windows("train"); a whole clip is ds.clip(ID).read(FIELD)',
+            )
         f, rate = self.field(field), self._rates[field]
         shard, number = self._place(window.clip)
         if self.scope == "window":

@@ -6,7 +6,7 @@ do not state it). A fact that none of them states is an error with the declarati
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -108,8 +108,9 @@ def _rate(declared: Declared) -> Fraction | None:
     return None if declared.fps is None else rate_of_text(declared.fps)
 
 
-def undeclared(path: Path, key: str, what: str, allowed: str, found: str) -> DataError:
-    """Return the DataError for an unknown fact."""
+def undeclared(path: Path, key: str, what: str, allowed: str, found: str, also: Sequence[str] = ()) -> DataError:
+    """Return the DataError for an unknown fact; `also`: keys of further unknown facts, to declare as well."""
+    others = f". Declare {' and '.join(also)} as well, also unknown" if also else ""
     return DataError(
         f"the {what} of this file is unknown",
         reason="undeclared",
@@ -117,7 +118,7 @@ def undeclared(path: Path, key: str, what: str, allowed: str, found: str) -> Dat
         found=found,
         allowed=allowed,
         fix=f"declare {key}: in a column of the manifest, or for all files in the recipe "
-        f"(--set dataset.folder.{key}=...)",
+        f"(--set dataset.folder.{key}=...){others}",
     )
 
 

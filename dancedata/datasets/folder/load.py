@@ -137,15 +137,16 @@ def array_facts(arrays: ArrayFile, layout: Layout, reading: Reading) -> FileFact
             )
         own = Fact(rate, key)
     rate_fact = decide_rate(reading.manifest, own, reading.recipe)
-    if rate_fact is None:
-        raise undeclared(path, "fps", "frame rate", "frames per second, such as 30 or 30000/1001", found)
     up = decide(reading.manifest.up, layout.up, reading.recipe.up)
-    if up is None:
-        raise undeclared(path, "up", "up axis", "y or z", found)
     unit = decide(reading.manifest.unit, layout.unit, reading.recipe.unit)
+    # The unit is guessed from bones, which these files do not contain.
     factor = None if unit is None else metres(unit.value)
+    also = [*["up"] * (up is None), *["unit"] * (factor is None)]
+    if rate_fact is None:
+        raise undeclared(path, "fps", "frame rate", "frames per second, such as 30 or 30000/1001", found, also)
+    if up is None:
+        raise undeclared(path, "up", "up axis", "y or z", found, also[1:])
     if unit is None or factor is None:
-        # The unit is guessed from bones, which these files do not contain.
         raise undeclared(path, "unit", "unit of the translation", _UNITS_ALLOWED, found)
     return FileFacts(rate_fact, up, unit, factor)
 

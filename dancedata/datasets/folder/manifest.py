@@ -163,12 +163,13 @@ def _text(path: Path, line: int, key: str, value: object) -> str:
 
 
 def _check_columns(path: Path, line: int, columns: list[str]) -> None:
+    if path.suffix == ".csv" and not set(columns) & set(COLUMNS):
+        problem, found = "the first line contains no known column", shown(", ".join(columns), 100)
+        raise _bad(path, line, problem, found, ", ".join(COLUMNS), "start with a line such as motion,audio,split")
     for column in columns:
         if column not in COLUMNS:
-            problem = f"unknown column {quoted(column, 60)}"
-            raise _bad(
-                path, line, problem, None, did_you_mean(column[:60], COLUMNS), "rename the column, or remove it"
-            )
+            problem = f"unknown column {quoted(column, 60)}; {did_you_mean(column[:60], COLUMNS)}"
+            raise _bad(path, line, problem, fix="rename the column, or remove it")
     if len(set(columns)) < len(columns):
         raise _bad(path, line, "duplicate column", shown(", ".join(columns)))
     if "motion" not in columns:

@@ -52,10 +52,17 @@ def file_notes(clips: Sequence[ClipRef], reading: Callable[[ClipRef], Reading]) 
     return described, summary
 
 
-def split_note(clips: Sequence[ClipRef], default: str) -> str:
-    """Return the number of clips in each split; `default` is the split of clips that the manifest gives none."""
+def split_note(clips: Sequence[ClipRef], default: str, given: bool) -> str:
+    """Return the number of clips in each split.
+
+    Parameters
+    ----------
+    default : split of clips without one in the manifest.
+    given : whether the manifest assigns any split.
+    """
     splits = Counter(clip.split for clip in clips)
-    if set(splits) == {default}:
-        return f"Splits: none is given, so all {counted(len(clips), 'clip')} are in {default!r}."
+    if set(splits) == {default} and not given:
+        which = "the clip is" if len(clips) == 1 else f"all {len(clips):,} clips are"
+        return f"Splits: none is given, so {which} in {default!r}."
     counts = ", ".join(f"{n:,} {split}" for split, n in sorted(splits.items()))
     return f"Splits: {counts or 'no clip is left'}."

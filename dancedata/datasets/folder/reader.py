@@ -116,8 +116,11 @@ class Folder(Dataset):
                 found=" and ".join(MANIFESTS),
                 fix="remove one of them",
             )
-        clips, rejects, notes, layout = self._listed(source, manifests[0]) if manifests else self._matched(source)
-        clips, splits = self._split(sorted(clips, key=lambda clip: clip.id))
+        rows = read_manifest(manifests[0]) if manifests else []
+        found = self._listed(source, manifests[0], rows) if manifests else self._matched(source)
+        clips, rejects, notes, layout = found
+        given = any(row.get("split") for row in rows)
+        clips, splits = self._split(sorted(clips, key=lambda clip: clip.id), given)
         clips, files = file_notes(clips, self._reading)
         notes += [*splits, *files]
         return Scan(layout, tuple(clips), tuple(rejects), tuple(notes))
@@ -155,9 +158,10 @@ class Folder(Dataset):
                 "folder: the body model does not exist", where=str(self.body_model), fix="correct body_model"
             )
 
-    def _listed(self, source: Path, manifest: Path) -> tuple[list[ClipRef], list[Reject], list[str], str]:
+    def _listed(
+        self, source: Path, manifest: Path, rows: list[Row]
+    ) -> tuple[list[ClipRef], list[Reject], list[str], str]:
         """Return the clips of a manifest; one whose files do not exist is a reject."""
-        rows = read_manifest(manifest)
         audio = {row.get("audio") for row in rows if row.get("audio")}
         stems = Counter(Path(text).stem for text in audio)
         clips, rejects = [], []
@@ -226,11 +230,11 @@ class Folder(Dataset):
         """Split of clips without one in the manifest; empty where a rule assigns it once all clips are known."""
         return self.split if isinstance(self.split, str) else ""
 
-    def _split(self, clips: list[ClipRef]) -> tuple[list[ClipRef], list[str]]:
-        """Assign a split to clips without one; returns the note on the number of clips in each."""
+    def _split(self, clips: list[ClipRef], given: bool) -> tuple[list[ClipRef], list[str]]:
+        """Assign a split to clips without one; returns the note on the splits. `given`: the manifest has splits."""
         if not isinstance(self.split, str):
             return SplitRule.of(self.split).apply(clips)
-        return clips, [split_note(clips, self.split)]
+        return clips, [split_note(clips, self.split, given)]
 
 
 def _near_listed(source: Path, audio: set[str]) -> NearMusic:
@@ -247,9 +251,13 @@ def _absence(path: Path) -> str:
 
 def _check_row(manifest: Path, row: Row, split: str) -> None:
     """Check the constraints of a built dataset and of the audio reader."""
-    from dancedata.store.schema import check_name
+    from dancedata.store.schema import SPLIT_ORDER, check_name
 
     where = f"{manifest}, line {row.line}"
+    usual = split.casefold()
+    if usual in SPLIT_ORDER and split not in SPLIT_ORDER:
+        problem = f"folder: the split {split!r} differs from {usual!r} only by case"
+        raise SourceError(problem, where=where, fix=f"write it as {usual}, the name that readers and statistics use")
     try:
         check_name(split or "train", "split")
     except StoreError as error:
