@@ -93,7 +93,7 @@ class Columns:
     def __repr__(self) -> str:
         """Show the groups with their widths."""
         groups = ", ".join(f"{g.name} {g.width}" for g in self.groups)
-        return f"Columns({self.width}: {groups}{'; has a mirror' if self.mirror is not None else ''})"
+        return f"Columns({self.width}: {groups}{'; has a mirror image' if self.mirror is not None else ''})"
 
     @property
     def width(self) -> int:

@@ -128,7 +128,7 @@ def test_two_ignore_lists(official: Any) -> None:
 def test_ignore_none(official: Any) -> None:
     scan = AistPP(ignore="none").scan(official.root)
     assert splits(scan)[IGNORED] == "train"
-    assert "Ignore list: not applied, as asked for." in scan.notes
+    assert "Ignore list: not applied, as requested." in scan.notes
 
 
 @pytest.mark.parametrize(

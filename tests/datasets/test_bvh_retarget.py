@@ -276,7 +276,7 @@ def test_unit_is_never_guessed_unasked(own: Path) -> None:
         load(own)
     assert error.value.reason == "undeclared"
     assert "cm: 1.5" in str(error.value)
-    assert "unit: as a column" in str(error.value)
+    assert "unit: in a column" in str(error.value)
 
 
 @pytest.mark.parametrize(

@@ -158,10 +158,10 @@ ROW = "takes/a.npz,songs/a.wav,30\n"
         ("motion,audio,frames_per_second\n" + ROW, ["'frames_per_second'; known: id, motion"]),
         (ROW, ["line 1", "the first line contains no known column", "motion,audio,split"]),
         ("motion,audio,split\ntakes/a.npz,songs/a.wav,Train\n", ["line 2", "'Train' differs from 'train' by case"]),
-        ("motion,motion,fps\n" + ROW, ["twice"]),
+        ("motion,motion,fps\n" + ROW, ["duplicate column"]),
         ("audio,fps\nsongs/a.wav,30\n", ["column motion is missing"]),
         (HEAD + "takes/a.npz,songs/a.wav\n", ["line 2", "2 cells"]),
-        (HEAD + ROW + ROW, ["line 3", "two clips are named 'a'", "lines 2 and 3"]),
+        (HEAD + ROW + ROW, ["line 3", "two clips have the id 'a'", "lines 2 and 3"]),
         (HEAD + ",songs/a.wav,30\n", ["line 2", "has no motion"]),
         (HEAD + "takes/a.npz,songs/a.wav,0\n", ["line 2", "fps", "found 0"]),
         (HEAD + "takes/a.npz,songs/a.wav,1e999999999\n", ["fps"]),
@@ -200,11 +200,11 @@ def test_mistakes_in_a_manifest(source: Path, text: str, words: list[str]) -> No
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("nonsense", ["line 1", "no JSON"]),
-        ("[" * 60_000, ["line 1", "no JSON"]),
+        ("nonsense", ["line 1", "not valid JSON"]),
+        ("[" * 60_000, ["line 1", "not valid JSON"]),
         ("[" * 100_000, ["line 1", "too long"]),
         ('{"motion": NaN}', ["NaN"]),
-        ('{"motion": "a.npz", "motion": "b.npz"}', ["twice"]),
+        ('{"motion": "a.npz", "motion": "b.npz"}', ["duplicate key"]),
         ("[1]", ["list"]),
         ('{"motion": ["a.npz"]}', ["motion", "list"]),
         ('{"motion": true}', ["bool"]),
@@ -250,7 +250,7 @@ def test_no_path_leads_out_of_the_source(source: Path) -> None:
             manifest(source, text)
             if path == "file.npz" and "file.wav" in text:
                 continue
-            with pytest.raises(SourceError, match=r"line 2: folder: (motion|audio) leads out") as error:
+            with pytest.raises(SourceError, match=r"line 2: folder: (motion|audio) is outside") as error:
                 Folder().scan(source)
             assert "below the source folder" in str(error.value)
     manifest(source, "motion,audio\nround.npz,songs/a.wav\n")
