@@ -6,8 +6,11 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from dancedata.core.clip import ClipRef, Reject
-from dancedata.core.errors import SourceError, UsageError
+from dancedata.core.errors import DataError, SourceError, UsageError, did_you_mean
 from dancedata.core.regular_file import read_regular
 from dancedata.core.text import listed, quoted
 
@@ -29,6 +32,7 @@ __all__ = [
     "read_names",
     "relative",
     "require_choice",
+    "require_finite",
     "require_folder",
 ]
 
@@ -254,11 +258,25 @@ def audio_files(candidates: Iterable[Path], source: Path, rejects: Sequence[Reje
 def require_choice(dataset: str, name: str, value: str, allowed: Sequence[str]) -> None:
     """Raise UsageError unless a parameter of a dataset has one of the allowed values."""
     if value not in allowed:
-        raise UsageError(
-            f"{dataset}: invalid value for {name}",
-            found=repr(value),
-            allowed=", ".join(allowed),
-            fix=f"set {name}",
+        raise UsageError(f"{dataset}: invalid value for {name}", found=repr(value), fix=did_you_mean(value, allowed))
+
+
+def require_finite(path: Path, what: str, array: NDArray[np.float64], fix: str) -> None:
+    """Check that an array (T, ...) of a file is finite.
+
+    Raises
+    ------
+    DataError
+        ``nan``, with the first frame that is not.
+    """
+    bad = np.asarray(~np.isfinite(array.reshape(len(array), -1)).all(axis=1))
+    if bad.any():
+        raise DataError(
+            f"{what} contains values that are not finite",
+            reason="nan",
+            where=f"{path}, frame {int(bad.argmax())}",
+            found=f"{int(bad.sum())} of {len(bad)} frames with NaN or infinity",
+            fix=fix,
         )
 
 

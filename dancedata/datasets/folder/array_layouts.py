@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 from dancedata.core.bodies import SMPLX55
 from dancedata.core.errors import DataError
 from dancedata.core.skeleton import SMPL24, Skeleton
-from dancedata.datasets._checks import require_finite
 from dancedata.datasets._positions import POSITIONS, require_rotations
+from dancedata.datasets._source import require_finite
 from dancedata.datasets.folder.facts import Fact, bad_declaration
 from dancedata.formats.arrays import ArrayFile
 from dancedata.formats.body_model import SMPLH52
