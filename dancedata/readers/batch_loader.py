@@ -16,9 +16,9 @@ import torch
 from torch.utils.data import BatchSampler, SequentialSampler, default_collate
 
 from dancedata.core.errors import UsageError
-from dancedata.readers._checks import whole
-from dancedata.readers.batch_fill import Fill, Request
-from dancedata.readers.batch_memory import Pool
+from dancedata.readers.arguments import whole
+from dancedata.readers.batch_memory import MemoryPool
+from dancedata.readers.batch_reader import BatchReader, Request
 from dancedata.readers.sampler import EpochSampler
 from dancedata.readers.windows import WindowDataset
 
@@ -124,7 +124,7 @@ class BatchLoader:
         self.pinned = bool(pin_memory) and torch.cuda.is_available()
         if pin_memory and not self.pinned:
             _log.warning("pin_memory=True, but torch finds no CUDA device: batches are not pinned")
-        self._walk: weakref.ref[_Walk] | None = None
+        self._walk: weakref.ref[_Iteration] | None = None
         self._pool = self._new_pool()
 
     def __len__(self) -> int:
@@ -145,7 +145,7 @@ class BatchLoader:
             before.close()
         if self._own is not None and self._own.position:
             self._own.set_epoch(self._own.epoch + 1)
-        walk = _Walk(self)
+        walk = _Iteration(self)
         # The loop alone keeps an iteration alive, so that leaving it ends the threads.
         self._walk = weakref.ref(walk)
         return walk
@@ -154,14 +154,14 @@ class BatchLoader:
         """Leave memory and threads out."""
         return {**self.__dict__, "_walk": None, "_pool": self._new_pool()}
 
-    def _new_pool(self) -> Pool:
+    def _new_pool(self) -> MemoryPool:
         # At an epoch's end all batches that were under way are idle: every field, and primitives, of each.
-        return Pool(kept=(self.prefetch + 2) * (len(self.dataset.fields) + 1))
+        return MemoryPool(kept=(self.prefetch + 2) * (len(self.dataset.fields) + 1))
 
     def _batches(self) -> BatchSampler:
         return BatchSampler(self.sampler, self.batch_size, self.drop_last)
 
-    def _memory(self, fill: Fill) -> Buffer:
+    def _memory(self, fill: BatchReader) -> Buffer:
         """Return memory for a batch, of any content, that nothing else refers to."""
         shapes = {name: ((self.batch_size, *shape), dtype) for name, (shape, dtype) in fill.layout.items()}
         if not self.pinned:
@@ -173,7 +173,7 @@ class BatchLoader:
         }
 
 
-class _Walk(Iterator[dict[str, Any]]):
+class _Iteration(Iterator[dict[str, Any]]):
     """One iteration: batches asked for, in order, and the threads that fill them."""
 
     def __init__(self, loader: BatchLoader) -> None:
@@ -185,7 +185,7 @@ class _Walk(Iterator[dict[str, Any]]):
             loader.threads, "BatchLoader", initializer=_introduce, initargs=(self._known,)
         )
         self._loader = loader
-        self._fill = loader.dataset._fill()  # made here, not by several threads at once
+        self._fill = loader.dataset._batch_reader()  # made here, not by several threads at once
         self._indices = iter(loader._batches())
         for _ in range(loader.prefetch):
             self._submit()
@@ -237,8 +237,8 @@ def _introduce(known: set[int]) -> None:
 
 
 # Not a method: a thread that holds the last reference to the iteration would end it.
-def _read(dataset: WindowDataset, fill: Fill, request: Request, tensors: Buffer) -> dict[str, Any]:
-    """Fill tensors, and return what the samples say beside them; in a thread."""
+def _read(dataset: WindowDataset, fill: BatchReader, request: Request, tensors: Buffer) -> dict[str, Any]:
+    """BatchReader tensors, and return what the samples say beside them; in a thread."""
     fill(request, {name: tensor.numpy() for name, tensor in tensors.items()})
     return {name: default_collate(values) for name, values in dataset._metadata(request).items()}
 

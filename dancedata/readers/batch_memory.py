@@ -20,7 +20,7 @@ import torch
 _LARGE = 1 << 20
 
 
-class Pool:
+class MemoryPool:
     """Tensors whose memory is used again once they, and all tensors and arrays that share it, are gone.
 
     Safe under threads; a fork's child begins with what was idle in its parent.

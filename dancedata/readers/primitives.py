@@ -19,7 +19,7 @@ PRIMITIVES = "primitives"
 
 
 @dataclass(frozen=True)
-class Cues:
+class PrimitiveSpec:
     """How primitives are taken from the windows of a field.
 
     Attributes
@@ -64,7 +64,7 @@ class Cues:
         }
 
 
-def cues_of(store: Store, fields: tuple[str, ...], length: int, n: int, variant: Variant) -> Cues:
+def primitive_spec(store: Store, fields: tuple[str, ...], length: int, n: int, variant: Variant) -> PrimitiveSpec:
     """Find the fields that primitives need, and check the lengths.
 
     Raises
@@ -88,4 +88,4 @@ def cues_of(store: Store, fields: tuple[str, ...], length: int, n: int, variant:
             where=str(store.path),
             fix="build with keymotion: {lodge: {}}, or take primitive_variant='code'",
         )
-    return Cues(motion[0], names[0] if variant == "paper" and names else None, n, variant)
+    return PrimitiveSpec(motion[0], names[0] if variant == "paper" and names else None, n, variant)

@@ -17,13 +17,13 @@ from dancedata.core.clip import Reject
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.movement import Movement
 from dancedata.core.normalize import MinMax
-from dancedata.readers._checks import whole
-from dancedata.readers.batch_fill import FieldFill, Fill, Request
-from dancedata.readers.batch_memory import Pool, shared_tensor
+from dancedata.readers.arguments import whole
+from dancedata.readers.batch_memory import MemoryPool, shared_tensor
+from dancedata.readers.batch_reader import BatchReader, FieldReader, Request
 from dancedata.readers.collate import Batch, Sample, collate
 from dancedata.readers.metadata import metadata
 from dancedata.readers.presets import Preset, field_names, find_preset, preset_cut, preset_fields
-from dancedata.readers.primitives import PRIMITIVES, Cues, cues_of
+from dancedata.readers.primitives import PRIMITIVES, PrimitiveSpec, primitive_spec
 from dancedata.readers.scalers import mirrors_of, normalized_fields, scaler_of
 from dancedata.readers.selection import Choice, movement_filter, select
 from dancedata.store.dataset import Store, open_store, reopen
@@ -192,10 +192,10 @@ class WindowDataset(Dataset[dict[str, Any]]):
         self.rejects: tuple[Reject, ...] = selection.rejects
         if not self.windows:
             raise _no_window(self.store, split, self.rejects)
-        self._cues: Cues | None = None
+        self._cues: PrimitiveSpec | None = None
         if with_primitives:
             length = self.windows[0].length
-            self._cues = cues_of(self.store, self.fields, length, primitive_n, primitive_variant)
+            self._cues = primitive_spec(self.store, self.fields, length, primitive_n, primitive_variant)
         self.mirror = _probability(mirror)
         covers = self.mirror > 0 if normalizer_covers_mirror is None else normalizer_covers_mirror
         self.normalizer_covers_mirror = bool(covers)
@@ -211,8 +211,8 @@ class WindowDataset(Dataset[dict[str, Any]]):
         self._epoch = _shared_number(0)
         self.mapped = mapped
         self._coins: tuple[int, npt.NDArray[np.bool_]] | None = None
-        self._reader: Fill | None = None
-        self._pool = Pool()
+        self._reader: BatchReader | None = None
+        self._pool = MemoryPool()
 
     @property
     def store(self) -> Store:
@@ -239,7 +239,7 @@ class WindowDataset(Dataset[dict[str, Any]]):
         IndexError
             For an index outside the split.
         """
-        request, fill = self._request([index]), self._fill()
+        request, fill = self._request([index]), self._batch_reader()
         arrays = {name: np.empty((1, *shape), dtype=dtype) for name, (shape, dtype) in fill.layout.items()}
         fill(request, arrays)
         said = self._metadata(request)
@@ -253,7 +253,7 @@ class WindowDataset(Dataset[dict[str, Any]]):
         Their tensors are rows of one batch, which is memory of its own. Windows are read in the order they have in
         the files, whatever the order asked for.
         """
-        request, fill = self._request(indices), self._fill()
+        request, fill = self._request(indices), self._batch_reader()
         if not len(request):
             return []
         tensors = {name: self._pool.tensor((len(request), *s), dtype) for name, (s, dtype) in fill.layout.items()}
@@ -280,7 +280,7 @@ class WindowDataset(Dataset[dict[str, Any]]):
         A store that cannot be opened again is then an error of the first batch, which a DataLoader passes on, and
         not the end of its worker.
         """
-        return {**self.__dict__, "_coins": None, "_reader": None, "_pool": Pool(), "_store": None}
+        return {**self.__dict__, "_coins": None, "_reader": None, "_pool": MemoryPool(), "_store": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Take the state over, with an epoch that workers can share."""
@@ -308,7 +308,7 @@ class WindowDataset(Dataset[dict[str, Any]]):
     @property
     def unmapped(self) -> dict[str, str]:
         """Why fields are not copied from mapped files, by name; empty if all are."""
-        return {field.name: field.rows.unmapped for field in self._fill().fields if field.rows.unmapped}
+        return {field.name: field.rows.unmapped for field in self._batch_reader().fields if field.rows.unmapped}
 
     def normalizer(self, field: str) -> MinMax:
         """Return the scaler that a field of this dataset is normalised with.
@@ -368,18 +368,18 @@ class WindowDataset(Dataset[dict[str, Any]]):
     def _metadata(self, request: Request) -> dict[str, list[Any]]:
         return metadata(self.store, self.windows, self.split, request.places, request.mirrored)
 
-    def _fill(self) -> Fill:
+    def _batch_reader(self) -> BatchReader:
         """Return what reads batches, made when first needed, in each process."""
         if self._reader is None:
             rows = {name: self.store.window_rows(self.windows, name, mapped=self.mapped) for name in self.fields}
             fields = [
-                FieldFill(n, rows[n], self._mirrors.get(n), self._roots.get(n), self._normalizers.get(n))
+                FieldReader(n, rows[n], self._mirrors.get(n), self._roots.get(n), self._normalizers.get(n))
                 for n in self.fields
             ]
             for name, found in rows.items():
                 if found.unmapped and self.mapped:
                     _log.warning("field %s is not read from mapped files: %s", name, found.unmapped)
-            self._reader = Fill(self.store, self.windows, fields, self._cues, self._bias)
+            self._reader = BatchReader(self.store, self.windows, fields, self._cues, self._bias)
         return self._reader
 
 

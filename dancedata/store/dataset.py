@@ -28,10 +28,8 @@ from dancedata.store.dataset_json import (
     json_stats,
     self_hash,
 )
-from dancedata.store.described import DescribedFile, built_again, open_described, read_described
+from dancedata.store.listed_file import ListedFile, open_listed, read_listed, rebuilt_error
 from dancedata.store.locate import RowSpan, locate_stored, locate_view
-from dancedata.store.mapped import WindowRows, locate_windows
-from dancedata.store.rewindow import Cut, cut_windows, stored_windows, wanted_cut
 from dancedata.store.schema import (
     QUALITY_FILE,
     REJECTS_FILE,
@@ -43,6 +41,8 @@ from dancedata.store.schema import (
 )
 from dancedata.store.shard_reader import ShardReader
 from dancedata.store.window_list import WindowList
+from dancedata.store.window_rows import WindowRows, locate_windows
+from dancedata.store.windowing import Cut, cut_windows, stored_windows, wanted_cut
 
 
 def open_store(path: str | Path) -> Store:
@@ -65,7 +65,7 @@ def open_store(path: str | Path) -> Store:
         another size.
     """
     folder = Path(path).expanduser().absolute()
-    return Store(folder, *open_described(folder))
+    return Store(folder, *open_listed(folder))
 
 
 class Store:
@@ -92,7 +92,7 @@ class Store:
         dataset.json.
     """
 
-    def __init__(self, path: Path, description: Description, files: Mapping[str, DescribedFile]) -> None:
+    def __init__(self, path: Path, description: Description, files: Mapping[str, ListedFile]) -> None:
         """Use `open_store` instead."""
         self.path = path
         self._description = description
@@ -378,7 +378,7 @@ class Store:
     def _load(self, name: str, parse: Any, limit: int) -> Any:
         path = self.path / name
         try:
-            return parse(read_described(self.path, self._description, name, limit))
+            return parse(read_listed(self.path, self._description, name, limit))
         except (OSError, ValueError) as error:
             raise StoreError(f"{name} cannot be read", where=str(path), found=str(error), fix=REBUILD) from error
 
@@ -387,5 +387,5 @@ def reopen(path: str, sha256: str) -> Store:
     """Open a dataset again, in another process; StoreError if another one is there by now."""
     store = open_store(path)
     if store.reference[1] != sha256:
-        raise built_again(store.path, "another dataset.json than then")
+        raise rebuilt_error(store.path, "another dataset.json than then")
     return store

@@ -11,7 +11,6 @@ import numpy.typing as npt
 
 from dancedata.core.errors import StoreError
 from dancedata.store.clip_check import check_clip
-from dancedata.store.order import window_order
 from dancedata.store.schema import (
     AudioBlock,
     LazyArray,
@@ -22,6 +21,7 @@ from dancedata.store.schema import (
     slice_name,
     sort_splits,
 )
+from dancedata.store.window_order import window_order
 
 IntArray = npt.NDArray[np.int64]
 

@@ -22,7 +22,7 @@ import numpy.typing as npt
 
 from dancedata.core.errors import StoreError
 from dancedata.store import hdf5
-from dancedata.store.described import DescribedFile
+from dancedata.store.listed_file import ListedFile
 from dancedata.store.schema import LIST_SEPARATOR, ClipRecord, Field
 
 IntArray = npt.NDArray[np.int64]
@@ -98,7 +98,7 @@ class ShardReader:
     Every time that it is opened, it has to be the file that dataset.json described.
     """
 
-    def __init__(self, file: DescribedFile, split: str, fields: tuple[Field, ...], scope: str) -> None:
+    def __init__(self, file: ListedFile, split: str, fields: tuple[Field, ...], scope: str) -> None:
         """Remember where the shard is; nothing is opened."""
         self.path = file.path
         self._described = file
@@ -205,14 +205,14 @@ class ShardReader:
 class _File:
     """A file descriptor read by position."""
 
-    def __init__(self, file: DescribedFile) -> None:
+    def __init__(self, file: ListedFile) -> None:
         self.path = file.path
         self.pid = os.getpid()
         self._descriptor = -1
         self._descriptor = file.open()
 
     def read_into(self, view: memoryview, position: int) -> None:
-        """Fill `view` with the bytes from `position` on."""
+        """BatchReader `view` with the bytes from `position` on."""
         while view.nbytes:
             n = os.preadv(self._descriptor, [view], position)
             if n == 0:
@@ -232,7 +232,7 @@ class _File:
 class _Map:
     """A whole file mapped read-only. A forked child may go on using it; other processes share its memory."""
 
-    def __init__(self, described: DescribedFile) -> None:
+    def __init__(self, described: ListedFile) -> None:
         self.path = described.path
         descriptor = described.open()
         try:

@@ -13,7 +13,7 @@ from dancedata.core.errors import StoreError
 from dancedata.core.text import listed
 from dancedata.store import hdf5
 from dancedata.store.dataset_json import Description, ShardEntry
-from dancedata.store.described import DescribedFile
+from dancedata.store.listed_file import ListedFile
 from dancedata.store.problem import Problem
 from dancedata.store.schema import ALIGNMENT, FORMAT, ClipRecord, Field
 from dancedata.store.shard_reader import ClipTable, ShardReader, StoredWindows
@@ -44,7 +44,7 @@ def verify_shard(
         messages = messages or list(_check_spans(path, description))
         if messages:
             return [Problem("error", str(path), m) for m in messages], ()
-        file = DescribedFile(path, entry.size, entry.sha256, os.stat(path))
+        file = ListedFile(path, entry.size, entry.sha256, os.stat(path))
         reader = ShardReader(file, entry.split, description.fields, description.scope)
         clips, windows = reader.clips, reader.windows
         messages = [*_check_clips(clips)]

@@ -12,10 +12,10 @@ from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.windows import window_starts
 from dancedata.store.dataset_json import Description
-from dancedata.store.order import window_order
 from dancedata.store.schema import RowRate
 from dancedata.store.shard_reader import ShardReader
 from dancedata.store.window_list import IntArray, WindowList
+from dancedata.store.window_order import window_order
 
 Seconds = float | str | Fraction
 

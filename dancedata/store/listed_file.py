@@ -46,7 +46,7 @@ class FileId:
         return (self.device, self.inode) == (other.device, other.inode)
 
 
-class DescribedFile:
+class ListedFile:
     """A file that dataset.json describes, as it was when the dataset was opened.
 
     Attributes
@@ -70,8 +70,8 @@ class DescribedFile:
         found = FileId.of(os.fstat(descriptor))
         if found == self._known:
             return
-        if not self._still_described() or _identity(self.path) != found:
-            raise self._built_again()
+        if not self._is_still_listed() or _identity(self.path) != found:
+            raise self._rebuilt_error()
         # One that was cut short in place is found out where its bytes are missing.
         if found.size != self._size and not found.same_file(self._known):
             raise _another_size(self.path, found.size, self._size)
@@ -98,29 +98,29 @@ class DescribedFile:
             mode = os.stat(self.path).st_mode
         except OSError:
             mode = None
-        if mode is None and not self._still_described():
-            raise self._built_again()
+        if mode is None and not self._is_still_listed():
+            raise self._rebuilt_error()
         if mode is None or not stat.S_ISREG(mode):
             raise _missing(self.path, self._size)
 
-    def _still_described(self) -> bool:
+    def _is_still_listed(self) -> bool:
         try:
-            return describes(load_description(self.path.parent), self.path.name, self._size, self._sha256)
+            return lists_file(load_description(self.path.parent), self.path.name, self._size, self._sha256)
         except StoreError:
             return False
 
-    def _built_again(self) -> StoreError:
-        return built_again(self.path.parent, f"{self.path.name} is not the file that was described then")
+    def _rebuilt_error(self) -> StoreError:
+        return rebuilt_error(self.path.parent, f"{self.path.name} is not the file that was described then")
 
 
-def describes(description: Description, name: str, size: int, sha256: str) -> bool:
+def lists_file(description: Description, name: str, size: int, sha256: str) -> bool:
     """Tell whether a dataset has a file of this name, size and hash."""
     listed = {shard.file: (shard.size, shard.sha256) for shard in description.shards}
     listed |= {file: (entry["size"], entry["sha256"]) for file, entry in description.files.items()}
     return listed.get(name) == (size, sha256)
 
 
-def read_described(folder: Path, description: Description, name: str, limit: int) -> str:
+def read_listed(folder: Path, description: Description, name: str, limit: int) -> str:
     """Read a side file of an open dataset, such as stats.json, of at most `limit` bytes.
 
     One that was changed in its place is read as it is; `check` finds it.
@@ -139,17 +139,17 @@ def read_described(folder: Path, description: Description, name: str, limit: int
         data = None
     if entry is not None and (data is None or sha256_bytes(data) != entry["sha256"]):
         try:
-            same = describes(load_description(folder), name, entry["size"], entry["sha256"])
+            same = lists_file(load_description(folder), name, entry["size"], entry["sha256"])
         except StoreError:
             same = False
         if not same:
-            raise built_again(folder, f"{name} is not the file that was described then")
+            raise rebuilt_error(folder, f"{name} is not the file that was described then")
     if data is None:
         raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(folder / name))
     return data.decode("utf-8")
 
 
-def built_again(folder: Path, found: str) -> StoreError:
+def rebuilt_error(folder: Path, found: str) -> StoreError:
     """Return the error of a reader whose dataset was replaced."""
     gone = "" if (folder / DATASET_FILE).exists() else "removed, or "
     return StoreError(
@@ -160,7 +160,7 @@ def built_again(folder: Path, found: str) -> StoreError:
     )
 
 
-def open_described(folder: Path) -> tuple[Description, Mapping[str, DescribedFile]]:
+def open_listed(folder: Path) -> tuple[Description, Mapping[str, ListedFile]]:
     """Read dataset.json and look at the shards, by name; all of them of one and the same dataset.
 
     Raises
@@ -189,7 +189,7 @@ def _identity(path: Path) -> FileId | None:
         return None
 
 
-def _shard(path: Path, size: int, sha256: str) -> DescribedFile:
+def _shard(path: Path, size: int, sha256: str) -> ListedFile:
     try:
         found = os.stat(path)
     except OSError:
@@ -198,7 +198,7 @@ def _shard(path: Path, size: int, sha256: str) -> DescribedFile:
         raise _missing(path, size)
     if found.st_size != size:
         raise _another_size(path, found.st_size, size)
-    return DescribedFile(path, size, sha256, found)
+    return ListedFile(path, size, sha256, found)
 
 
 def _missing(path: Path, size: int) -> StoreError:

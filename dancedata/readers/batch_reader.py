@@ -1,4 +1,4 @@
-"""Fill: windows copied into arrays of a batch, and mirrored, made relative and scaled there, in place.
+"""BatchReader: windows copied into arrays of a batch, and mirrored, made relative and scaled there, in place.
 
 One window, the batch of a DataLoader and the batch of a BatchLoader all come from here, so they are equal bit for
 bit.
@@ -17,9 +17,9 @@ import numpy.typing as npt
 from dancedata.core.clip import Window
 from dancedata.core.columns import Mirror
 from dancedata.core.normalize import MinMax
-from dancedata.readers.primitives import PRIMITIVES, Cues
+from dancedata.readers.primitives import PRIMITIVES, PrimitiveSpec
 from dancedata.store.dataset import Store
-from dancedata.store.mapped import WindowRows
+from dancedata.store.window_rows import WindowRows
 
 Array = npt.NDArray[Any]
 
@@ -48,7 +48,7 @@ class Request:
 
 
 @dataclass(frozen=True)
-class FieldFill:
+class FieldReader:
     """How one field is read.
 
     Attributes
@@ -120,15 +120,15 @@ class FieldFill:
         return scale, offset
 
 
-class Fill:
+class BatchReader:
     """Reads batches of windows into arrays. Holds no state that reading changes: any number of threads may use it."""
 
     def __init__(
         self,
         store: Store,
         windows: Sequence[Window],
-        fields: Sequence[FieldFill],
-        cues: Cues | None,
+        fields: Sequence[FieldReader],
+        cues: PrimitiveSpec | None,
         bias: Callable[[int, int], int],
     ) -> None:
         """Prepare.
@@ -175,7 +175,7 @@ class Fill:
                     target[nth] = rows
 
     def _rows(
-        self, field: FieldFill, request: Request, order: Sequence[int], target: Array
+        self, field: FieldReader, request: Request, order: Sequence[int], target: Array
     ) -> Iterator[tuple[int, Array]]:
         """Read window after window, each into its row of `target`, or where that has another type into scratch."""
         scratch = None if target.dtype == field.rows.dtype else np.empty(field.rows.shape, dtype=field.rows.dtype)
@@ -184,7 +184,9 @@ class Fill:
             field.read(request.places[nth], request.mirrored[nth], rows)
             yield nth, rows
 
-    def _add_cues(self, field: FieldFill, request: Request, nth: int, rows: Array, out: Mapping[str, Array]) -> None:
+    def _add_cues(
+        self, field: FieldReader, request: Request, nth: int, rows: Array, out: Mapping[str, Array]
+    ) -> None:
         if self._cues is None:
             return
         place = request.places[nth]
