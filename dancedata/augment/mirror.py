@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from dancedata.core.columns import Mirror
 from dancedata.store import StoredClip
-from dancedata.store.schema import LazyArray
+from dancedata.store.stored_clip import LazyArray
 
 #: What is added to a clip's id.
 SUFFIX = "__mirror"

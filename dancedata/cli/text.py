@@ -20,6 +20,7 @@ from dancedata.pipeline.plan import Plan
 from dancedata.pipeline.rejects import NOTED
 from dancedata.recipes.parse import load_recipe, recipe_names
 from dancedata.store import Problem, Store, open_store
+from dancedata.store.clip_columns import CLIP_COLUMNS
 
 _NAMED = 3
 #: Characters of a sentence or list from a dataset that are shown.
@@ -143,23 +144,12 @@ def describe_clips(path: Path) -> str:
     """Return a table of every clip."""
     with open_store(path) as store:
         counts: Counter[str] = Counter(w.clip for split in store.splits for w in store.windows(split))
+        columns = [column for column in CLIP_COLUMNS if column.heading]
+        head = [*(column.heading for column in columns), "split", "windows"]
         rows = [
-            [
-                c.id,
-                c.split,
-                c.music,
-                c.n_frames,
-                counts[c.id],
-                c.n_flags,
-                f"{c.tempo_bpm or 0:g}",
-                c.trim_start,
-                c.source_rate or "-",
-                "-" if c.height_m is None else f"{c.height_m:.2f}",
-                c.genre,
-            ]
-            for c in store.clips
+            [*(column.show(getattr(clip, column.name)) for column in columns), clip.split, counts[clip.id]]
+            for clip in store.clips
         ]
-    head = ["clip", "split", "music", "frames", "windows", "flags", "bpm", "trim", "source fps", "height m", "genre"]
     return "\n".join(_table(head, rows))
 
 

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from fractions import Fraction
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +15,8 @@ import numpy.typing as npt
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.clip import Reject
 from dancedata.core.errors import DataError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.windows import WindowGrid
 from dancedata.execution.cache import Cache, CachedArray, package_version
 from dancedata.execution.reference_process import expected
 from dancedata.pipeline.read_ahead import decoded, read_ahead
@@ -47,6 +47,11 @@ class SignalId:
     sample_rate: int
     n_samples: int
 
+    @cached_property
+    def grid(self) -> FrameGrid:
+        """The grid of the samples."""
+        return FrameGrid.of(self.sample_rate)
+
 
 def window_samples(recipe: Recipe, n_samples: int, sample_rate: int) -> tuple[npt.NDArray[np.int64], int]:
     """Return the first samples (W,) of a signal's whole windows, and their length in samples.
@@ -55,21 +60,14 @@ def window_samples(recipe: Recipe, n_samples: int, sample_rate: int) -> tuple[np
     adds up a truncated stride, which is the same wherever a stride is a whole number of samples (0.5 s at any
     even rate).
     """
-    length = int(recipe.windows.length / recipe.fps * sample_rate)
-    stride = _stride(recipe, sample_rate)
+    samples = FrameGrid.of(sample_rate)
+    length = recipe.grid.rows_down(recipe.windows.length, of=samples)
     if n_samples < length or length < 1:
         return np.empty(0, dtype=np.int64), length
-    # Start k is floor(k * stride), so the last k that fits is the last with k * stride < n - length + 1.
-    count = math.ceil((n_samples - length + 1) / stride)
-    return np.array([_start(k, stride) for k in range(count)], dtype=np.int64), length
-
-
-def _stride(recipe: Recipe, sample_rate: int) -> Fraction:
-    return recipe.windows.stride / recipe.fps * sample_rate
-
-
-def _start(number: int, stride: Fraction) -> int:
-    return number * stride.numerator // stride.denominator
+    # A window fits if it begins at a frame whose sample, rounded down, is at most n_samples - length.
+    n_frames = samples.rows_up(n_samples - length + 1, of=recipe.grid)
+    starts = recipe.windows.starts(WindowGrid(1, recipe.windows.stride).count(n_frames))
+    return np.array([recipe.grid.rows_down(start, of=samples) for start in starts], dtype=np.int64), length
 
 
 def identify_audio(cache: Cache, path: Path) -> SignalId | Reject:
@@ -134,7 +132,6 @@ class FeatureKeys:
     def __init__(self, recipe: Recipe, feature: Any) -> None:
         self._recipe, self._feature = recipe, feature
         self._common: dict[float | None, str] = {}
-        self._strides: dict[int, Fraction] = {}
 
     def track(self, bpm: float | None, signal: str) -> str:
         """Return the key of a song's rows; `signal` is the hash of its samples."""
@@ -146,11 +143,9 @@ class FeatureKeys:
         The samples of the window alone are not enough. A feature may compute once what neighbouring windows share,
         so that equal windows of two songs differ by rounding.
         """
-        if signal.sample_rate not in self._strides:
-            self._strides[signal.sample_rate] = _stride(self._recipe, signal.sample_rate)
-        start = _start(number, self._strides[signal.sample_rate])
-        length = self._recipe.windows.length
-        return Cache.key("window", common=self._of(bpm), signal=signal.sha256, start=start, rows=length)
+        grid, windows = self._recipe.grid, self._recipe.windows
+        start = grid.rows_down(windows.start(number), of=signal.grid)
+        return Cache.key("window", common=self._of(bpm), signal=signal.sha256, start=start, rows=windows.length)
 
     def _of(self, bpm: float | None) -> str:
         recipe, feature = self._recipe, self._feature

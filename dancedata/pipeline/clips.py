@@ -10,7 +10,6 @@ from dancedata.augment.mirror import SUFFIX, mirrored_copy
 from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import SourceError
 from dancedata.core.text import is_unicode, quoted
-from dancedata.core.windows import count_windows
 from dancedata.execution.cache import Cache, CachedArray
 from dancedata.execution.execute import Progress, exactly, run_units
 from dancedata.execution.workers import Jobs
@@ -180,11 +179,10 @@ def _encode_all(cache: Cache, gathered: Gathered, jobs: Jobs, progress: Progress
 
 def audio_window_count(recipe: Recipe, n_samples: int, sample_rate: int) -> int:
     """Return how many windows a signal has: whole windows of samples, or of every feature's rows (track scope)."""
-    length, stride = recipe.windows.length, recipe.windows.stride
     if recipe.scope == "window":
         return len(window_samples(recipe, n_samples, sample_rate)[0])
     rows = [f.n_rows(n_samples, sample_rate, recipe.grid) for f in recipe.audio]
-    return min(count_windows(n, length, stride) for n in rows)
+    return min(map(recipe.windows.count, rows))
 
 
 def _starts(gathered: Gathered, clip: str, motion: MotionResult) -> tuple[int, ...]:
@@ -193,7 +191,6 @@ def _starts(gathered: Gathered, clip: str, motion: MotionResult) -> tuple[int, .
     A clip without any window is set aside: "too_short" if its motion is, "short_audio" if its music is.
     """
     recipe, ref = gathered.recipe, gathered.refs[clip]
-    stride = recipe.windows.stride
     count = motion_window_count(recipe, motion.n_source, motion.source_rate)
     if not count:
         gathered.drop(clip, too_short(recipe, ref, motion.n_source, motion.source_rate))
@@ -201,25 +198,25 @@ def _starts(gathered: Gathered, clip: str, motion: MotionResult) -> tuple[int, .
     gathered.rejects += _short_fields(recipe, ref, motion, count)
     signal = gathered.signal(ref)
     if signal is None:
-        return tuple(k * stride for k in range(count))
+        return tuple(recipe.windows.starts(count))
     audio_s = round(signal.n_samples / signal.sample_rate, 3)
     with_music = audio_window_count(recipe, signal.n_samples, signal.sample_rate)
     if not with_music:
         gathered.drop(clip, short_audio(recipe, ref, signal.path, audio_s))
     for k in range(with_music, count) if with_music else ():
         detail = f"window {k} reaches beyond the end of {signal.path.name}"
-        gathered.rejects.append(Reject("no_audio", clip, "", k * stride, detail, {"audio_s": audio_s}))
-    return tuple(k * stride for k in range(min(count, with_music)))
+        gathered.rejects.append(Reject("no_audio", clip, "", recipe.windows.start(k), detail, {"audio_s": audio_s}))
+    return tuple(recipe.windows.starts(min(count, with_music)))
 
 
 def _short_fields(recipe: Recipe, ref: ClipRef, motion: MotionResult, count: int) -> list[Reject]:
     """Say which windows of the recipe's grid are lost because a field of another rate ends before they do."""
-    without = count_windows(motion.n_frames, recipe.windows.length, recipe.windows.stride)
+    without = recipe.windows.count(motion.n_frames)
     if recipe.scope == "window":
         return []
     rates = sorted({str(recipe.grid_of(slot)) for slot in recipe.motion})
     detail = f"fields at {' and '.join(rates)} rows a second do not all reach to the end of the window"
     return [
-        Reject("short_field", ref.id, "", k * recipe.windows.stride, f"{detail}, number {k}")
+        Reject("short_field", ref.id, "", recipe.windows.start(k), f"{detail}, number {k}")
         for k in range(count, without)
     ]

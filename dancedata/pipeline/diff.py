@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +17,13 @@ from dancedata.core.text import listed, shown
 from dancedata.pipeline.diff_rows import is_same_number, unmatched
 from dancedata.pipeline.source_record import SourceRecord, source_differences
 from dancedata.store import Store, open_store
+from dancedata.store.clip_columns import CLIP_COLUMNS
 from dancedata.store.clip_view import ClipView
-from dancedata.store.schema import ClipRecord
 
 #: Names, and characters of a message, shown in a line at most; JSON has all.
 _SHOWN, _MESSAGE = 5, 600
 _ABOUT_STORE = ("format", "scope", "fps", "windows", "genre_ids", "licence", "citation")
-_ABOUT_CLIP = tuple(f.name for f in fields(ClipRecord) if f.name != "id")
+_ABOUT_CLIP = ("split", *(column.name for column in CLIP_COLUMNS if column.name != "id"))
 _NOTED = ("name", "dancedata", "packages")
 
 

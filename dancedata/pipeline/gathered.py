@@ -77,4 +77,4 @@ class Gathered:
 
 def window_numbers(recipe: Recipe, starts: Sequence[int]) -> tuple[int, ...]:
     """Return the numbers of windows among all those of their clip."""
-    return tuple(start // recipe.windows.stride for start in starts)
+    return tuple(map(recipe.windows.number, starts))

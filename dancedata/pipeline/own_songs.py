@@ -174,7 +174,7 @@ def _compute(like: Like, signal: AudioSignal, bpm: float | None, song: Path) -> 
     starts, length = windows
     rows = like.feature.extract_windows(signal, starts, length, like.grid, like.recipe.windows.length, start_bpm=bpm)
     tempos = like.feature.estimated_window_bpms(signal, starts, length, like.grid) if estimates else None
-    return _Computed(rows, [k * like.recipe.windows.stride for k in range(len(starts))], tempos)
+    return _Computed(rows, list(like.recipe.windows.starts(len(starts))), tempos)
 
 
 def _windows(like: Like, signal: AudioSignal, song: Path) -> tuple[Any, int] | None:
@@ -188,7 +188,7 @@ def _windows(like: Like, signal: AudioSignal, song: Path) -> tuple[Any, int] | N
             "the song is shorter than one window",
             where=song,
             found=f"{signal.n_samples / signal.sample_rate:.2f} s",
-            allowed=f"at least {float(recipe.windows.length / recipe.fps):g} s",
+            allowed=f"at least {float(recipe.grid.seconds(recipe.windows.length)):g} s",
         )
     return starts, length
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.errors import DataError
+from dancedata.core.grid import FrameGrid
 from dancedata.core.quality import IMPLAUSIBLE
 from dancedata.recipes.recipe import Recipe
 
@@ -42,7 +43,7 @@ def missing_music(ref: ClipRef) -> Reject:
 
 def too_short(recipe: Recipe, ref: ClipRef, n_frames: int, rate: Fraction) -> Reject:
     """Return the reject of a clip whose motion, of so many frames at its own rate, has no whole window."""
-    motion_s = float(n_frames / rate)
+    motion_s = float(FrameGrid(rate).seconds(n_frames))
     detail = (
         f"clip {ref.id} has no whole window: {n_frames} frames at {rate} a second "
         f"({motion_s:.2f} s); a window has {_window_s(recipe):g} s"
@@ -59,4 +60,4 @@ def short_audio(recipe: Recipe, ref: ClipRef, path: Path, audio_s: float) -> Rej
 
 
 def _window_s(recipe: Recipe) -> float:
-    return float(recipe.windows.length / recipe.fps)
+    return float(recipe.grid.seconds(recipe.windows.length))

@@ -22,14 +22,15 @@ def still_windows(
         return starts, []
     rows = np.asarray(motion.arrays[chosen.field])
     slot = next(s for s in recipe.motion if s.name == chosen.field)
-    ratio = recipe.grid_of(slot).rate / recipe.fps
-    length = int(recipe.windows.length * ratio)
+    grid = recipe.grid_of(slot)
+    length = recipe.grid.rows(recipe.windows.length, of=grid)
     kept, rejects = [], []
     for start in starts:
         if recipe.scope == "window":
-            window = rows[start // recipe.windows.stride]
+            window = rows[recipe.windows.number(start)]
         else:
-            window = rows[int(start * ratio) : int(start * ratio) + length]
+            first = recipe.grid.rows(start, of=grid)
+            window = rows[first : first + length]
         std = movement_std(window)
         if chosen.keeps(std):
             kept.append(start)

@@ -24,7 +24,7 @@ def metadata(
     """
     chosen = np.asarray(places, dtype=np.int64)
     clips = [windows.clip_ids[number] for number in windows.clip[chosen].tolist()]
-    known = {clip: store.clip(clip).record for clip in set(clips)}
+    known = {clip: store.clip(clip) for clip in set(clips)}
     records = [known[clip] for clip in clips]
     numbers = store.meta.get("genre_ids", {})
     return {

@@ -94,9 +94,9 @@ def _all_rows(store: Store, name: str, trim: bool) -> Iterable[npt.NDArray[Any]]
             for window in store.windows(split):
                 yield store.read(window, name)
     if store.scope == "track":
-        rate = store.field(name).rate / store.fps
-        for record in store.clips:
-            yield store.read_clip(record.id, name)[int(record.trim_start * rate) if trim else 0 :]
+        for clip in store.clips:
+            first = store.grid.rows_down(clip.trim_start, of=store.field(name).grid) if trim else 0
+            yield clip.read(name)[first:]
 
 
 def _fit(pieces: Iterable[npt.NDArray[Any]], width: int) -> MinMax:

@@ -265,13 +265,8 @@ def _whole_rows(slot: MotionSlot, windows: WindowSpec, grid: FrameGrid) -> None:
     """Raise UsageError unless windows begin and end at rows of a field that has a rate of its own."""
     rate = slot.representation.rate
     for what, frames in (("length", windows.length), ("stride", windows.stride)):
-        rows = frames if rate is None else frames * rate / grid.rate
-        if rows != int(rows):
-            raise UsageError(
-                f"windows: the {what} is no whole number of rows of {slot.name}",
-                found=f"{frames} frames at {grid} a second, rows at {rate} a second",
-                allowed="lengths and strides that are multiples of both periods",
-            )
+        if rate is not None:
+            grid.rows(frames, of=FrameGrid(rate), what=f"windows: the {what} for field {slot.name}")
 
 
 def _windows(given: _Windows, grid: FrameGrid, chosen: Movement | None) -> WindowSpec:

@@ -15,15 +15,14 @@ from typing import Any, Literal
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import json_sha256
 from dancedata.core.movement import Movement
+from dancedata.core.windows import WindowGrid
 from dancedata.recipes.documents import document_of
 
 
 @dataclass(frozen=True)
-class WindowSpec:
+class WindowSpec(WindowGrid):
     """Windows in frames at the recipe's rate; order as in the store's format; which are kept."""
 
-    length: int
-    stride: int
     order: Literal["time", "name"]
     filter: Movement | None = None
 

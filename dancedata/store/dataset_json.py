@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from dancedata.core.atomic import OWN
 from dancedata.core.errors import DanceDataError, StoreError
-from dancedata.core.grid import as_rate
+from dancedata.core.grid import FrameGrid, as_rate
 from dancedata.core.hashing import canonical_json, json_sha256
 from dancedata.core.regular_file import read_regular
 from dancedata.core.skeleton import Skeleton
@@ -55,6 +56,11 @@ class Description:
     skeleton: Skeleton
     shards: tuple[ShardEntry, ...]
     files: Mapping[str, Mapping[str, Any]]
+
+    @cached_property
+    def grid(self) -> FrameGrid:
+        """The grid of the store's frames."""
+        return FrameGrid(self.fps)
 
 
 def load_description(folder: Path) -> Description:
@@ -164,8 +170,8 @@ def _parse(document: dict[str, Any], path: Path) -> Description:
             meta=document,
             scope=_one_of(document["scope"], ("track", "window")),
             fps=as_rate(document["fps"]),
-            length=_whole(windows["length"]),
-            stride=_whole(windows["stride"]),
+            length=_positive(windows["length"]),
+            stride=_positive(windows["stride"]),
             order=_one_of(windows["order"], ("time", "name")),
             fields=tuple(Field.from_json(f) for f in document["fields"]),
             skeleton=Skeleton.from_json(document["skeleton"]),
@@ -218,6 +224,12 @@ def _whole(value: Any) -> int:
     if not isinstance(value, int) or isinstance(value, bool) or value < 0:
         raise ValueError(f"{quoted(value)} is no whole number")
     return value
+
+
+def _positive(value: Any) -> int:
+    if not _whole(value):
+        raise ValueError("windows of 0 frames")
+    return int(value)
 
 
 def _is_number(value: Any) -> bool:

@@ -13,6 +13,7 @@ from dancedata.core.errors import StoreError
 from dancedata.core.hashing import sha256_file
 from dancedata.core.regular_file import read_regular
 from dancedata.core.text import listed, shown
+from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.dataset_json import MAX_BYTES, Description, ShardEntry, json_stats, load_description, self_hash
 from dancedata.store.problem import Problem
 from dancedata.store.schema import (
@@ -21,7 +22,6 @@ from dancedata.store.schema import (
     QUALITY_FILE,
     REJECTS_FILE,
     STATS_FILE,
-    ClipRecord,
     is_shard_name,
     shard_name,
 )
@@ -156,7 +156,7 @@ def _check_counts(folder: Path, description: Description, records: Sequence[Clip
             "clips": len(clips),
             "windows": sum(s.windows for s in description.shards if s.split == split),
             "frames": frames,
-            "hours": float(frames / description.fps / 3600),
+            "hours": float(description.grid.seconds(frames) / 3600),
             "songs": len({r.music for r in clips if r.music}),
         }
         for name, value in found.items():

@@ -19,7 +19,8 @@ from dancedata.core.movement import Movement
 from dancedata.core.normalize import MinMax
 from dancedata.readers import WindowDataset
 from dancedata.store import Store, open_store
-from dancedata.store.schema import Field, StoredClip
+from dancedata.store.schema import Field
+from dancedata.store.stored_clip import StoredClip
 from dancedata.store.writer import write_store
 from dancedata.testing.stores import random_fields, write_random_store
 

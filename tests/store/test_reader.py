@@ -172,7 +172,7 @@ def test_rows_that_are_no_whole_number_are_refused(make_store: Any) -> None:
     slow = Field("slow", "audio", random_columns(2, mirror=False), Fraction(15, 2))
     made = make_store(fields=[*make_store().header.fields, slow], length=32, stride=16)
     store = open_store(made.path)
-    with pytest.raises(UsageError, match="stride is no whole number of rows of field slow"):
+    with pytest.raises(UsageError, match="stride of a window is not a whole number of rows of field slow"):
         store.windows("train", stride_frames=7)
     window = store.windows("train", stride_frames=7, fields=("pose", "music"))[1]
     assert store.read(window, "pose").shape == (32, 7)
@@ -215,7 +215,7 @@ def test_wrong_names_get_the_closest_one(make_store: Any) -> None:
 @pytest.mark.parametrize(("start", "length"), [(-1, 30), (0, 0), (0, 10**6), (10**6, 30)])
 def test_windows_outside_their_clip_are_refused(make_store: Any, start: int, length: int) -> None:
     store = open_store(make_store().path)
-    with pytest.raises(UsageError, match="leaves its clip"):
+    with pytest.raises(UsageError, match="extends beyond its clip"):
         store.read(Window("train_c00", start, length), "pose")
 
 

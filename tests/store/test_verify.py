@@ -172,7 +172,7 @@ def test_clip_of_a_bad_value_is_named(make_store: Any) -> None:
 
 
 TABLE_CASES: list[tuple[str, int, int, str]] = [
-    ("windows/clip", 0, 99, "no such clip"),
+    ("windows/clip", 0, 99, "clips that do not exist"),
     ("windows/start", 0, -1, "outside their clip"),
     ("windows/start", 0, 10**6, "outside their clip"),
     ("windows/length", 1, 31, "of another length"),
@@ -180,8 +180,8 @@ TABLE_CASES: list[tuple[str, int, int, str]] = [
     ("windows/rows/pose", 0, 1, "/windows/rows/pose"),
     ("windows/rows/fast", 0, -5, "/windows/rows/fast"),
     ("windows/rows/music", 3, 10**7, "/windows/rows/music"),
-    ("clips/n_frames", 0, 0, "no frames"),
-    ("clips/n_flags", 0, -1, "negative number"),
+    ("clips/n_frames", 0, 0, "not a whole number >= 1"),
+    ("clips/n_flags", 0, -1, "/clips/n_flags of clip"),
     ("clips/motion/pose/start", 1, 0, "do not follow one another"),
     ("clips/motion/fast/length", 0, 10**7, "do not follow one another"),
     ("clips/audio/music/length", 0, 10**7, "spans outside"),
