@@ -5,9 +5,9 @@ Motion capture and music go in; what any trainer needs comes out, in one documen
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from dancedata.core.lazy import lazy_names
 from dancedata.core.version import __version__
 
 if TYPE_CHECKING:
@@ -16,18 +16,13 @@ if TYPE_CHECKING:
 
 __all__ = ["__version__", "decode", "encode", "extract", "open"]
 
-#: Public name -> where it lives. Looked up on first use, so that `import dancedata` stays light.
-_LAZY = {
-    "open": ("dancedata.store.dataset", "open_store"),
-    "extract": ("dancedata.pipeline.api", "extract"),
-    "encode": ("dancedata.pipeline.api", "encode"),
-    "decode": ("dancedata.pipeline.api", "decode"),
-}
-
-
-def __getattr__(name: str) -> Any:
-    try:
-        module, attribute = _LAZY[name]
-    except KeyError:
-        raise AttributeError(f"module 'dancedata' has no attribute {name!r}") from None
-    return getattr(importlib.import_module(module), attribute)
+# Imported on first use, so that `import dancedata` stays fast.
+__getattr__, __dir__ = lazy_names(
+    __name__,
+    {
+        "open": "dancedata.store.dataset:open_store",
+        "extract": "dancedata.pipeline.api",
+        "encode": "dancedata.pipeline.api",
+        "decode": "dancedata.pipeline.api",
+    },
+)

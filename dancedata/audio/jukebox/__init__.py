@@ -4,16 +4,16 @@ Dhariwal et al. 2020, "Jukebox: A Generative Model for Music"; EDGE (Tseng et al
 after the 66th block of its top-level prior as music features. The weights are OpenAI's, under a Noncommercial Use
 License, and no part of this package.
 
-The feature is registered here; the other names are loaded when they are first used, so that importing this package
-needs no torch.
+The feature is registered here; the other names are imported on first use, so that importing this package does not
+need torch.
 """
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from dancedata.audio.jukebox.feature import Jukebox as Jukebox
+from dancedata.core.lazy import lazy_names
 
 if TYPE_CHECKING:
     from dancedata.audio.jukebox.config import JukeboxConfig as JukeboxConfig
@@ -23,22 +23,15 @@ if TYPE_CHECKING:
     from dancedata.audio.jukebox.network.overflow import JukeboxOverflowError as JukeboxOverflowError
     from dancedata.audio.jukebox.weights.download import fetch as fetch
 
-# No name is that of a module: importing that would put the module in its place.
-_HOMES = {
-    "JukeboxConfig": "config",
-    "JukeboxEncoder": "encoder",
-    "JukeboxOverflowError": "network.overflow",
-    "checkpoint_sha256": "conversion",
-    "convert": "conversion",
-    "fetch": "weights.download",
-}
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
-
-
-def __dir__() -> list[str]:
-    return sorted([*globals(), *_HOMES])
+# None of these names is also the name of a module here: importing that module would replace the attribute.
+__getattr__, __dir__ = lazy_names(
+    __name__,
+    {
+        "JukeboxConfig": "dancedata.audio.jukebox.config",
+        "JukeboxEncoder": "dancedata.audio.jukebox.encoder",
+        "JukeboxOverflowError": "dancedata.audio.jukebox.network.overflow",
+        "checkpoint_sha256": "dancedata.audio.jukebox.conversion",
+        "convert": "dancedata.audio.jukebox.conversion",
+        "fetch": "dancedata.audio.jukebox.weights.download",
+    },
+)
