@@ -8,7 +8,7 @@ from dancedata.core.errors import UsageError
 
 
 def whole(what: str, value: int) -> int:
-    """Return a whole number >= 0 as an int; numpy's and torch's integers are fine.
+    """Return a whole number >= 0 as an int; integers of numpy and torch are accepted.
 
     Raises
     ------
@@ -21,4 +21,12 @@ def whole(what: str, value: int) -> int:
         raise UsageError(f"{what} is not a whole number", found=repr(value), allowed="0 or more") from error
     if number < 0:
         raise UsageError(f"{what} is negative", found=number, allowed="0 or more")
+    return number
+
+
+def probability(what: str, value: float) -> float:
+    """Return a number in [0, 1]; UsageError for any other."""
+    number = float(value)
+    if not 0.0 <= number <= 1.0:
+        raise UsageError(f"{what} is a probability", found=value, allowed="0 to 1")
     return number

@@ -260,7 +260,7 @@ class Store:
         """
         f = self.field(field)
         if not len(windows):
-            raise UsageError("the list of windows is empty", where=str(self.path), found=f"field {field}")
+            raise UsageError("there are no windows to read", where=str(self.path), found=f"field {field}")
         places = [self._place(clip) for clip in windows.clip_ids]
         shards, shard, first, bad = locate_windows(windows, places, f, self.grid, self.scope)
         if bad.any():

@@ -181,7 +181,7 @@ def test_not_a_built_dataset(tmp_path: Path) -> None:
 def test_preset_at_another_frame_rate(tmp_path: Path) -> None:
     fields = random_fields({MOTION: 151}, {}, **{MOTION: 60})
     write_random_store(tmp_path, fields=fields, fps=Fraction(60))
-    with pytest.raises(UsageError, match="30 frames a second"):
+    with pytest.raises(UsageError, match="30 frames per second"):
         WindowDataset(tmp_path, preset="edge")
 
 
