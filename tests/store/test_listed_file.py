@@ -113,7 +113,7 @@ def test_a_shard_in_its_place_that_has_another_size(make_store: Any) -> None:
     store = open_store(make_store().path)
     (store.path / SHARD).rename(store.path / "aside")
     (store.path / SHARD).write_bytes((store.path / "aside").read_bytes() + b"\0" * 64)
-    with pytest.raises(StoreError, match=r"a shard has another size than dataset\.json says"):
+    with pytest.raises(StoreError, match=r"the size of a shard differs from dataset\.json"):
         read(store)
 
 

@@ -314,8 +314,8 @@ def test_folders_that_are_no_dataset(tmp_path: Path, make_store: Any) -> None:
 
 @pytest.mark.parametrize(
     ("text", "message"),
-    [("", "no JSON"), ("[1]", "not of a dancedata dataset"), ('{"a": 1}', "not of a dancedata dataset"),
-     ('{"format": 2}', "another format version"), ('{"format": 1}', "lacks something")],
+    [("", "not valid JSON"), ("[1]", "not that of a dancedata dataset"), ('{"a": 1}', "not that of a dancedata dataset"),
+     ('{"format": 2}', "another format version"), ('{"format": 1}', "is incomplete")],
 )  # fmt: skip
 def test_wrong_dataset_json(make_store: Any, text: str, message: str) -> None:
     made = make_store()
@@ -329,7 +329,7 @@ def test_shard_missing_or_of_another_size(make_store: Any) -> None:
     shard = made.path / "val-00000-of-00001.h5"
     data = shard.read_bytes()
     shard.write_bytes(data[:-1])
-    with pytest.raises(StoreError, match="another size") as caught:
+    with pytest.raises(StoreError, match="size of a shard differs") as caught:
         open_store(made.path)
     assert f"{len(data) - 1} bytes" in str(caught.value)
     assert f"{len(data)} bytes" in str(caught.value)

@@ -84,7 +84,7 @@ def test_truncated_shard_is_not_parsed(make_store: Any, keep: int, monkeypatch: 
         return [], ()
 
     monkeypatch.setattr("dancedata.store.verify.verify_shard", parse)
-    assert "bytes, dataset.json says" in only_error(made.path)
+    assert "bytes, in dataset.json" in only_error(made.path)
 
 
 def test_changed_shard_of_the_same_size_is_not_parsed(make_store: Any, monkeypatch: Any) -> None:
@@ -125,10 +125,10 @@ def test_changed_card_is_a_note(make_store: Any) -> None:
 JSON_CASES: list[tuple[str, Callable[[dict[str, Any]], Any], str]] = [
     ("format", lambda d: d.update(format=7), "another format version"),
     ("no fields", lambda d: d.pop("fields"), "KeyError: 'fields'"),
-    ("fps", lambda d: d.update(fps="0"), "dataset.json lacks something"),
-    ("scope", lambda d: d.update(scope="song"), "'song' is none of"),
-    ("length", lambda d: d["windows"].update(length="30"), "no whole number"),
-    ("shard path", lambda d: d["shards"][0].update(file="../x-00000-of-00001.h5"), "no shard's name"),
+    ("fps", lambda d: d.update(fps="0"), "dataset.json is incomplete"),
+    ("scope", lambda d: d.update(scope="song"), "'song' is not one of"),
+    ("length", lambda d: d["windows"].update(length="30"), "not a whole number"),
+    ("shard path", lambda d: d["shards"][0].update(file="../x-00000-of-00001.h5"), "not the name of a shard"),
     ("clips of split", lambda d: d["counts"]["train"].update(clips=5), "counts: train has 6 clips, not 5"),
     ("songs of split", lambda d: d["counts"]["val"].update(songs=9), "counts: val has 1 songs, not 9"),
     ("hours", lambda d: d["counts"]["test"].update(hours=0.5), "hours, not 0.5"),
@@ -242,7 +242,7 @@ def test_shard_that_is_no_hdf5(make_store: Any) -> None:
 def test_clip_in_two_splits(make_store: Any) -> None:
     made = make_store()
     edit(made.path, "clips/id", 0, b"val_c00")
-    message = "clip val_c00 is there 2 times, in train, val"
+    message = "clip val_c00 occurs 2 times, in train, val"
     assert any(message in str(p) for p in verify_store(made.path))
 
 
