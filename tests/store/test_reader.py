@@ -314,7 +314,7 @@ def test_folders_that_are_no_dataset(tmp_path: Path, make_store: Any) -> None:
 
 @pytest.mark.parametrize(
     ("text", "message"),
-    [("", "not valid JSON"), ("[1]", "not that of a dancedata dataset"), ('{"a": 1}', "not that of a dancedata dataset"),
+    [("", "not valid JSON"), ("[1]", "not that of a dancedata"), ('{"a": 1}', "not that of a dancedata"),
      ('{"format": 2}', "another format version"), ('{"format": 1}', "is incomplete")],
 )  # fmt: skip
 def test_wrong_dataset_json(make_store: Any, text: str, message: str) -> None:
