@@ -29,13 +29,15 @@ from dancedata.core.clip import ClipRef, Scan
 from dancedata.core.columns import Columns, Group
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
+from dancedata.core.plugins import AudioFeature, Dataset, Representation
 from dancedata.core.registry import DATASETS, FEATURES, REPRESENTATIONS
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.execution.cache import Cache
 from dancedata.execution.execute import Progress, run_units
 from dancedata.pipeline.build import build
-from dancedata.pipeline.clips import gather, identify
+from dancedata.pipeline.clips import compute_clips
 from dancedata.pipeline.plan import make_plan
+from dancedata.pipeline.sources import identify
 from dancedata.recipes.parse import load_recipe, parse_recipe
 from dancedata.recipes.recipe import Recipe
 
@@ -44,7 +46,7 @@ FRAMES, SAMPLE_RATE, CLIPS_A_SONG = 4, 8000, 100
 
 @DATASETS.register("many")
 @dataclass(frozen=True)
-class Many:
+class Many(Dataset):
     """Clips of four frames, a file each, and a song for every hundred."""
 
     version: ClassVar[int] = 1
@@ -80,15 +82,11 @@ class Many:
 
 @REPRESENTATIONS.register("place")
 @dataclass(frozen=True)
-class Place:
+class Place(Representation):
     """Where the root is."""
 
     version: ClassVar[int] = 1
-    default_contacts: ClassVar[None] = None
-    rate: ClassVar[None] = None
-    grounded: ClassVar[bool] = False
     axes: ClassVar[str] = "as given"
-    rotation_6d: ClassVar[None] = None
 
     @property
     def skeleton(self) -> Skeleton:
@@ -107,12 +105,11 @@ class Place:
 
 @FEATURES.register("level")
 @dataclass(frozen=True)
-class Level:
+class Level(AudioFeature):
     """One column of nothing much."""
 
     version: ClassVar[int] = 1
     packages: ClassVar[tuple[str, ...]] = ("numpy",)
-    dtype: ClassVar[str] = "float32"
 
     @property
     def columns(self) -> Columns:
@@ -179,8 +176,8 @@ def corpus(n: int) -> None:
         scan = staged("scan", lambda: recipe.dataset.scan(source))
         staged("plan: lengths of all", lambda: make_plan(recipe, source))
         for turn in ("cold", "warm"):
-            gathered = staged(f"identify, {turn}", lambda: identify(cache, recipe, scan, jobs=1, progress=quiet))
-            staged(f"units, {turn}", lambda g=gathered: gather(cache, g, jobs=1, progress=quiet))
+            sources = staged(f"identify, {turn}", lambda: identify(cache, recipe, scan, jobs=1, progress=quiet))
+            staged(f"units, {turn}", lambda s=sources: compute_clips(cache, recipe, s, jobs=1, progress=quiet))
         options: dict[str, Any] = {"cache": folder / "cache"}
         staged("whole build from the cache", lambda: build(recipe, source, folder / "out", **options))
         staged("the same again: nothing to do", lambda: build(recipe, source, folder / "out", **options))

@@ -131,7 +131,7 @@ def plan(
     target = out or Path("data") / made.name
     progress = Progress(quiet=quiet or as_json)
     folder = _source_of(made, source, target)
-    if not folder.exists() and getattr(made.dataset, "generates", False):
+    if not folder.exists() and made.dataset.generates:
         progress.say(f"the dataset {made.dataset.name} writes its own source: {folder}")
     found = make_plan(made, folder, jobs=jobs, cache=cache, progress=progress)
     if as_json:
@@ -217,9 +217,9 @@ def features(
     as_json: AsJson = False,
 ) -> None:
     """Compute features of your own music, exactly as in training."""
-    from dancedata.pipeline.own_songs import describe_features, find_like, write_features
+    from dancedata.pipeline.own_songs import describe_features, find_jobs, write_features
 
-    written = write_features(songs, out, find_like(feature, like), bpm, weights)
+    written = write_features(songs, out, find_jobs(feature, like), bpm, weights)
     if as_json:
         _print_json(written)
         return
@@ -318,7 +318,7 @@ def _cache_root(cache: Path | None) -> Path:
 def _source_of(recipe: Any, source: Path | None, out: Path) -> Path:
     if source is not None:
         return source
-    if getattr(recipe.dataset, "generates", False):
+    if recipe.dataset.generates:
         return out.parent / f"{out.name}-source"
     raise UsageError(
         f"the dataset {recipe.dataset.name} needs a source",

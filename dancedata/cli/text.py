@@ -11,7 +11,7 @@ from typing import Any
 
 from dancedata.core.clip import Reject
 from dancedata.core.quality import IMPLAUSIBLE
-from dancedata.core.registry import CONTACTS, DATASETS, FEATURES, KEYMOTIONS, REPRESENTATIONS
+from dancedata.core.registry import REGISTRIES
 from dancedata.core.text import counted, shown
 from dancedata.execution.cache_admin import size_text
 from dancedata.pipeline.implausible import describe_implausible
@@ -207,15 +207,8 @@ def describe_problems(path: Path, problems: Sequence[Problem]) -> str:
 def catalogue() -> dict[str, Any]:
     """Return all recipes and plug-ins, each with one line of description and its keys."""
     recipes = {name: load_recipe(name).description for name in recipe_names()}
-    registries = {
-        "datasets": DATASETS,
-        "representations": REPRESENTATIONS,
-        "contacts": CONTACTS,
-        "audio features": FEATURES,
-        "key motions": KEYMOTIONS,
-    }
     found: dict[str, Any] = {"recipes": {name: {"about": about} for name, about in recipes.items()}}
-    for kind, registry in registries.items():
+    for kind, registry in REGISTRIES.items():
         found[kind] = {name: _plugin_json(registry.get(name)) for name in registry.names()}
     return found
 
@@ -223,6 +216,8 @@ def catalogue() -> dict[str, Any]:
 def _plugin_json(cls: type[Any]) -> dict[str, Any]:
     about = (inspect.getdoc(cls) or "").split("\n\n")[0].replace("\n", " ")
     keys = {f.name: f.default for f in dataclasses.fields(cls) if f.default is not dataclasses.MISSING}
+    if getattr(cls, "default_contacts", None) is not None:
+        keys["contacts"] = cls.default_contacts
     return {"about": about, "keys": keys}
 
 

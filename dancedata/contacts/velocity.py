@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
+from dancedata.core.plugins import ContactRule
 from dancedata.core.registry import CONTACTS
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import Skeleton
@@ -18,7 +19,7 @@ from dancedata.core.skeleton import Skeleton
 
 @CONTACTS.register("velocity")
 @dataclass(frozen=True)
-class Velocity:
+class Velocity(ContactRule):
     """A foot joint is in contact while it moves slower than a limit (EDGE, Tseng et al. 2023, section 3.2).
 
     The speed of a frame is the 3-D displacement to the next one. The last frame has no next: its

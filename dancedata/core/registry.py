@@ -7,14 +7,16 @@ import pkgutil
 from collections.abc import Callable, Iterable
 from functools import lru_cache
 from importlib.metadata import entry_points
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar
 
 from dancedata.core.errors import UsageError, did_you_mean
+from dancedata.core.plugins import AudioFeature, ContactRule, Dataset, KeyMotionFinder, Plugin, Representation
 
-T = TypeVar("T")
+P = TypeVar("P", bound=Plugin)
+C = TypeVar("C", bound=type[Plugin])
 
 
-class Registry:
+class Registry(Generic[P]):
     """Plug-in classes of one kind by name.
 
     Plug-ins are the modules of `package` (those whose names do not begin with "_"), and the entry points of
@@ -27,36 +29,65 @@ class Registry:
         What the plug-ins are, for messages: "dataset".
     package
         Where they live: "dancedata.datasets".
+    base
+        The class that all of them are derived from.
     """
 
-    def __init__(self, kind: str, package: str) -> None:
+    def __init__(self, kind: str, package: str, base: type[P]) -> None:
         self.kind = kind
         self.package = package
-        self._classes: dict[str, type[Any]] = {}
+        self.base = base
+        self._classes: dict[str, type[P]] = {}
         self._loaded = False
 
-    def register(self, name: str) -> Callable[[type[T]], type[T]]:
-        """Return a decorator that registers a class under `name`, which becomes its attribute `name`."""
+    def register(self, name: str) -> Callable[[C], C]:
+        """Return a decorator that registers a class under `name`, which becomes its attribute `name`.
 
-        def decorate(cls: type[T]) -> type[T]:
+        Raises
+        ------
+        UsageError
+            When it is applied to a class that is not derived from `base` or lacks a member, or if another class has
+            the name.
+        """
+
+        def decorate(cls: C) -> C:
+            checked = self._checked(name, cls)
             known = self._classes.get(name)
             if known is not None and (known.__module__, known.__qualname__) != (cls.__module__, cls.__qualname__):
                 raise UsageError(
-                    f"two plug-ins want to be the {self.kind} {name!r}",
+                    f"two plug-ins are registered as the {self.kind} {name!r}",
                     found=f"{known.__module__}.{known.__qualname__} and {cls.__module__}.{cls.__qualname__}",
                 )
-            cls.name = name  # type: ignore[attr-defined]
-            self._classes[name] = cls
+            cls.name = name
+            self._classes[name] = checked
             return cls
 
         return decorate
+
+    def _checked(self, name: str, cls: type[Plugin]) -> type[P]:
+        where = f"{self.kind} {name!r}, {cls.__module__}.{cls.__qualname__}"
+        base = f"{self.base.__module__}.{self.base.__qualname__}"
+        if not issubclass(cls, self.base):
+            raise UsageError(
+                f"a plug-in of this kind is derived from {self.base.__name__}",
+                where=where,
+                found=", ".join(b.__qualname__ for b in cls.__bases__),
+                fix=f"derive the class from {base}",
+            )
+        missing = sorted(m for m in getattr(cls, "__abstractmethods__", ()))
+        missing += [] if hasattr(cls, "version") else ["version"]
+        if missing:
+            raise UsageError(
+                f"the plug-in lacks {', '.join(missing)}", where=where, fix=f"see the documentation of {base}"
+            )
+        return cls
 
     def names(self) -> tuple[str, ...]:
         """Return all names, sorted."""
         self._load()
         return tuple(sorted(self._classes))
 
-    def get(self, name: str, also: Iterable[str] = ()) -> type[Any]:
+    def get(self, name: str, also: Iterable[str] = ()) -> type[P]:
         """Return a plug-in class; UsageError with the closest known name, or of `also`, see `did_you_mean`."""
         self._load()
         try:
@@ -82,8 +113,17 @@ def _installed() -> Any:
     return entry_points()
 
 
-DATASETS = Registry("dataset", "dancedata.datasets")
-REPRESENTATIONS = Registry("representation", "dancedata.representations")
-CONTACTS = Registry("contact rule", "dancedata.contacts")
-FEATURES = Registry("audio feature", "dancedata.audio")
-KEYMOTIONS = Registry("key motion", "dancedata.keymotion")
+DATASETS = Registry("dataset", "dancedata.datasets", Dataset)
+REPRESENTATIONS = Registry("representation", "dancedata.representations", Representation)
+CONTACTS = Registry("contact rule", "dancedata.contacts", ContactRule)
+FEATURES = Registry("audio feature", "dancedata.audio", AudioFeature)
+KEYMOTIONS = Registry("key motion", "dancedata.keymotion", KeyMotionFinder)
+
+#: All of them, by what `dancedata list` calls them.
+REGISTRIES: dict[str, Registry[Any]] = {
+    "datasets": DATASETS,
+    "representations": REPRESENTATIONS,
+    "contacts": CONTACTS,
+    "audio features": FEATURES,
+    "key motions": KEYMOTIONS,
+}

@@ -24,6 +24,7 @@ from typing import Any, ClassVar
 
 from dancedata.core.clip import ClipRef, Scan
 from dancedata.core.motion import Motion
+from dancedata.core.plugins import Dataset
 from dancedata.core.registry import DATASETS
 from dancedata.datasets.aistpp import AistPP
 from dancedata.synthetic.corpus import VERSION, is_example, write_example, write_synthetic
@@ -36,7 +37,7 @@ _SCAN = {"scan": True}
 
 @DATASETS.register("synthetic")
 @dataclass(frozen=True)
-class Synthetic:
+class Synthetic(Dataset):
     """Synthetic dance to synthetic music; written into the source folder on first use.
 
     Attributes

@@ -13,6 +13,7 @@ from dancedata.core.bodies import SMPLX22, SMPLX55, carried_over
 from dancedata.core.columns import Columns, Group, Mirror
 from dancedata.core.errors import UsageError
 from dancedata.core.motion import Motion
+from dancedata.core.plugins import KeyMotionFinder
 from dancedata.core.registry import KEYMOTIONS
 from dancedata.core.skeleton import Skeleton
 from dancedata.keymotion.minima import SIGMA_FRAMES, key_motion
@@ -20,7 +21,7 @@ from dancedata.keymotion.minima import SIGMA_FRAMES, key_motion
 
 @KEYMOTIONS.register("lodge")
 @dataclass(frozen=True)
-class Lodge:
+class Lodge(KeyMotionFinder):
     """Kinetic curve over SMPL-X's 55 joints, and its minima (Lodge, Li et al. 2024).
 
     All 55 joints count, hands, jaw and eyes at rest, as in Lodge; but over the whole clip, frames before

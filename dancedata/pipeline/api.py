@@ -10,14 +10,14 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid, Number
 from dancedata.core.hashing import sha256_file
 from dancedata.core.motion import Motion
 from dancedata.core.registry import CONTACTS, FEATURES, REPRESENTATIONS
+from dancedata.core.text import shown
 from dancedata.execution.execute import exactly, on_one_thread
-from dancedata.pipeline.audio import is_exact
 from dancedata.recipes.plugins import make_named, one_of, raise_problems
-from dancedata.recipes.recipe import resolve_feature
 
 
 def extract(
@@ -49,9 +49,9 @@ def extract(
     """
     from dancedata.audio.signal import load_audio
 
-    plugin = resolve_feature(make_named(FEATURES, "audio", feature, parameters), sha256_file)
+    plugin = make_named(FEATURES, "audio", feature, parameters).resolved(sha256_file)
     signal = song if isinstance(song, AudioSignal) else load_audio(song)
-    compute = exactly if is_exact(plugin) else on_one_thread
+    compute = exactly if plugin.exact else on_one_thread
     rows: npt.NDArray[Any] = compute(partial(plugin.extract, start_bpm=start_bpm), signal, FrameGrid.of(fps))
     return rows
 
@@ -61,8 +61,15 @@ def encode(
 ) -> npt.NDArray[np.float32]:
     """Encode a motion at its own frame rate; (T, D) float32.
 
-    `contacts` is a rule's name or ``{name: {parameters}}``; default: the representation's own.
+    `contacts` is a rule's name or ``{name: {parameters}}``; default: the representation's own. UsageError for
+    anything but a Motion: an array lacks the rate, the skeleton and the translation.
     """
+    if not isinstance(motion, Motion):
+        raise UsageError(
+            "encode takes a Motion",
+            found=shown(motion),
+            fix="make one: dancedata.core.motion.Motion(translation, rotations, FrameGrid.of(30), SMPL24)",
+        )
     plugin = make_named(REPRESENTATIONS, "motion", representation, parameters)
     rule = contacts if contacts is not None else plugin.default_contacts
     problems: list[str] = []
@@ -73,8 +80,14 @@ def encode(
 
 
 def decode(array: npt.NDArray[Any], representation: str, *, fps: Number = 30, **parameters: Any) -> Motion:
-    """Decode columns (T, D), not normalised, into a motion at `fps` frames a second."""
-    motion: Motion = make_named(REPRESENTATIONS, "motion", representation, parameters).decode(
-        array, FrameGrid.of(fps)
-    )
-    return motion
+    """Decode columns (T, D), not normalised, into a motion at `fps` frames per second.
+
+    UsageError for a representation of positions, which cannot be decoded.
+    """
+    plugin = make_named(REPRESENTATIONS, "motion", representation, parameters)
+    if not plugin.decodes:
+        raise UsageError(
+            f"{representation} cannot be decoded: positions do not say how a bone turns about itself",
+            fix="use the positions as they are, or store a representation that holds rotations as well",
+        )
+    return plugin.decode(array, FrameGrid.of(fps))

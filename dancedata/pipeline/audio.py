@@ -22,7 +22,7 @@ from dancedata.execution.reference_process import expected
 from dancedata.pipeline.read_ahead import decoded, read_ahead
 from dancedata.pipeline.rejects import BUILD_AGAIN, CHANGED, reject_of
 from dancedata.recipes.documents import document_of
-from dancedata.recipes.recipe import Recipe
+from dancedata.recipes.fields import FeatureJob
 
 #: Raised by hand when a stage here gives other numbers for the same input.
 SIGNAL_STAGE, FEATURE_STAGE = 3, 3
@@ -53,7 +53,7 @@ class SignalId:
         return FrameGrid.of(self.sample_rate)
 
 
-def window_samples(recipe: Recipe, n_samples: int, sample_rate: int) -> tuple[npt.NDArray[np.int64], int]:
+def window_samples(job: FeatureJob, n_samples: int, sample_rate: int) -> tuple[npt.NDArray[np.int64], int]:
     """Return the first samples (W,) of a signal's whole windows, and their length in samples.
 
     Every window starts at its own exact time, rounded down, so that music never drifts away from motion. EDGE
@@ -61,13 +61,13 @@ def window_samples(recipe: Recipe, n_samples: int, sample_rate: int) -> tuple[np
     even rate).
     """
     samples = FrameGrid.of(sample_rate)
-    length = recipe.grid.rows_down(recipe.windows.length, of=samples)
+    length = job.window_length(samples)
     if n_samples < length or length < 1:
         return np.empty(0, dtype=np.int64), length
     # A window fits if it begins at a frame whose sample, rounded down, is at most n_samples - length.
-    n_frames = samples.rows_up(n_samples - length + 1, of=recipe.grid)
-    starts = recipe.windows.starts(WindowGrid(1, recipe.windows.stride).count(n_frames))
-    return np.array([recipe.grid.rows_down(start, of=samples) for start in starts], dtype=np.int64), length
+    n_frames = samples.rows_up(n_samples - length + 1, of=job.window_spec.grid)
+    count = WindowGrid(1, job.window_spec.stride).count(n_frames)
+    return np.array([job.window_start(k, samples) for k in range(count)], dtype=np.int64), length
 
 
 def identify_audio(cache: Cache, path: Path) -> SignalId | Reject:
@@ -121,16 +121,11 @@ def libsndfile_version() -> str:
     return str(soundfile.__libsndfile_version__)
 
 
-def is_exact(feature: Any) -> bool:
-    """Tell whether a feature's bits are promised, so that it has to be computed with `expected` instructions."""
-    return bool(getattr(feature, "exact", True))
-
-
 class FeatureKeys:
     """The cache keys of a feature's rows. What they have in common is hashed once for each tempo."""
 
-    def __init__(self, recipe: Recipe, feature: Any) -> None:
-        self._recipe, self._feature = recipe, feature
+    def __init__(self, job: FeatureJob) -> None:
+        self._job = job
         self._common: dict[float | None, str] = {}
 
     def track(self, bpm: float | None, signal: str) -> str:
@@ -143,32 +138,31 @@ class FeatureKeys:
         The samples of the window alone are not enough. A feature may compute once what neighbouring windows share,
         so that equal windows of two songs differ by rounding.
         """
-        grid, windows = self._recipe.grid, self._recipe.windows
-        start = grid.rows_down(windows.start(number), of=signal.grid)
-        return Cache.key("window", common=self._of(bpm), signal=signal.sha256, start=start, rows=windows.length)
+        start = self._job.window_start(number, signal.grid)
+        rows = self._job.window_rows
+        return Cache.key("window", common=self._of(bpm), signal=signal.sha256, start=start, rows=rows)
 
     def _of(self, bpm: float | None) -> str:
-        recipe, feature = self._recipe, self._feature
+        job, feature = self._job, self._job.feature
         # Else equal music would be computed again for another tempo, and for none.
-        bpm = None if bpm is None or not getattr(feature, "uses_tempo", True) else float(bpm)
+        bpm = None if bpm is None or not feature.uses_tempo else float(bpm)
         if bpm not in self._common:
             self._common[bpm] = Cache.key(
                 "feature",
                 version=[FEATURE_STAGE, feature.version],
-                feature={feature.name: document_of(feature)},
-                fps=str(recipe.grid),
-                scope=recipe.scope,
+                feature={job.name: document_of(feature)},
+                fps=str(job.grid),
+                scope=job.scope,
                 start_bpm=bpm,
                 packages={name: package_version(name) for name in feature.packages},
-                arithmetic=expected() if is_exact(feature) else None,
+                arithmetic=expected() if feature.exact else None,
             )
         return self._common[bpm]
 
 
 def extract_track(
     cache: Cache,
-    recipe: Recipe,
-    feature: Any,
+    job: FeatureJob,
     signal: SignalId,
     bpm: float | None,
     key: str,
@@ -176,11 +170,11 @@ def extract_track(
 ) -> CachedArray | Reject:
     """Compute a feature of a whole signal, and publish it under `key`.
 
-    `ahead` is a file that will be wanted next, for features that compute on a device meanwhile.
+    `ahead` is the file of the next unit, for features that compute on a device: it is decoded meanwhile.
     """
     try:
         return cache.once(
-            "features", key, lambda: feature.extract(_decoded(signal, ahead), recipe.grid, start_bpm=bpm)
+            "features", key, lambda: job.feature.extract(_decoded(signal, ahead), job.grid, start_bpm=bpm)
         )
     except DataError as error:
         return reject_of(error, file=signal.path)
@@ -188,8 +182,7 @@ def extract_track(
 
 def extract_windows(
     cache: Cache,
-    recipe: Recipe,
-    feature: Any,
+    job: FeatureJob,
     signal: SignalId,
     bpm: float | None,
     keys: Mapping[int, str],
@@ -205,13 +198,15 @@ def extract_windows(
         with cache.lock("features", keys[min(keys)]):
             found = {number: cache.array("features", key) for number, key in keys.items()}
             missing = [number for number, array in found.items() if array is None]
-            whole = _decoded(signal, ahead) if missing else None
-            starts, length = window_samples(recipe, signal.n_samples, signal.sample_rate)
-            at_once = getattr(feature, "windows_a_call", len(missing)) or 1
+            if not missing:
+                return {number: array for number, array in found.items() if array is not None}
+            whole = _decoded(signal, ahead)
+            starts, length = window_samples(job, signal.n_samples, signal.sample_rate)
+            at_once = job.feature.windows_a_call or len(missing)
             for begin in range(0, len(missing), at_once):
                 some = missing[begin : begin + at_once]
-                rows = feature.extract_windows(
-                    whole, starts[some], length, recipe.grid, recipe.windows.length, start_bpm=bpm
+                rows = job.feature.extract_windows(
+                    whole, starts[some], length, job.grid, job.window_rows, start_bpm=bpm
                 )
                 for number, own in zip(some, rows, strict=True):
                     found[number] = cache.put_array("features", keys[number], own, durable=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from dancedata.core.atomic import OWN
 from dancedata.core.clip import ClipRef, Reject, Scan
@@ -47,6 +47,9 @@ def check(
             if not any(p.severity == "error" for p in problems):
                 problems += _implausible(path)
             return problems
+    if not path.is_dir():
+        problem = "this is not a folder" if path.exists() else "there is no such folder"
+        raise SourceError(problem, where=path, allowed="a built dataset, or a folder to build from")
     reader, scan = _scan(path, dataset)
     problems = [Problem("note", str(path), note) for note in scan.notes]
     problems += [_problem(r) for r in scan.rejects]
@@ -65,10 +68,10 @@ def _is_ours(name: str) -> bool:
     return name == DATASET_FILE or is_shard_name(name) or name.startswith(OWN)
 
 
-def _scan(path: Path, dataset: str | Dataset | None) -> tuple[Any, Scan]:
+def _scan(path: Path, dataset: str | Dataset | None) -> tuple[Dataset, Scan]:
     if dataset is not None:
-        reader: Any = DATASETS.get(dataset)() if isinstance(dataset, str) else dataset
-        if getattr(reader, "generates", False) and not (path.is_dir() and any(path.iterdir())):
+        reader = DATASETS.get(dataset)() if isinstance(dataset, str) else dataset
+        if reader.generates and not (path.is_dir() and any(path.iterdir())):
             # Its scan would fill the folder.
             raise SourceError("there is nothing to check", where=path, found="no folder, or an empty one")
         return reader, reader.scan(path)
@@ -77,9 +80,9 @@ def _scan(path: Path, dataset: str | Dataset | None) -> tuple[Any, Scan]:
         cls = DATASETS.get(name)
         # One that writes its source by itself would fill this folder; one for any files would take a copy of a known
         # dataset that its own reader refuses.
-        if getattr(cls, "generates", False):
+        if cls.generates:
             continue
-        if getattr(cls, "generic", False):
+        if cls.generic:
             failures.append(f"  - {name}: takes many layouts, so it is asked for by name: --dataset {name}")
             continue
         reader = cls()
@@ -90,7 +93,7 @@ def _scan(path: Path, dataset: str | Dataset | None) -> tuple[Any, Scan]:
     raise SourceError("this is neither a built dataset nor a source folder of a known one:\n" + "\n".join(failures))
 
 
-def _check_clip(reader: Any, ref: ClipRef) -> list[Reject]:
+def _check_clip(reader: Dataset, ref: ClipRef) -> list[Reject]:
     from dancedata.audio.signal import load_audio
 
     found = []

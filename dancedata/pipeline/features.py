@@ -1,13 +1,15 @@
-"""Extracts all audio features of a build: each signal's or window's once, whatever files and clips it is in."""
+"""Stage 4, windowed clips -> extracted clips: features of each signal or window, once for all its clips."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from dancedata.core.clip import Reject
+from dancedata.core.errors import StoreError
+from dancedata.core.plugins import AudioFeature
 from dancedata.execution.cache import Cache, CachedArray
 from dancedata.execution.execute import Progress, run_units
 from dancedata.execution.workers import Jobs, Workers
@@ -16,136 +18,171 @@ from dancedata.pipeline.audio import (
     SignalId,
     extract_track,
     extract_windows,
-    is_exact,
     known_windows,
     window_units,
 )
-from dancedata.pipeline.gathered import Gathered, window_numbers
+from dancedata.pipeline.motion import MotionResult
+from dancedata.pipeline.sources import SourceClip
+from dancedata.pipeline.windows import WindowedClip
+from dancedata.recipes.fields import FeatureJob
+from dancedata.recipes.recipe import Recipe
 from dancedata.store import AudioBlock
 
+Blocks = tuple[AudioBlock, ...]
 
-def extract_all(
-    cache: Cache, gathered: Gathered, starts: dict[str, tuple[int, ...]], *, jobs: Jobs, progress: Progress
-) -> dict[str, dict[str, tuple[AudioBlock, ...]]]:
-    """Return per clip and feature the blocks of rows; clips whose music fails are set aside.
 
-    Parameters
-    ----------
-    starts
-        First frames of each clip's windows.
-    """
-    audio: dict[str, dict[str, tuple[AudioBlock, ...]]] = {clip: {} for clip in gathered.refs}
-    for feature in gathered.recipe.audio:
-        extraction = _Extraction(cache, gathered, feature, jobs, progress)
-        found = extraction.tracks() if gathered.recipe.scope == "track" else extraction.windows(starts)
+@dataclass(frozen=True)
+class ExtractedClip:
+    """A clip with the blocks of rows of every audio field, by name."""
+
+    source: SourceClip
+    motion: MotionResult
+    starts: tuple[int, ...]
+    audio: Mapping[str, Blocks]
+
+
+def extract_features(
+    cache: Cache, recipe: Recipe, clips: Sequence[WindowedClip], *, jobs: Jobs, progress: Progress
+) -> tuple[list[ExtractedClip], list[Reject]]:
+    """Extract all audio fields; a clip whose music fails is left out, and not looked at for the fields after it."""
+    audio: dict[str, dict[str, Blocks]] = {clip.source.ref.id: {} for clip in clips}
+    left, rejects = list(clips), []
+    for job in recipe.audio:
+        extraction = _Extraction(cache, recipe, job, left, jobs, progress)
+        found, failed = extraction.tracks() if recipe.scope == "track" else extraction.windows()
         for clip, blocks in found.items():
-            audio[clip][feature.name] = blocks
-    return {clip: blocks for clip, blocks in audio.items() if clip in gathered.refs}
+            audio[clip][job.name] = blocks
+        rejects += [replace(reject, clip=clip) for clip, reject in failed.items()]
+        left = [clip for clip in left if clip.source.ref.id in found]
+    return [ExtractedClip(c.source, c.motion, c.starts, audio[c.source.ref.id]) for c in left], rejects
+
+
+class _Window(NamedTuple):
+    """A window's rows: their key, and the song that they are computed of."""
+
+    key: str
+    song: tuple[Path, float | None]
 
 
 @dataclass(frozen=True)
 class _Extraction:
-    """The extraction of one feature."""
+    """The extraction of one field."""
 
     cache: Cache
-    gathered: Gathered
-    feature: Any
+    recipe: Recipe
+    job: FeatureJob
+    clips: Sequence[WindowedClip]
     jobs: Jobs
     progress: Progress
 
-    def tracks(self) -> dict[str, tuple[AudioBlock, ...]]:
-        """Return a block for every clip; clips of equal music and tempo share theirs."""
-        gathered, every = self.gathered, FeatureKeys(self.gathered.recipe, self.feature)
+    def tracks(self) -> tuple[dict[str, Blocks], dict[str, Reject]]:
+        """Return a block for every clip, or what is wrong with its music; equal music and tempo share theirs."""
+        every = FeatureKeys(self.job)
         timelines: dict[str, list[str]] = {}
-        calls: dict[str, tuple[Any, ...]] = {}
-        for ref in gathered.refs.values():
-            signal, bpm = gathered.need_signal(ref), ref.tempo_bpm
+        units: dict[str, _Unit] = {}
+        for clip in self.clips:
+            signal, bpm = _signal(clip), clip.source.ref.tempo_bpm
             key = every.track(bpm, signal.sha256)
-            calls.setdefault(key, (self.cache, gathered.recipe, self.feature, signal, bpm, key))
-            timelines.setdefault(key, []).append(ref.id)
+            units.setdefault(key, _Unit(signal, bpm, key))
+            timelines.setdefault(key, []).append(clip.source.ref.id)
         known = [self.cache.array("features", key) for key in timelines]
-        results = self._run(extract_track, list(calls.values()), known)
-        found: dict[str, tuple[AudioBlock, ...]] = {}
+        results = self._run(extract_track, list(units.values()), known)
+        found: dict[str, Blocks] = {}
+        failed: dict[str, Reject] = {}
         for (key, clips), result in zip(timelines.items(), results, strict=True):
-            for clip in clips:
+            for clip_id in clips:
                 if isinstance(result, Reject):
-                    gathered.drop(clip, result)
+                    failed[clip_id] = result
                 else:
-                    found[clip] = (AudioBlock(key, result),)
-        return found
+                    found[clip_id] = (AudioBlock(key, result),)
+        return found, failed
 
-    def windows(self, starts: dict[str, tuple[int, ...]]) -> dict[str, tuple[AudioBlock, ...]]:
+    def windows(self) -> tuple[dict[str, Blocks], dict[str, Reject]]:
         """Return a block for every window; the same window of equal songs, at one tempo, has one."""
-        gathered, every = self.gathered, FeatureKeys(self.gathered.recipe, self.feature)
-        wanted: dict[str, list[str]] = {}
-        owner: dict[str, tuple[Path, float | None]] = {}
+        every = FeatureKeys(self.job)
+        by_clip: dict[str, list[_Window]] = {}
+        owner: dict[str, _Window] = {}
+        signals: dict[Path, SignalId] = {}
         songs: dict[tuple[Path, float | None], dict[int, str]] = {}
-        for ref in gathered.refs.values():
-            signal, bpm = gathered.need_signal(ref), ref.tempo_bpm
-            song = songs.setdefault((signal.path, bpm), {})
-            wanted[ref.id] = []
-            for number in window_numbers(gathered.recipe, starts[ref.id]):
-                key = song.get(number) or every.window(bpm, signal, number)
-                if owner.setdefault(key, (signal.path, bpm)) == (signal.path, bpm):
-                    song[number] = key
-                wanted[ref.id].append(key)
-        arrays, failed = self._compute_windows(songs)
-        found: dict[str, tuple[AudioBlock, ...]] = {}
-        for clip, keys in wanted.items():
-            missing = [key for key in keys if key not in arrays]
+        for clip in self.clips:
+            signal, bpm = _signal(clip), clip.source.ref.tempo_bpm
+            signals[signal.path] = signal
+            numbered = songs.setdefault((signal.path, bpm), {})
+            mine = by_clip[clip.source.ref.id] = []
+            for number in self.recipe.windows.numbers(clip.starts):
+                key = numbered.get(number) or every.window(bpm, signal, number)
+                window = owner.setdefault(key, _Window(key, (signal.path, bpm)))
+                if window.song == (signal.path, bpm):
+                    numbered[number] = key
+                mine.append(window)
+        units = [
+            _Unit(signals[path], bpm, keys) for (path, bpm), song in songs.items() for keys in window_units(song)
+        ]
+        arrays, broken = self._compute_windows(units)
+        found: dict[str, Blocks] = {}
+        failed: dict[str, Reject] = {}
+        for clip_id, windows in by_clip.items():
+            missing = [window for window in windows if window.key not in arrays]
             if missing:
-                gathered.drop(clip, failed[owner[missing[0]][0]])
+                failed[clip_id] = broken[missing[0].song[0]]
             else:
-                found[clip] = tuple(AudioBlock(key, arrays[key]) for key in keys)
-        return found
+                found[clip_id] = tuple(AudioBlock(window.key, arrays[window.key]) for window in windows)
+        return found, failed
 
-    def _compute_windows(
-        self, songs: dict[tuple[Path, float | None], dict[int, str]]
-    ) -> tuple[dict[str, CachedArray], dict[Path, Reject]]:
+    def _compute_windows(self, units: Sequence[_Unit]) -> tuple[dict[str, CachedArray], dict[Path, Reject]]:
         """Return rows by key, and what failed by file."""
-        gathered = self.gathered
-        calls: list[tuple[Any, ...]] = []
-        for (path, bpm), keys in songs.items():
-            song = gathered.signals[path]
-            calls += [(self.cache, gathered.recipe, self.feature, song, bpm, unit) for unit in window_units(keys)]
-        known = [known_windows(self.cache, call[5]) for call in calls]
+        known = [known_windows(self.cache, unit.keys) for unit in units]
         arrays: dict[str, CachedArray] = {}
-        failed: dict[Path, Reject] = {}
-        for call, result in zip(calls, self._run(extract_windows, calls, known), strict=True):
+        broken: dict[Path, Reject] = {}
+        for unit, result in zip(units, self._run(extract_windows, units, known), strict=True):
             if isinstance(result, Reject):
-                failed[call[3].path] = result
+                broken[unit.signal.path] = result
             else:
-                arrays.update({call[5][number]: array for number, array in result.items()})
-        return arrays, failed
+                arrays.update({unit.keys[number]: array for number, array in result.items()})
+        return arrays, broken
 
-    def _run(self, function: Any, calls: list[tuple[Any, ...]], known: list[Any]) -> list[Any]:
-        """Run the units of work that are not known, each told which song comes next."""
-        missing = [call[3] for call, result in zip(calls, known, strict=True) if result is None]
-        ahead = iter(_next_songs(self.feature, missing))
-        calls = [(*call, next(ahead)) if result is None else call for call, result in zip(calls, known, strict=True)]
-        # Whoever has it all already need not look for cards.
-        jobs = _jobs_for(self.feature, self.jobs) if missing else self.jobs
+    def _run(self, function: Callable[..., Any], units: Sequence[_Unit], known: list[Any]) -> list[Any]:
+        """Run the units of work that are not known, each with the song that comes next."""
+        missing = [unit.signal.path for unit, result in zip(units, known, strict=True) if result is None]
+        ahead = iter(_next_songs(self.job.feature, missing))
+        calls = [
+            (self.cache, self.job, *unit, next(ahead) if result is None else None)
+            for unit, result in zip(units, known, strict=True)
+        ]
+        # A feature is asked for its devices only if there is something to compute.
+        jobs = _jobs_for(self.job.feature, self.jobs) if missing else self.jobs
         return run_units(
             function,
             calls,
             known=known,
             jobs=jobs,
-            label=self.feature.name,
+            label=self.job.name,
             progress=self.progress,
-            exact=is_exact(self.feature),
+            exact=self.job.feature.exact,
         )
 
 
-def _jobs_for(feature: Any, jobs: Jobs) -> Jobs:
-    """Return the workers for a feature: one that computes on cards wants one process a card."""
-    if not hasattr(feature, "workers"):
-        return jobs
-    return replace(jobs, n=feature.workers(jobs.n)) if isinstance(jobs, Workers) else int(feature.workers(jobs))
+class _Unit(NamedTuple):
+    """What a unit of work is about: a song, the tempo to start from, and the key, or keys by number, of its rows."""
+
+    signal: SignalId
+    bpm: float | None
+    keys: Any
 
 
-def _next_songs(feature: Any, songs: Sequence[SignalId]) -> list[Path | None]:
+def _signal(clip: WindowedClip) -> SignalId:
+    if clip.source.signal is None:
+        raise StoreError("a clip without music reached the audio features", where=f"clip {clip.source.ref.id}")
+    return clip.source.signal
+
+
+def _jobs_for(feature: AudioFeature, jobs: Jobs) -> Jobs:
+    """Return the workers for a feature: one that computes on cards takes one process per card."""
+    return replace(jobs, n=feature.workers(jobs.n)) if isinstance(jobs, Workers) else feature.workers(jobs)
+
+
+def _next_songs(feature: AudioFeature, songs: Sequence[Path]) -> list[Path | None]:
     """Return, for each unit of work, the file of the next one, if the feature computes on a device meanwhile."""
-    if not getattr(feature, "reads_ahead", False):
+    if not feature.reads_ahead:
         return [None] * len(songs)
-    paths: list[Path | None] = [song.path for song in songs]
-    return [then if then != path else None for path, then in zip(paths, [*paths[1:], None], strict=False)]
+    return [then if then != path else None for path, then in zip(songs, [*songs[1:], None], strict=False)]

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
-from functools import lru_cache, partial
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import sha256_file
 from dancedata.core.motion import Motion
+from dancedata.core.plugins import Dataset
 from dancedata.core.quality import (
     MAX_ROOT_SPEED_M_S,
     MAX_TURN_DEG_S,
@@ -29,6 +30,7 @@ from dancedata.execution.cache import Cache, CachedArray, package_version
 from dancedata.execution.reference_process import expected
 from dancedata.pipeline.rejects import BUILD_AGAIN, CHANGED, reject_of
 from dancedata.recipes.documents import document_of
+from dancedata.recipes.fields import KeyMotionField, MotionField
 from dancedata.recipes.recipe import Recipe
 
 #: Raised by hand when a stage here gives other numbers for the same input.
@@ -114,17 +116,17 @@ class MotionKeys:
         arithmetic = expected()
         self._clip = Cache.key("clip", version=MOTION_STAGE, dataset=loading, limits=limits, arithmetic=arithmetic)
         self._fields = {
-            encoder.name: Cache.key(
+            field.name: Cache.key(
                 "motion",
-                version=[MOTION_STAGE, *encoder.version],
+                version=[MOTION_STAGE, *field.version],
                 dataset=loading,
-                representation={encoder.name: encoder.document()},
-                fps=str(encoder.grid),
+                representation={field.name: field.document()},
+                fps=str(field.grid),
                 windows=_window_cut(recipe) if recipe.scope == "window" else None,
                 packages={name: package_version(name) for name in ("numpy", "scipy")},
                 arithmetic=arithmetic,
             )
-            for encoder in _encoders(recipe)
+            for field in recipe.clip_fields
         }
 
     def of(self, ref: ClipRef, sha256: str) -> ClipKeys:
@@ -183,7 +185,7 @@ def _encode_missing(
     motion = recipe.dataset.load(ref)
     if motion.rotations.size * 3 <= _REMEMBERED:
         motion = motion.remembering()  # what every field, and in window scope every window, asks for
-    made = {e.name: _encode(recipe, e, motion) for e in _encoders(recipe) if arrays[e.name] is None}
+    made = {f.name: _encode(recipe, f, motion) for f in recipe.clip_fields if arrays[f.name] is None}
     if sha256_file(ref.motion_path) != sha256:
         raise DataError(CHANGED, reason="changed", where=ref.motion_path, fix=BUILD_AGAIN)
     content = content_hashes(recipe.dataset, cache.file_sha256)
@@ -202,10 +204,9 @@ def usable_frames(recipe: Recipe, n_source: int, source_rate: Fraction) -> int:
     """Return how many frames, at the recipe's rate, every motion field of a clip covers."""
     source = FrameGrid(source_rate)
     frames = [source.resampled_length(n_source, recipe.grid)]
-    for slot in recipe.motion:
-        grid = recipe.grid_of(slot)
-        if grid != recipe.grid:
-            frames.append(grid.rows_down(source.resampled_length(n_source, grid), of=recipe.grid))
+    for own in recipe.motion:
+        if own.grid != recipe.grid:
+            frames.append(own.grid.rows_down(source.resampled_length(n_source, own.grid), of=recipe.grid))
     return min(frames)
 
 
@@ -222,51 +223,22 @@ def motion_window_count(recipe: Recipe, n_source: int, source_rate: Fraction) ->
     return count
 
 
-@dataclass(frozen=True)
-class _Encoder:
-    """One field of the store that comes of a motion: what makes it, and at which rate."""
-
-    name: str
-    grid: FrameGrid
-    document: Callable[[], dict[str, Any]]
-    version: tuple[int, int]
-    width: int
-    encode: Callable[[Motion], npt.NDArray[np.float32]]
-
-
-def _encoders(recipe: Recipe) -> list[_Encoder]:
-    found = []
-    for slot in recipe.motion:
-        rule = slot.contacts
-        version = (slot.representation.version, rule.version if rule is not None else 0)
-        encode = partial(slot.representation.encode, contacts=rule)
-        found.append(
-            _Encoder(
-                slot.name, recipe.grid_of(slot), slot.document, version, slot.representation.columns.width, encode
-            )
-        )
-    for plugin in recipe.keymotion:
-        document, width = partial(document_of, plugin), plugin.columns.width
-        found.append(_Encoder(plugin.name, recipe.grid, document, (plugin.version, 0), width, plugin.analyse))
-    return found
-
-
-def _encode(recipe: Recipe, encoder: _Encoder, motion: Motion) -> npt.NDArray[np.float32]:
+def _encode(recipe: Recipe, own: MotionField | KeyMotionField, motion: Motion) -> npt.NDArray[np.float32]:
     if recipe.scope == "track":
-        return np.asarray(encoder.encode(motion.resampled(encoder.grid)))
+        return np.asarray(own.encode(motion.resampled(own.grid)))
     length = recipe.windows.length
     count = motion_window_count(recipe, motion.n_frames, motion.grid.rate)
     # EDGE cuts at the source's rate and decimates after that; frames k * step are the same either way, but
-    # where rates are no whole multiples windows can only be cut on the new grid.
-    whole = motion.grid.step_to(recipe.grid) is not None and motion.grid.step_to(encoder.grid) is not None
-    source = motion if whole else motion.resampled(encoder.grid)
+    # where rates are not whole multiples, windows can only be cut on the new grid.
+    whole = motion.grid.step_to(recipe.grid) is not None and motion.grid.step_to(own.grid) is not None
+    source = motion if whole else motion.resampled(own.grid)
     spans = [
         [recipe.grid.rows_down(frame, of=source.grid) for frame in (start, start + length)]
         for start in recipe.windows.starts(count)
     ]
-    windows = [encoder.encode(source.part(*span).resampled(encoder.grid)) for span in spans]
-    rows = recipe.grid.rows(length, of=encoder.grid)
-    return np.stack(windows) if windows else np.empty((0, rows, encoder.width), np.float32)
+    windows = [own.encode(source.part(*span).resampled(own.grid)) for span in spans]
+    rows = recipe.grid.rows(length, of=own.grid)
+    return np.stack(windows) if windows else np.empty((0, rows, own.columns.width), np.float32)
 
 
 def vertical_extent(motion: Motion) -> float:
@@ -279,7 +251,7 @@ def vertical_extent(motion: Motion) -> float:
     return round(float(np.median(heights.max(axis=1) - heights.min(axis=1))), 4)
 
 
-def content_hashes(dataset: Any, hash_file: Callable[[Path], str]) -> dict[str, str]:
+def content_hashes(dataset: Dataset, hash_file: Callable[[Path], str]) -> dict[str, str]:
     """Return the hash of every file that a dataset's parameters name, such as a body model.
 
     Those files are the fields whose metadata say ``{"content": True}``. Of a folder, all files count.
@@ -304,5 +276,5 @@ def content_hashes(dataset: Any, hash_file: Callable[[Path], str]) -> dict[str, 
 
 def _window_cut(recipe: Recipe) -> list[Any]:
     # The fields together decide how many windows there are, see usable_frames.
-    rates = sorted({str(recipe.grid_of(slot)) for slot in recipe.motion})
+    rates = sorted({str(own.grid) for own in recipe.motion})
     return [recipe.windows.length, recipe.windows.stride, str(recipe.grid), rates]

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from dancedata.audio.signal import load_audio
 from dancedata.core.atomic import atomic_file, write_json
@@ -17,78 +18,68 @@ from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import StoreError, UsageError, did_you_mean
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import json_sha256
+from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
 from dancedata.core.text import shown
 from dancedata.execution.cache import Cache, default_cache
 from dancedata.execution.execute import exactly, on_one_thread
-from dancedata.pipeline.audio import is_exact, window_samples
-from dancedata.recipes.documents import document_of
-from dancedata.recipes.parse import load_recipe, parse_recipe
+from dancedata.pipeline.audio import window_samples
+from dancedata.recipes.fields import FeatureJob
+from dancedata.recipes.parse import load_recipe, parse_recipe, recipe_names
 from dancedata.recipes.plugins import make_named
-from dancedata.recipes.recipe import Recipe, resolve_feature
+from dancedata.recipes.recipe import Recipe
 from dancedata.store import open_store
 from dancedata.store.schema import DATASET_FILE
 
 _MUSIC = (".wav", ".flac", ".mp3", ".ogg")
 
 
-@dataclass(frozen=True)
-class Like:
-    """How features are computed: as a dataset or recipe does it, or plainly per track at 30 a second."""
-
-    feature: Any
-    grid: FrameGrid
-    recipe: Recipe | None
-
-    @property
-    def scope(self) -> str:
-        """Scope of the features."""
-        return self.recipe.scope if self.recipe is not None else "track"
-
-
-def find_like(feature: str | None, like: str | None) -> list[Like]:
-    """Find the feature's parameters, rate and scope in a built dataset, a recipe or, without one, the defaults.
+def find_jobs(feature: str | None, like: str | None) -> list[FeatureJob]:
+    """Find how features are computed: as in a built dataset or a recipe, or plainly, per track at 30 per second.
 
     Without `feature`, all audio features of `like` are meant, or librosa35.
     """
     if like is None:
         made = make_named(FEATURES, "audio", feature or "librosa35", {})
-        return [Like(made, FrameGrid.of(30), None)]
+        return [FeatureJob(made.name, FrameGrid.of(30), made)]
     recipe = _recipe_like(like)
-    names = [f.name for f in recipe.audio]
+    names = [job.name for job in recipe.audio]
     if not names:
         raise UsageError(f"{like} has no audio features", fix="name another dataset or recipe, or none")
     if feature is not None and feature not in names:
         raise UsageError(f"{like} has no audio feature {feature!r}", fix=did_you_mean(str(feature), names))
-    return [Like(f, recipe.grid, recipe) for f in recipe.audio if feature in (None, f.name)]
+    return [job for job in recipe.audio if feature in (None, job.name)]
 
 
 def write_features(
-    songs: Sequence[Path], out: Path, likes: Sequence[Like], bpm: float | None, weights: Path | None = None
+    songs: Sequence[Path], out: Path, jobs: Sequence[FeatureJob], bpm: float | None, weights: Path | None = None
 ) -> list[dict[str, Any]]:
-    """Write OUT/<song>.<feature>.npy and a .json beside it that says what it is; returns the JSON's content.
+    """Write OUT/<song>.<feature>.npy and a .json beside it that describes it; returns the content of the JSON files.
 
     (T, D) in track scope; in window scope (W, L, D), each window by itself as in training. `weights` is the folder of
     a network's weights, where a feature needs one. Where it fails, nothing is left behind; where it is interrupted,
     the songs that are done are.
     """
+    if bpm is not None and not 0 < bpm < float("inf"):
+        fix = "without --bpm the tempo is estimated"
+        raise UsageError("not a valid tempo; nothing was computed", found=bpm, allowed="--bpm above 0", fix=fix)
     _check_songs(songs)
     # Only now: weights are ten gigabytes to hash.
-    likes = [replace(like, feature=_ready(like.feature, weights)) for like in likes]
-    _check_signals(songs, likes)
+    jobs = [replace(job, feature=_ready(job.feature, weights)) for job in jobs]
+    _check_signals(songs, jobs)
     written = []
     try:
         with _undone_if_it_fails(out) as new:
             for song in songs:
                 signal = load_audio(song)
-                for like in likes:
-                    path = out / f"{song.stem}.{like.feature.name}.npy"
+                for job in jobs:
+                    path = out / f"{song.stem}.{job.name}.npy"
                     new.update(p for p in (path, path.with_suffix(".json")) if not p.exists())
-                    compute = exactly if is_exact(like.feature) else on_one_thread
-                    computed = compute(_compute, like, signal, bpm, song)
+                    compute = exactly if job.feature.exact else on_one_thread
+                    computed = compute(_compute, job, signal, bpm, song)
                     with atomic_file(path) as temporary, open(temporary, "wb") as file:
                         np.save(file, computed.rows)
-                    about = _about(like, song, signal, computed, bpm, path)
+                    about = _about(job, song, signal, computed, bpm, path)
                     write_json(path.with_suffix(".json"), about)
                     written.append(about)
     except OSError as error:
@@ -102,7 +93,7 @@ def _check_songs(songs: Sequence[Path]) -> None:
             raise _not_a_song(song)
     absent = [str(song) for song in songs if not song.is_file()]
     if absent:
-        raise UsageError("there is no such song; nothing was computed", found=", ".join(absent))
+        raise UsageError("the song does not exist; nothing was computed", found=", ".join(absent))
     names = [song.stem for song in songs]
     twice = sorted({n for n in names if names.count(n) > 1})
     if twice:
@@ -121,13 +112,14 @@ def _not_a_song(folder: Path) -> UsageError:
     )
 
 
-def _check_signals(songs: Sequence[Path], likes: Sequence[Like]) -> None:
+def _check_signals(songs: Sequence[Path], jobs: Sequence[FeatureJob]) -> None:
     """Raise the error of the first song that cannot be used, before the others are computed."""
-    if len(songs) > 1:  # of one song, computing it says the same
+    if len(songs) > 1:  # for a single song, computing it raises the same error
         for song in songs:
             signal = load_audio(song)
-            for like in likes:
-                _windows(like, signal, song)
+            for job in jobs:
+                if job.windows is not None:
+                    _windows(job, signal, song)
 
 
 @contextmanager
@@ -148,11 +140,11 @@ def _undone_if_it_fails(out: Path) -> Iterator[set[Path]]:
         raise
 
 
-def _ready(feature: Any, weights: Path | None) -> Any:
+def _ready(feature: AudioFeature, weights: Path | None) -> AudioFeature:
     """Return a feature with its weights; those of a dataset are known by their hash, not by their place."""
-    if weights is not None and hasattr(feature, "weights"):
-        feature = replace(feature, weights=weights)
-    return resolve_feature(feature, Cache(default_cache()).file_sha256)
+    if weights is not None:
+        feature = feature.with_weights(weights)
+    return feature.resolved(Cache(default_cache()).file_sha256)
 
 
 @dataclass(frozen=True)
@@ -164,74 +156,73 @@ class _Computed:
     estimated_bpm: float | list[float] | None = None
 
 
-def _compute(like: Like, signal: AudioSignal, bpm: float | None, song: Path) -> _Computed:
-    windows = _windows(like, signal, song)
-    estimates = bpm is None and hasattr(like.feature, "estimated_bpm")
-    if windows is None or like.recipe is None:
-        estimated = like.feature.estimated_bpm(signal, like.grid) if estimates else None
+def _compute(job: FeatureJob, signal: AudioSignal, bpm: float | None, song: Path) -> _Computed:
+    feature = job.feature
+    if job.windows is None:
+        estimated = feature.estimated_bpm(signal, job.grid) if bpm is None else None
         start_bpm = bpm if estimated is None else estimated
-        return _Computed(like.feature.extract(signal, like.grid, start_bpm=start_bpm), estimated_bpm=estimated)
-    starts, length = windows
-    rows = like.feature.extract_windows(signal, starts, length, like.grid, like.recipe.windows.length, start_bpm=bpm)
-    tempos = like.feature.estimated_window_bpms(signal, starts, length, like.grid) if estimates else None
-    return _Computed(rows, list(like.recipe.windows.starts(len(starts))), tempos)
+        return _Computed(feature.extract(signal, job.grid, start_bpm=start_bpm), estimated_bpm=estimated)
+    starts, length = _windows(job, signal, song)
+    rows = feature.extract_windows(signal, starts, length, job.grid, job.window_rows, start_bpm=bpm)
+    tempos = feature.estimated_window_bpms(signal, starts, length, job.grid) if bpm is None else None
+    return _Computed(rows, list(job.windows.starts(len(starts))), tempos)
 
 
-def _windows(like: Like, signal: AudioSignal, song: Path) -> tuple[Any, int] | None:
-    """Return first samples and length of a song's windows, None in track scope; UsageError if it has none."""
-    recipe = like.recipe
-    if recipe is None or recipe.scope == "track":
-        return None
-    starts, length = window_samples(recipe, signal.n_samples, signal.sample_rate)
+def _windows(job: FeatureJob, signal: AudioSignal, song: Path) -> tuple[npt.NDArray[np.int64], int]:
+    """Return first samples and length of a song's windows; UsageError if it has none."""
+    starts, length = window_samples(job, signal.n_samples, signal.sample_rate)
     if not len(starts):
         raise UsageError(
             "the song is shorter than one window",
             where=song,
             found=f"{signal.n_samples / signal.sample_rate:.2f} s",
-            allowed=f"at least {float(recipe.grid.seconds(recipe.windows.length)):g} s",
+            allowed=f"at least {length / signal.sample_rate:g} s",
         )
     return starts, length
 
 
 def _about(
-    like: Like, song: Path, signal: AudioSignal, computed: _Computed, bpm: float | None, path: Path
+    job: FeatureJob, song: Path, signal: AudioSignal, computed: _Computed, bpm: float | None, path: Path
 ) -> dict[str, Any]:
-    uses_tempo = getattr(like.feature, "uses_tempo", True)
     return {
         "song": song.name,
         "file": path.name,
-        "feature": {like.feature.name: document_of(like.feature)},
+        "feature": {job.name: job.document()},
         "shape": list(computed.rows.shape),
         "dtype": str(computed.rows.dtype),
-        "fps": str(like.grid),
-        "scope": like.scope,
+        "fps": str(job.grid),
+        "scope": job.scope,
         "window_starts": computed.starts,
         "start_bpm": bpm,
-        "tempo_bpm": computed.estimated_bpm if bpm is None else bpm if uses_tempo else None,
+        "tempo_bpm": computed.estimated_bpm if bpm is None else bpm if job.feature.uses_tempo else None,
         "tempo_estimated": computed.estimated_bpm is not None,
         "signal_sha256": signal.sha256,
-        "columns": list(like.feature.columns.labels),
+        "columns": list(job.feature.columns.labels),
     }
 
 
 def describe_features(out: Path, about: Mapping[str, Any]) -> str:
     """Return the line that `features` prints of a song."""
     shape = " x ".join(str(n) for n in about["shape"])
-    said = f"{shown(out / about['file'])}: {shape} {about['dtype']}, {about['fps']} a second, {about['scope']} scope"
+    rate = f"{about['fps']} rows per second"
+    text = f"{shown(out / about['file'])}: {shape} {about['dtype']}, {rate}, {about['scope']} scope"
     tempo = about["tempo_bpm"]
     if about["tempo_estimated"] and isinstance(tempo, list):
-        return f"{said}; tempo of each window estimated: {min(tempo):.5g} to {max(tempo):.5g} BPM"
+        return f"{text}; tempo of each window estimated: {min(tempo):.5g} to {max(tempo):.5g} BPM"
     if about["tempo_estimated"]:
-        return f"{said}; tempo estimated: {tempo:.5g} BPM (--bpm sets it)"
-    return said
+        return f"{text}; tempo estimated: {tempo:.5g} BPM (--bpm sets it)"
+    return text
 
 
 def _recipe_like(like: str) -> Recipe:
     folder = Path(like)
     if not folder.is_dir():
+        if not folder.exists() and folder.suffix not in (".yaml", ".yml") and like not in recipe_names():
+            problem = f"there is neither a dataset folder nor a recipe {shown(like)}"
+            raise UsageError(problem, fix=did_you_mean(like, recipe_names()))
         return load_recipe(like)
     if not (folder / DATASET_FILE).exists():
-        raise StoreError("there is no dataset to take the features' parameters from", where=folder)
+        raise StoreError("the folder is not a dataset, so it has no feature parameters to use", where=folder)
     meta = open_store(folder).meta
     document = json.loads(json.dumps(meta["recipe"]))
     recipe = parse_recipe(document, where=f"{folder}/{DATASET_FILE}")

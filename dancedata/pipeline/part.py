@@ -16,10 +16,10 @@ from dancedata.execution.cache import Cache, default_cache
 from dancedata.execution.execute import Progress
 from dancedata.execution.lost_entries import with_lost_entries
 from dancedata.pipeline.build import hired_for
-from dancedata.pipeline.clips import gather, identify, scan_source
-from dancedata.pipeline.gathered import Gathered
+from dancedata.pipeline.clips import ComputedClips, compute_clips
 from dancedata.pipeline.implausible import stop_if_implausible
 from dancedata.pipeline.left_out import stop_if_strict
+from dancedata.pipeline.sources import Sources, identify, scan_source
 from dancedata.recipes.recipe import Recipe, resolve
 
 
@@ -35,7 +35,7 @@ class Part:
         """Read "3/16"; UsageError for anything else."""
         found = re.fullmatch(r"([0-9]{1,6})/([0-9]{1,6})", text.strip())
         if not found or not 1 <= int(found[1]) <= int(found[2]):
-            raise UsageError("a part is NUMBER/COUNT", found=repr(text), allowed="1/16 to 16/16, say")
+            raise UsageError("a part is NUMBER/COUNT", found=repr(text), allowed="such as 1/16 to 16/16")
         return cls(int(found[1]), int(found[2]))
 
     def __str__(self) -> str:
@@ -47,7 +47,7 @@ class Part:
 
         All clips of a song are in one part, so that no song is decoded, and no feature computed, in two. Parts get
         about equal numbers of clips: songs are dealt out by their number of clips, the largest first, each to the
-        part that has least. That depends on nothing but the clips.
+        part that has the fewest clips. The result depends on the clips alone.
         """
         songs: dict[str, list[ClipRef]] = defaultdict(list)
         for ref in clips:
@@ -84,8 +84,8 @@ class PartResult:
 
     def __str__(self) -> str:
         """Say what was done."""
-        said = f"part {self.part}: {self.clips} of {self.clips_in_all} clips, {self.songs} songs, all in the cache"
-        return said + "".join(f"\n  will be left out: {reason}: {n}" for reason, n in self.left_out.items())
+        text = f"part {self.part}: {self.clips} of {self.clips_in_all} clips, {self.songs} songs, all in the cache"
+        return text + "".join(f"\n  will be left out: {reason}: {n}" for reason, n in self.left_out.items())
 
 
 def build_part(
@@ -127,14 +127,15 @@ def build_part(
     share = replace(scan, clips=mine, rejects=())
     with hired_for(recipe, source, store_cache, jobs) as workers:
 
-        def run(cache: Cache) -> Gathered:
-            gathered = identify(cache, recipe, share, jobs=workers, progress=progress)
-            stop_if_strict(strict, [*gathered.rejects, *gathered.audio_problems.values()], scan)
-            gather(cache, gathered, jobs=workers, progress=progress)
-            stop_if_strict(strict, gathered.rejects, scan)
-            stop_if_implausible(strict, gathered.quality)
-            return gathered
+        def run(cache: Cache) -> tuple[Sources, ComputedClips]:
+            sources = identify(cache, recipe, share, jobs=workers, progress=progress)
+            stop_if_strict(strict, sources.rejects, scan)
+            found = compute_clips(cache, recipe, sources, jobs=workers, progress=progress)
+            stop_if_strict(strict, found.rejects, scan)
+            stop_if_implausible(strict, found.quality)
+            return sources, found
 
-        gathered = with_lost_entries(store_cache, run, progress)
-    left_out = Counter(reject.reason for reject in gathered.rejects)
-    return PartResult(part, len(scan.clips), len(mine), len(gathered.signals), dict(sorted(left_out.items())))
+        sources, found = with_lost_entries(store_cache, run, progress)
+    left_out = Counter(reject.reason for reject in found.rejects)
+    songs = {clip.signal.path for clip in sources.clips if clip.signal is not None}
+    return PartResult(part, len(scan.clips), len(mine), len(songs), dict(sorted(left_out.items())))

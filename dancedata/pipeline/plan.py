@@ -15,12 +15,13 @@ from dancedata.core.quality import implausible_flags
 from dancedata.execution.cache import Cache, default_cache
 from dancedata.execution.execute import Progress, run_units
 from dancedata.pipeline.build import header_of, relative_to
-from dancedata.pipeline.clips import audio_window_count, scan_source
 from dancedata.pipeline.implausible import describe_implausible
 from dancedata.pipeline.left_out import nothing_left
 from dancedata.pipeline.motion import motion_window_count
-from dancedata.pipeline.plan_cached import Cached, cached_units
+from dancedata.pipeline.plan_cached import Cached, cached_units, not_ready
 from dancedata.pipeline.rejects import missing_music, reject_of, short_audio, too_short
+from dancedata.pipeline.sources import scan_source
+from dancedata.pipeline.windows import audio_window_count
 from dancedata.recipes.recipe import Recipe
 from dancedata.store.schema import sort_splits
 
@@ -63,13 +64,14 @@ class Plan:
 
     @property
     def rejects(self) -> list[Reject]:
-        """Files and clips that would be left out; windows are only counted."""
-        return [*self.scan.rejects, *(problem for c in self.clips for problem in c.problems)]
+        """Files and clips that would be left out, paths below the source; windows are only counted."""
+        rejects = [*self.scan.rejects, *(problem for c in self.clips for problem in c.problems)]
+        return [relative_to(reject, self.source) for reject in rejects]
 
     def require_clips(self) -> None:
         """Raise StoreError, as a build would, if nothing is left to store."""
         if not any(c.n_windows for c in self.clips):
-            raise nothing_left(self.source, self.scan, [relative_to(r, self.source) for r in self.rejects])
+            raise nothing_left(self.source, self.recipe.dataset, self.scan, self.rejects)
 
     def to_json(self) -> dict[str, Any]:
         """Return plain JSON data: counts, columns and bytes."""
@@ -109,7 +111,8 @@ class Plan:
         if chosen is not None:
             where = ", ".join(chosen.splits)
             notes.append(f"windows of {where} are counted before the movement filter, which looks at encoded motion")
-        return notes
+        # A note: where a cluster builds, the weights need not be on the node that plans.
+        return notes + [f"a build here ends with: {why}" for why in map(not_ready, self.recipe.audio) if why]
 
     def _bytes(self, kept: list[ClipPlan]) -> int:
         """Estimate the size of the shards, tables aside; equal windows of several files are counted each."""
@@ -138,7 +141,7 @@ def make_plan(
     recipe: Recipe, source: Path, *, jobs: int = 1, cache: Path | None = None, progress: Progress | None = None
 ) -> Plan:
     """Find out what `build` would make of a source, and what of that is in the cache."""
-    source = source.absolute()  # as in a build, so that both say the same
+    source = source.absolute()  # as in a build, so that messages are the same
     scan = scan_source(recipe, source)
     progress = progress or Progress(quiet=True)
     songs: dict[Path | None, Any] = {}
@@ -175,7 +178,7 @@ def _clip_plan(recipe: Recipe, ref: ClipRef, samples: tuple[int, int] | Reject |
     if not kept:
         audio_s = round(samples[0] / samples[1], 3)
         return ClipPlan(ref, problems=(short_audio(recipe, ref, ref.audio_path or ref.motion_path, audio_s),))
-    rows = tuple(f.n_rows(*samples, recipe.grid) for f in recipe.audio)
+    rows = tuple(job.feature.n_rows(*samples, job.grid) for job in recipe.audio)
     return ClipPlan(ref, n_frames, kept, count - kept, rows, implausible=implausible)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,8 @@ from dancedata.core.errors import SourceError, UsageError
 from dancedata.execution.cache import Cache
 from dancedata.pipeline.audio import FeatureKeys, known_signal
 from dancedata.pipeline.motion import MotionKeys, content_hashes
-from dancedata.recipes.recipe import Recipe, resolve_feature
+from dancedata.recipes.fields import FeatureJob
+from dancedata.recipes.recipe import Recipe
 
 
 @dataclass(frozen=True)
@@ -51,13 +52,13 @@ def cached_units(cache: Cache, recipe: Recipe, clips: Sequence[tuple[ClipRef, in
     """
     found = _motion(cache, recipe, [ref for ref, _ in clips])
     signals = {path: known_signal(cache, path) for path in {r.audio_path for r, _ in clips} if path is not None}
-    for feature in recipe.audio:
-        found[feature.name] = _audio(cache, recipe, feature, clips, signals)
+    for job in recipe.audio:
+        found[job.name] = _audio(cache, job, clips, signals)
     return found
 
 
 def _motion(cache: Cache, recipe: Recipe, refs: Sequence[ClipRef]) -> dict[str, Cached]:
-    names = [plugin.name for plugin in (*recipe.motion, *recipe.keymotion)]
+    names = [own.name for own in recipe.clip_fields]
     held = dict.fromkeys(names, 0)
     try:
         every = MotionKeys(recipe, content_hashes(recipe.dataset, _known(cache)))
@@ -78,34 +79,48 @@ def _motion(cache: Cache, recipe: Recipe, refs: Sequence[ClipRef]) -> dict[str, 
 
 def _audio(
     cache: Cache,
-    recipe: Recipe,
-    feature: Any,
+    job: FeatureJob,
     clips: Sequence[tuple[ClipRef, int]],
     signals: dict[Path, Any],
 ) -> Cached:
-    unit = "songs" if recipe.scope == "track" else "windows"
-    ready = _resolved(cache, feature)
+    unit = "songs" if job.windows is None else "windows"
+    ready = _resolved(cache, job)
     known: set[str] = set()
     unknown: set[tuple[Any, ...]] = set()
-    keys = FeatureKeys(recipe, ready)
+    keys = None if ready is None else FeatureKeys(ready)
     for ref, n_windows in clips:
         signal = None if ref.audio_path is None else signals[ref.audio_path]
-        numbers = [0] if recipe.scope == "track" else range(n_windows)
-        if signal is None or ready is None:
+        numbers = [0] if job.windows is None else range(n_windows)
+        if signal is None or keys is None:
             unknown.update((ref.audio_path, ref.tempo_bpm, number) for number in numbers)
-        elif recipe.scope == "track":
+        elif job.windows is None:
             known.add(keys.track(ref.tempo_bpm, signal.sha256))
         else:
             known.update(keys.window(ref.tempo_bpm, signal, number) for number in numbers)
     return Cached(unit, sum(cache.holds("features", key) for key in known), len(known) + len(unknown))
 
 
-def _resolved(cache: Cache, feature: Any) -> Any | None:
-    """Return a feature as a build computes it; None if that cannot be known here without reading weights."""
+def _resolved(cache: Cache, job: FeatureJob) -> FeatureJob | None:
+    """Return a field as a build computes it; None if that cannot be known here without reading weights."""
     # ImportError: a login node that plans, without the packages that compute.
     with suppress(_UnknownError, UsageError, SourceError, ImportError):
-        return resolve_feature(feature, _known(cache))
+        return replace(job, feature=job.feature.resolved(_known(cache)))
     return None
+
+
+def not_ready(job: FeatureJob) -> str:
+    """Return what would end a build with this field here, such as weights that are missing; "" if nothing would."""
+
+    def unread(path: Path) -> str:
+        raise _UnknownError  # there are weights: a build reads them, a plan does not
+
+    try:
+        job.feature.resolved(unread)
+    except (UsageError, SourceError) as error:
+        return str(error)
+    except (_UnknownError, ImportError):
+        pass
+    return ""
 
 
 class _UnknownError(Exception):

@@ -1,4 +1,4 @@
-"""What a build says at its end: what was built, what was left out and why, what to do next; `info` shows the rest."""
+"""The summary at the end of a build: what was built, what was left out and why, what to do next."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ def describe_built(path: Path) -> str:
 def describe_unchanged(path: Path) -> str:
     """Return what `build` prints if the dataset was there already: two lines."""
     with open_store(path) as store:
-        said = (
+        text = (
             f"nothing to do: {shown(path)} is this dataset already, from the same recipe and source ({_size(store)})"
         )
-    return f"{said}\n{next_steps(path)}"
+    return f"{text}\n{next_steps(path)}"
 
 
 def next_steps(path: Path) -> str:

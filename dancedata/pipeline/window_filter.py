@@ -21,8 +21,7 @@ def still_windows(
     if chosen is None or ref.split not in chosen.splits or not starts:
         return starts, []
     rows = np.asarray(motion.arrays[chosen.field])
-    slot = next(s for s in recipe.motion if s.name == chosen.field)
-    grid = recipe.grid_of(slot)
+    grid = next(own.grid for own in recipe.motion if own.name == chosen.field)
     length = recipe.grid.rows(recipe.windows.length, of=grid)
     kept, rejects = [], []
     for start in starts:

@@ -26,7 +26,6 @@ def whole(what: str, value: int) -> int:
 
 def probability(what: str, value: float) -> float:
     """Return a number in [0, 1]; UsageError for any other."""
-    number = float(value)
-    if not 0.0 <= number <= 1.0:
+    if not isinstance(value, int | float) or not 0.0 <= value <= 1.0:
         raise UsageError(f"{what} is a probability", found=value, allowed="0 to 1")
-    return number
+    return float(value)

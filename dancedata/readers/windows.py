@@ -26,7 +26,7 @@ from dancedata.readers.metadata import metadata
 from dancedata.readers.presets import fields_to_read, find_preset, given_or_preset, preset_windows
 from dancedata.readers.primitives import PrimitiveSpec, primitive_spec
 from dancedata.readers.scalers import mirrors_of, normalized_fields, root_columns, scaler_of
-from dancedata.readers.selection import Choice, movement_filter, no_window_error, select
+from dancedata.readers.selection import Choice, movement_filter, no_window_error, require_protocol, select
 from dancedata.store.dataset import Store, open_store, reopen
 
 _log = logging.getLogger(__name__)
@@ -165,6 +165,8 @@ class WindowDataset(Dataset[dict[str, Any]]):
         self.split = split
         self.preset = preset
         known = find_preset(self.store, preset)
+        if protocol is not None:
+            require_protocol(self.store, protocol)
         requested = {
             "length_s": length_s,
             "length_frames": length_frames,

@@ -10,9 +10,9 @@ from typing import Any
 def document_of(plugin: Any, *, loading: bool = False) -> dict[str, Any]:
     """Return a plug-in's parameters as JSON, defaults included; fields marked as paths are left out.
 
-    A field is a path if its metadata say ``{"path": True}``: what lies there is hashed with the source, and
+    A field is a path if its metadata contain ``{"path": True}``: what lies there is hashed with the source, and
     where it lies shapes nothing. With `loading`, a dataset's fields marked ``{"scan": True}`` are left out
-    as well: they decide which clips there are, not what `load` makes of one, so they are no part of its key.
+    as well: they decide which clips there are, not what `load` makes of one, so they are not part of its key.
     """
     skipped = ("path", "scan") if loading else ("path",)
     fields = [f for f in dataclasses.fields(plugin) if not any(f.metadata.get(mark) for mark in skipped)]

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 import yaml
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
@@ -16,17 +16,21 @@ from dancedata.core.movement import Movement
 from dancedata.core.registry import CONTACTS, DATASETS, FEATURES, KEYMOTIONS, REPRESENTATIONS, Registry
 from dancedata.core.resources import resource, resources
 from dancedata.core.text import shown
-from dancedata.recipes.plugins import key_paths, make_dataclass, make_plugin, one_of
-from dancedata.recipes.recipe import MotionSlot, Recipe, WindowSpec
+from dancedata.recipes.fields import FeatureJob, FieldSpec, KeyMotionField, MotionField, WindowSpec
+from dancedata.recipes.plugins import key_paths, longest_key, make_dataclass, make_instance, one_of
+from dancedata.recipes.recipe import Recipe
 from dancedata.recipes.yaml import load_yaml, read_yaml
 
-#: Characters of what PyYAML says, which are several lines.
+F = TypeVar("F", bound=FieldSpec)
+T = TypeVar("T")
+
+#: Characters shown of a PyYAML error, which has several lines.
 _YAML_PROBLEM = 600
 
 
 def _number(value: Any) -> Any:
     if value is not None and (isinstance(value, bool) or not isinstance(value, int | float | str)):
-        raise ValueError("a number, or a fraction such as 30000/1001, is wanted")
+        raise ValueError("not a number or a fraction such as 30000/1001")
     return value
 
 
@@ -71,7 +75,15 @@ class _Document(_Strict):
 
 
 _MODELS: dict[str, type[BaseModel]] = {"windows": _Windows, "store": _Store, "augment": _Augment}
-_SLOTS = {"dataset": DATASETS, "motion": REPRESENTATIONS, "audio": FEATURES, "keymotion": KEYMOTIONS}
+_SLOTS: dict[str, Registry[Any]] = {
+    "dataset": DATASETS,
+    "motion": REPRESENTATIONS,
+    "audio": FEATURES,
+    "keymotion": KEYMOTIONS,
+}
+
+#: Keys of a slot beside the plug-in's own.
+_SLOT_KEYS = {"motion": ("contacts",), "audio": ("fps",)}
 
 
 def recipe_names() -> tuple[str, ...]:
@@ -87,7 +99,7 @@ def load_recipe(name_or_path: str | Path, overrides: Sequence[str] = ()) -> Reci
     RecipeError
         Listing every problem at once.
     UsageError
-        If there is no such recipe.
+        If the recipe does not exist.
     """
     path = _find(str(name_or_path))
     try:
@@ -95,7 +107,8 @@ def load_recipe(name_or_path: str | Path, overrides: Sequence[str] = ()) -> Reci
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise RecipeError("the recipe cannot be read", where=path, found=str(error)[:_YAML_PROBLEM]) from error
     if not isinstance(document, dict):
-        raise RecipeError("a recipe is a mapping of keys", where=path, found=type(document).__name__)
+        found = "an empty file" if document is None else type(document).__name__
+        raise RecipeError("a recipe is a mapping of keys", where=path, found=found)
     for override in overrides:
         apply_override(document, override)
     return parse_recipe(document, where=str(name_or_path))
@@ -111,18 +124,31 @@ def apply_override(document: dict[str, Any], override: str) -> None:
         value = load_yaml(text)
     except yaml.YAMLError as error:
         raise UsageError("the value of an override cannot be read", where=key, found=repr(text)) from error
+    *above, last = _steps(document, parts)
     at: Any = document
-    for part in parts[:-1]:
-        if not isinstance(at.get(part), dict):
+    for step in above:
+        if not isinstance(at.get(step), dict):
             # "dataset: aist++" and "librosa35:" are short for a mapping.
-            at[part] = {at[part]: {}} if isinstance(at.get(part), str) else {}
-        at = at[part]
-    last = parts[-1]
+            at[step] = {at[step]: {}} if isinstance(at.get(step), str) else {}
+        at = at[step]
     twin = {"length_s": "length_frames", "stride_s": "stride_frames"}
     for one, other in [*twin.items(), *((b, a) for a, b in twin.items())]:
-        if parts[:-1] == ["windows"] and last == one:
+        if above == ["windows"] and last == one:
             at.pop(other, None)
     at[last] = value
+
+
+def _steps(document: Mapping[str, Any], parts: list[str]) -> list[str]:
+    """Return the keys that an override names, from the top; at each level the longest that there is or may be."""
+    at: Any = document
+    registry: Registry[Any] | None = None
+    steps: list[str] = []
+    while parts:
+        step, parts = longest_key(at if isinstance(at, dict) else {}, parts, registry)
+        registry = None if steps else _SLOTS.get(step)
+        at = at.get(step) if isinstance(at, dict) else None
+        steps.append(step)
+    return steps
 
 
 def parse_recipe(document: Mapping[str, Any], where: str = "recipe") -> Recipe:
@@ -142,25 +168,27 @@ def parse_recipe(document: Mapping[str, Any], where: str = "recipe") -> Recipe:
         model = None
     given = document if model is None else model.__dict__
     dataset = _attempt(problems, lambda: one_of(DATASETS, "dataset", given.get("dataset"), problems))
-    motion = _motion_slots(given.get("motion"), problems)
-    audio = _slots(FEATURES, "audio", given.get("audio"), problems)
-    keymotion = _slots(KEYMOTIONS, "keymotion", given.get("keymotion"), problems)
     grid = _attempt(problems, lambda: _grid(given.get("fps", 30)))
+    # Where the rate is wrong, the fields are looked at all the same, so that their errors come in the same message.
+    any_grid = grid or FrameGrid.of(30)
+    motion = _motion_fields(given.get("motion"), any_grid, problems)
+    keymotion = _key_motion_fields(given.get("keymotion"), any_grid, problems)
     spec = model.windows if model is not None else _window_keys(given.get("windows"))
     windows = None
     if spec is not None and grid is not None:
         windows = _attempt(problems, lambda: _windows(spec, grid, _filter(spec.filter, motion, problems)))
+    by_window = windows if model is not None and model.scope == "window" else None
+    audio = _feature_jobs(given.get("audio"), any_grid, by_window, problems)
     if windows is not None:
-        for slot in motion:
-            _attempt(problems, partial(_whole_rows, slot, windows, grid))
+        for field in (*motion, *audio):
+            _attempt(problems, partial(field.require_whole, windows))
     if model is not None and model.augment.mirror:
-        without = [slot.name for slot in motion if slot.representation.columns.mirror is None]
+        without = [field.name for field in motion if field.columns.mirror is None]
         problems += [f"augment.mirror: {name} has no mirror image" for name in without]
-    if grid is not None:
-        for feature in audio:
-            # A rate that a feature cannot do is said now, not after all music was decoded.
-            _attempt(problems, partial(feature.n_rows, 1, 48_000, grid))
-    if problems or model is None or grid is None or windows is None:
+    for job in audio if grid is not None else ():
+        # A rate that a feature cannot compute at is an error now, not after all music was decoded.
+        _attempt(problems, partial(job.feature.n_rows, 1, 48_000, job.grid))
+    if problems or model is None or dataset is None or grid is None or windows is None:
         listed = "\n".join(f"  - {p}" for p in problems)
         raise RecipeError(f"{len(problems)} problem{'s' * (len(problems) != 1)} in the recipe\n{listed}", where=where)
     return Recipe(
@@ -182,16 +210,20 @@ def _find(name: str) -> Path:
     path = Path(name)
     if path.suffix in (".yaml", ".yml") or path.is_file():
         if not path.exists():
-            raise UsageError("there is no such recipe file", where=path)
+            raise UsageError("the recipe file does not exist", where=path)
         return path
     if name in recipe_names():
         return resource("pipelines", f"{name}.yaml")
-    raise UsageError(
-        f"unknown recipe {name!r}", fix=f"{did_you_mean(name, recipe_names())}; or give the path of a .yaml file"
-    )
+    problem = f"unknown recipe {name!r}"
+    fix = f"{did_you_mean(name, recipe_names())}; or give the path of a .yaml file"
+    if path.is_dir():
+        problem, fix = f"{problem}: it is a folder", f"name a recipe, and the folder with --source; {fix}"
+    elif name in DATASETS.names():
+        problem, fix = f"{problem}: it is a dataset", f"write a recipe with dataset: {name}; {fix}"
+    raise UsageError(problem, fix=fix)
 
 
-def _attempt(problems: list[str], make: Any) -> Any:
+def _attempt(problems: list[str], make: Callable[[], T]) -> T | None:
     try:
         return make()
     except DanceDataError as error:
@@ -199,53 +231,81 @@ def _attempt(problems: list[str], make: Any) -> Any:
         return None
 
 
-def _motion_slots(given: Any, problems: list[str]) -> tuple[MotionSlot, ...]:
+def _motion_fields(given: Any, grid: FrameGrid, problems: list[str]) -> tuple[MotionField, ...]:
     if not isinstance(given, (dict, str)) or not given:
+        several = given if isinstance(given, list) and all(isinstance(name, str) for name in given) else []
+        example = ", ".join(f"{shown(name)}: {{}}" for name in several or ["edge151"])
         problems.append(
-            f"motion: name at least one representation, such as {{edge151: {{}}}}; found {shown(repr(given))}"
+            f"motion: name at least one representation, such as {{{example}}}; found {shown(repr(given))}"
         )
         return ()
-    slots = []
+    fields = []
     for name, parameters in _mapping(given).items():
-        own = dict(parameters or {}) if isinstance(parameters, dict | None) else parameters
-        rule = own.pop("contacts", None) if isinstance(own, dict) else None
-        made = make_plugin(REPRESENTATIONS, "motion", name, own, problems, also=("contacts",), beside=given)
+        own, rule = _taken_out("contacts", parameters)
+        made = make_instance(REPRESENTATIONS, "motion", name, own, problems, also=("contacts",), beside=given)
         if made is None:
             continue
         rule = rule if rule is not None else made.default_contacts
         if rule is not None and made.default_contacts is None:
-            problems.append(f"motion.{name}.contacts: {name} holds no contacts")
+            problems.append(f"motion.{name}.contacts: {name} has no contact columns")
         contacts = None if rule is None else one_of(CONTACTS, f"motion.{name}.contacts", rule, problems)
-        slots.append(MotionSlot(made, contacts))
-    return tuple(sorted(slots, key=lambda slot: slot.name))
+        fields.append(MotionField(name, grid if made.rate is None else FrameGrid(made.rate), made, contacts))
+    return _by_name(fields)
 
 
-def _slots(registry: Registry, where: str, given: Any, problems: list[str]) -> tuple[Any, ...]:
+def _feature_jobs(
+    given: Any, grid: FrameGrid, windows: WindowSpec | None, problems: list[str]
+) -> tuple[FeatureJob, ...]:
+    jobs = []
     named = _mapping(given or {})
-    made = [make_plugin(registry, where, name, own, problems, beside=named) for name, own in named.items()]
-    # By name, as in the recipe's hash, which knows no order either.
-    return tuple(sorted((m for m in made if m is not None), key=lambda m: str(m.name)))
+    for name, parameters in named.items():
+        own, fps = _taken_out("fps", parameters)
+        made = make_instance(FEATURES, "audio", name, own, problems, also=("fps",), beside=named)
+        own_grid = grid if fps is None else _attempt(problems, partial(_grid, fps, f"audio.{name}.fps"))
+        if made is not None and own_grid is not None:
+            jobs.append(FeatureJob(name, own_grid, made, windows, fps is not None))
+    return _by_name(jobs)
+
+
+def _key_motion_fields(given: Any, grid: FrameGrid, problems: list[str]) -> tuple[KeyMotionField, ...]:
+    named = _mapping(given or {})
+    made = {
+        name: make_instance(KEYMOTIONS, "keymotion", name, own, problems, beside=named) for name, own in named.items()
+    }
+    return _by_name([KeyMotionField(name, grid, finder) for name, finder in made.items() if finder is not None])
+
+
+def _taken_out(key: str, parameters: Any) -> tuple[Any, Any]:
+    """Return a plug-in's parameters without a key that belongs to the slot, and its value."""
+    if not isinstance(parameters, dict):
+        return parameters, None
+    return {k: v for k, v in parameters.items() if k != key}, parameters.get(key)
+
+
+def _by_name(fields: Sequence[F]) -> tuple[F, ...]:
+    # As in the recipe's hash, which does not depend on the order.
+    return tuple(sorted(fields, key=lambda field: field.name))
 
 
 def _mapping(given: Any) -> dict[str, Any]:
     return {given: {}} if isinstance(given, str) else dict(given) if isinstance(given, dict) else {str(given): {}}
 
 
-def _grid(fps: Any) -> FrameGrid:
+def _grid(fps: Any, key: str = "fps") -> FrameGrid:
     try:
         return FrameGrid.of(_number(fps if fps is not None else ""))
     except (UsageError, ValueError) as error:
-        raise UsageError(f"fps: {error}") from error
+        raise UsageError(f"{key}: {error}") from error
 
 
 def _window_keys(given: Any) -> _Windows | None:
     try:
         return _Windows.model_validate(given)
     except ValidationError:
-        return None  # said already, with the rest of the document
+        return None  # reported already, with the rest of the document
 
 
-def _filter(given: Any, motion: Sequence[MotionSlot], problems: list[str]) -> Movement | None:
+def _filter(given: Any, motion: Sequence[MotionField], problems: list[str]) -> Movement | None:
     if given is None:
         return None
     given = {given: {}} if isinstance(given, str) else given
@@ -255,18 +315,10 @@ def _filter(given: Any, motion: Sequence[MotionSlot], problems: list[str]) -> Mo
         )
         return None
     made: Movement | None = make_dataclass(Movement, "windows.filter.movement", given["movement"], problems)
-    names = [slot.name for slot in motion]
+    names = [field.name for field in motion]
     if made is not None and made.field not in names:
         problems.append(f"windows.filter.movement.field: no such field in motion; {did_you_mean(made.field, names)}")
     return made
-
-
-def _whole_rows(slot: MotionSlot, windows: WindowSpec, grid: FrameGrid) -> None:
-    """Raise UsageError unless windows begin and end at rows of a field that has a rate of its own."""
-    rate = slot.representation.rate
-    for what, frames in (("length", windows.length), ("stride", windows.stride)):
-        if rate is not None:
-            grid.rows(frames, of=FrameGrid(rate), what=f"windows: the {what} for field {slot.name}")
 
 
 def _windows(given: _Windows, grid: FrameGrid, chosen: Movement | None) -> WindowSpec:
@@ -280,15 +332,14 @@ def _windows(given: _Windows, grid: FrameGrid, chosen: Movement | None) -> Windo
         found[what] = frames if frames is not None else grid.frames(seconds, f"windows.{what}_s")
         if found[what] < 1:
             raise UsageError(f"windows: the {what} must be above 0", found=seconds)
-    return WindowSpec(found["length"], found["stride"], given.order, chosen)
+    return WindowSpec(found["length"], found["stride"], grid, given.order, chosen)
 
 
 def _key_paths(document: Mapping[str, Any]) -> list[str]:
     """Return all keys below the top, as --set takes them, of the plug-ins that the document names."""
     paths = [f"{name}.{key}" for name, model in _MODELS.items() for key in model.model_fields]
     for slot, registry in _SLOTS.items():
-        also = ("contacts",) if slot == "motion" else ()
-        paths += key_paths(registry, slot, document.get(slot), also)
+        paths += key_paths(registry, slot, document.get(slot), _SLOT_KEYS.get(slot, ()))
     return paths
 
 
@@ -301,7 +352,7 @@ def _explain(error: ValidationError, document: Mapping[str, Any]) -> list[str]:
             meant = did_you_mean(str(item["loc"][-1]), model.model_fields, _key_paths(document))
             problems.append(f"{key}: unknown key; {meant}")
         elif item["type"] == "missing":
-            if key not in ("dataset", "motion"):  # these say by themselves what may stand there
+            if key not in ("dataset", "motion"):  # these have errors of their own, with what is allowed
                 problems.append(f"{key}: missing")
         else:
             problems.append(_invalid(key, item))
@@ -310,5 +361,8 @@ def _explain(error: ValidationError, document: Mapping[str, Any]) -> list[str]:
 
 def _invalid(key: str, item: Any) -> str:
     if item["type"] in ("model_type", "dict_type"):
-        return f"{key}: a mapping of keys is wanted; found {shown(repr(item['input']))}"
+        return f"{key}: not a mapping of keys; found {shown(repr(item['input']))}"
+    if item["type"] == "string_pattern_mismatch":
+        allowed = "letters, digits and _ . + -, a letter or digit first"
+        return f"{key}: not a valid name; found {shown(repr(item['input']))}; allowed: {allowed}"
     return f"{key}: {item['msg'].removeprefix('Value error, ')}; found {shown(repr(item['input']))}"

@@ -14,7 +14,7 @@ from dancedata.core.columns import Columns
 from dancedata.core.grid import FrameGrid
 from dancedata.core.grounding import grounded
 from dancedata.core.motion import Motion
-from dancedata.core.plugins import ContactRule
+from dancedata.core.plugins import ContactRule, Representation
 from dancedata.core.rotations import (
     Float64Array,
     matrix_from_6d,
@@ -100,7 +100,7 @@ class SixD:
         return Motion(translation, rotvec_from_matrix(matrices), grid, self.skeleton)
 
 
-class SmplX6D:
+class SmplX6D(Representation):
     """What Lodge's and FineDance's columns have in common: +Y up, on SMPL-X's joints, some of them grounded.
 
     A class of this kind says its layout, `default_contacts`, `axes` and whether it is `grounded`.

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from dancedata.core.bodies import carried_over
 from dancedata.core.columns import Columns
 from dancedata.core.motion import Motion
-from dancedata.core.plugins import ContactRule
+from dancedata.core.plugins import ContactRule, Representation
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.representations import _columns as parts
@@ -20,7 +20,7 @@ from dancedata.representations import _columns as parts
 
 @REPRESENTATIONS.register("bailando72")
 @dataclass(frozen=True)
-class Bailando72:
+class Bailando72(Representation):
     """Positions of SMPL's 24 joints, metres, +Y up, 60 a second (Bailando, Siyao et al. 2022).
 
     The pelvis is SMPL's: its rest position plus the translation, not EDGE's. Nothing decodes them: positions do

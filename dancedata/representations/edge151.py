@@ -13,7 +13,7 @@ from dancedata.core.bodies import carried_over
 from dancedata.core.columns import Columns
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
-from dancedata.core.plugins import ContactRule
+from dancedata.core.plugins import ContactRule, Representation
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.rotations import rotvec_from_matrix
 from dancedata.core.skeleton import SMPL24, SMPL24_EDGE, Skeleton
@@ -27,7 +27,7 @@ _LAYOUT = SixD("edge151", SMPL24)
 
 @REPRESENTATIONS.register("edge151")
 @dataclass(frozen=True)
-class Edge151:
+class Edge151(Representation):
     """Contacts 4, root translation 3, 24 joint rotations in 6D; the world turned to +Z up (EDGE, section 3.2).
 
     The columns hold SMPL's translation, which EDGE takes for the pelvis: its forward kinematics, and so the

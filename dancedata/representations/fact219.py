@@ -13,7 +13,7 @@ from dancedata.core.bodies import carried_over
 from dancedata.core.columns import Columns
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
-from dancedata.core.plugins import ContactRule
+from dancedata.core.plugins import ContactRule, Representation
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.rotations import rotvec_from_matrix
 from dancedata.core.skeleton import SMPL24, Skeleton
@@ -26,7 +26,7 @@ _TOLERANCE = 1e-4
 
 @REPRESENTATIONS.register("fact219")
 @dataclass(frozen=True)
-class Fact219:
+class Fact219(Representation):
     """Root translation 3 and 24 rotation matrices, row by row, +Y up, 60 a second (FACT, Li et al. 2021).
 
     The translation is SMPL's, in metres. FACT puts six zeros in front before it trains (225 columns); they are

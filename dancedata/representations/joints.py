@@ -14,7 +14,7 @@ from dancedata.core.bodies import SKELETONS, carried_over
 from dancedata.core.columns import Columns
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.motion import Motion
-from dancedata.core.plugins import ContactRule
+from dancedata.core.plugins import ContactRule, Representation
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.skeleton import Skeleton
 from dancedata.representations import _columns as parts
@@ -22,7 +22,7 @@ from dancedata.representations import _columns as parts
 
 @REPRESENTATIONS.register("joints")
 @dataclass(frozen=True)
-class Joints:
+class Joints(Representation):
     """Positions of a skeleton's joints, metres, +Y up.
 
     They come from the motion's own bones where it has all of these joints (a body model with betas), else, and

@@ -16,6 +16,7 @@ from dancedata.core.clip import Window
 from dancedata.core.columns import Columns
 from dancedata.core.errors import StoreError, UsageError, did_you_mean
 from dancedata.core.normalize import MinMax
+from dancedata.core.text import shown
 from dancedata.core.windows import WindowGrid
 from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.clip_view import Clips, ClipView
@@ -241,10 +242,18 @@ class Store:
         Raises
         ------
         UsageError
-            For an unknown clip or field, or a window that is not a whole number of rows or extends beyond its clip.
+            For an unknown clip or field, a window that is not a whole number of rows or extends beyond its clip, and
+            anything except a Window.
         StoreError
             In window scope, for a window that is not stored.
         """
+        if not isinstance(window, Window):
+            raise UsageError(
+                "not a window",
+                where=str(self.path),
+                found=shown(window),
+                fix='take one of ds.windows("train"); a whole clip is ds.clip(ID).read(FIELD)',
+            )
         f = self.field(field)
         shard, number = self._place(window.clip)
         find = locate_stored if self.scope == "window" else locate_view

@@ -30,7 +30,7 @@ from dancedata.core.clip import Scan
 from dancedata.core.errors import DanceDataError, SourceError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
-from dancedata.core.registry import CONTACTS, DATASETS, FEATURES, KEYMOTIONS, REPRESENTATIONS
+from dancedata.core.registry import CONTACTS, REGISTRIES
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.testing.examples import FPS, mirrored_motion, random_motion, random_signal
 
@@ -90,7 +90,7 @@ def check_representation(cls: type[Any]) -> None:
     mirror = made.columns.mirror
     if mirror is not None:
         _require(np.array_equal(mirror.apply(mirror.apply(array)), array), "mirroring twice gives back the columns")
-    if hasattr(made, "decode"):
+    if made.decodes:
         decoded = made.decode(array, FPS)
         wanted = motion
         if made.grounded:
@@ -150,7 +150,7 @@ def check_audio_feature(cls: type[Any]) -> None:
     """
     check_plugin(cls)
     with tempfile.TemporaryDirectory() as folder:
-        _check_audio_feature(cls.make_example(Path(folder)) if hasattr(cls, "make_example") else cls())
+        _check_audio_feature(cls.make_example(Path(folder)))
 
 
 def _check_audio_feature(made: Any) -> None:
@@ -236,7 +236,7 @@ def _raises(kind: type[Exception], call: Callable[[], object], expected: str) ->
 
 
 def _registry_of(cls: type[Any]) -> Any:
-    for registry in (DATASETS, REPRESENTATIONS, CONTACTS, FEATURES, KEYMOTIONS):
+    for registry in REGISTRIES.values():
         if cls in (registry.get(name) for name in registry.names()):
             return registry
     raise AssertionError(f"expected: {cls.__name__} is registered")

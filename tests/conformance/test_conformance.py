@@ -53,7 +53,7 @@ def test_there_is_a_plugin_of_every_kind(registry: Registry):
 def _first(registry: Registry) -> type[Any]:
     """The first plug-in of a kind; of representations the first that decodes."""
     classes = [registry.get(name) for name in registry.names()]
-    return next(cls for cls in classes if registry is not REPRESENTATIONS or hasattr(cls, "decode"))
+    return next(cls for cls in classes if registry is not REPRESENTATIONS or cls.decodes)
 
 
 def _register(monkeypatch: pytest.MonkeyPatch, registry: Registry, cls: type[Any]) -> type[Any]:

@@ -20,6 +20,7 @@ from dancedata.core.errors import (
     UsageError,
     did_you_mean,
 )
+from dancedata.core.plugins import AudioFeature, Plugin
 from dancedata.core.registry import CONTACTS, DATASETS, FEATURES, REPRESENTATIONS, Registry
 from dancedata.formats.safe_pickle import load_pickle
 
@@ -63,10 +64,13 @@ def make_package(folder: Path, name: str, **modules: str) -> None:
 
 
 def test_one_file_is_one_plug_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    text = "from dancedata.core.registry import TEST\n@TEST.register('new')\nclass New:\n    pass\n"
+    text = (
+        "from dancedata.core.plugins import Plugin\nfrom dancedata.core.registry import TEST\n"
+        "@TEST.register('new')\nclass New(Plugin):\n    version = 1\n"
+    )
     make_package(tmp_path, "plugins_here", mine=text, _helper="raise RuntimeError('helpers are not imported')")
     monkeypatch.syspath_prepend(tmp_path)
-    registry = Registry("thing", "plugins_here")
+    registry = Registry("thing", "plugins_here", Plugin)
     monkeypatch.setattr("dancedata.core.registry.TEST", registry, raising=False)
     assert "plugins_here.mine" not in sys.modules
     assert registry.names() == ("new",)
@@ -74,19 +78,37 @@ def test_one_file_is_one_plug_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
 
 def test_two_plug_ins_of_one_name() -> None:
-    registry = Registry("thing", "x")
+    registry = Registry("thing", "x", Plugin)
 
     @registry.register("a")
     @dataclass(frozen=True)
-    class First:
-        pass
+    class First(Plugin):
+        version = 1
 
     registry.register("a")(First)  # a module imported twice is no clash
     with pytest.raises(UsageError, match=r"two plug-ins .* 'a'.*First.*Second"):
 
         @registry.register("a")
-        class Second:
+        class Second(Plugin):
+            version = 1
+
+
+def test_what_is_registered_is_checked() -> None:
+    with pytest.raises(
+        UsageError, match=r"audio feature 'a', .*Plain: .* derived from AudioFeature.*dancedata.core.plugins"
+    ):
+
+        @FEATURES.register("a")
+        class Plain:
             pass
+
+    with pytest.raises(UsageError, match="the plug-in lacks columns, extract, extract_windows, n_rows, version"):
+
+        @FEATURES.register("a")
+        class Half(AudioFeature):
+            pass
+
+    assert "a" not in FEATURES.names()
 
 
 def test_did_you_mean() -> None:

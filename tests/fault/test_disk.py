@@ -198,15 +198,15 @@ def test_a_clock_that_goes_backwards_changes_nothing(
 def test_pruning_while_a_build_runs_takes_nothing_from_it(
     run: Build, out: Path, tmp_path: Path, whole: dict[str, str], hashes: Any, monkeypatch: pytest.MonkeyPatch
 ):
-    gather = build_module.gather
+    compute = build_module.compute_clips
     pruned = []
 
     def pruning(*args: Any, **options: Any) -> Any:
-        clips = gather(*args, **options)
+        clips = compute(*args, **options)
         pruned.append(prune(tmp_path / "cache", max_bytes=0))
         return clips
 
-    monkeypatch.setattr(build_module, "gather", pruning)
+    monkeypatch.setattr(build_module, "compute_clips", pruning)
     run()
     assert hashes(out) == whole
     (result,) = pruned
@@ -226,10 +226,10 @@ def test_an_entry_that_is_lost_during_a_build_is_computed_again(
     how: str,
 ):
     """`dancedata cache prune` may run at any time, and disks have their moods."""
-    gather = build_module.gather
+    compute = build_module.compute_clips
 
     def losing(*args: Any, **options: Any) -> Any:
-        clips = gather(*args, **options)
+        clips = compute(*args, **options)
         path = sorted((tmp_path / "cache" / "motion").rglob("*.npy"))[0]
         if how == "removed":
             path.unlink()
@@ -237,10 +237,10 @@ def test_an_entry_that_is_lost_during_a_build_is_computed_again(
             data = bytearray(path.read_bytes())
             data[len(data) // 2] ^= 1
             path.write_bytes(data)
-        monkeypatch.setattr(build_module, "gather", gather)
+        monkeypatch.setattr(build_module, "compute_clips", compute)
         return clips
 
-    monkeypatch.setattr(build_module, "gather", losing)
+    monkeypatch.setattr(build_module, "compute_clips", losing)
     run()
     assert hashes(out) == whole
 
@@ -305,14 +305,14 @@ def test_damaged_entries_that_a_filter_reads(corpus: Path, out: Path, tmp_path: 
 def test_entries_that_are_lost_every_time_end_the_build(
     run: Build, out: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    gather = build_module.gather
+    compute = build_module.compute_clips
 
     def losing(*args: Any, **options: Any) -> Any:
-        clips = gather(*args, **options)
+        clips = compute(*args, **options)
         shutil.rmtree(tmp_path / "cache" / "motion")
         return clips
 
-    monkeypatch.setattr(build_module, "gather", losing)
+    monkeypatch.setattr(build_module, "compute_clips", losing)
     with pytest.raises(StoreError, match="an entry of the cache is gone"):
         run()
     assert not (out / "dataset.json").exists()

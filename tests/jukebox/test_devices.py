@@ -29,7 +29,7 @@ from dancedata.execution.workers import Workers
 from dancedata.pipeline import read_ahead
 from dancedata.pipeline.audio import FeatureKeys, SignalId
 from dancedata.pipeline.features import _jobs_for, _next_songs
-from dancedata.recipes.recipe import Recipe, WindowSpec
+from dancedata.recipes.fields import FeatureJob, WindowSpec
 
 FPS = FrameGrid.of(30)
 
@@ -119,17 +119,17 @@ def test_one_network_a_process_and_the_one_before_goes_first(
     assert feature._encoder(100_000).max_codes == 8192
 
 
-def _recipe(feature: Jukebox, scope: Any) -> Recipe:
-    return Recipe("", "", None, FPS, scope, WindowSpec(150, 15, "time"), (), (feature,), (), False, 1)
+def _job(feature: Jukebox, windows: WindowSpec | None = None) -> FeatureJob:
+    return FeatureJob("jukebox", FPS, feature, windows)
 
 
 def _key(feature: Jukebox) -> str:
-    return FeatureKeys(_recipe(feature, "track"), feature).track(None, "a")
+    return FeatureKeys(_job(feature)).track(None, "a")
 
 
 def test_tempo_is_no_part_of_the_key(tiny: SimpleNamespace) -> None:
     feature = Jukebox(weights=tiny.folder, layer=6, device="cpu").resolved(sha256_file)
-    tracks, windows = (FeatureKeys(_recipe(feature, scope), feature) for scope in ("track", "window"))
+    tracks, windows = (FeatureKeys(_job(feature, windows)) for windows in (None, WindowSpec(150, 15, FPS)))
     assert tracks.track(120.0, "a") == tracks.track(None, "a") != tracks.track(None, "b")
     one, other = (SignalId(Path("song.wav"), "file", sha, 44100, 10**6) for sha in ("a", "b"))
     assert windows.window(120.0, one, 0) == windows.window(None, one, 0) != windows.window(None, other, 0)

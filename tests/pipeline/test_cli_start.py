@@ -50,10 +50,10 @@ def test_workers_import_neither_pydantic_nor_librosa(corpus: Path, tmp_path: Pat
     sha = cache.file_sha256(ref.motion_path)
     keys = MotionKeys(recipe, {}).of(ref, sha)
     signal = identify_audio(cache, ref.audio_path)
-    (feature,) = recipe.audio
+    (job,) = recipe.audio
     units = [
         (encode_motion, (cache, recipe, ref, sha, keys)),
-        (extract_track, (cache, recipe, feature, signal, 120.0, "0" * 64)),
+        (extract_track, (cache, job, signal, 120.0, "0" * 64)),
     ]
     (tmp_path / "units").write_bytes(pickle.dumps(units))
     code = "import pickle, sys\nfor function, call in pickle.load(open(sys.argv[1], 'rb')): function(*call)"

@@ -181,7 +181,7 @@ def test_errors_say_what_is_wrong(own: FeatureCache, song: Path, tmp_path: Path)
         own.get("librosa", song)
     with pytest.raises(UsageError, match="tightness"):
         own.get("librosa35", song, tightnes=1)
-    with pytest.raises(UsageError, match="no such song"):
+    with pytest.raises(UsageError, match="the song does not exist"):
         own.get("librosa35", tmp_path / "none.wav")
     with pytest.raises(UsageError, match="at least 1"):
         own.get_windows("librosa35", song, stride_frames=0)

@@ -59,13 +59,13 @@ def keys_of(name: str) -> dict[str, Any]:
         patch.start()
     try:
         motion = MotionKeys(recipe, {"body_model/SMPL.npz": "b" * 64}).of(CLIP, "c" * 64)
-        audio = {feature.name: FeatureKeys(recipe, feature) for feature in recipe.audio}
+        audio = {job.name: FeatureKeys(job) for job in recipe.audio}
         return {
             "recipe": recipe.sha256,
             "clip": motion.info,
             "motion": motion.fields,
-            "tracks": {feature: keys.track(80.0, SONG.sha256) for feature, keys in audio.items()},
-            "windows": {feature: keys.window(80.0, SONG, 3) for feature, keys in audio.items()},
+            "tracks": {name: keys.track(80.0, SONG.sha256) for name, keys in audio.items()},
+            "windows": {name: keys.window(80.0, SONG, 3) for name, keys in audio.items() if recipe.scope == "window"},
         }
     finally:
         for patch in patches:

@@ -164,7 +164,7 @@ def test_a_build_names_the_progress_on_stderr_only(corpus: Path, out: Path):
         (["build", "aist++", "--source", ".", "--jobs", "0"], "--jobs"),
         (["check", ".", "--dataset", "aist+"], "did you mean 'aist++'"),
         (["features", "song.wav", "--out", "x", "--feature", "librosa53"], "did you mean 'librosa35'"),
-        (["features", "song.wav", "--out", "x"], "there is no such song; nothing was computed; found song.wav"),
+        (["features", "song.wav", "--out", "x"], "the song does not exist; nothing was computed; found song.wav"),
         (["dance"], "dance"),
     ],
 )
@@ -179,7 +179,7 @@ def test_wrong_usage_ends_with_2(args: list[str], said: str, tmp_path: Path, mon
     [
         (["build", "aist++", "--source", "nowhere", "--out", "x"], "does not exist"),
         (["plan", "aist++", "--source", "nowhere"], "does not exist"),
-        (["check", "nowhere"], "neither a built dataset nor a source folder"),
+        (["check", "nowhere"], "nowhere: there is no such folder"),
         (["info", "nowhere"], "no finished dataset"),
     ],
 )

@@ -138,7 +138,7 @@ def test_a_file_that_is_no_yaml_is_named(tmp_path: Path):
 
 
 def test_a_recipe_that_is_not_there(tmp_path: Path):
-    with pytest.raises(UsageError, match="there is no such recipe file"):
+    with pytest.raises(UsageError, match="the recipe file does not exist"):
         load_recipe(tmp_path / "none.yaml")
     with pytest.raises(UsageError, match=r"unknown recipe 'aist\+'. Did you mean 'aist\+\+'"):
         load_recipe("aist+")
@@ -161,7 +161,7 @@ def test_overrides_reach_every_level(tmp_path: Path):
         "motion.edge151.contacts.velocity.max_speed_m_s=0.2",
     )
     assert (recipe.scope, recipe.windows.stride, recipe.dataset.split) == ("window", 30, "all")
-    assert recipe.audio[0].tightness == 50
+    assert recipe.audio[0].feature.tightness == 50
     assert recipe.motion[0].contacts.max_speed_m_s == 0.2
 
 

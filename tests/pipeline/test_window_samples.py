@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from dancedata.core.grid import FrameGrid
 from dancedata.core.windows import WindowGrid
 from dancedata.pipeline.audio import window_samples
+from dancedata.recipes.fields import FeatureJob, WindowSpec
 
 RATES = ["30", "29.97", "30000/1001", "60", "25", "1/7", "997/13"]
 
@@ -23,8 +24,9 @@ RATES = ["30", "29.97", "30000/1001", "60", "25", "1/7", "997/13"]
     st.integers(0, 9000),
 )
 def test_windows_are_all_whose_samples_are_there(grid: FrameGrid, windows: WindowGrid, rate: int, n: int) -> None:
-    recipe: Any = SimpleNamespace(windows=windows, grid=grid)
-    starts, length = window_samples(recipe, n, rate)
+    feature: Any = SimpleNamespace()
+    job = FeatureJob("f", grid, feature, WindowSpec(windows.length, windows.stride, grid))
+    starts, length = window_samples(job, n, rate)
     stride = windows.stride / grid.rate * rate
     assert length == int(windows.length / grid.rate * rate)
     expected = []

@@ -53,7 +53,7 @@ def test_positions_of_any_skeleton(body: Any) -> None:
         order[left], order[right] = right, left
     image = made.columns.mirror.apply(array).reshape(4, -1, 3)
     np.testing.assert_array_equal(image, array.reshape(4, -1, 3)[:, order] * np.float32([-1, 1, 1]))
-    assert not hasattr(made, "decode")
+    assert not made.decodes
 
 
 def test_the_motions_own_bones() -> None:

@@ -22,6 +22,7 @@ from dancedata.core.columns import Columns, Group
 from dancedata.core.errors import DataError, SourceError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import json_sha256
+from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
 from dancedata.core.strict_json import read_json
 from dancedata.core.text import shown
@@ -39,7 +40,7 @@ Precision = Literal["auto", "fp32", "fp16", "bf16"]
 
 @FEATURES.register("jukebox")
 @dataclass(frozen=True)
-class Jukebox:
+class Jukebox(AudioFeature):
     """Activations of OpenAI's Jukebox 5b prior (Dhariwal et al. 2020), EDGE's music features.
 
     Scope window is EDGE's: each window, quantised to 16 bit, by itself, with its own gain and its own start. Scope
@@ -95,13 +96,17 @@ class Jukebox:
         random_checkpoint(folder)
         return cls(weights=folder, layer=6, device="cpu").resolved(sha256_file)
 
+    def with_weights(self, folder: Path) -> Jukebox:
+        """Return the feature with the weights in a folder."""
+        return replace(self, weights=folder)
+
     @property
     def columns(self) -> Columns:
         """As many columns as the network is wide: 4800."""
         return Columns((Group(f"layer{self.layer}", self._config.width, "1"),))
 
     @property
-    def dtype(self) -> str:
+    def dtype(self) -> Literal["float32", "float16"]:
         """Half precision: as exact as the network in fp16, and half the space."""
         return "float16"
 

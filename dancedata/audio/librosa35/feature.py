@@ -28,6 +28,7 @@ from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.columns import Columns, Group
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
+from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
 
 _log = logging.getLogger(__name__)
@@ -50,7 +51,7 @@ _GROUPS = (
 
 @FEATURES.register("librosa35")
 @dataclass(frozen=True)
-class Librosa35:
+class Librosa35(AudioFeature):
     """Onset envelope 1, MFCC 20, chroma CENS 12, onset peaks 1, beats 1.
 
     Parameters
@@ -71,7 +72,6 @@ class Librosa35:
 
     version: ClassVar[int] = 3
     packages: ClassVar[tuple[str, ...]] = ("librosa", "numpy", "scipy", "soxr")
-    dtype: ClassVar[str] = "float32"
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.tightness) and self.tightness > 0):

@@ -32,6 +32,7 @@ from typing import ClassVar, Literal
 from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import UsageError
 from dancedata.core.motion import Motion
+from dancedata.core.plugins import Dataset
 from dancedata.core.registry import DATASETS
 from dancedata.datasets._source import relative
 from dancedata.datasets.aistpp.facts import SequenceName, facts, parse_name, tempo_bpm
@@ -63,7 +64,7 @@ __all__ = ["AistPP"]
 
 @DATASETS.register("aist++")
 @dataclass(frozen=True)
-class AistPP:
+class AistPP(Dataset):
     """AIST++, from the published files.
 
     Attributes

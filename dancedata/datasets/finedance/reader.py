@@ -24,6 +24,7 @@ from dancedata.core.bodies import SMPLX55
 from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.motion import Motion
+from dancedata.core.plugins import Dataset
 from dancedata.core.registry import DATASETS
 from dancedata.core.skeleton import Skeleton
 from dancedata.datasets._source import relative
@@ -57,7 +58,7 @@ WITHOUT_LABELS = "put labels into label_json/, or keep clips without genre: --se
 
 @DATASETS.register("finedance")
 @dataclass(frozen=True)
-class FineDance:
+class FineDance(Dataset):
     """FineDance, from the published files.
 
     Attributes
