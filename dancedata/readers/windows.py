@@ -127,7 +127,7 @@ class WindowDataset(Dataset[dict[str, Any]]):
             Length and stride of windows, if not as stored; at most one of each pair; only for a store of track scope.
             Windows end where the clip ends, or the first of `fields` in it.
         trim
-            Whether windows begin where the source says that the dance does (a clip's trim_start).
+            Whether windows begin at each clip's trim_start, where the dance begins according to the source.
         ignore
             Names of lists whose clips are left out; "ignored.<protocol>" is then left out as well.
         protocol
@@ -206,7 +206,7 @@ class WindowDataset(Dataset[dict[str, Any]]):
         self._epoch = _shared_number(0)
         self.mapped = mapped
         self._mirror_flags: tuple[int, npt.NDArray[np.bool_]] | None = None
-        self._opened_reader: BatchReader | None = None
+        self._cached_reader: BatchReader | None = None
         self._pool = MemoryPool()
 
     @property
@@ -273,7 +273,7 @@ class WindowDataset(Dataset[dict[str, Any]]):
         A store that cannot be opened again is then an error of the first batch, which a DataLoader passes on; it does
         not end the worker.
         """
-        return {**self.__dict__, "_mirror_flags": None, "_opened_reader": None, "_pool": MemoryPool(), "_store": None}
+        return {**self.__dict__, "_mirror_flags": None, "_cached_reader": None, "_pool": MemoryPool(), "_store": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Restore the state, with an epoch that workers can share."""
@@ -357,7 +357,7 @@ class WindowDataset(Dataset[dict[str, Any]]):
 
     def _batch_reader(self) -> BatchReader:
         """Return the reader of batches, which each process makes when it first needs it."""
-        if self._opened_reader is None:
+        if self._cached_reader is None:
             rows = {name: self.store.window_rows(self.windows, name, mapped=self.mapped) for name in self.fields}
             fields = [
                 FieldReader(n, rows[n], self._mirrors.get(n), self._roots.get(n), self._normalizers.get(n))
@@ -366,8 +366,8 @@ class WindowDataset(Dataset[dict[str, Any]]):
             for name, found in rows.items():
                 if found.unmapped and self.mapped:
                     _log.warning("field %s is not read from mapped files: %s", name, found.unmapped)
-            self._opened_reader = BatchReader(self.store, self.windows, fields, self._primitives, self._bias)
-        return self._opened_reader
+            self._cached_reader = BatchReader(self.store, self.windows, fields, self._primitives, self._bias)
+        return self._cached_reader
 
 
 def _shared_number(value: int) -> torch.Tensor:

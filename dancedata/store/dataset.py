@@ -104,7 +104,7 @@ class Store:
         self._places: dict[str, dict[str, tuple[ShardReader, int]]] = {}
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle as a path: the other process opens the dataset again, and refuses one rebuilt meanwhile."""
+        """Pickle as a path: the other process opens the dataset again, and refuses one that was rebuilt since."""
         return reopen, self.reference
 
     @cached_property

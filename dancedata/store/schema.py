@@ -75,7 +75,7 @@ class Field:
 
     @property
     def span_columns(self) -> tuple[str, ...]:
-        """Names of the columns /clips/<kind>/<name>/... that say which rows are a clip's."""
+        """Names of the columns /clips/<kind>/<name>/... with the rows of each clip."""
         return ("start", "length") if self.per_clip else ("start", "length", "offset")
 
     @property

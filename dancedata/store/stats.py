@@ -54,8 +54,8 @@ def compute_stats(
     -------
     dict
         stats.json: per field n and, per column, mean, std (ddof 0), min, max, quantiles (linear
-        interpolation) and EDGE's min-max scaler. No fields, and a note, where there are no train
-        windows.
+        interpolation) and EDGE's min-max scaler. Without train windows: no fields, and a
+        note.
     """
     train = [p for p in plans if p.split == "train" and any(c.starts for c in p.clips)]
     result: dict[str, Any] = {
