@@ -6,6 +6,7 @@ import math
 import re
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 from dancedata.core.errors import UsageError
@@ -153,11 +154,17 @@ class FrameGrid:
 
     def common_period(self, of: FrameGrid) -> tuple[int, int]:
         """Return the least number of frames of this grid, and of rows of the other, that take equally long."""
-        # Of whole numbers: arithmetic with Fraction takes ten times as long.
-        here, there = self.rate, of.rate
-        frames, rows = here.numerator * there.denominator, there.numerator * here.denominator
+        # Whole numbers: arithmetic with Fraction takes ten times as long.
+        (numerator, denominator), (other, below) = self._ratio, of._ratio
+        if numerator == other and denominator == below:
+            return 1, 1
+        frames, rows = numerator * below, other * denominator
         divisor = math.gcd(frames, rows)
         return frames // divisor, rows // divisor
+
+    @cached_property
+    def _ratio(self) -> tuple[int, int]:
+        return self.rate.numerator, self.rate.denominator
 
     def step_to(self, target: FrameGrid) -> int | None:
         """Return the step that decimates this grid to `target`, or None if the ratio is not whole."""

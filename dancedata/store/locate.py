@@ -59,7 +59,7 @@ def locate_view(shard: ShardReader, number: int, window: Window, f: Field, grid:
             found=f"start {window.start}, length {window.length} frames",
             allowed=f"multiples of {grid.common_period(f.grid)[0]} frames (rows at {f.rate} per second)",
         )
-    first, length = grid.rows(window.start, of=f.grid), grid.rows(window.length, of=f.grid)
+    first, length = grid.rows_down(window.start, of=f.grid), grid.rows_down(window.length, of=f.grid)
     available = int(table.available[f.name][number])
     if first + length > available:
         raise UsageError(
