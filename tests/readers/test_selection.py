@@ -218,7 +218,7 @@ def test_clips_that_a_protocol_does_not_know_are_named(tmp_path: Path) -> None:
         ({"movement": {"splits": ["trian"]}}, "splits must be a list"),
         ({"movement": {"min_std": "0.07"}}, "min_std must be a number"),
         ({"movement": {"min_std": float("nan")}}, "min_std must be a number"),
-        ("movement", "called movement"),
+        ("movement", "unknown filter"),
     ],
 )
 def test_a_movement_filter_that_is_none(store: Store, given: object, said: str) -> None:
@@ -309,7 +309,7 @@ def test_what_primitives_need(store: Store, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="whole number of local segments"):
         WindowDataset(store, fields=("lodge139", "primitives"), primitive_n=100)
     made = write_random_store(tmp_path / "none", length=30)
-    with pytest.raises(UsageError, match="holds no key motions"):
+    with pytest.raises(UsageError, match="does not hold key motions"):
         WindowDataset(made.path, fields=("edge151", "primitives"), primitive_n=15)
 
 

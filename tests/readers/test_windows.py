@@ -127,7 +127,7 @@ def test_wrong_arguments_say_what_is_allowed(store: Store, wrong: dict[str, obje
     [
         ({"preset": "lodge-global"}, ["'lodge139'", "preset 'lodge-global'", "aist++-lodge or finedance"]),
         ({"preset": "finenet"}, ["'finedance319'", "preset 'finenet'", "such as finedance,"]),
-        ({"fields": ("lodge139",)}, ["'lodge139'", "ame fields that it has", "aist++-lodge or finedance"]),
+        ({"fields": ("lodge139",)}, ["'lodge139'", "ame fields that the dataset has", "aist++-lodge or finedance"]),
         ({"fields": ("joints",)}, ["'joints'", "nown: edge151, librosa35"]),
     ],
 )
