@@ -33,7 +33,8 @@ from dancedata.core.plugins import AudioFeature, Dataset, Representation
 from dancedata.core.registry import DATASETS, FEATURES, REPRESENTATIONS
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.execution.cache import Cache
-from dancedata.execution.execute import Progress, run_units
+from dancedata.execution.progress import Progress
+from dancedata.execution.units import run_units
 from dancedata.pipeline.build import build
 from dancedata.pipeline.clips import compute_clips
 from dancedata.pipeline.plan import make_plan

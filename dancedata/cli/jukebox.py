@@ -35,7 +35,7 @@ def fetch(
 
     def agreed(licence: str) -> bool:
         typer.echo(licence, err=True)
-        return accept_licence or typer.confirm("Do you agree?", err=True)
+        return accept_licence or typer.confirm("Do you agree? (--accept-licence answers yes)", err=True)
 
     paths = run_fetch(out, source or OPENAI_URL, accept_licence=agreed, progress=_Lines())
     if as_json:

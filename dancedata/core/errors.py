@@ -62,9 +62,9 @@ class DanceDataError(Exception):
             text += f"; allowed: {self._part(self.allowed, self.limit, self.lines)}"
         if self.fix:
             fix = self._part(self.fix, _MAX_PART, self.lines)
-            # A sentence begins with a capital, a file name or key keeps its own.
+            # A sentence begins with a capital, a file name, key or command keeps its own.
             first = fix.split(maxsplit=1)[0]
-            fix = f"{fix[:1].upper()}{fix[1:]}" if first.rstrip(",:").isalpha() else fix
+            fix = f"{fix[:1].upper()}{fix[1:]}" if first.rstrip(",:").isalpha() and first != "dancedata" else fix
             # A list, one entry a line, is followed by a line of its own.
             text += fix if text.endswith("\n") else f". {fix}"
         return text

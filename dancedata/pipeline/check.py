@@ -11,8 +11,9 @@ from dancedata.core.errors import DataError, SourceError
 from dancedata.core.plugins import Dataset
 from dancedata.core.quality import implausible_flags
 from dancedata.core.registry import DATASETS
-from dancedata.execution.execute import Progress, run_units
-from dancedata.execution.last_words import doing
+from dancedata.execution.crash_report import named_if_it_crashes
+from dancedata.execution.progress import Progress
+from dancedata.execution.units import run_units
 from dancedata.pipeline.implausible import implausible_problems
 from dancedata.pipeline.rejects import NOTED, reject_of
 from dancedata.store import Problem, open_store, verify_store
@@ -42,11 +43,14 @@ def check(
         Of severity "error" or "note".
     """
     if dataset is None and path.is_dir() and any(_is_ours(p.name) for p in path.iterdir()):
-        with doing(f"checking, {path}"):
+        with named_if_it_crashes(f"checking, {path}"):
             problems = verify_store(path)
             if not any(p.severity == "error" for p in problems):
                 problems += _implausible(path)
             return problems
+    if not path.is_dir():
+        problem = "this is not a folder" if path.exists() else "there is no such folder"
+        raise SourceError(problem, where=path, allowed="a built dataset, or a folder to build from")
     reader, scan = _scan(path, dataset)
     problems = [Problem("note", str(path), note) for note in scan.notes]
     problems += [_problem(r) for r in scan.rejects]

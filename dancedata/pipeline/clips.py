@@ -7,8 +7,8 @@ from typing import Any
 
 from dancedata.core.clip import Reject
 from dancedata.execution.cache import Cache
-from dancedata.execution.execute import Progress
-from dancedata.execution.workers import Jobs
+from dancedata.execution.progress import Progress
+from dancedata.execution.units import Jobs
 from dancedata.pipeline.copies import CopySource, make_copies
 from dancedata.pipeline.encode import encode_clips
 from dancedata.pipeline.features import ExtractedClip, extract_features

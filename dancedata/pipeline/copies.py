@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.execution.cache import Cache
-from dancedata.execution.execute import Progress, run_units
-from dancedata.execution.workers import Jobs
+from dancedata.execution.progress import Progress
+from dancedata.execution.units import Jobs, run_units
 from dancedata.pipeline.motion import MotionKeys, encode_motion, known_motion
 from dancedata.recipes.copies import CopySpec, is_copied
 from dancedata.recipes.fields import KeyMotionField, MotionField

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import shlex
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from dancedata.core.clip import Reject, Scan
 from dancedata.core.errors import DataError, StoreError
-from dancedata.core.text import counted, listed
+from dancedata.core.text import counted, listed, shown
 from dancedata.pipeline.rejects import BY_CHOICE
 
 #: Names that a line shows; reasons that a list shows.
@@ -20,10 +22,12 @@ _FIRST, _LAST = ("missing_music",), ("unassigned", "ignored", "unused_music", "e
 def left_out_lines(rejects: Sequence[Reject], *, details: bool = False) -> list[str]:
     """Return a line for each reason, with lines of two spaces more below it.
 
+    What is broken is shown with what exactly was found, of the first file or clip.
+
     Parameters
     ----------
     details
-        Say of each reason what exactly was found, of its first file or clip.
+        Show that also of what is left out by choice.
     """
     by_reason: dict[str, list[Reject]] = {}
     for reject in rejects:
@@ -31,15 +35,22 @@ def left_out_lines(rejects: Sequence[Reject], *, details: bool = False) -> list[
     ordered = sorted(by_reason, key=lambda reason: _rank(reason, len(by_reason[reason])))
     lines = []
     for reason in ordered[:_REASONS]:
-        lines += _reason(reason, by_reason[reason], details)
+        lines += _reason(reason, by_reason[reason], details or reason not in BY_CHOICE)
     rest = sum(len(by_reason[reason]) for reason in ordered[_REASONS:])
     return [*lines, f"{len(ordered) - _REASONS} more reasons: {rest}"] if rest else lines
 
 
-def nothing_left(source: Path, scan: Scan, rejects: Sequence[Reject]) -> StoreError:
+def nothing_left(source: Path, dataset: Any, scan: Scan, rejects: Sequence[Reject]) -> StoreError:
     """Return the error of a source of which no clip can be stored: why, what the reader found, what to do."""
     text = _report("no clip is left to build from", rejects, scan)
-    return StoreError(text, where=source, fix=f"see every file: dancedata check {source} --recipe RECIPE")
+    # Only the recipe has what is declared for files of any layout.
+    generic = getattr(dataset, "generic", False)
+    reader = "--recipe RECIPE, with this recipe" if generic else f"--dataset {dataset.name}"
+    fix = f"see every file: dancedata check {shlex.quote(shown(source))} {reader}"
+    without_music = {clip.id for clip in scan.clips if clip.audio_path is None}
+    if any(r.reason == "missing_music" and r.clip in without_music for r in rejects):
+        fix = f"audio features need music; to build motion alone: --set 'audio={{}}'. {fix[0].upper()}{fix[1:]}"
+    return StoreError(text, where=source, fix=fix)
 
 
 def stop_if_strict(strict: bool, rejects: Sequence[Reject], scan: Scan) -> None:

@@ -22,10 +22,10 @@ from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
 from dancedata.core.text import shown
 from dancedata.execution.cache import Cache, default_cache
-from dancedata.execution.execute import exactly, on_one_thread
+from dancedata.execution.threads import exactly, on_one_thread
 from dancedata.pipeline.audio import window_samples
 from dancedata.recipes.fields import FeatureJob
-from dancedata.recipes.parse import load_recipe, parse_recipe
+from dancedata.recipes.parse import load_recipe, parse_recipe, recipe_names
 from dancedata.recipes.plugins import make_named
 from dancedata.recipes.recipe import Recipe
 from dancedata.store import open_store
@@ -60,6 +60,9 @@ def write_features(
     a network's weights, where a feature needs one. Where it fails, nothing is left behind; where it is interrupted,
     the songs that are done are.
     """
+    if bpm is not None and not 0 < bpm < float("inf"):
+        fix = "without --bpm the tempo is estimated"
+        raise UsageError("not a valid tempo; nothing was computed", found=bpm, allowed="--bpm above 0", fix=fix)
     _check_songs(songs)
     # Only now: weights are ten gigabytes to hash.
     jobs = [replace(job, feature=_ready(job.feature, weights)) for job in jobs]
@@ -214,6 +217,9 @@ def describe_features(out: Path, about: Mapping[str, Any]) -> str:
 def _recipe_like(like: str) -> Recipe:
     folder = Path(like)
     if not folder.is_dir():
+        if not folder.exists() and folder.suffix not in (".yaml", ".yml") and like not in recipe_names():
+            problem = f"there is neither a dataset folder nor a recipe {shown(like)}"
+            raise UsageError(problem, fix=did_you_mean(like, recipe_names()))
         return load_recipe(like)
     if not (folder / DATASET_FILE).exists():
         raise StoreError("the folder is not a dataset, so it has no feature parameters to use", where=folder)

@@ -118,6 +118,21 @@ def _resolved(cache: Cache, job: FeatureJob) -> FeatureJob | None:
     return None
 
 
+def not_ready(job: FeatureJob) -> str:
+    """Return what would end a build with this field here, such as weights that are missing; "" if nothing would."""
+
+    def unread(path: Path) -> str:
+        raise _UnknownError  # there are weights: a build reads them, a plan does not
+
+    try:
+        job.feature.resolved(unread)
+    except (UsageError, SourceError) as error:
+        return str(error)
+    except (_UnknownError, ImportError):
+        pass
+    return ""
+
+
 class _UnknownError(Exception):
     pass
 

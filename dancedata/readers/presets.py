@@ -11,6 +11,9 @@ from dancedata.core.resources import resource, resources
 from dancedata.filters.movement import Movement
 from dancedata.store.dataset import Store
 
+#: In place of a preset's name: the fields are those that are read where neither fields nor a preset are named.
+NO_FIELDS = ""
+
 
 @dataclass(frozen=True)
 class Preset:
@@ -117,7 +120,10 @@ def preset_cut(preset: Preset | None, given: Mapping[str, Any]) -> dict[str, Any
 
 
 def field_names(store: Store, fields: Sequence[str] | str, preset: str | None = None) -> tuple[str, ...]:
-    """Check that the store has the fields, each named once; `preset` is the one that names them, if one does."""
+    """Check that the store has the fields, each named once.
+
+    `preset` is the one that names them, or `NO_FIELDS` where neither the caller nor a preset does.
+    """
     names = (fields,) if isinstance(fields, str) else tuple(fields)
     if not names or len(set(names)) != len(names):
         raise UsageError("fields must name at least one field, each once", found=", ".join(names) or "none")
@@ -135,8 +141,12 @@ def _missing_field(store: Store, name: str, preset: str | None) -> UsageError:
         fix = did_you_mean(name, store.fields)
     else:
         fix = build if preset else f"name fields that it has, or {build}"
+    why = f", which the preset {preset!r} reads" if preset else ""
+    if preset == NO_FIELDS:
+        why = ", which is read where no fields are named"
+        fix = f"name fields: fields={tuple(store.fields)}; or {build}"
     return UsageError(
-        f"the dataset has no field {name!r}" + (f", which the preset {preset!r} reads" if preset else ""),
+        f"the dataset has no field {name!r}{why}",
         where=str(store.path),
         found=", ".join(store.fields),
         fix=fix,

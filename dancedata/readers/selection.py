@@ -96,6 +96,24 @@ def clips_of(store: Store, split: str, protocol: str | None) -> dict[str, ClipVi
     return {c.id: c for c in listed if prefix + split in c.lists and (split == "train" or not c.source)}
 
 
+def require_protocol(store: Store, protocol: str) -> None:
+    """Check a protocol that the caller names: a misspelt one would read the stored splits.
+
+    Raises
+    ------
+    UsageError
+        If no clip is in a list of it.
+    """
+    lists = {name for clip in store.clips for name in clip.lists if "." in name}
+    known = sorted({name.partition(".")[0] for name in lists} - {"ignored"})
+    if protocol not in known:
+        raise UsageError(
+            f"no clip of the store is in a list of the protocol {protocol!r}",
+            where=str(store.path),
+            fix=did_you_mean(protocol, known),
+        )
+
+
 def _unlisted(store: Store, split: str, protocol: str | None) -> list[Reject]:
     """Return the clips stored in a split that a protocol, which the store has lists of, does not name at all."""
     named = {c.id for c in store.clips if any(name.startswith(f"{protocol}.") for name in c.lists)}

@@ -22,10 +22,10 @@ from dancedata.readers.batch_fill import FieldFill, Fill, Request
 from dancedata.readers.batch_memory import Pool, shared_tensor
 from dancedata.readers.collate import Batch, Sample, collate
 from dancedata.readers.metadata import metadata
-from dancedata.readers.presets import Preset, field_names, find_preset, preset_cut, preset_fields
+from dancedata.readers.presets import NO_FIELDS, Preset, field_names, find_preset, preset_cut, preset_fields
 from dancedata.readers.primitives import PRIMITIVES, Cues, cues_of
 from dancedata.readers.scalers import mirrors_of, normalized_fields, scaler_of
-from dancedata.readers.selection import Choice, select, window_filter
+from dancedata.readers.selection import Choice, require_protocol, select, window_filter
 from dancedata.store.dataset import Store, open_store, reopen
 
 #: What is read where nothing else is asked for.
@@ -172,6 +172,8 @@ class WindowDataset(Dataset[dict[str, Any]]):
         self.split = split
         self.preset = preset
         known = find_preset(self.store, preset)
+        if protocol is not None:
+            require_protocol(self.store, protocol)
         cut = {
             "length_s": length_s,
             "length_frames": length_frames,
@@ -398,7 +400,7 @@ def _fields(
     given = default if fields is None else (fields,) if isinstance(fields, str) else tuple(fields)
     with_primitives = PRIMITIVES in given and PRIMITIVES not in store.fields
     wanted = tuple(name for name in given if not (with_primitives and name == PRIMITIVES))
-    named = preset_name if fields is None or not wanted else None
+    named = (preset_name or NO_FIELDS) if fields is None or not wanted else None
     return field_names(store, wanted or (preset.fields if preset is not None else wanted), named), with_primitives
 
 
@@ -439,7 +441,6 @@ def _shared_number(value: int) -> torch.Tensor:
 
 
 def _probability(mirror: float) -> float:
-    value = float(mirror)
-    if not 0.0 <= value <= 1.0:
+    if not isinstance(mirror, int | float) or not 0.0 <= mirror <= 1.0:
         raise UsageError("mirror is a probability", found=mirror, allowed="0 to 1")
-    return value
+    return float(mirror)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from copy import deepcopy
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
@@ -99,8 +100,18 @@ def recipe_names() -> tuple[str, ...]:
     return tuple(name.removesuffix(".yaml") for name in resources("pipelines"))
 
 
-def load_recipe(name_or_path: str | Path, overrides: Sequence[str] = ()) -> Recipe:
-    """Read a recipe by name or from a YAML file, and apply ``key.key=value`` overrides.
+def load_recipe(
+    recipe: str | Path | Mapping[str, Any] | Recipe, overrides: Iterable[str] | Mapping[str, Any] = ()
+) -> Recipe:
+    """Read a recipe and change some of its keys.
+
+    Parameters
+    ----------
+    recipe
+        Name of a recipe that comes with the package, path of a YAML file, or the document itself. A recipe that is
+        checked already is returned as it is.
+    overrides
+        Keys to change: ``"windows.stride_s=1"`` as on the command line, or ``{"windows.stride_s": 1}``.
 
     Raises
     ------
@@ -109,28 +120,54 @@ def load_recipe(name_or_path: str | Path, overrides: Sequence[str] = ()) -> Reci
     UsageError
         If the recipe does not exist.
     """
-    path = _find(str(name_or_path))
+    if isinstance(recipe, Recipe):
+        if overrides:
+            raise UsageError(
+                "a recipe that is checked already takes no overrides",
+                found=recipe,
+                fix="give its name, its file or its document instead",
+            )
+        return recipe
+    document = deepcopy(dict(recipe)) if isinstance(recipe, Mapping) else _read(_find(str(recipe)))
+    if isinstance(overrides, str):
+        overrides = [overrides]
+    if isinstance(overrides, Mapping):
+        for key, value in overrides.items():
+            set_key(document, key, deepcopy(value))
+    else:
+        for override in overrides:
+            apply_override(document, override)
+    return parse_recipe(document, where="recipe" if isinstance(recipe, Mapping) else str(recipe))
+
+
+def _read(path: Path) -> dict[str, Any]:
     try:
         document = read_yaml(path)
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise RecipeError("the recipe cannot be read", where=path, found=str(error)[:_YAML_PROBLEM]) from error
     if not isinstance(document, dict):
-        raise RecipeError("a recipe is a mapping of keys", where=path, found=type(document).__name__)
-    for override in overrides:
-        apply_override(document, override)
-    return parse_recipe(document, where=str(name_or_path))
+        found = "an empty file" if document is None else type(document).__name__
+        raise RecipeError("a recipe is a mapping of keys", where=path, found=found)
+    return document
 
 
 def apply_override(document: dict[str, Any], override: str) -> None:
     """Set one key of a recipe document in place: ``windows.stride_s=1``."""
     key, equals, text = override.partition("=")
-    parts = key.strip().split(".")
-    if not equals or not all(parts):
+    if not equals:
         raise UsageError("an override is key=value", found=repr(override), allowed="such as windows.stride_s=1")
     try:
         value = load_yaml(text)
     except yaml.YAMLError as error:
         raise UsageError("the value of an override cannot be read", where=key, found=repr(text)) from error
+    set_key(document, key, value)
+
+
+def set_key(document: dict[str, Any], key: str, value: Any) -> None:
+    """Set one key of a recipe document in place: ``"windows.stride_s"`` to 1."""
+    parts = key.strip().split(".")
+    if not all(parts):
+        raise UsageError("not a key of a recipe", found=repr(key), allowed="such as windows.stride_s")
     *above, last = _steps(document, parts)
     at: Any = document
     for step in above:
@@ -214,16 +251,20 @@ def parse_recipe(document: Mapping[str, Any], where: str = "recipe") -> Recipe:
 
 
 def _find(name: str) -> Path:
-    path = Path(name)
+    path = Path(name).expanduser()
     if path.suffix in (".yaml", ".yml") or path.is_file():
         if not path.exists():
             raise UsageError("the recipe file does not exist", where=path)
         return path
     if name in recipe_names():
         return resource("pipelines", f"{name}.yaml")
-    raise UsageError(
-        f"unknown recipe {name!r}", fix=f"{did_you_mean(name, recipe_names())}; or give the path of a .yaml file"
-    )
+    problem = f"unknown recipe {name!r}"
+    fix = f"{did_you_mean(name, recipe_names())}; or give the path of a .yaml file"
+    if path.is_dir():
+        problem, fix = f"{problem}: it is a folder", f"name a recipe, and the folder with --source; {fix}"
+    elif name in DATASETS.names():
+        problem, fix = f"{problem}: it is a dataset", f"write a recipe with dataset: {name}; {fix}"
+    raise UsageError(problem, fix=fix)
 
 
 def _attempt(problems: list[str], make: Callable[[], T]) -> T | None:
@@ -236,8 +277,10 @@ def _attempt(problems: list[str], make: Callable[[], T]) -> T | None:
 
 def _motion_fields(given: Any, grid: FrameGrid, problems: list[str]) -> tuple[MotionField, ...]:
     if not isinstance(given, (dict, str)) or not given:
+        several = given if isinstance(given, list) and all(isinstance(name, str) for name in given) else []
+        example = ", ".join(f"{shown(name)}: {{}}" for name in several or ["edge151"])
         problems.append(
-            f"motion: name at least one representation, such as {{edge151: {{}}}}; found {shown(repr(given))}"
+            f"motion: name at least one representation, such as {{{example}}}; found {shown(repr(given))}"
         )
         return ()
     fields = []
@@ -366,4 +409,7 @@ def _explain(error: ValidationError, document: Mapping[str, Any]) -> list[str]:
 def _invalid(key: str, item: Any) -> str:
     if item["type"] in ("model_type", "dict_type"):
         return f"{key}: not a mapping of keys; found {shown(repr(item['input']))}"
+    if item["type"] == "string_pattern_mismatch":
+        allowed = "letters, digits and _ . + -, a letter or digit first"
+        return f"{key}: not a valid name; found {shown(repr(item['input']))}; allowed: {allowed}"
     return f"{key}: {item['msg'].removeprefix('Value error, ')}; found {shown(repr(item['input']))}"

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, overload
 
 import numpy.typing as npt
 
+from dancedata.core.errors import UsageError
 from dancedata.core.text import quoted, shown
 from dancedata.store.schema import ClipRecord
 
@@ -143,7 +144,9 @@ class Clips(Sequence[ClipView]):
     def __getitem__(self, item: slice) -> Clips: ...
 
     def __getitem__(self, item: int | slice) -> ClipView | Clips:
-        """Return one clip, or some of them."""
+        """Return one clip, or some of them; by position, as `Store.clip` finds a clip by its id."""
+        if isinstance(item, str):
+            raise UsageError("clips are counted from 0", found=item, fix="get a clip by its id with ds.clip(ID)")
         if isinstance(item, slice):
             return Clips(self._store, self._records[item])
         return ClipView(self._store, self._records[item])

@@ -63,6 +63,13 @@ def open_store(path: str | Path) -> Store:
     StoreError
         If there is no finished dataset, it has another format version, or a shard is missing or of
         another size.
+
+    Examples
+    --------
+    >>> import dancedata
+    >>> ds = dancedata.open("data/aistpp")
+    >>> ds.read(ds.windows("train")[3], "edge151").shape
+    (150, 151)
     """
     folder = Path(path).expanduser().absolute()
     return Store(folder, *open_described(folder))
@@ -253,10 +260,18 @@ class Store:
         Raises
         ------
         UsageError
-            For an unknown clip or field, or a window that is no whole number of rows or leaves its clip.
+            For an unknown clip or field, or a window that is no whole number of rows or leaves its clip; for
+            anything but a Window.
         StoreError
             In window scope, for a window that is not stored.
         """
+        if not isinstance(window, Window):
+            raise UsageError(
+                "a window is asked for",
+                where=str(self.path),
+                found=shown(window),
+                fix='take one of ds.windows("train"); a whole clip is ds.clip(ID).read(FIELD)',
+            )
         f, rate = self.field(field), self._rates[field]
         shard, number = self._place(window.clip)
         if self.scope == "window":

@@ -19,6 +19,7 @@ from dancedata.core.regular_file import read_regular
 from dancedata.store.dataset_json import REBUILD, Description, load_description
 from dancedata.store.schema import DATASET_FILE
 
+_DAMAGED = f"copy the whole folder again, or {REBUILD} with --overwrite"
 #: How often a folder is looked at again that is replaced in this moment.
 _TRIES = 3
 
@@ -207,7 +208,7 @@ def _missing(path: Path, size: int) -> StoreError:
         where=str(path),
         found="something that is not a file" if path.exists() else "no such file",
         allowed=f"{size} bytes",
-        fix="copy the whole folder again, or " + REBUILD,
+        fix=_DAMAGED,
     )
 
 
@@ -217,5 +218,5 @@ def _another_size(path: Path, found: int, size: int) -> StoreError:
         where=str(path),
         found=f"{found} bytes",
         allowed=f"{size} bytes",
-        fix="copy the whole folder again, or " + REBUILD,
+        fix=_DAMAGED,
     )

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from dancedata.core.clip import Reject, Scan
-from dancedata.core.errors import DataError, SourceError, did_you_mean
+from dancedata.core.errors import DanceDataError, DataError, SourceError, did_you_mean
 from dancedata.core.text import is_unicode, json_text, printable, quoted, shown
 from dancedata.store import Problem
 
@@ -139,3 +139,10 @@ def test_what_a_check_finds_can_be_printed() -> None:
     problem = Problem("error", f"/x/{HOSTILE}", HOSTILE)
     assert str(problem) == f"error: /x/{SAFE}: {SAFE}"
     problem.to_json()["message"].encode()
+
+
+def test_a_sentence_begins_with_a_capital_and_a_command_does_not() -> None:
+    assert str(DanceDataError("no weights", fix="fetch them")) == "no weights. Fetch them"
+    assert str(DanceDataError("no weights", fix="dancedata jukebox fetch gets them")).endswith(
+        ". dancedata jukebox fetch gets them"
+    )

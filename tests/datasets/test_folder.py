@@ -119,6 +119,13 @@ def test_defaults_of_a_manifest(source: Path) -> None:
     assert any("declared in the recipe" in note for note in scan.notes)
 
 
+def test_a_split_that_the_manifest_gives_is_not_called_a_default(source: Path) -> None:
+    manifest(source, "motion,audio,split\ntakes/a.npz,songs/a.wav,train\n")
+    assert "Splits: 1 train." in Folder(fps=30, up="y", unit="m").scan(source).notes
+    manifest(source, "motion,audio\ntakes/a.npz,songs/a.wav\n")
+    assert "Splits: none is given, so the clip is in 'train'." in Folder(fps=30, up="y", unit="m").scan(source).notes
+
+
 def test_songs_of_one_name_in_two_folders_are_two_songs(source: Path) -> None:
     put_wav(source, "other/a.wav")
     manifest(source, "motion,audio\ntakes/a.npz,songs/a.wav\ntakes/b.npz,other/a.wav\n")
@@ -148,7 +155,9 @@ ROW = "takes/a.npz,songs/a.wav,30\n"
         ("", ["lists no clip"]),
         (HEAD, ["lists no clip"]),
         ("motoin,audio\n" + ROW, ["line 1", "'motoin'", "did you mean 'motion'"]),
-        ("motion,audio,frames_per_second\n" + ROW, ["'frames_per_second'"]),
+        ("motion,audio,frames_per_second\n" + ROW, ["'frames_per_second'; known: id, motion"]),
+        (ROW, ["line 1", "the first line names no column", "motion,audio,split"]),
+        ("motion,audio,split\ntakes/a.npz,songs/a.wav,Train\n", ["line 2", "'Train' differs from 'train' by case"]),
         ("motion,motion,fps\n" + ROW, ["twice"]),
         ("audio,fps\nsongs/a.wav,30\n", ["no column motion"]),
         (HEAD + "takes/a.npz,songs/a.wav\n", ["line 2", "2 cells"]),

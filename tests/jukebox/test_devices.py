@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import tempfile
 import threading
 from collections.abc import Iterator
@@ -25,7 +26,7 @@ from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import sha256_file
-from dancedata.execution.workers import Workers
+from dancedata.execution.executors.loky import LokyExecutor
 from dancedata.pipeline import read_ahead
 from dancedata.pipeline.audio import FeatureKeys, SignalId
 from dancedata.pipeline.features import _jobs_for, _next_songs
@@ -45,7 +46,7 @@ def two_cards(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[dict[
     _devices.claimed.cache_clear()
     yield cards
     for lock in _devices._held:
-        lock.release()
+        os.close(lock)
     _devices.claimed.cache_clear()
 
 
@@ -60,7 +61,7 @@ def test_one_process_a_card(two_cards: dict[str, str], tiny: SimpleNamespace) ->
     assert feature.precision == "fp16"
     assert feature.windows_a_call == 32
     assert _jobs_for(feature, 16) == 2
-    assert _jobs_for(feature, Workers(16)).n == 2  # type: ignore[union-attr]
+    assert _jobs_for(feature, LokyExecutor(16)).n == 2  # type: ignore[union-attr]
     assert [_claim(tuple(two_cards)) for _ in range(3)] == ["cuda:0", "cuda:1", "cuda:0"]
     one = Jukebox(weights=tiny.folder, layer=6, device="cuda:1")
     assert one.workers(16) == 1

@@ -238,9 +238,9 @@ def test_licence_comes_first(server: _Server, tmp_path: Path) -> None:
 
 
 def test_two_programs_at_once(server: _Server, tmp_path: Path) -> None:
-    from filelock import FileLock
+    from dancedata.core.locks import file_lock
 
-    with FileLock(tmp_path / ".a.bin.lock"), pytest.raises(UsageError, match="another program"):
+    with file_lock(tmp_path / ".a.bin.lock"), pytest.raises(UsageError, match="another program"):
         _fetch(tmp_path, server.url)
 
 

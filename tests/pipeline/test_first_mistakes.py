@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import shutil
 from pathlib import Path
 from typing import Any
@@ -104,6 +105,86 @@ def test_clips_that_name_no_song_are_counted():
         "  song blue is missing: 1 clip",
         "  no song is named: 1 clip (b)",
     ]
+
+
+def test_what_is_broken_is_said_in_plan_and_summary(larger: Path, out: Path):
+    (larger / "wavs" / "mHO3.wav").write_text("no music")
+    for args in (["plan"], ["build", "--out", out]):
+        said = run(args[0], "aist++", "--source", larger, *args[1:], *ALL).stdout
+        (line,) = [line for line in said.splitlines() if "broken_audio: 4 (" in line]
+        assert "and 1 more): wavs/mHO3.wav: the audio file cannot be decoded" in line
+
+
+def test_audio_features_of_clips_without_music(larger: Path, out: Path):
+    shutil.rmtree(larger / "wavs")
+    without = [*ALL, "--set", "dataset.aist++.music=optional"]
+    for args in (["plan"], ["build", "--out", out]):
+        last = run(args[0], "aist++", "--source", larger, *args[1:], *without, code=1).stderr.splitlines()[-1]
+        assert last.startswith("Audio features need music; to build motion alone: --set 'audio={}'. See every file")
+    run("build", "aist++", "--source", larger, "--out", out, *without, "--set", "audio={}")
+
+
+def test_the_command_that_lists_every_file_can_be_copied(larger: Path, tmp_path: Path):
+    source = tmp_path / "my dances"
+    shutil.move(larger, source)
+    shutil.rmtree(source / "wavs")
+    last = run("plan", "aist++", "--source", source, *ALL, code=1).stderr.splitlines()[-1]
+    assert last == f"See every file: dancedata check '{source}' --dataset aist++"
+    assert run(*shlex.split(last)[4:], code=1).stdout.count("missing_music") >= 8
+
+
+def test_plan_names_weights_that_a_build_will_miss(larger: Path, monkeypatch: pytest.MonkeyPatch):
+    pytest.importorskip("torch")
+    monkeypatch.delenv("DANCEDATA_JUKEBOX", raising=False)
+    said = run("plan", "aist++", "--source", larger, *ALL, "--set", "audio=jukebox").stdout
+    assert "note: a build here ends with: jukebox needs its weights" in said
+    assert "a build here ends" not in run("plan", "aist++", "--source", larger, *ALL).stdout
+
+
+def test_what_is_not_a_recipe(tmp_path: Path, out: Path):
+    (tmp_path / "captures").mkdir()
+    for name, says in (
+        ("folder", "unknown recipe 'folder': it is a dataset. Write a recipe with dataset: folder"),
+        (tmp_path / "captures", "it is a folder. Name a recipe, and the folder with --source"),
+    ):
+        assert says in run("build", name, "--source", tmp_path, "--out", out, code=2).stderr
+    song = tmp_path / "song.wav"
+    soundfile.write(song, np.zeros(22_050), 22_050)
+    said = run("features", song, "--like", tmp_path / "dmeo", "--out", out, code=2).stderr
+    assert f"there is neither a dataset folder nor a recipe {tmp_path}/dmeo" in said
+
+
+def test_list_has_the_contact_rule_of_representations():
+    found = json.loads(run("list", "--json").stdout)["representations"]
+    assert found["edge151"]["keys"] == {"contacts": "velocity"}
+    assert found["fact219"]["keys"] == {}
+
+
+@pytest.mark.parametrize("bpm", ["0", "-5", "nan", "inf"])
+def test_a_tempo_that_is_none_names_the_option(tmp_path: Path, bpm: str):
+    song = tmp_path / "song.wav"
+    soundfile.write(song, np.zeros(22_050), 22_050)
+    said = run("features", song, "--bpm", bpm, "--out", tmp_path / "out", code=2).stderr
+    assert "not a valid tempo; nothing was computed; found" in said
+    assert "allowed: --bpm above 0" in said
+
+
+def test_values_that_are_not_what_they_look_like(tmp_path: Path):
+    (tmp_path / "empty.yaml").write_text("")
+    assert "found an empty file" in run("plan", tmp_path / "empty.yaml", code=2).stderr
+    said = run("plan", "demo", "--set", "name=my/dances", "--set", "motion=[edge151, lodge139]", code=2).stderr
+    assert "name: not a valid name; found 'my/dances'; allowed: letters, digits and _ . + -, a letter" in said
+    assert "such as {edge151: {}, lodge139: {}}; found" in said
+
+
+def test_a_damaged_dataset_is_replaced_as_the_error_says(larger: Path, out: Path):
+    build = ("build", "aist++", "--source", larger, "--out", out, *ALL)
+    run(*build)
+    with next(out.glob("*.h5")).open("ab") as file:
+        file.write(b"x")
+    assert "build the dataset again with --overwrite" in run(*build, code=1).stderr
+    run(*build, "--overwrite")
+    run("check", out)
 
 
 def test_strict_names_the_song_too(larger: Path, out: Path):

@@ -179,7 +179,7 @@ def test_wrong_usage_ends_with_2(args: list[str], said: str, tmp_path: Path, mon
     [
         (["build", "aist++", "--source", "nowhere", "--out", "x"], "does not exist"),
         (["plan", "aist++", "--source", "nowhere"], "does not exist"),
-        (["check", "nowhere"], "neither a built dataset nor a source folder"),
+        (["check", "nowhere"], "nowhere: there is no such folder"),
         (["info", "nowhere"], "no finished dataset"),
     ],
 )

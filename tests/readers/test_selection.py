@@ -89,8 +89,9 @@ def test_a_protocol_says_which_clips_a_split_has(store: Store) -> None:
     assert _ids(_read(store, split="val", protocol="other")) == ["train_c00", "test_c01"]
     with pytest.raises(UsageError, match="no clip of the store is in other's split 'test'"):
         _read(store, split="test", protocol="other")
-    # A store without such lists falls back on its own splits.
-    assert _ids(_read(store, protocol="third")) == _ids(_read(store))
+    # A misspelt protocol would read the stored splits.
+    with pytest.raises(UsageError, match=r"protocol 'ohter'\. Did you mean 'other'\? known: one, other"):
+        _read(store, protocol="ohter")
 
 
 def test_a_protocols_own_ignore_list(store: Store) -> None:

@@ -178,6 +178,15 @@ def test_not_a_built_dataset(tmp_path: Path) -> None:
         WindowDataset(tmp_path)
 
 
+def test_fields_that_nobody_named_and_a_probability_that_is_none(tmp_path: Path) -> None:
+    write_random_store(tmp_path, fields=random_fields({"lodge139": 139}, {}))
+    said = r"no field 'edge151', which is read where no fields are named.*fields=\('lodge139',\)"
+    with pytest.raises(UsageError, match=said):
+        WindowDataset(tmp_path)
+    with pytest.raises(UsageError, match="mirror is a probability; found yes; allowed: 0 to 1"):
+        WindowDataset(tmp_path, fields="lodge139", normalize=False, mirror="yes")  # type: ignore[arg-type]
+
+
 def test_preset_at_another_frame_rate(tmp_path: Path) -> None:
     fields = random_fields({MOTION: 151}, {}, **{MOTION: 60})
     write_random_store(tmp_path, fields=fields, fps=Fraction(60))

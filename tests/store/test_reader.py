@@ -212,6 +212,15 @@ def test_wrong_names_get_the_closest_one(make_store: Any) -> None:
         assert closest in str(caught.value)
 
 
+def test_a_name_or_a_number_where_a_window_or_a_position_is_asked_for(make_store: Any) -> None:
+    store = open_store(make_store().path)
+    for window in ("train_c00", 0):
+        with pytest.raises(UsageError, match=r"a window is asked for; found .*ds\.clip\(ID\)\.read\(FIELD\)"):
+            store.read(window, "pose")  # type: ignore[arg-type]
+    with pytest.raises(UsageError, match=r"found train_c00\. Get a clip by its id with ds\.clip\(ID\)"):
+        store.clips["train_c00"]  # type: ignore[call-overload]
+
+
 @pytest.mark.parametrize(("start", "length"), [(-1, 30), (0, 0), (0, 10**6), (10**6, 30)])
 def test_windows_outside_their_clip_are_refused(make_store: Any, start: int, length: int) -> None:
     store = open_store(make_store().path)

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import tempfile
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
-_held: list[Any] = []
+from dancedata.core.locks import open_locked
+
+#: Descriptors of the locks that this process holds.
+_held: list[int] = []
 
 
 @lru_cache(maxsize=1)
@@ -16,16 +19,12 @@ def claimed(devices: tuple[str, ...]) -> str | None:
 
     Where all are taken, the first one: it is shared. None if there are none.
     """
-    from filelock import FileLock, Timeout
-
     for device in devices:
-        lock = FileLock(Path(tempfile.gettempdir()) / f"dancedata-{_user()}-{_card(device)}.lock", timeout=0)
-        try:
-            lock.acquire()
-        except (Timeout, OSError):
-            continue
-        _held.append(lock)
-        return device
+        with suppress(OSError):
+            lock = open_locked(Path(tempfile.gettempdir()) / f"dancedata-{_user()}-{_card(device)}.lock", wait=False)
+            if lock is not None:
+                _held.append(lock)
+                return device
     return devices[0] if devices else None
 
 

@@ -281,7 +281,7 @@ class Jukebox(AudioFeature):
         """All cores on a CPU: a build runs one process of this feature there."""
         if self._devices():
             return nullcontext()
-        from joblib import cpu_count
+        from loky import cpu_count
         from threadpoolctl import threadpool_limits
 
         # What this process may use: a batch system gives it a part of the machine.

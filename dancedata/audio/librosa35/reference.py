@@ -17,10 +17,11 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from filelock import FileLock
 from numpy.typing import NDArray
 
 from dancedata.audio.signal import pcm16, resample
+from dancedata.core.locks import file_lock
+from dancedata.execution.cache import user_cache
 
 HOP = 512
 N_COLUMNS = 35
@@ -62,13 +63,13 @@ def compile_kernels() -> None:
     rng = np.random.default_rng(0)
     noise = rng.standard_normal(3 * TEMPO_SAMPLE_RATE).astype(np.float32)
     noise[:: TEMPO_SAMPLE_RATE // 2] = 10.0
-    with FileLock(_lock_file()):
+    with file_lock(_lock_file()):
         _compute(noise, TEMPO_SAMPLE_RATE, 30 * HOP, None, 100.0)
 
 
 def _lock_file() -> Path:
     name = f"kernels-{hashlib.sha256(sys.prefix.encode()).hexdigest()[:16]}.lock"
-    folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "dancedata"
+    folder = user_cache()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         writable = os.access(folder, os.W_OK)

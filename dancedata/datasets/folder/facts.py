@@ -6,7 +6,7 @@ about all files that say nothing themselves. What nobody says is an error that t
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -108,8 +108,9 @@ def _rate(declared: Declared) -> Fraction | None:
     return None if declared.fps is None else rate_of_text(declared.fps)
 
 
-def undeclared(path: Path, key: str, what: str, allowed: str, found: str) -> DataError:
-    """Return the DataError for a fact that nobody states."""
+def undeclared(path: Path, key: str, what: str, allowed: str, found: str, also: Sequence[str] = ()) -> DataError:
+    """Return the DataError for a fact that nobody states; `also`: keys of other such facts, to declare at once."""
+    others = f". Likewise {' and '.join(also)}, which nothing says either" if also else ""
     return DataError(
         f"nothing says the {what} of this file",
         reason="undeclared",
@@ -117,7 +118,7 @@ def undeclared(path: Path, key: str, what: str, allowed: str, found: str) -> Dat
         found=found,
         allowed=allowed,
         fix=f"declare {key}: as a column of the manifest, or for the whole folder in the recipe "
-        f"(--set dataset.folder.{key}=...)",
+        f"(--set dataset.folder.{key}=...){others}",
     )
 
 

@@ -140,15 +140,16 @@ def _array_facts(arrays: ArrayFile, layout: Layout, reading: Reading) -> _Facts:
             )
         own = Fact(rate, key)
     rate_fact = decide_rate(reading.row, own, reading.recipe)
-    if rate_fact is None:
-        raise undeclared(path, "fps", "frame rate", "frames a second, such as 30 or 30000/1001", found)
     up = decide(reading.row.up, layout.up, reading.recipe.up)
-    if up is None:
-        raise undeclared(path, "up", "up axis", "y or z", found)
     unit = decide(reading.row.unit, layout.unit, reading.recipe.unit)
+    # A guess is made from bones, and these files hold none.
     factor = None if unit is None else metres(unit.value)
+    also = [*["up"] * (up is None), *["unit"] * (factor is None)]
+    if rate_fact is None:
+        raise undeclared(path, "fps", "frame rate", "frames a second, such as 30 or 30000/1001", found, also)
+    if up is None:
+        raise undeclared(path, "up", "up axis", "y or z", found, also[1:])
     if unit is None or factor is None:
-        # A guess is made from bones, and these files hold none.
         raise undeclared(path, "unit", "unit of the translation", _UNITS_ALLOWED, found)
     return _Facts(rate_fact, up, unit, factor)
 

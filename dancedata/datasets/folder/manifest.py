@@ -156,12 +156,13 @@ def _text(path: Path, line: int, key: str, value: object) -> str:
 
 
 def _check_columns(path: Path, line: int, columns: list[str]) -> None:
+    if path.suffix == ".csv" and not set(columns) & set(COLUMNS):
+        problem, found = "the first line names no column", shown(", ".join(columns), 100)
+        raise _bad(path, line, problem, found, ", ".join(COLUMNS), "begin with a line such as motion,audio,split")
     for column in columns:
         if column not in COLUMNS:
-            problem = f"unknown column {quoted(column, 60)}"
-            raise _bad(
-                path, line, problem, None, did_you_mean(column[:60], COLUMNS), "rename the column, or take it out"
-            )
+            problem = f"unknown column {quoted(column, 60)}; {did_you_mean(column[:60], COLUMNS)}"
+            raise _bad(path, line, problem, fix="rename the column, or take it out")
     if len(set(columns)) < len(columns):
         raise _bad(path, line, "a column stands there twice", shown(", ".join(columns)))
     if "motion" not in columns:

@@ -136,8 +136,11 @@ class Folder(Dataset):
                 found=" and ".join(MANIFESTS),
                 fix="take one of them away",
             )
-        clips, rejects, notes, layout = self._listed(source, manifests[0]) if manifests else self._matched(source)
-        clips, splits = self._split(sorted(clips, key=lambda clip: clip.id))
+        rows = read_manifest(manifests[0]) if manifests else []
+        found = self._listed(source, manifests[0], rows) if manifests else self._matched(source)
+        clips, rejects, notes, layout = found
+        given = any(row.get("split") for row in rows)
+        clips, splits = self._split(sorted(clips, key=lambda clip: clip.id), given)
         clips, about = self._described(clips)
         notes += [*splits, *about]
         return Scan(layout, tuple(clips), tuple(rejects), tuple(notes))
@@ -175,9 +178,10 @@ class Folder(Dataset):
                 "folder: there is no such body model", where=str(self.body_model), fix="correct body_model"
             )
 
-    def _listed(self, source: Path, manifest: Path) -> tuple[list[ClipRef], list[Reject], list[str], str]:
+    def _listed(
+        self, source: Path, manifest: Path, rows: list[Row]
+    ) -> tuple[list[ClipRef], list[Reject], list[str], str]:
         """Clips of a manifest; a file that is not there is a reject."""
-        rows = read_manifest(manifest)
         audio = {row.get("audio") for row in rows if row.get("audio")}
         stems = Counter(Path(text).stem for text in audio)
         clips, rejects = [], []
@@ -261,13 +265,15 @@ class Folder(Dataset):
         """Split of a clip that is given none; empty where a rule decides, once all clips are known."""
         return self.split if isinstance(self.split, str) else ""
 
-    def _split(self, clips: list[ClipRef]) -> tuple[list[ClipRef], list[str]]:
-        """Deal the clips out that have no split, and say how many are in each."""
+    def _split(self, clips: list[ClipRef], given: bool) -> tuple[list[ClipRef], list[str]]:
+        """Deal the clips out that have no split, and say how many are in each; `given`: a line names one."""
         if not isinstance(self.split, str):
             return SplitRule.of(self.split).apply(clips)
         splits = Counter(clip.split for clip in clips)
-        if set(splits) == {self.split}:
-            return clips, [f"Splits: none is given, so all {counted(len(clips), 'clip')} are in {self.split!r}."]
+        if set(splits) == {self.split} and not given:
+            one = len(clips) == 1
+            which = f"the clip is in {self.split!r}" if one else f"all {len(clips):,} clips are in {self.split!r}"
+            return clips, [f"Splits: none is given, so {which}."]
         said = ", ".join(f"{n:,} {split}" for split, n in sorted(splits.items()))
         return clips, [f"Splits: {said or 'no clip is left'}."]
 
@@ -287,9 +293,13 @@ def _absence(path: Path) -> str:
 def _check_row(manifest: Path, row: Row, split: str) -> None:
     """Check what only a built dataset and its audio reader ask for."""
     from dancedata.core.errors import StoreError
-    from dancedata.store.schema import check_name
+    from dancedata.store.schema import SPLIT_ORDER, check_name
 
     where = f"{manifest}, line {row.line}"
+    usual = split.casefold()
+    if usual in SPLIT_ORDER and split not in SPLIT_ORDER:
+        problem = f"folder: the split {split!r} differs from {usual!r} by case only"
+        raise SourceError(problem, where=where, fix=f"write it as {usual}, which readers and statistics go by")
     try:
         check_name(split or "train", "split")
     except StoreError as error:

@@ -14,13 +14,12 @@ from http.client import HTTPException, HTTPResponse
 from pathlib import Path
 from typing import Any
 
-from filelock import FileLock, Timeout
-
 from dancedata.audio.jukebox.weights.licence import LICENCE
 from dancedata.audio.jukebox.weights.names import PRIOR_FILE, VQVAE_FILE
 from dancedata.core.atomic import atomic_file
 from dancedata.core.errors import DanceDataError, SourceError, UsageError
 from dancedata.core.hashing import sha256_file
+from dancedata.core.locks import file_lock
 from dancedata.core.text import quoted, shown
 
 OPENAI_URL = "https://openaipublic.azureedge.net/jukebox/models/5b"
@@ -126,15 +125,15 @@ def fetch(
         path = out / file.name
         paths.append(path)
         try:
-            with FileLock(out / f".{file.name}.lock", timeout=0):
+            with file_lock(out / f".{file.name}.lock", wait=False) as locked:
+                if not locked:
+                    raise UsageError("jukebox: another program is fetching this file", where=path)
                 if path.exists():
                     _check(path, file, keep=True)
                 elif remote:
                     _Download(f"{url.rstrip('/')}/{file.name}", path, file, report).run(attempts, wait_s)
                 else:
                     _copy(Path(url) / file.name, path, file, report)
-        except Timeout as error:
-            raise UsageError("jukebox: another program is fetching this file", where=path) from error
         except OSError as error:
             raise DanceDataError(
                 "jukebox: the file cannot be written",
