@@ -30,30 +30,10 @@ from dancedata.pipeline.left_out import nothing_left, stop_if_strict
 from dancedata.pipeline.out_folder import check_out, locked, new_dataset
 from dancedata.pipeline.source_record import SourceRecord, source_differences
 from dancedata.pipeline.sources import Sources, identify, scan_source
+from dancedata.pipeline.summary import BuildResult
 from dancedata.recipes.recipe import Recipe, resolve
 from dancedata.store import Field, StoreHeader, open_store, write_store
 from dancedata.store.schema import DATASET_FILE
-
-
-@dataclass(frozen=True)
-class BuildResult:
-    """What a build did.
-
-    Attributes
-    ----------
-    built
-        False if the dataset was there already and nothing had to be done.
-    scan_notes
-        Notes of the dataset reader on the source.
-    """
-
-    out: Path
-    built: bool
-    scan_notes: tuple[str, ...]
-
-    def __repr__(self) -> str:
-        """Show where the dataset is, and whether it was built now."""
-        return f"BuildResult({str(self.out)!r}, built={self.built}, {len(self.scan_notes)} notes)"
 
 
 def build(
@@ -109,7 +89,7 @@ def build(
         scan = scan_source(recipe, source)
         with workers_for(recipe, source, store_cache, jobs, backend, scheduler) as workers:
             made = _Build(recipe, source, out, scan, store_cache, workers, progress, overwrite, strict)
-            return BuildResult(out, built=made.run(), scan_notes=scan.notes)
+            return BuildResult.of(out, built=made.run())
 
 
 @contextmanager

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from copy import deepcopy
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
@@ -99,8 +100,18 @@ def recipe_names() -> tuple[str, ...]:
     return tuple(name.removesuffix(".yaml") for name in resources("pipelines"))
 
 
-def load_recipe(name_or_path: str | Path, overrides: Sequence[str] = ()) -> Recipe:
-    """Read a recipe by name or from a YAML file, and apply ``key.key=value`` overrides.
+def load_recipe(
+    recipe: str | Path | Mapping[str, Any] | Recipe, overrides: Iterable[str] | Mapping[str, Any] = ()
+) -> Recipe:
+    """Read a recipe and change some of its keys.
+
+    Parameters
+    ----------
+    recipe
+        Name of a recipe that comes with the package, path of a YAML file, or the document itself. A recipe that is
+        checked already is returned as it is.
+    overrides
+        Keys to change: ``"windows.stride_s=1"`` as on the command line, or ``{"windows.stride_s": 1}``.
 
     Raises
     ------
@@ -109,7 +120,27 @@ def load_recipe(name_or_path: str | Path, overrides: Sequence[str] = ()) -> Reci
     UsageError
         If the recipe does not exist.
     """
-    path = _find(str(name_or_path))
+    if isinstance(recipe, Recipe):
+        if overrides:
+            raise UsageError(
+                "a recipe that is checked already takes no overrides",
+                found=recipe,
+                fix="give its name, its file or its document instead",
+            )
+        return recipe
+    document = deepcopy(dict(recipe)) if isinstance(recipe, Mapping) else _read(_find(str(recipe)))
+    if isinstance(overrides, str):
+        overrides = [overrides]
+    if isinstance(overrides, Mapping):
+        for key, value in overrides.items():
+            set_key(document, key, deepcopy(value))
+    else:
+        for override in overrides:
+            apply_override(document, override)
+    return parse_recipe(document, where="recipe" if isinstance(recipe, Mapping) else str(recipe))
+
+
+def _read(path: Path) -> dict[str, Any]:
     try:
         document = read_yaml(path)
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
@@ -117,21 +148,26 @@ def load_recipe(name_or_path: str | Path, overrides: Sequence[str] = ()) -> Reci
     if not isinstance(document, dict):
         found = "an empty file" if document is None else type(document).__name__
         raise RecipeError("a recipe is a mapping of keys", where=path, found=found)
-    for override in overrides:
-        apply_override(document, override)
-    return parse_recipe(document, where=str(name_or_path))
+    return document
 
 
 def apply_override(document: dict[str, Any], override: str) -> None:
     """Set one key of a recipe document in place: ``windows.stride_s=1``."""
     key, equals, text = override.partition("=")
-    parts = key.strip().split(".")
-    if not equals or not all(parts):
+    if not equals:
         raise UsageError("an override is key=value", found=repr(override), allowed="such as windows.stride_s=1")
     try:
         value = load_yaml(text)
     except yaml.YAMLError as error:
         raise UsageError("the value of an override cannot be read", where=key, found=repr(text)) from error
+    set_key(document, key, value)
+
+
+def set_key(document: dict[str, Any], key: str, value: Any) -> None:
+    """Set one key of a recipe document in place: ``"windows.stride_s"`` to 1."""
+    parts = key.strip().split(".")
+    if not all(parts):
+        raise UsageError("not a key of a recipe", found=repr(key), allowed="such as windows.stride_s")
     *above, last = _steps(document, parts)
     at: Any = document
     for step in above:
@@ -215,7 +251,7 @@ def parse_recipe(document: Mapping[str, Any], where: str = "recipe") -> Recipe:
 
 
 def _find(name: str) -> Path:
-    path = Path(name)
+    path = Path(name).expanduser()
     if path.suffix in (".yaml", ".yml") or path.is_file():
         if not path.exists():
             raise UsageError("the recipe file does not exist", where=path)

@@ -1,4 +1,4 @@
-"""The code of README and of the pages on plug-ins of one's own runs as it stands there."""
+"""The code of the pages runs as it stands there, and prints what they show; lines, links and lists are right."""
 
 from __future__ import annotations
 
@@ -16,10 +16,12 @@ import pytest
 from dancedata.core.skeleton import SMPL24
 from dancedata.pipeline.build import build
 from dancedata.pipeline.summary import describe_built
+from dancedata.readers.presets import PRESETS
 from dancedata.recipes.parse import load_recipe
 from dancedata.store import open_store
 
 ROOT = Path(__file__).resolve().parents[2]
+PAGES = ["README.md", "CHANGELOG.md", *sorted(str(p.relative_to(ROOT)) for p in (ROOT / "docs").rglob("*.md"))]
 
 
 def _blocks(page: str, language: str) -> list[str]:
@@ -45,6 +47,20 @@ def test_readme_snippets_print_what_it_says(demo: Path, capsys: pytest.CaptureFi
             pytest.importorskip("torch")
         exec(compile(snippet, "README.md", "exec"), names)
         assert capsys.readouterr().out in outputs
+
+
+@pytest.mark.filterwarnings("ignore:.*multi-threaded, use of fork:DeprecationWarning")
+def test_the_python_page_prints_what_it_says(demo: Path, capsys: pytest.CaptureFixture[str], monkeypatch) -> None:
+    pytest.importorskip("torch")
+    monkeypatch.chdir(demo)
+    monkeypatch.setenv("DANCEDATA_CACHE", str(demo / "cache"))
+    text = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"^```python\n(.*?)^```\n(?:\n```text\n(.*?)^```\n)?", text, flags=re.DOTALL | re.MULTILINE)
+    assert len(blocks) == len(_blocks("docs/python.md", "python")) >= 9
+    names: dict[str, object] = {}
+    for code, output in blocks:
+        exec(compile(code, "python.md", "exec"), names)
+        assert capsys.readouterr().out == output
 
 
 def test_readme_shows_how_a_build_ends(demo: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -174,11 +190,27 @@ def test_added_filter_builds(plug_in, tmp_path: Path) -> None:
         assert left_out
 
 
-@pytest.mark.parametrize(
-    "page", ["README.md", "CHANGELOG.md", *sorted(str(p.relative_to(ROOT)) for p in (ROOT / "docs").rglob("*.md"))]
-)
+@pytest.mark.parametrize("page", PAGES)
+def test_lines_are_short(page: str) -> None:
+    text = (ROOT / page).read_text(encoding="utf-8")
+    prose = re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE)
+    assert [line for line in prose.splitlines() if len(line) > 120 and not line.startswith("|")] == []
+
+
+@pytest.mark.parametrize("page", PAGES)
 def test_links_lead_somewhere(page: str) -> None:
     text = (ROOT / page).read_text(encoding="utf-8")
     for target in re.findall(r"\]\(([^)#]+)[^)]*\)", text):
         if "://" not in target:
             assert (ROOT / page).parent.joinpath(target).exists(), target
+
+
+def test_the_index_has_every_page() -> None:
+    index = (ROOT / "docs" / "README.md").read_text(encoding="utf-8")
+    pages = {path.name for path in (ROOT / "docs").glob("*.md")} - {"README.md"}
+    assert pages <= set(re.findall(r"\]\(([^)]+)\)", index))
+
+
+def test_readme_names_every_preset() -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert [name for name in PRESETS if f'"{name}"' not in text] == []

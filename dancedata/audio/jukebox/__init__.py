@@ -10,10 +10,10 @@ torch.
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from dancedata.audio.jukebox.feature import Jukebox as Jukebox
+from dancedata.core.lazy import lazy_names
 
 if TYPE_CHECKING:
     from dancedata.audio.jukebox.config import JukeboxConfig as JukeboxConfig
@@ -22,23 +22,16 @@ if TYPE_CHECKING:
     from dancedata.audio.jukebox.network.overflow import JukeboxOverflowError as JukeboxOverflowError
     from dancedata.audio.jukebox.weights.download import fetch as fetch
     from dancedata.audio.jukebox.weights.folder import checkpoint_sha256 as checkpoint_sha256
-
-# No name is that of a module: importing the module would replace it.
-_HOMES = {
-    "JukeboxConfig": "config",
-    "JukeboxEncoder": "encoder",
-    "JukeboxOverflowError": "network.overflow",
-    "checkpoint_sha256": "weights.folder",
-    "convert": "conversion",
-    "fetch": "weights.download",
-}
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
-
-
-def __dir__() -> list[str]:
-    return sorted([*globals(), *_HOMES])
+else:  # type checkers take the imports above, and so find misspelt names
+    # No name is that of a module: importing the module would replace it.
+    __getattr__, __dir__ = lazy_names(
+        __name__,
+        {
+            "JukeboxConfig": f"{__name__}.config",
+            "JukeboxEncoder": f"{__name__}.encoder",
+            "JukeboxOverflowError": f"{__name__}.network.overflow",
+            "checkpoint_sha256": f"{__name__}.weights.folder",
+            "convert": f"{__name__}.conversion",
+            "fetch": f"{__name__}.weights.download",
+        },
+    )
