@@ -86,6 +86,12 @@ def diff(a: str | Path, b: str | Path, *, atol: float | None = None) -> list[Dif
         If one of them is not a finished dataset.
     UsageError
         If `atol` is not a number >= 0.
+
+    Examples
+    --------
+    >>> import dancedata
+    >>> [str(found) for found in dancedata.diff("data/aistpp", "data/the-same-again")]
+    []
     """
     if atol is not None and not (math.isfinite(atol) and atol >= 0):
         raise UsageError("not a valid tolerance", found=repr(atol), allowed="a number >= 0, such as 0.001")

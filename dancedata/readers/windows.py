@@ -15,8 +15,8 @@ from torch.utils.data import Dataset, get_worker_info
 
 from dancedata.core.clip import Reject
 from dancedata.core.errors import UsageError, did_you_mean
-from dancedata.core.movement import Movement
 from dancedata.core.normalize import MinMax
+from dancedata.core.plugins import WindowFilter
 from dancedata.readers.arguments import probability, whole
 from dancedata.readers.batch_memory import MemoryPool, shared_tensor
 from dancedata.readers.batch_reader import BatchReader, FieldReader, Request
@@ -26,7 +26,7 @@ from dancedata.readers.metadata import metadata
 from dancedata.readers.presets import fields_to_read, find_preset, given_or_preset, preset_windows
 from dancedata.readers.primitives import PrimitiveSpec, primitive_spec
 from dancedata.readers.scalers import mirrors_of, normalized_fields, root_columns, scaler_of
-from dancedata.readers.selection import Choice, movement_filter, no_window_error, require_protocol, select
+from dancedata.readers.selection import Choice, no_window_error, require_protocol, select, window_filter
 from dancedata.store.dataset import Store, open_store, reopen
 
 _log = logging.getLogger(__name__)
@@ -95,7 +95,7 @@ class WindowDataset(Dataset[dict[str, Any]]):
         trim: bool | None = None,
         ignore: Sequence[str] | None = None,
         protocol: str | None = None,
-        filter: Movement | Mapping[str, Any] | Literal[False] | None = None,
+        filter: WindowFilter | Mapping[str, Any] | Literal[False] | None = None,
         relative_root: bool | None = None,
         primitive_n: int = 256,
         primitive_variant: Literal["paper", "code"] = "paper",
@@ -134,8 +134,8 @@ class WindowDataset(Dataset[dict[str, Any]]):
             Such as "cross_genre". If the store's clips are in lists of that name ("cross_genre.train"), these lists,
             and not the stored splits, define which clips `split` has.
         filter
-            A `Movement`, or its parameters as in a recipe, ``{"movement": {"min_std": 0.07}}``; False: all windows
-            are kept. Default: the preset's.
+            A window filter, or its name and parameters as in a recipe, ``{"movement": {"min_std": 0.07}}``; False:
+            all windows are kept. Default: the preset's.
         relative_root
             Whether the translation columns are relative to the window's first frame. Such motion cannot be
             normalised: a scaler is fitted on absolute positions.
@@ -180,7 +180,7 @@ class WindowDataset(Dataset[dict[str, Any]]):
             trim=given_or_preset(trim, known, "trim", False),
             ignore=tuple(given_or_preset(ignore, known, "ignore", ())),
             protocol=given_or_preset(protocol, known, "protocol", None),
-            filter=movement_filter(given_or_preset(filter, known, "filter", None)),
+            filter=window_filter(given_or_preset(filter, known, "filter", None)),
         )
         selection = select(self.store, split, self._choice)
         self.windows = selection.windows

@@ -13,8 +13,7 @@ from dancedata.core.columns import Columns
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
-from dancedata.core.movement import Movement
-from dancedata.core.plugins import AudioFeature, ContactRule, KeyMotionFinder, Representation
+from dancedata.core.plugins import AudioFeature, ContactRule, KeyMotionFinder, Representation, WindowFilter
 from dancedata.core.windows import WindowGrid
 from dancedata.recipes.documents import document_of
 
@@ -27,7 +26,7 @@ class WindowSpec(WindowGrid):
 
     grid: FrameGrid
     order: Literal["time", "name"] = "time"
-    filter: Movement | None = None
+    filter: WindowFilter | None = None
 
     @property
     def length_s(self) -> float:
@@ -45,7 +44,7 @@ class WindowSpec(WindowGrid):
 
     def document(self) -> dict[str, Any]:
         """Return all keys, defaults included."""
-        chosen = None if self.filter is None else {"movement": document_of(self.filter)}
+        chosen = None if self.filter is None else {self.filter.name: document_of(self.filter)}
         return {
             "length_frames": self.length,
             "stride_frames": self.stride,
@@ -95,7 +94,7 @@ class FieldSpec(ABC):
 class MotionField(FieldSpec):
     """A field that follows from a clip's motion: a representation with its contact rule."""
 
-    kind: ClassVar[Kind] = "motion"
+    kind: ClassVar[Literal["motion"]] = "motion"
 
     representation: Representation
     contacts: ContactRule | None
@@ -126,7 +125,7 @@ class MotionField(FieldSpec):
 class KeyMotionField(FieldSpec):
     """A field with a clip's key motions."""
 
-    kind: ClassVar[Kind] = "keymotion"
+    kind: ClassVar[Literal["keymotion"]] = "keymotion"
 
     finder: KeyMotionFinder
 
