@@ -21,7 +21,7 @@ from typing import Any, ClassVar
 
 from dancedata.core.errors import DataError, SourceError
 from dancedata.core.text import quoted, shown
-from dancedata.formats.safe_pickle import CheckedUnpickler, UnsafePickleError, ordered_dict
+from dancedata.formats.checked_unpickler import CheckedUnpickler, UnsafePickleError, ordered_dict
 
 MAGIC = 0x1950A86A20F9469CFC6C
 PROTOCOL = 1001
