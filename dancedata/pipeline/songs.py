@@ -268,7 +268,7 @@ def _recipe_like(like: str) -> Recipe:
     if not (folder / DATASET_FILE).exists():
         raise StoreError("there is no dataset to take the features' parameters from", where=folder)
     meta = open_store(folder).meta
-    document = json.loads(json.dumps(meta["recipe"]))
+    document = json.loads(json.dumps(meta.get("recipe", {})))
     recipe = parse_recipe(document, where=f"{folder}/{DATASET_FILE}")
     if json_sha256(recipe.document) != json_sha256(document):
         raise StoreError("the dataset's recipe reads differently in this version of dancedata", where=folder)

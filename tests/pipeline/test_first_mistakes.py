@@ -347,3 +347,19 @@ def test_features_replace_no_file_of_others(corpus: Path, tmp_path: Path, name: 
     before = (out / "mBR0.librosa35.npy").read_bytes()
     run("features", song, "--out", out, "--bpm", 160)
     assert (out / "mBR0.librosa35.npy").read_bytes() != before
+
+
+@pytest.mark.parametrize("key", ["counts", "recipe"])
+def test_a_dataset_json_that_lacks_something_is_a_clear_error(
+    corpus: Path, built_copy: Path, tmp_path: Path, key: str
+):
+    path = built_copy / "dataset.json"
+    document = json.loads(path.read_text())
+    del document[key]
+    path.write_text(json.dumps(document))
+    if key == "counts":
+        assert key in run("info", built_copy, code=1).output
+    song = corpus / "wavs" / "mBR0.wav"
+    result = CliRunner().invoke(app, ["features", str(song), "--out", str(tmp_path), "--like", str(built_copy)])
+    assert result.exit_code in (1, 2)
+    assert result.output.startswith("error: ")
