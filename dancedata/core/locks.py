@@ -41,6 +41,18 @@ def lock_file(fd: int, operation: int, *, unsure: bool | None = False) -> bool |
     return True
 
 
+def unlock(fd: int) -> None:
+    """Give a lock back and close the file.
+
+    Closing alone is not enough: a process that was forked meanwhile holds the file, too, and with it the lock.
+    """
+    try:
+        with suppress(OSError):
+            fcntl.flock(fd, fcntl.LOCK_UN)
+    finally:
+        os.close(fd)
+
+
 def open_held(folder: Path, name: str) -> tuple[int, Path]:
     """Open a file, made if it is missing, and lock it; waits for the process that holds it."""
     path = folder / name
@@ -52,9 +64,9 @@ def open_held(folder: Path, name: str) -> tuple[int, Path]:
             if os.fstat(fd).st_nlink:
                 return fd, path
         except BaseException:
-            os.close(fd)
+            unlock(fd)
             raise
-        os.close(fd)
+        unlock(fd)
 
 
 def left_behind(path: Path) -> bool:
@@ -66,7 +78,7 @@ def left_behind(path: Path) -> bool:
     try:
         return is_abandoned(fd)
     finally:
-        os.close(fd)
+        unlock(fd)
 
 
 def is_abandoned(fd: int) -> bool:
@@ -107,7 +119,7 @@ def writing_lock(folder: Path, what: str, *, wait: bool = False) -> Iterator[Non
                 # One that holds something is not ours. Removed while it is held: see open_held.
                 if not os.fstat(fd).st_size:
                     path.unlink()
-        os.close(fd)
+        unlock(fd)
 
 
 def _open_regular(path: Path) -> int:
@@ -140,6 +152,6 @@ def _open_lock(folder: Path, operation: int, what: str) -> tuple[int, Path | Non
             if path is None or os.fstat(fd).st_nlink:
                 return fd, path
         except BaseException:
-            os.close(fd)
+            unlock(fd)
             raise
-        os.close(fd)
+        unlock(fd)

@@ -42,6 +42,8 @@ __all__ = [
 
 MAX_PICKLE_BYTES = 1 << 29
 MAX_DEPTH = 100
+#: Containers of one file: each takes a byte of it and up to 216 of memory.
+MAX_CONTAINERS = 100_000
 #: Keys, and places in the unpickler's memory, are below this: no more than a handful of them have one hash.
 _MAX_KEY = 1 << 63
 _MAX_DIMENSIONS = 32
@@ -324,6 +326,25 @@ class CheckedUnpickler(pickle._Unpickler):
         _refuse(self)
 
 
+def _counted(code: bytes) -> Callable[[Any], None]:
+    """Return what stands in for an opcode that makes a container, or the beginning of one."""
+    plain = CheckedUnpickler.dispatch[code[0]]
+
+    def load(unpickler: Any) -> None:
+        unpickler.n_containers += 1
+        if unpickler.n_containers > MAX_CONTAINERS:
+            raise _odd(f"more than {MAX_CONTAINERS:,} containers")
+        plain(unpickler)
+
+    return load
+
+
+_CONTAINERS = (
+    pickle.MARK, pickle.EMPTY_LIST, pickle.EMPTY_DICT, pickle.EMPTY_SET, pickle.EMPTY_TUPLE,
+    pickle.TUPLE1, pickle.TUPLE2, pickle.TUPLE3,
+)  # fmt: skip
+
+
 class _Unpickler(CheckedUnpickler):
     """Knows numpy arrays and plain containers, and counts what calls build.
 
@@ -333,6 +354,8 @@ class _Unpickler(CheckedUnpickler):
         Bytes that calls may still build.
     unfinished
         Arrays whose state was not set yet, by id.
+    n_containers
+        Containers that were begun; those that calls make have arguments, which are one each.
     """
 
     dispatch: ClassVar[dict[int, Any]] = {
@@ -340,6 +363,7 @@ class _Unpickler(CheckedUnpickler):
         pickle.REDUCE[0]: _call,
         pickle.BUILD[0]: _build,
         pickle.BYTEARRAY8[0]: _bytearray8,
+        **{code[0]: _counted(code) for code in _CONTAINERS},
     }
 
     def __init__(self, data: bytes) -> None:
@@ -347,6 +371,7 @@ class _Unpickler(CheckedUnpickler):
         super().__init__(io.BytesIO(data), encoding="latin1")
         self.left = _BUILT_PARTS * len(data) + _BUILT_BYTES
         self.unfinished: dict[int, np.ndarray[Any, Any]] = {}
+        self.n_containers = 0
 
     def find_class(self, module: str, name: str) -> Callable[..., Any]:
         try:

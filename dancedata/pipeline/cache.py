@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.errors import StoreError
+from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.hashing import json_sha256, sha256_file
 from dancedata.pipeline import cache_files as files
 
@@ -28,11 +28,16 @@ DURABLE_FROM_S = 0.5
 
 
 def default_cache() -> Path:
-    """Return $DANCEDATA_CACHE, else dancedata's folder in the user's cache folder."""
+    """Return $DANCEDATA_CACHE, else dancedata's folder in the user's cache folder; UsageError if there is none."""
     named = os.environ.get(ENVIRONMENT)
-    if named:
-        return Path(named)
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "dancedata"
+    path = Path(named) if named else Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache") / "dancedata"
+    try:
+        # No shell has expanded it where a job script or a container sets it.
+        return path.expanduser()
+    except RuntimeError as error:
+        raise UsageError(
+            "the home folder of the cache is not known", found=path, fix=f"set {ENVIRONMENT} to a folder, or --cache"
+        ) from error
 
 
 @lru_cache

@@ -29,7 +29,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.hashing import canonical_bytes
-from dancedata.core.locks import is_abandoned, left_behind, lock_file, open_held
+from dancedata.core.locks import is_abandoned, left_behind, lock_file, open_held, unlock
 
 #: Folders of the cache: those of entries, and those of what is being written and who computes what.
 STAGES = ("features", "motion", "clips", "signals", "files")
@@ -158,7 +158,7 @@ def publish(root: Path, path: Path, parts: Sequence[bytes | memoryview], *, dura
             temporary.unlink()
         raise
     finally:
-        os.close(fd)
+        unlock(fd)
 
 
 def _write_all(fd: int, part: bytes | memoryview) -> None:
@@ -179,7 +179,7 @@ def held(folder: Path, name: str) -> Iterator[Path]:
     finally:
         with suppress(OSError):
             path.unlink()  # while it is held: who waits for it finds out and makes a new one
-        os.close(fd)
+        unlock(fd)
 
 
 @contextmanager
@@ -315,7 +315,7 @@ def _remove_abandoned(path: Path) -> bool:
     except OSError:
         return False
     finally:
-        os.close(fd)
+        unlock(fd)
     return True
 
 

@@ -22,6 +22,8 @@ from dancedata.pipeline.strict_yaml import load_yaml, read_yaml
 
 #: Characters of what PyYAML says, which are several lines.
 _YAML_PROBLEM = 600
+#: Motion is brought to a recipe's rate however slowly it was captured: a billion a second would fill any memory.
+MAX_FPS = 1000
 
 
 def _number(value: Any) -> Any:
@@ -240,9 +242,14 @@ def _mapping(given: Any) -> dict[str, Any]:
 
 def _grid(fps: Any) -> FrameGrid:
     try:
-        return FrameGrid.of(_number(fps if fps is not None else ""))
+        grid = FrameGrid.of(_number(fps if fps is not None else ""))
     except (UsageError, ValueError) as error:
         raise UsageError(f"fps: {error}") from error
+    if grid.rate > MAX_FPS:
+        raise UsageError(
+            "fps is too high", found=shown(str(grid), 40), allowed=f"at most {MAX_FPS:,} frames a second"
+        )
+    return grid
 
 
 def _window_keys(given: Any) -> _Windows | None:

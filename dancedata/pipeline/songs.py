@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
@@ -18,6 +19,7 @@ from dancedata.core.errors import StoreError, UsageError, did_you_mean
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import json_sha256
 from dancedata.core.registry import FEATURES
+from dancedata.core.strict_json import read_json
 from dancedata.core.text import shown
 from dancedata.pipeline.audio_units import is_exact, window_samples
 from dancedata.pipeline.cache import Cache, default_cache
@@ -29,6 +31,8 @@ from dancedata.pipeline.slots import make_named
 from dancedata.store import open_store
 from dancedata.store.schema import DATASET_FILE
 
+#: Of a .json beside features: the first frames of a day's windows.
+_MAX_ABOUT_BYTES = 1 << 26
 _MUSIC = (".wav", ".flac", ".mp3", ".ogg")
 
 
@@ -76,6 +80,7 @@ def write_features(
         fix = "without --bpm the tempo is estimated"
         raise UsageError("not a valid tempo; nothing was computed", found=bpm, allowed="--bpm above 0", fix=fix)
     _check_songs(songs)
+    _check_names(songs, out, likes)
     # Only now: weights are ten gigabytes to hash.
     likes = [replace(like, feature=_ready(like.feature, weights)) for like in likes]
     _check_signals(songs, likes)
@@ -85,7 +90,7 @@ def write_features(
             for song in songs:
                 signal = load_audio(song)
                 for like in likes:
-                    path = out / f"{song.stem}.{like.feature.name}.npy"
+                    path = _rows_file(out, song, like)
                     new.update(p for p in (path, path.with_suffix(".json")) if not p.exists())
                     compute = exactly if is_exact(like.feature) else on_one_thread
                     computed = compute(_compute, like, signal, bpm, song)
@@ -110,6 +115,36 @@ def _check_songs(songs: Sequence[Path]) -> None:
     twice = sorted({n for n in names if names.count(n) > 1})
     if twice:
         raise UsageError("two songs would be written to one file", found=", ".join(twice), fix="rename one of them")
+
+
+def _check_names(songs: Sequence[Path], out: Path, likes: Sequence[Like]) -> None:
+    """Raise UsageError if a file would be replaced that this command did not write."""
+    paths = [_rows_file(out, song, like) for song in songs for like in likes]
+    foreign = [path for path in paths if not _is_free(path)]
+    if foreign:
+        raise UsageError(
+            "files would be replaced that are not known as features of dancedata; nothing was computed",
+            where=out,
+            found=", ".join(shown(path.name) for path in foreign[:5]) + (", ..." if len(foreign) > 5 else ""),
+            allowed="no such files, or a .npy with the .json that was written beside it",
+            fix="choose another --out, or move them away",
+        )
+
+
+def _rows_file(out: Path, song: Path, like: Like) -> Path:
+    return out / f"{song.stem}.{like.feature.name}.npy"
+
+
+def _is_free(path: Path) -> bool:
+    """Tell whether features may be written to a path: nothing is there, or features with what is said of them."""
+    about = path.with_suffix(".json")
+    if not os.path.lexists(about):
+        return not os.path.lexists(path)
+    try:
+        found = read_json(about, _MAX_ABOUT_BYTES)
+    except (OSError, ValueError):
+        return False
+    return isinstance(found, dict) and found.get("file") == path.name and "signal_sha256" in found
 
 
 def _not_a_song(folder: Path) -> UsageError:
@@ -239,7 +274,7 @@ def _recipe_like(like: str) -> Recipe:
     if not (folder / DATASET_FILE).exists():
         raise StoreError("there is no dataset to take the features' parameters from", where=folder)
     meta = open_store(folder).meta
-    document = json.loads(json.dumps(meta["recipe"]))
+    document = json.loads(json.dumps(meta.get("recipe", {})))
     recipe = parse_recipe(document, where=f"{folder}/{DATASET_FILE}")
     if json_sha256(recipe.document) != json_sha256(document):
         raise StoreError("the dataset's recipe reads differently in this version of dancedata", where=folder)
