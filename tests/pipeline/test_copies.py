@@ -8,7 +8,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
-from dancedata.execution.progress import Progress
 
 import dancedata
 from dancedata.core.columns import Columns
@@ -16,6 +15,7 @@ from dancedata.core.errors import DataError, RecipeError, SourceError, UsageErro
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import Augmentation
 from dancedata.core.registry import AUGMENTATIONS
+from dancedata.execution.progress import Progress
 from dancedata.pipeline.part import Part, build_part
 from dancedata.pipeline.plan import make_plan
 from dancedata.recipes.copies import CopySpec, check_ids
