@@ -1,12 +1,18 @@
-"""Arrays in .npy, .npz and .pkl files, read without running anything and without believing what they announce."""
+"""Arrays in .npy, .npz and .pkl files: nothing is executed, and a header is checked before memory is allocated.
+
+Every .npy file and every member of an .npz archive goes through `_read_header`, the only parser of such headers.
+"""
 
 from __future__ import annotations
 
 import io
 import math
+import os
+import warnings
 import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
@@ -16,28 +22,31 @@ from numpy.typing import NDArray
 from dancedata.core.errors import DataError
 from dancedata.core.regular_file import open_regular
 from dancedata.core.text import listed, quoted, shown
-from dancedata.formats.npy_header import require_short_header
 from dancedata.formats.safe_pickle import MAX_PICKLE_BYTES, as_array, load_pickle
 
 __all__ = ["MAX_ARRAY_BYTES", "ArrayFile", "open_arrays"]
 
-#: Four hours of SMPL-X at 120 FPS in doubles are 2.3 GB; a motion is far below.
+#: Four hours of SMPL-X at 120 FPS in float64 take 2.3 GB; a single motion is far below that.
 MAX_ARRAY_BYTES = 1 << 30
 MAX_MEMBERS = 1000
-#: An array above this size that was compressed more than this many times is no motion.
+#: numpy's own limit, which numpy applies only after allocating the announced length, up to 4 GB.
+MAX_HEADER_BYTES = 10_000
+#: An array above this size with a higher compression ratio than this is not a motion.
 BOMB_BYTES = 1 << 26
 BOMB_RATIO = 100
+#: A member of an .npz archive that is larger is not a short text.
+MAX_TEXT_BYTES = 4096
 _NUMBERS = "fiu"
 
 Array = NDArray[Any]
 
 
 class ArrayFile:
-    """Named arrays of a file; an .npy file and a pickled array have the one name "".
+    """Named arrays of a file; an .npy file and a pickled array have the single name "".
 
     Attributes
     ----------
-    names : what is there, numbers or not.
+    names : all names in the file, whether or not they hold numbers.
     """
 
     def __init__(self, path: Path, names: tuple[str, ...]) -> None:
@@ -50,26 +59,26 @@ class ArrayFile:
         return listed(self.names, 20, quoted) or "none"
 
     def shape(self, name: str) -> tuple[int, ...]:
-        """Return the shape of an array of numbers, from its header. DataError if it is none."""
+        """Return the shape of an array of numbers, from its header. DataError if it does not hold numbers."""
         raise NotImplementedError
 
     def read(self, name: str) -> NDArray[np.float64]:
-        """Return an array of numbers as float64. DataError if it is none."""
+        """Return an array of numbers as float64. DataError if it does not hold numbers."""
         raise NotImplementedError
 
     def text(self, name: str) -> str:
-        """Return a short text such as a gender; "" if it is none."""
+        """Return a short text such as a gender; "" if the entry is not a text."""
         raise NotImplementedError
 
 
 @contextmanager
 def open_arrays(path: Path) -> Iterator[ArrayFile]:
-    """Open a file by its ending.
+    """Open a file; its suffix decides the format (anything but .npz and .pkl is read as .npy).
 
     Raises
     ------
     DataError
-        ``broken_file``, ``unsafe_pickle`` (pickled objects), ``bad_shape`` (no numbers), ``too_large``.
+        ``broken_file``, ``unsafe_pickle`` (pickled objects), ``bad_shape`` (not numbers), ``too_large``.
     """
     kind = path.suffix.lower()
     if kind == ".pkl":
@@ -89,7 +98,7 @@ class _Npy(ArrayFile):
 
     def shape(self, name: str) -> tuple[int, ...]:
         with _named(self.path), open_regular(self.path) as file:
-            return self._header(file)[0]
+            return self._header(file).shape
 
     def read(self, name: str) -> NDArray[np.float64]:
         with _named(self.path), open_regular(self.path) as file:
@@ -100,8 +109,9 @@ class _Npy(ArrayFile):
     def text(self, name: str) -> str:
         return ""
 
-    def _header(self, file: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
-        return _header(self.path, "", file, self.path.stat().st_size, self.path.stat().st_size)
+    def _header(self, file: IO[bytes]) -> _Header:
+        size = os.fstat(file.fileno()).st_size
+        return _numeric_header(self.path, "", file, size, size)
 
 
 class _Npz(ArrayFile):
@@ -115,38 +125,47 @@ class _Npz(ArrayFile):
 
     def shape(self, name: str) -> tuple[int, ...]:
         with _named(self.path), self._open(name) as file:
-            return self._header(name, file)[0]
+            return self._header(name, file).shape
 
     def read(self, name: str) -> NDArray[np.float64]:
         with _named(self.path), self._open(name) as file:
-            shape, dtype = self._header(name, file)
-        with _named(self.path), self._open(name) as file:
-            # Not by the header's size alone: what is stored decides how much is read.
-            array: Array = np.lib.format.read_array(io.BytesIO(file.read()), allow_pickle=False)
-            if array.shape != shape or array.dtype != dtype:
-                raise _broken(self.path, f"two headers in {name}")
-            return _numbers(array)
+            header = self._header(name, file)
+        array = self._array(name)
+        if (array.shape, array.dtype) != (header.shape, header.dtype):
+            raise _broken(self.path, f"{name} has two different headers")
+        return _numbers(array)
 
     def text(self, name: str) -> str:
+        size = self._members[name].file_size
+        if size > MAX_TEXT_BYTES:
+            return ""
         with _named(self.path), self._open(name) as file:
-            if self._members[name].file_size > 4096:
-                return ""
+            header = _read_header(self.path, file)
+            if not header.dtype.hasobject:
+                _require_size(self.path, name, header, size)
+        return _text(self._array(name))
+
+    def _array(self, name: str) -> Array:
+        with _named(self.path), self._open(name) as file:
+            # From memory: read_array allocates by the stored bytes, not by the size that the header announces.
             array: Array = np.lib.format.read_array(io.BytesIO(file.read()), allow_pickle=False)
-        return _text(array)
+        return array
 
     def _open(self, name: str) -> IO[bytes]:
         info = self._members[name]
         if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-            raise _broken(self.path, f"{name} is compressed in a way that numpy never writes")
+            raise _broken(self.path, f"{name} has a compression method that numpy never writes")
         size = self.path.stat().st_size
         if info.compress_size > size:
-            # zipfile asks for as much memory as is announced here.
-            raise _broken(self.path, f"{name} announces {info.compress_size:,} packed bytes in a file of {size:,}")
+            # zipfile allocates as much memory as this field announces.
+            raise _broken(
+                self.path, f"{name} announces {info.compress_size:,} compressed bytes in a file of {size:,}"
+            )
         return self._archive.open(info)
 
-    def _header(self, name: str, file: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
+    def _header(self, name: str, file: IO[bytes]) -> _Header:
         info = self._members[name]
-        return _header(self.path, name, file, info.file_size, info.compress_size)
+        return _numeric_header(self.path, name, file, info.file_size, info.compress_size)
 
 
 class _Pickle(ArrayFile):
@@ -176,9 +195,9 @@ class _Pickle(ArrayFile):
         array = as_array(self._content[name])
         if array is None:
             value = self._content[name]
-            raise _no_numbers(self.path, name, f"{type(value).__name__}, {shown(value)}")
+            raise _not_numbers(self.path, name, f"{type(value).__name__}, {shown(value)}")
         if array.dtype.kind not in _NUMBERS:
-            raise _no_numbers(self.path, name, f"dtype {array.dtype}")
+            raise _not_numbers(self.path, name, f"dtype {array.dtype}")
         return array
 
 
@@ -191,62 +210,109 @@ def _text(array: Array) -> str:
         return ""
     try:
         value = array.reshape(-1)[0]
-    except ValueError:  # numbers that are no characters
+    except ValueError:  # code points outside Unicode
         return ""
     return value.decode("latin1") if isinstance(value, bytes) else str(value)
 
 
 def _numbers(array: Array) -> NDArray[np.float64]:
-    with np.errstate(over="ignore", invalid="ignore"):  # of long doubles; what is infinite is reported by who asked
+    with np.errstate(over="ignore", invalid="ignore"):  # of long doubles; the caller reports infinite values
         return array.astype(np.float64)
 
 
-def _header(
-    path: Path, name: str, file: IO[bytes], size: int, compressed: int
-) -> tuple[tuple[int, ...], np.dtype[Any]]:
-    """Check the header of an array against what the file holds, before any memory is taken."""
-    version = np.lib.format.read_magic(file)
-    if version not in ((1, 0), (2, 0)):
-        raise _no_numbers(path, name, f"an array of format {version[0]}.{version[1]}")
-    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-    require_short_header(file, version)
-    shape, _, dtype = read(file)
-    if dtype.hasobject:
+@dataclass(frozen=True)
+class _Header:
+    """The header of an .npy file or of a member of an .npz archive.
+
+    Attributes
+    ----------
+    start : first byte of the values.
+    n_bytes : size of the values that shape and dtype announce.
+    """
+
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    start: int
+    n_bytes: int
+
+
+def _read_header(path: Path, file: IO[bytes]) -> _Header:
+    """Parse a header, with a bound on its length. The position of `file` is left behind the header.
+
+    Raises
+    ------
+    DataError
+        ``broken_file``.
+    """
+    try:
+        version = np.lib.format.read_magic(file)
+        if version not in ((1, 0), (2, 0), (3, 0)):
+            raise ValueError(f"unknown version {version[0]}.{version[1]}")
+        field = file.read(2 if version == (1, 0) else 4)
+        length = int.from_bytes(field, "little")
+        if length > MAX_HEADER_BYTES:
+            raise ValueError(f"a header of {length:,} bytes")
+        file.seek(-len(field), os.SEEK_CUR)
+        parse = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        shape, _, dtype = parse(file)
+    except Exception as error:  # tokenize, recursion, memory: crafted headers can raise anything
+        raise _broken(path, f"no .npy header: {shown(error)}") from error
+    if any(type(n) is not int or not 0 <= n <= MAX_ARRAY_BYTES for n in shape):
+        raise _broken(path, f"an array of shape {str(shape)[:80]}")
+    return _Header(shape, dtype, file.tell(), math.prod(shape) * dtype.itemsize)
+
+
+def _require_size(path: Path, name: str, header: _Header, size: int) -> None:
+    """Raise DataError (``broken_file``) unless the file, or member, holds exactly what its header announces."""
+    announced = header.start + header.n_bytes
+    if size != announced:
+        what = f"{name or 'the array'} of shape {header.shape}, {header.dtype}"
+        raise _broken(path, f"{what}: {size:,} bytes, but its header announces {announced:,}")
+
+
+def _numeric_header(path: Path, name: str, file: IO[bytes], size: int, compressed: int) -> _Header:
+    """Check the header of an array of numbers against the stored bytes, before the values are read.
+
+    Parameters
+    ----------
+    size, compressed : stored bytes of header and values, and their compressed size.
+    """
+    header = _read_header(path, file)
+    if header.dtype.hasobject:
         raise DataError(
             "the file holds pickled Python objects, which are not read",
             reason="unsafe_pickle",
             where=_at(path, name),
-            found=f"dtype {dtype}",
+            found=f"dtype {header.dtype}",
             allowed="arrays of numbers",
             fix="save the numbers themselves",
         )
-    if dtype.kind not in _NUMBERS:
-        raise _no_numbers(path, name, f"dtype {dtype}")
-    if any(type(n) is not int or not 0 <= n <= MAX_ARRAY_BYTES for n in shape):
-        raise _broken(path, f"an array of shape {str(shape)[:80]}")
-    wanted = math.prod(shape) * dtype.itemsize
-    if wanted > MAX_ARRAY_BYTES or size > MAX_ARRAY_BYTES + 65536:
-        raise _too_large(path, f"{name or 'the array'} of shape {shape}, {wanted:,} bytes", f"{MAX_ARRAY_BYTES:,}")
-    if wanted > BOMB_BYTES and wanted > BOMB_RATIO * max(compressed, 1):
-        raise _too_large(path, f"{name}: {wanted:,} bytes packed into {compressed:,}", f"{BOMB_RATIO}-fold at most")
-    if size != file.tell() + wanted:
-        raise _broken(path, f"{name or 'the array'}: {size:,} bytes where its header wants {file.tell() + wanted:,}")
-    return shape, dtype
+    if header.dtype.kind not in _NUMBERS:
+        raise _not_numbers(path, name, f"dtype {header.dtype}")
+    _require_size(path, name, header, size)
+    n_bytes = header.n_bytes
+    if n_bytes > MAX_ARRAY_BYTES:
+        raise _too_large(
+            path, f"{name or 'the array'} of shape {header.shape}, {n_bytes:,} bytes", f"{MAX_ARRAY_BYTES:,} bytes"
+        )
+    if n_bytes > BOMB_BYTES and n_bytes > BOMB_RATIO * max(compressed, 1):
+        raise _too_large(
+            path, f"{name}: {n_bytes:,} bytes packed into {compressed:,}", f"a ratio of at most {BOMB_RATIO}"
+        )
+    return header
 
 
 @contextmanager
 def _named(path: Path) -> Iterator[None]:
-    """Turn whatever a broken file makes numpy and zipfile raise into a DataError."""
-    import warnings
-
+    """Turn any exception that numpy or zipfile raise for a broken file into a DataError."""
     try:
         with warnings.catch_warnings():
-            # numpy warns of headers that Python 2 wrote, and reads them.
+            # numpy warns about headers written by Python 2, and reads them.
             warnings.simplefilter("ignore")
             yield
     except DataError:
         raise
-    except Exception as error:  # zip, zlib, struct, tokenize, recursion: a file made up to hurt can raise anything
+    except Exception as error:  # zip, zlib, struct, recursion: crafted files can raise anything
         raise _broken(path, shown(error)) from error
 
 
@@ -260,28 +326,28 @@ def _broken(path: Path, found: str) -> DataError:
         reason="broken_file",
         where=str(path),
         found=found,
-        allowed=".npy, .npz or .pkl as numpy writes them",
+        allowed="an .npy, .npz or .pkl file as numpy writes it",
         fix="copy or save the file again",
     )
 
 
-def _no_numbers(path: Path, name: str, found: str) -> DataError:
+def _not_numbers(path: Path, name: str, found: str) -> DataError:
     return DataError(
-        "this is no array of numbers",
+        "not an array of numbers",
         reason="bad_shape",
         where=_at(path, name),
         found=found,
-        allowed="floats or whole numbers",
+        allowed="floats or integers",
         fix="save the motion as an array",
     )
 
 
 def _too_large(path: Path, found: str, allowed: str) -> DataError:
     return DataError(
-        "the file announces more than is read; nothing was read",
+        "the array is larger than the limit",
         reason="too_large",
         where=str(path),
         found=found,
         allowed=allowed,
-        fix="cut the motion into several files, uncompressed",
+        fix="split the motion into several files, uncompressed",
     )

@@ -13,10 +13,10 @@ from dancedata.core.rotations import matrix_from_6d, rotvec_from_matrix
 
 __all__ = ["check_rows", "rotations_of"]
 
+#: Tolerance of the orthonormality of two rows; files in float32 are within 1e-7.
 TOLERANCE = 1e-3
-"""How far the rows of a matrix may be from orthonormal; float32 files are within 1e-7."""
 
-# The file's joints among the skeleton's: all but jaw and eyes.
+# Indices of the file's joints in the skeleton: all except jaw and eyes.
 _OF_55 = [SMPLX55.index(joint) for joint in SMPLX52.joints]
 
 Floats = NDArray[np.float64]
@@ -43,25 +43,25 @@ def check_rows(path: Path, rows: Floats) -> None:
         return
     frame, joint = (int(i) for i in np.argwhere(bad)[0])
     value = ", ".join(f"{x:.4g}" for x in rows[frame, joint])
-    fix = "normalise the rotations (Gram-Schmidt) if a model made them, or get the file anew"
-    # Two columns, flattened row by row (r00 r01 r10 r11 r20 r21), look just so.
+    fix = "normalise the rotations (Gram-Schmidt) if a model generated them, or download the file again"
+    # The pattern of two columns, flattened row by row (r00 r01 r10 r11 r20 r21).
     if (_off_orthonormal(rows[..., 0::2], rows[..., 1::2]) <= TOLERANCE).all():
         fix = (
-            "as two columns of the matrix, flattened row by row (Zhou et al. 2019), all of them are rotations: write "
+            "all of them are valid as two columns of the matrix, flattened row by row (Zhou et al. 2019): write "
             "the first two rows instead"
         )
     raise DataError(
-        "a 6D rotation is none",
+        "not a valid 6D rotation",
         reason="bad_rotation",
         where=f"{path}, frame {frame}, joint {SMPLX52.joints[joint]}",
-        found=f"({value}), {off[frame, joint]:.3g} off; {int(bad.any(axis=1).sum())} of {len(rows)} frames",
+        found=f"({value}), deviation {off[frame, joint]:.3g}; {int(bad.any(axis=1).sum())} of {len(rows)} frames",
         allowed=f"two rows of a rotation matrix, of length 1 and at right angles within {TOLERANCE:g}",
         fix=fix,
     )
 
 
 def _off_orthonormal(a: Floats, b: Floats) -> Floats:
-    """Return how far pairs of vectors (..., 3) are from length 1 and a right angle: the worst of the three."""
+    """Return the deviation of pairs of vectors (..., 3) from length 1 and a right angle: the largest of the three."""
     with np.errstate(over="ignore", invalid="ignore"):
         lengths = [np.abs(np.linalg.norm(v, axis=-1) - 1) for v in (a, b)]
         off = np.maximum.reduce([*lengths, np.abs(np.sum(a * b, axis=-1))])

@@ -1,4 +1,4 @@
-"""The corpus on disk: AIST++ in its official layout, with its truth, and a marker that names its parameters."""
+"""The corpus on disk: AIST++ in its official layout, with ground truth and a marker with its parameters."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 __all__ = ["VERSION", "is_example", "synthesise_motion", "synthesise_song", "write_example", "write_synthetic"]
 
-#: Raised whenever other bytes are written for the same parameters.
+#: Incremented whenever the bytes for equal parameters change.
 VERSION = 1
 MARKER = "synthetic.json"
 MAX_MARKER_BYTES = 1 << 16
@@ -37,14 +37,14 @@ UNFINISHED = "synthetic.partial.json"
 def write_synthetic(
     folder: Path | str, *, seed: int = 0, songs: int = 11, clips_per_song: int = 4, clip_s: float = 13.5
 ) -> Path:
-    """Write the corpus into `folder`, unless just this corpus is there already.
+    """Write the corpus into `folder`, unless it already contains this corpus.
 
-    A write that was cut short goes on when called again. Equal arguments give equal bytes, and no clip or
-    song depends on how many others there are.
+    The next call resumes an interrupted one. Equal arguments give equal bytes, and no clip or song depends on the
+    number of others.
 
     Parameters
     ----------
-    folder : made if missing. It has to be empty otherwise, or hold this corpus.
+    folder : created if missing; otherwise it must be empty or contain this corpus.
     seed, songs, clips_per_song, clip_s : as in the dataset `synthetic`.
 
     Returns
@@ -55,8 +55,7 @@ def write_synthetic(
     Raises
     ------
     SourceError
-        If the folder holds something else, or a synthetic corpus with other parameters, or cannot be
-        written to.
+        If the folder contains something else, or a synthetic corpus with other parameters, or is not writable.
     UsageError
         If a parameter is out of range.
     """
@@ -68,13 +67,13 @@ def write_synthetic(
 def write_example(
     folder: Path | str, *, seed: int = 0, songs: int = 11, clips_per_song: int = 4, clip_s: float = 13.5
 ) -> None:
-    """Write four clips of six seconds to two songs, two of train, one of val, one of test, as a corpus's example."""
+    """Write the example of a corpus: four clips of six seconds, two of train, one of val, one of test; two songs."""
     made_by = {**_made_by(seed, songs, clips_per_song, clip_s), "example": True}
     _write(Path(folder), make_plan(songs=2, clips_per_song=2, clip_s=6.0), made_by)
 
 
 def is_example(folder: Path, *, seed: int, songs: int, clips_per_song: int, clip_s: float) -> bool:
-    """Tell whether a folder holds the finished example of a corpus."""
+    """Return whether a folder contains the complete example of a corpus."""
     return _found(folder, {**_made_by(seed, songs, clips_per_song, clip_s), "example": True}) == MARKER
 
 
@@ -86,11 +85,11 @@ def _made_by(seed: int, songs: int, clips_per_song: int, clip_s: float) -> dict[
 def synthesise_song(
     music: str, *, seed: int = 0, length_s: float = 14.5, sample_rate: int = 48_000, n_channels: int = 2
 ) -> SyntheticSong:
-    """Make one song in memory.
+    """Generate one song in memory.
 
     Parameters
     ----------
-    music : AIST++ music id, which names the tempo: ``mBR0`` or ``BR0``.
+    music : AIST++ music id, which encodes the tempo: ``mBR0`` or ``BR0``.
     length_s : seconds. The beats do not depend on it.
 
     Returns
@@ -102,7 +101,7 @@ def synthesise_song(
     Raises
     ------
     UsageError
-        If `music` is no AIST++ music id.
+        If `music` is not an AIST++ music id.
     """
     from dancedata.synthetic.music import make_song
 
@@ -110,12 +109,12 @@ def synthesise_song(
 
 
 def synthesise_motion(name: str, *, seed: int = 0, n_frames: int = 810) -> tuple[Motion, MotionTruth]:
-    """Make one clip in memory, in full precision (the file holds float32).
+    """Generate one clip in memory, in full precision (files are float32).
 
     Parameters
     ----------
-    name : AIST++ clip name, such as ``gBR_sBM_cAll_d04_mBR0_ch01``; its song gives the beats.
-    n_frames : length in frames at 60 a second.
+    name : AIST++ clip name, such as ``gBR_sBM_cAll_d04_mBR0_ch01``; its song defines the beats.
+    n_frames : length in frames at 60 per second.
 
     Returns
     -------
@@ -126,7 +125,7 @@ def synthesise_motion(name: str, *, seed: int = 0, n_frames: int = 810) -> tuple
     Raises
     ------
     UsageError
-        If the name has no AIST++ music id in it.
+        If the name contains no AIST++ music id.
     """
     from dancedata.synthetic.motion import make_motion
 
@@ -134,7 +133,7 @@ def synthesise_motion(name: str, *, seed: int = 0, n_frames: int = 810) -> tuple
 
 
 def _write(folder: Path, plan: Plan, made_by: dict[str, Any]) -> None:
-    """Write what is planned, unless it is there already; a second writer waits for the first."""
+    """Write the planned files unless they exist; a second writer waits for the first."""
     if _check_folder(folder, made_by):
         return
     try:
@@ -144,10 +143,10 @@ def _write(folder: Path, plan: Plan, made_by: dict[str, Any]) -> None:
                 _write_all(folder, plan, made_by)
     except OSError as error:
         raise SourceError(
-            "synthetic: the corpus is made on first use and cannot be written here",
+            "synthetic: the corpus is generated on first use, but cannot be written here",
             where=str(folder),
             found=str(error),
-            fix="give --source a folder that can be written to, on a disk with room",
+            fix="set --source to a writable folder on a disk with enough space",
         ) from error
 
 
@@ -163,21 +162,23 @@ def _write_all(folder: Path, plan: Plan, made_by: dict[str, Any]) -> None:
 
 
 def _found(folder: Path, made_by: dict[str, Any]) -> str | None:
-    """Which marker in the folder says that it was made with just these parameters, if any does."""
+    """Return the marker in the folder that has exactly these parameters, if there is one."""
     for name in (MARKER, UNFINISHED):
         try:
-            there = read_json(folder / name, MAX_MARKER_BYTES)
+            content = read_json(folder / name, MAX_MARKER_BYTES)
         except (OSError, ValueError):
             continue
-        if there == made_by:
+        if content == made_by:
             return name
     return None
 
 
 def _check_folder(folder: Path, made_by: dict[str, Any]) -> bool:
-    """Tell whether the finished corpus is there (True) or may be written (False); else SourceError."""
+    """Return whether the complete corpus exists (True) or may be written (False); else SourceError."""
     if folder.exists() and not folder.is_dir():
-        raise SourceError("synthetic: the source is not a folder", where=str(folder), fix="name a new folder")
+        raise SourceError(
+            "synthetic: the source is not a folder", where=str(folder), fix="set --source to a new folder"
+        )
     names = sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
     names = [name for name in names if not atomic.is_temporary(name)]
     marker = _found(folder, made_by)
@@ -186,18 +187,18 @@ def _check_folder(folder: Path, made_by: dict[str, Any]) -> bool:
     other = next((name for name in (MARKER, UNFINISHED) if name in names), None)
     if other is None:
         raise SourceError(
-            "synthetic: the source folder holds files that this dataset did not write; nothing was touched",
+            "synthetic: the source folder contains files that this dataset did not write; nothing was changed",
             where=str(folder),
             found=listed(names, 8),
-            allowed=f"no folder, an empty folder, or one with a {MARKER}",
-            fix="give --source a folder of its own, it will be filled",
+            allowed=f"a new folder, an empty folder, or one with a {MARKER}",
+            fix="set --source to a folder of its own",
         )
     raise SourceError(
-        "synthetic: the source folder holds a synthetic corpus with other parameters; nothing was touched",
+        "synthetic: the source folder contains a synthetic corpus with other parameters; nothing was changed",
         where=str(folder / other),
         found=_marker_text(folder / other),
         allowed=json.dumps(made_by),
-        fix="use the parameters that were found, delete the folder, or give --source another one",
+        fix="use those parameters, delete the folder, or set --source to another one",
     )
 
 
@@ -209,7 +210,7 @@ def _marker_text(path: Path) -> str:
 
 
 def _claim(folder: Path, made_by: dict[str, Any]) -> None:
-    """Make the folders; the note who does it comes first, so a killed write can be taken up again."""
+    """Create the folders; the marker of an incomplete corpus comes first, so that an interrupted write can resume."""
     folder.mkdir(parents=True, exist_ok=True)
     atomic.write_json(folder / UNFINISHED, made_by)
     for name in ("motions", "wavs", "cameras", "splits", "truth"):
@@ -220,7 +221,7 @@ def _claim(folder: Path, made_by: dict[str, Any]) -> None:
 
 
 def _write_lists(folder: Path, plan: Plan) -> None:
-    """Name lists of the official layout: mapping, splits, ignore list."""
+    """Write the lists of names of the official layout: mapping, splits, ignore list."""
     mapping = "".join(f"{clip.name} setting1\n" for clip in plan.clips)
     atomic.write_text(folder / "cameras" / "mapping.txt", mapping)
     for split in ("train", "val", "test"):
@@ -230,7 +231,7 @@ def _write_lists(folder: Path, plan: Plan) -> None:
 
 
 def _write_song(folder: Path, plan: SongPlan, seed: int) -> None:
-    """One wav, PCM 16, and its truth."""
+    """Write one wav, PCM 16, and its ground truth."""
     from dancedata.synthetic.music import make_song
 
     song = make_song(plan, seed)
@@ -247,7 +248,7 @@ def _write_song(folder: Path, plan: SongPlan, seed: int) -> None:
 
 
 def _write_clip(folder: Path, plan: ClipPlan, seed: int) -> None:
-    """One motion pickle as AIST++ publishes them, and its truth."""
+    """Write one motion pickle as published by AIST++, and its ground truth."""
     from dancedata.synthetic.motion import make_motion
 
     motion, truth = make_motion(plan.name, plan.n_frames, seed)

@@ -24,17 +24,17 @@ from dancedata.synthetic.steps import (
 
 Floats = NDArray[np.float64]
 
-# A copy that may be written to: scipy 1.17 takes no read-only array in `apply`.
+# A writable copy: scipy 1.17 does not accept read-only arrays in `apply`.
 OFFSETS: Floats = np.array(SMPL24.offsets)
 
+#: Joints of the contact columns, in their order (toes are called foot in SMPL).
 FOOT_JOINTS = ("left_ankle", "right_ankle", "left_foot", "right_foot")
-"""Joints of the contact columns, in their order (toes are called foot in SMPL)."""
 
+#: A foot joint that moves farther than this in 1/30 s counts as moving: twice EDGE's contact threshold.
 MOVING_M = 0.02
-"""A foot joint that goes farther than this in 1/30 s counts as moving: twice EDGE's contact threshold."""
 
+#: Largest used fraction of a leg's full length, so that knees never lock.
 REACH = 0.985
-"""Part of a leg's full length that is used at most, so that knees never lock."""
 
 # Left arm: swing forward (about y), raise (about z), twist (about x), elbow bend (about y), degrees.
 _ARMS = np.array([
@@ -45,17 +45,17 @@ _ARMS = np.array([
 
 @dataclass(frozen=True)
 class MotionTruth:
-    """What is known about one synthetic clip; foot joints are left ankle, right ankle, left toe, right toe.
+    """Ground truth of one synthetic clip; foot joints are left ankle, right ankle, left toe, right toe.
 
     Attributes
     ----------
     beat_times_s : (B,) seconds of the beats within the clip.
-    beat_frames : (B,) the frames at 60 a second nearest to them.
-    key_frames : (K,) frames of the key poses; everything is at rest there. A part of the beat frames.
+    beat_frames : (B,) the nearest frames at 60 per second.
+    key_frames : (K,) frames of the key poses, where everything is at rest; a subset of the beat frames.
     planted : (N, 4) bool, the joint stands still on the floor in this frame.
-    moving : (N, 4) bool, the joint goes more than 0.02 m in the 1/30 s from this frame. A joint that is
+    moving : (N, 4) bool, the joint moves more than 0.02 m in the 1/30 s from this frame. A joint that is
         neither planted nor moving is just leaving the floor, just landing, or turning in the air.
-    foot_positions : (N, 4, 3) float32 metres, true pelvis, where the joints were meant to be.
+    foot_positions : (N, 4, 3) float32 metres, true pelvis, the intended positions of the joints.
     floor_height_m : height of the toe joints on the floor.
     """
 
@@ -69,11 +69,11 @@ class MotionTruth:
 
 
 def make_motion(name: str, n_frames: int, seed: int) -> tuple[Motion, MotionTruth]:
-    """Motion of the clip called `name`, n_frames at 60 a second, and what is known about it."""
+    """Return the motion of clip `name`, n_frames at 60 per second, and its ground truth."""
     music = music_of(name)
     rng = generator(seed, "motion", name)
     beats_s = beat_times(music, seed, n_frames / MOTION_RATE)
-    # One beat is enough to place them all; a very short clip may end before its first.
+    # One beat determines all others; a very short clip may end before its first.
     first = float(beat_times(music, seed, 60.0)[0])
     time = make_timeline(music, first, n_frames, rng)
     feet = make_footwork(time, "sFM" in name, rng)
@@ -118,7 +118,7 @@ def _truth(time: Timeline, feet: Footwork, positions: Floats, beats_s: Floats, f
 
 
 def _foot_joints(feet: Footwork, turn: Rotation, floor: float) -> tuple[Floats, Floats]:
-    """Ankles and toes (N, 2, 3), metres."""
+    """Return ankles and toes (N, 2, 3), metres."""
     n = len(feet.rise)
     offsets = OFFSETS[[SMPL24.index("left_foot"), SMPL24.index("right_foot")]]
     height = floor - offsets[:, 1] + feet.rise + feet.jump[:, None]
@@ -126,21 +126,21 @@ def _foot_joints(feet: Footwork, turn: Rotation, floor: float) -> tuple[Floats, 
     turned = turn.apply(np.tile(offsets, (n, 1))).reshape(n, 2, 3)
     flat_yaw = Rotation.from_euler("Y", feet.yaw_frames.reshape(-1, 1))
     flat = flat_yaw.apply(np.tile(offsets, (n, 1))).reshape(n, 2, 3)
-    # Pivoting on the toe: the toe is where it is with a flat foot, the ankle gives way.
+    # Pivoting on the toe: the toe stays where it is with a flat foot, the ankle moves.
     ankles = ankles + np.where(feet.on_toe[:, :, None], flat - turned, 0.0)
     return ankles, ankles + turned
 
 
 def _root_rotation(time: Timeline, feet: Footwork, rng: np.random.Generator) -> Rotation:
-    """Orientation of the pelvis: the body's heading, leaning a little another way on every key."""
+    """Return the orientation of the pelvis: the body's heading, with a different small lean on every key."""
     lean = time.ease(rng.uniform(-0.12, 0.12, (len(time.keys), 3)))
     lean[:, 0] += time.ease(feet.heading)
     return Rotation.from_euler("YXZ", lean)
 
 
 def _pelvis(time: Timeline, feet: Footwork, root: Rotation, ankles: Floats, rng: np.random.Generator) -> Floats:
-    """Pelvis joint (N, 3): over the foot that stands, as high as both legs reach, bobbing on the beats."""
-    # On a key the weight is already on the foot that stays down in the interval to come.
+    """Return the pelvis joint (N, 3): over the standing foot, as high as both legs reach, bobbing on the beats."""
+    # On a key the weight is already on the foot that stays down in the next interval.
     weight = np.select([feet.actions == LEFT, feet.actions == RIGHT], [0.3, 0.7], 0.5)
     weight = weight + rng.uniform(-0.1, 0.1, len(weight))
     pelvis = np.zeros((time.n_frames, 3))
@@ -156,7 +156,7 @@ def _pelvis(time: Timeline, feet: Footwork, root: Rotation, ankles: Floats, rng:
     lowest = np.full(len(time.keys), np.inf)
     np.minimum.at(lowest, time.interval, highest)
     np.minimum.at(lowest, time.interval + 1, highest)
-    # Keys beyond the last frame bound no frame of their own.
+    # Keys beyond the last frame bound no frame.
     lowest = np.where(np.isinf(lowest), lowest[np.isfinite(lowest)].min(), lowest)
     depth = rng.uniform(0.03, 0.06)
     pelvis[:, 1] = time.ease(lowest) + feet.jump - depth * (1.0 - bump(time.beat_phase))
@@ -172,7 +172,7 @@ def _solve_leg(
     foot_turn: Rotation,
     feet: Footwork,
 ) -> None:
-    """Two-bone inverse kinematics: turn hip and knee so that the ankle lies at `ankle` (N, 3), exactly."""
+    """Solve two-bone inverse kinematics: rotate hip and knee so that the ankle is exactly at `ankle` (N, 3)."""
     hip_j, knee_j, ankle_j, toe_j = np.array([1, 4, 7, 10]) + side
     thigh, shin = OFFSETS[knee_j], OFFSETS[ankle_j]
     a, b = np.linalg.norm(thigh), np.linalg.norm(shin)
@@ -198,7 +198,7 @@ def _solve_leg(
 
 
 def _frame(up: Floats, lateral: Floats | list[float]) -> Floats:
-    """Rotation matrices (..., 3, 3) whose y column is along `up` and whose x column is nearest `lateral`."""
+    """Return rotation matrices (..., 3, 3) with y column along `up` and x column nearest to `lateral`."""
     y = _unit(np.asarray(up))
     x = np.broadcast_to(np.asarray(lateral, dtype=np.float64), y.shape)
     x = _unit(x - (x * y).sum(axis=-1, keepdims=True) * y)
@@ -211,7 +211,7 @@ def _unit(vectors: Floats) -> Floats:
 
 
 def _upper_body(time: Timeline, rng: np.random.Generator) -> Floats:
-    """Rotations (N, 24, 3) of spine, head and arms; the rest is zero."""
+    """Return rotations (N, 24, 3) of spine, head and arms; the others are zero."""
     count = len(time.keys)
     keys = np.zeros((count, 24, 3))
     for joint, size in (("spine1", 0.1), ("spine2", 0.12), ("spine3", 0.12), ("neck", 0.15), ("head", 0.2)):
@@ -232,16 +232,16 @@ def _upper_body(time: Timeline, rng: np.random.Generator) -> Floats:
 
 
 def _arm_poses(count: int, rng: np.random.Generator) -> Floats:
-    """Mixtures of rows of _ARMS (K, 4), another one on every key."""
+    """Return mixtures of rows of _ARMS (K, 4), a different one on every key."""
     hops = rng.integers(1, len(_ARMS), count)
     poses: Floats = _ARMS[np.cumsum(hops) % len(_ARMS)]
-    # A part of the way back to the pose before, so that no hand flies faster than a dancer's.
+    # Mixed with the previous pose, so that no hand moves faster than a dancer's.
     previous = np.concatenate([poses[:1], poses[:-1]])
     return 0.7 * poses + 0.3 * previous
 
 
 def _arm(degrees: Floats, rng: np.random.Generator) -> tuple[Floats, ...]:
-    """Collar, shoulder, elbow, wrist, hand axis-angle (K, 3) of the left arm, radians."""
+    """Return collar, shoulder, elbow, wrist, hand axis-angle (K, 3) of the left arm, radians."""
     count = len(degrees)
     shoulder = Rotation.from_euler("YZX", degrees[:, :3], degrees=True).as_rotvec()
     elbow = np.zeros((count, 3))
@@ -252,7 +252,7 @@ def _arm(degrees: Floats, rng: np.random.Generator) -> tuple[Floats, ...]:
 
 
 def _wrap_some(rotations: Floats, rng: np.random.Generator) -> None:
-    """Write some rotations as the long way round (2 pi - angle), as published files do here and there."""
+    """Replace some rotations by the complement (2 pi - angle) about the opposite axis, as in published files."""
     joint = int(rng.choice([0, SMPL24.index("left_shoulder"), SMPL24.index("right_shoulder")]))
     start = int(rng.integers(0, max(1, len(rotations) - 45)))
     part = rotations[start : start + 45, joint]

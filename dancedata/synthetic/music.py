@@ -12,7 +12,7 @@ from dancedata.synthetic.plan import SongPlan, beat_times, generator, tempo_bpm
 
 Floats = NDArray[np.float64]
 
-# Four bars of chords each: semitones of the root above the key, and minor or not (vi IV I V and the like).
+# Four bars of chords each: semitones of the root above the key, and whether it is minor (vi IV I V and similar).
 _PROGRESSIONS = (
     ((0, True), (8, False), (3, False), (10, False)),
     ((0, True), (5, True), (8, False), (7, False)),
@@ -23,16 +23,16 @@ _PROGRESSIONS = (
 
 @dataclass(frozen=True)
 class SyntheticSong:
-    """A song and what is known about it.
+    """A song and its ground truth.
 
     Attributes
     ----------
     signal : mono AudioSignal: the mean of the channels of `pcm`.
-    pcm : (n, channels) int16, what the wav file holds.
+    pcm : (n, channels) int16, the samples of the wav file.
     beat_times_s : (B,) seconds of the beats, kick or snare on each.
     downbeat_times_s : (M,) the first beats of the bars, where the chord changes.
     chord_roots : (M,) pitch class 0..11 of each bar's chord (0 = C).
-    tempo_bpm : beats a minute, exact.
+    tempo_bpm : beats per minute, exact.
     """
 
     signal: AudioSignal
@@ -44,7 +44,7 @@ class SyntheticSong:
 
 
 def make_song(plan: SongPlan, seed: int) -> SyntheticSong:
-    """Play the song that `plan` describes."""
+    """Generate the song that `plan` describes."""
     rng = generator(seed, "song", plan.music)
     beats = beat_times(plan.music, seed, plan.length_s)
     n_bars = -(-len(beats) // 4)
@@ -70,7 +70,7 @@ def make_song(plan: SongPlan, seed: int) -> SyntheticSong:
 
 
 class _Mix:
-    """The tape: samples (n, channels), and how to put a sound on it."""
+    """The mix: samples (n, channels), to which sounds are added."""
 
     def __init__(self, plan: SongPlan, period_s: float) -> None:
         self.rate = plan.sample_rate
@@ -80,11 +80,11 @@ class _Mix:
         self._tones: dict[tuple[int, float, int], Floats] = {}
 
     def time(self, length_s: float) -> Floats:
-        """Seconds (m,) of a sound of this length."""
+        """Return the times (m,) of a sound of this length, seconds."""
         return np.arange(int(length_s * self.rate)) / self.rate
 
     def tone(self, note: int, length_s: float, partials: int) -> Floats:
-        """Play a note (MIDI number), partials falling off as 1 / k^1.5; notes come back, so they are kept."""
+        """Return a note (MIDI number) with partials falling off as 1 / k^1.5; notes repeat, so they are cached."""
         key = (note, length_s, partials)
         if key not in self._tones:
             angle = 2 * np.pi * 440.0 * 2.0 ** ((note - 69) / 12.0) * self.time(length_s)
@@ -98,7 +98,7 @@ class _Mix:
         return self._tones[key]
 
     def add(self, at_s: float, sound: Floats, pan: float = 0.0) -> None:
-        """Add a sound at a time; pan -1 is left, 1 is right. What goes past the end is cut."""
+        """Add a sound at a time; pan -1 is left, 1 is right. Samples beyond the end are cut."""
         start = round(at_s * self.rate)
         sound = sound[: max(0, len(self.samples) - start)]
         gains = [1.0] if self.samples.shape[1] == 1 else [1.0 - 0.5 * pan, 1.0 + 0.5 * pan]
@@ -107,7 +107,7 @@ class _Mix:
 
 
 def _drums(mix: _Mix, beats: Floats, house: bool, rng: np.random.Generator) -> None:
-    """Kick on one and three (house: on all four), snare on two and four, hats on the eighths."""
+    """Add kick on one and three (house: on all four), snare on two and four, hats on the eighths."""
     t = mix.time(0.22)
     kick = 0.9 * np.sin(2 * np.pi * (50 * t + 5.0 * (1 - np.exp(-t / 0.025)))) * np.exp(-t / 0.07)
     t = mix.time(0.16)
@@ -125,7 +125,7 @@ def _drums(mix: _Mix, beats: Floats, house: bool, rng: np.random.Generator) -> N
 
 
 def _bar(mix: _Mix, beats: Floats, root: int, minor: bool, rng: np.random.Generator) -> None:
-    """One bar: chord held, bass on the beats, melody of chord notes on the beats and some eighths."""
+    """Add one bar: a held chord, bass on the beats, melody of chord notes on the beats and some eighths."""
     triad = np.array([0, 3 if minor else 4, 7])
     length = mix.period_s * 4
     t = mix.time(length)

@@ -1,7 +1,7 @@
-"""Footwork of the synthetic dance: what each foot and the pelvis do between one key pose and the next.
+"""Footwork of the synthetic dance: the movement of feet and pelvis between key poses.
 
-All curves are min-jerk, so everything comes to rest on the key frames and a foot on the floor does not move.
-Positions in metres, +Y up, angles in radians, times in frames at 60 a second.
+All curves are min-jerk, so everything is at rest on the key frames and a foot on the floor does not move.
+Positions in metres, +Y up, angles in radians, times in frames at 60 per second.
 """
 
 from __future__ import annotations
@@ -17,28 +17,28 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
+#: Actions of the feet in the interval before a key frame.
 HOLD, LEFT, RIGHT, JUMP, HEELS, TAP_LEFT, TAP_RIGHT = range(7)
-"""What the feet do in the interval that ends on a key frame."""
 
+#: Distance of each foot from the middle of the stance, metres.
 STANCE_WIDTH = 0.13
-"""Distance of each foot from the middle of the stance, metres."""
 
+#: Least length of a step, metres, where the feet allow it.
 SHORTEST_STEP = 0.15
-"""A step is at least that long, metres, where the feet allow it."""
 
+#: Most frames of a step in the air (0.4 s); in a slow song the feet wait on the floor.
 LONGEST_SWING = 24
-"""A step is in the air for at most that many frames (0.4 s), a slow song's feet wait on the floor."""
 
 
 @dataclass(frozen=True)
 class Timeline:
-    """Key frames of a clip and where each frame lies between them.
+    """Key frames of a clip and the position of each frame between them.
 
     Attributes
     ----------
     n_frames : number of frames N.
     beats : frames (B,) of all beats, from before frame 0 to after frame N.
-    keys : frames (K,) of the key poses, a part of the beats; the first is <= 0 and the last >= N.
+    keys : frames (K,) of the key poses, a subset of the beats; the first is <= 0 and the last >= N.
     interval : (N,) index of the last key at or before each frame.
     phase : (N,) position in that interval, 0 <= phase < 1.
     beat_phase : (N,) position between two beats, 0 <= phase < 1.
@@ -52,7 +52,7 @@ class Timeline:
     beat_phase: Floats
 
     def ease(self, values: Floats) -> Floats:
-        """Min-jerk interpolation of key values (K, ...) to frames (N, ...)."""
+        """Interpolate key values (K, ...) to frames (N, ...) with min-jerk curves."""
         shape = (-1,) + (1,) * (values.ndim - 1)
         start, stop = values[self.interval], values[self.interval + 1]
         moved: Floats = start + min_jerk(self.phase).reshape(shape) * (stop - start)
@@ -61,14 +61,14 @@ class Timeline:
 
 @dataclass(frozen=True)
 class Footwork:
-    """What the feet do, a value a key (K,), and a value a frame (N,).
+    """Movement of the feet, with values per key (K,) and per frame (N,).
 
     Attributes
     ----------
     place, yaw : (K, 2, 2) x and z of the ankles and (K, 2) heading of the feet; left, right.
     heading : (K,) heading of the body, continuous beyond pi.
     actions : (K,) action of the interval that begins on the key.
-    ankle_xz, yaw_frames, pitch, rise : (N, 2, 2), (N, 2), (N, 2), (N, 2) the same for every frame; pitch > 0
+    ankle_xz, yaw_frames, pitch, rise : (N, 2, 2), (N, 2), (N, 2), (N, 2) for every frame; pitch > 0
         is toe down, rise is the height above standing.
     on_toe : (N, 2) True while the foot pivots on its toe joint instead of its ankle.
     stepping : (N, 2) True while the foot is in the air.
@@ -89,17 +89,17 @@ class Footwork:
 
 
 def min_jerk(s: Floats) -> Floats:
-    """Min-jerk ease of s in [0, 1]: 10 s^3 - 15 s^4 + 6 s^5 (Flash and Hogan 1985)."""
+    """Return the min-jerk curve of s in [0, 1]: 10 s^3 - 15 s^4 + 6 s^5 (Flash and Hogan 1985)."""
     return s**3 * (10.0 - 15.0 * s + 6.0 * s * s)
 
 
 def bump(s: Floats) -> Floats:
-    """Rise from 0 to 1 and fall to 0 again over s in [0, 1], with no speed at the ends and the top."""
+    """Return a curve from 0 to 1 and back over s in [0, 1], with speed 0 at the ends and the top."""
     return 64.0 * s**3 * (1.0 - s) ** 3
 
 
 def make_timeline(music: str, first_beat_s: float, n_frames: int, rng: np.random.Generator) -> Timeline:
-    """Beats and key frames of a clip: a key pose on every beat, or now and then on every second one."""
+    """Return beats and key frames of a clip: a key pose on every beat, sometimes on every second one."""
     period = MOTION_RATE * 60.0 / tempo_bpm(music)
     count = int(np.ceil(n_frames / period)) + 8
     # Rounded half up: the beat's nearest frame.
@@ -120,13 +120,13 @@ def _phase(frames: Ints, marks: Ints) -> tuple[Ints, Floats]:
 
 
 def make_footwork(time: Timeline, advanced: bool, rng: np.random.Generator) -> Footwork:
-    """Choose an action an interval, place the feet on the keys, and move them in between."""
+    """Choose an action per interval, place the feet on the keys, and move them in between."""
     actions = _choose_actions(len(time.keys), advanced, rng)
     turns = _choose_turns(actions, advanced, rng)
     heading = rng.uniform(-0.5, 0.5) + np.concatenate(([0.0], np.cumsum(turns[:-1])))
     place, yaw = _place_feet(actions, heading, rng)
     swing = (actions == LEFT) | (actions == RIGHT) | (actions == JUMP)
-    # A foot leaves the floor a little after the key before and lands exactly on the key after.
+    # A foot leaves the floor shortly after the previous key and lands exactly on the next one.
     gap = np.diff(time.keys, append=time.keys[-1] + 1)
     start = np.where(swing, rng.uniform(0.08, 0.3, len(actions)), 0.1)
     start = np.where(actions == JUMP, start, np.maximum(start, 1.0 - LONGEST_SWING / gap))[time.interval]
@@ -157,15 +157,15 @@ def make_footwork(time: Timeline, advanced: bool, rng: np.random.Generator) -> F
 
 
 def _paths(time: Timeline, place: Floats, heading: Floats, ease: Floats, jump: Bools) -> Floats:
-    """Ankles (N, 2, 2). A stepping foot goes round the one that stands, both feet go round in a turning jump.
+    """Return the ankles (N, 2, 2). A stepping foot moves around the standing one, in a turning jump both feet rotate.
 
-    With points of the floor as complex numbers, both are a vector that turns and grows: v0 * (v1 / v0)^s.
+    With points of the floor as complex numbers, both are a rotating and growing vector: v0 * (v1 / v0)^s.
     """
     before, after = time.interval, time.interval + 1
     spot = place[..., 0] + 1j * place[..., 1]
-    apart = spot - spot[:, ::-1]  # each foot, seen from the other
+    apart = spot - spot[:, ::-1]  # each foot relative to the other
     growth = np.log(apart[after] / apart[before])
-    # In a jump the feet follow the body, more than half a turn if need be.
+    # In a jump the feet follow the body, by more than 180 degrees if necessary.
     turn = -(heading[after] - heading[before])[:, None]
     rest = growth.imag - turn
     rest = turn + rest - 2.0 * np.pi * np.round(rest / (2.0 * np.pi))
@@ -174,23 +174,23 @@ def _paths(time: Timeline, place: Floats, heading: Floats, ease: Floats, jump: B
     middle = spot.mean(axis=1, keepdims=True)
     centre = middle[before] + ease * (middle[after] - middle[before])
     path = np.where(jump[:, None], centre + seen / 2.0, spot[before][:, ::-1] + seen)
-    # A foot that stands is where it was put; no rounding above may move it.
+    # A standing foot must not move, not even by rounding errors.
     path = np.where(ease > 0.0, path, spot[before])
     return np.stack([path.real, path.imag], axis=2)
 
 
 def _turn(points: Floats, angle: Floats) -> Floats:
-    """Turn points (..., 2), x and z, about the vertical by an angle (...), radians."""
+    """Rotate points (..., 2), x and z, about the vertical by an angle (...), radians."""
     x, z = points[..., 0], points[..., 1]
     cos, sin = np.cos(angle), np.sin(angle)
     return np.stack([x * cos + z * sin, z * cos - x * sin], axis=-1)
 
 
 def _choose_actions(count: int, advanced: bool, rng: np.random.Generator) -> Ints:
-    """Actions (K,) of the intervals; two steps after one another use different feet."""
+    """Return the actions (K,) of the intervals; consecutive steps use different feet."""
     weights = [0.06, 0.62, 0.0, 0.1 if advanced else 0.04, 0.1, 0.08, 0.08]
     actions = rng.choice(7, size=count, p=np.array(weights) / sum(weights)).astype(np.int64)
-    # Every clip holds a hold, a heel raise and a tap of each foot, so its truth has every kind.
+    # Every clip contains a hold, a heel raise and a tap of each foot, so that its ground truth has every kind.
     planned = np.array([HEELS, HOLD, TAP_LEFT, TAP_RIGHT])
     spots = np.arange(2, count - 1, 3)[: len(planned)]
     actions[spots] = planned[: len(spots)]
@@ -200,11 +200,11 @@ def _choose_actions(count: int, advanced: bool, rng: np.random.Generator) -> Int
 
 
 def _choose_turns(actions: Ints, advanced: bool, rng: np.random.Generator) -> Floats:
-    """Change of heading (K,) in each interval, radians."""
+    """Return the change of heading (K,) in each interval, radians."""
     count = len(actions)
     turns = rng.uniform(-0.15, 0.15, count)
     stepping = (actions == LEFT) | (actions == RIGHT)
-    if advanced:  # a full turn in steps of an eighth, either way round
+    if advanced:  # 360 degrees in steps of 45, in either direction
         first = int(rng.integers(1, max(2, count - 12)))
         run = np.flatnonzero(stepping & (np.arange(count) >= first))[:8]
         turns[run] = rng.choice([-1.0, 1.0]) * np.pi / 4
@@ -214,10 +214,10 @@ def _choose_turns(actions: Ints, advanced: bool, rng: np.random.Generator) -> Fl
 
 
 def _place_feet(actions: Ints, heading: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
-    """Where the ankles stand (K, 2, 2) and where the feet point (K, 2) on each key.
+    """Return the positions of the ankles (K, 2, 2) and the headings of the feet (K, 2) on each key.
 
-    A step is placed as seen from the foot that stands, so feet never cross; where it would lead away from
-    the start it is made smaller, so the dance stays on its spot.
+    A step is placed relative to the standing foot, so feet never cross; steps away from the start are shortened, so
+    the dance stays near it.
     """
     count = len(actions)
     sides = np.array([1.0, -1.0])
@@ -237,14 +237,14 @@ def _place_feet(actions: Ints, heading: Floats, rng: np.random.Generator) -> tup
             side = 0 if action == LEFT else 1
             spots = place[k, 1 - side] + _turn(_steps(side, noise[k], middle, heading[k]), heading[k])
             length = np.linalg.norm(spots - place[k, side], axis=1)
-            # The first that is a step worth the name, or the longest.
+            # The first that is long enough for a step, or the longest.
             place[k, side] = spots[np.argmax(np.minimum(length, SHORTEST_STEP))]
             yaw[k, side] = facing[k, side]
     return place, yaw
 
 
 def _steps(side: int, noise: Floats, middle: Floats, heading: float) -> Floats:
-    """Places (C, 2) for a foot, sideways and ahead of the one that stands: one a row of noise (C, 2)."""
+    """Return places (C, 2) for a foot, sideways and ahead of the standing one, for each row of noise (C, 2)."""
     sign = 1.0 if side == 0 else -1.0
     aim = noise + _turn(-0.5 * middle, np.asarray(-heading))
     wide = np.clip(2.0 * STANCE_WIDTH + sign * aim[:, 0], 0.18, 0.38) * sign

@@ -19,7 +19,7 @@ FPS = FrameGrid.of(30)
 
 
 def random_motion(skeleton: Skeleton, n_frames: int, *, turn_rad: float = 2.5, step_m: float = 0.05) -> Motion:
-    """Return a motion at 30 a second, the same at every call; by default with turns beyond pi."""
+    """Return a motion at 30 frames per second, the same at every call; by default with rotations beyond pi."""
     rng = np.random.default_rng(0)
     rotations = rng.normal(0, turn_rad, (n_frames, skeleton.n_joints, 3))
     return Motion(rng.normal(0, step_m, (n_frames, 3)).cumsum(axis=0), rotations, FPS, skeleton)
@@ -35,7 +35,7 @@ def mirrored_motion(motion: Motion) -> Motion:
 
 
 def random_signal(seconds: float, sample_rate: int) -> AudioSignal:
-    """Return two noise bursts a second over a tone, the same at every call."""
+    """Return two noise bursts per second over a tone, the same at every call."""
     rng = np.random.default_rng(0)
     time_s = np.arange(int(seconds * sample_rate)) / sample_rate
     bursts = rng.normal(0, 0.2, len(time_s)) * np.exp(-20 * (time_s % 0.5))

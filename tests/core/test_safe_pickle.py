@@ -202,14 +202,14 @@ def test_missing_file(path: Path) -> None:
 @pytest.mark.parametrize(
     ("value", "said"),
     [
-        ({(1, 2): 3}, "a key that is neither text nor a small whole number: (1, 2)"),
+        ({(1, 2): 3}, "a key that is neither text nor a small integer: (1, 2)"),
         ({2.5: 3}, "a key"),
         ({b"x": 3}, "a key"),
         ({None: 3}, "a key"),
         ({1 << 63: 3}, "a key"),
         ({"a": {True: 3}}, "a key"),
         (OrderedDict({(): 1}), "a key"),
-        ({1.5}, "a member of a set that is neither text nor a small whole number: 1.5"),
+        ({1.5}, "a member of a set that is neither text nor a small integer: 1.5"),
         ([frozenset({(1,)})], "a member of a set"),
     ],
 )
@@ -237,7 +237,7 @@ def test_nesting_is_bounded(path: Path, protocol: int) -> None:
     assert "nested more than" in refused(path, pickle.dumps([deep[0], deep], protocol), "broken_file")
     around: list[Any] = []
     around.append({"a": (around,)})
-    assert "holds itself" in refused(path, pickle.dumps(around, protocol), "broken_file")
+    assert "contains itself" in refused(path, pickle.dumps(around, protocol), "broken_file")
 
 
 def test_an_array_whose_axes_lie_in_another_order(path: Path) -> None:
@@ -275,11 +275,19 @@ def test_shapes_and_types_are_looked_at_before_numpy_sees_them(path: Path, value
     refused(path, pickle.dumps(value, 2), "broken_file")
 
 
+@pytest.mark.parametrize("code", [b"\x8f", b"]", b"}", b"(\x91", b")\x85", b"("], ids=repr)
+def test_containers_are_counted(path: Path, code: bytes) -> None:
+    """An empty set is one byte of a file and 216 of memory."""
+    path.write_bytes(b"\x80\x04](" + code * 200_000 + b"e.")
+    with pytest.raises(DataError, match="more than 100,000 containers"):
+        load_pickle(path)
+
+
 def test_a_pickle_builds_no_more_than_it_holds(path: Path) -> None:
     """One text of 100 kB, made to bytes a hundred times."""
     text = b"X" + struct.pack("<I", 100_000) + b"a" * 100_000 + b"q\x000"
     calls = b"](" + b"c_codecs\nencode\nh\x00\x85R" * 100 + b"e."
-    assert "builds more than it holds" in refused(path, b"\x80\x02" + text + calls, "broken_file")
+    assert "builds far more than its own size" in refused(path, b"\x80\x02" + text + calls, "broken_file")
     # Whatever numpy writes is far below that.
     for protocol in range(6):
         path.write_bytes(pickle.dumps([np.full(10, n) for n in range(300)], protocol))
@@ -326,7 +334,7 @@ def test_values_that_are_none(value: Any) -> None:
 
 def test_a_pickle_that_is_too_large(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("dancedata.formats.safe_pickle.MAX_PICKLE_BYTES", 100)
-    assert "bigger than 100 bytes" in refused(path, pickle.dumps("x" * 200), "broken_file")
+    assert "larger than 100 bytes" in refused(path, pickle.dumps("x" * 200), "broken_file")
 
 
 def test_a_pipe_for_a_pickle(tmp_path: Path) -> None:

@@ -36,7 +36,7 @@ def test_numbers_are_finite(text: str) -> None:
 def test_files(tmp_path: Path) -> None:
     (tmp_path / "a.json").write_text('{"a": "é"}', encoding="utf-8")
     assert read_json(tmp_path / "a.json", 100) == {"a": "é"}
-    with pytest.raises(OSError, match="bigger than 5 bytes"):
+    with pytest.raises(OSError, match="larger than 5 bytes"):
         read_json(tmp_path / "a.json", 5)
     (tmp_path / "a.json").write_bytes(b'"\xff"')
     with pytest.raises(ValueError, match="utf-8"):

@@ -98,9 +98,13 @@ def test_bones_of_a_body_model(fine: Any, monkeypatch: pytest.MonkeyPatch) -> No
 @pytest.mark.parametrize(
     ("array", "reason", "words"),
     [
-        (np.zeros((90, 319), np.float32), "bad_shape", ["(90, 319)", "(T, 315)", "features that FineDance's"]),
+        (
+            np.zeros((90, 319), np.float32),
+            "bad_shape",
+            ["(90, 319)", "(T, 315)", "features made by the scripts"],
+        ),
         (np.zeros((90, 168)), "bad_shape", ["(90, 168)"]),
-        (np.zeros((315, 90)), "bad_shape", ["transpose it"]),
+        (np.zeros((315, 90)), "bad_shape", ["transpose the array"]),
         (np.zeros(315), "bad_shape", ["(315,)"]),
         (np.float32(1), "bad_shape", ["()"]),
         (np.zeros((1, 90, 315)), "bad_shape", ["(1, 90, 315)"]),

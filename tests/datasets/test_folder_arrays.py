@@ -149,8 +149,8 @@ def test_smpl_needs_to_be_told_everything(tmp_path: Path) -> None:
             load(path, **said)
         assert error.value.reason == "undeclared"
         assert f"declare {key}:" in str(error.value).lower()
-        rest = {"fps": "Likewise up and unit, which", "up": "Likewise unit, which"}.get(key)
-        assert rest in str(error.value) if rest else "Likewise" not in str(error.value)
+        rest = {"fps": "Declare up and unit as well", "up": "Declare unit as well"}.get(key)
+        assert rest in str(error.value) if rest else "as well" not in str(error.value)
         said[key] = value
     assert np.allclose(load(path, **said).joints(), forward_kinematics(SMPL24, poses, trans))
     with pytest.raises(DataError, match="unit"):

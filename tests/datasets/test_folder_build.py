@@ -21,7 +21,7 @@ def test_the_example_says_what_it_is(tmp_path: Path) -> None:
     assert scan.layout == "manifest (csv)"
     notes = "\n".join(scan.notes)
     for words in (
-        "layout amass on smplh's 52 joints: 60 FPS (mocap_framerate); +Z up (AMASS's definition), turned to +Y; m",
+        "layout amass on smplh's 52 joints: 60 FPS (mocap_framerate); +Z up (AMASS's definition), rotated to +Y; m",
         "BVH: 60 FPS (Frame Time: 0.016667); +Y up (BVH's convention, nothing was declared); cm (declared",
         "pelvis = Hips, left_hip = LeftUpLeg",
         "layout smpl: 60 FPS (declared in the manifest)",
@@ -66,8 +66,8 @@ def test_real_and_made_files_build(shared: Path, tmp_path: Path, scope: str) -> 
     # What a person sees: rates, axes, unit and height.
     about = describe_store(tmp_path / "out")
     for words in (
-        "100 a second: 1",
-        "120 a second: 1",
+        "100 per second: 1",
+        "120 per second: 1",
         "+Z up (declared in the manifest)",
         "GUESSED",
         "+Z up, metres",

@@ -76,7 +76,7 @@ def test_positions_in_disguise(read: Any, dance: Motion, unit: float, noise_m: f
     joints = dance.joints() + np.random.default_rng(0).normal(0, 1, dance.joints().shape) * noise_m
     # The advice for unnamed rotations followed with positions: the root is in both.
     text = refused(lambda: read(poses=joints.reshape(-1, 72) * unit, trans=joints[:, 0]), "not_rotations")
-    assert "the first joint moves as the translation does" in text
+    assert "the first joint moves like the translation" in text
     assert NOT in text
     # Relative to the root, or without a translation: the bones keep their length.
     text = refused(lambda: read(poses=(joints - joints[:, :1]) * unit, trans=joints[:, 0] * 0), "not_rotations")

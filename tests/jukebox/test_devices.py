@@ -20,8 +20,9 @@ import torch
 
 from dancedata.audio.jukebox import devices as _devices
 from dancedata.audio.jukebox import feature as jukebox_feature
-from dancedata.audio.jukebox import memory
 from dancedata.audio.jukebox.feature import Jukebox
+from dancedata.audio.jukebox.network import memory
+from dancedata.audio.librosa35.feature import Librosa35
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.grid import FrameGrid
@@ -89,8 +90,8 @@ def test_what_cannot_be_is_said_before_a_build(tiny: SimpleNamespace, tmp_path: 
         Jukebox(weights=tmp_path, layer=6).resolved(sha256_file)
     for wrong, message in (
         ({"layer": 7}, "1 to 6"),
-        ({"device": "cuda:9"}, "no such device"),
-        ({"device": "mps"}, "such a device"),
+        ({"device": "cuda:9"}, "does not exist"),
+        ({"device": "mps"}, "unsupported device"),
         ({"device": "tpu9"}, "unknown device"),
     ):
         with pytest.raises(UsageError, match=message):
@@ -163,7 +164,7 @@ def test_the_next_song_is_decoded_in_another_thread(monkeypatch: pytest.MonkeyPa
     assert threads[0].startswith("read-ahead")
     read_ahead.decoded(Path("b"))
     assert threads[1:] == [threading.current_thread().name]
-    songs: Any = [SimpleNamespace(path=Path(name)) for name in "aabc"]
+    songs = [Path(name) for name in "aabc"]
     paths = [None, Path("b"), Path("c"), None]
     assert _next_songs(Jukebox(weights=tiny.folder), songs) == paths
-    assert _next_songs(object(), songs) == [None] * 4
+    assert _next_songs(Librosa35(), songs) == [None] * 4

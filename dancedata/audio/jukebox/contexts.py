@@ -1,30 +1,30 @@
-"""Cutting a song into contexts of Jukebox's transformer, on frames and codes that meet."""
+"""Cutting a song into contexts of Jukebox's transformer, at instants of both a frame and a code."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from fractions import Fraction
 
 from dancedata.core.errors import UsageError
+from dancedata.core.grid import FrameGrid
 
-#: Seconds at a context's end whose rows are left to the next one: Fourier resampling takes a context as periodic, so
-#: its ends ring into each other, and the last codes do not hear what follows.
+#: Seconds at the end of a context whose rows come from the next one: Fourier resampling treats a context as periodic,
+#: so its ends ring into each other, and the last codes lack the samples that follow.
 TAIL_S = Fraction(16, 30)
 
 
 @dataclass(frozen=True)
 class Context:
-    """A stretch of a song that the transformer sees at once.
+    """A part of a song that the transformer processes at once.
 
     Attributes
     ----------
     first_code, n_codes
         Codes of the song.
     first_row
-        Row of the song at the context's beginning.
+        Row of the song at the beginning of the context.
     keep_from, keep_to
-        Rows of the context that become the song's.
+        Rows of the context that become rows of the song.
     """
 
     first_code: int
@@ -35,9 +35,8 @@ class Context:
 
 
 def unit_of(code_rate: Fraction, fps: Fraction) -> tuple[int, int]:
-    """Return the least number of codes, and of rows, that take equally long: 735 and 64 at 30 rows a second."""
-    ratio = code_rate / fps
-    return ratio.numerator, ratio.denominator
+    """Return the least numbers of codes and of rows of equal duration: 735 and 64 at 30 rows per second."""
+    return FrameGrid(code_rate).common_period(FrameGrid(fps))
 
 
 def contexts_of(
@@ -45,9 +44,8 @@ def contexts_of(
 ) -> list[Context]:
     """Cut a song's codes into contexts that overlap by at least `overlap_s`.
 
-    Each begins at an instant that is both a code's and a row's. The first part of every context but the song's
-    first is warm-up and dropped, and so is a short tail of every one but the last; what is kept of
-    neighbours joins without a gap.
+    Each begins at an instant of both a code and a row. Except in the song's first context, the first rows are warm-up
+    and dropped; except in its last one, so is a short tail. The rows that are kept join without a gap.
 
     Raises
     ------
@@ -56,21 +54,22 @@ def contexts_of(
     """
     codes, rows = unit_of(code_rate, fps)
     per_context = n_ctx // codes
-    tail = math.ceil(TAIL_S * fps)
-    overlap = math.ceil(overlap_s * fps / rows)
+    grid = FrameGrid(fps)
+    tail = grid.frames_up(TAIL_S)
+    overlap = FrameGrid(fps / rows).frames_up(overlap_s)
     if per_context < 1:
         raise UsageError(
-            "jukebox: contexts cannot overlap at this rate: codes and rows never meet within one",
-            found=f"{fps} rows a second, {codes} codes to {rows} rows",
-            allowed=f"rates at which they meet within {n_ctx} codes, such as 30, 60, 25 or 24",
-            fix="choose one of these",
+            "jukebox: contexts cannot overlap at this frame rate: codes and rows do not coincide within a context",
+            found=f"{fps} rows per second, {codes} codes to {rows} rows",
+            allowed=f"rates at which they coincide within {n_ctx} codes, such as 30, 60, 25 or 24",
         )
     if overlap >= per_context or overlap * rows <= tail:
         raise UsageError(
-            "jukebox: contexts cannot overlap like that",
-            found=f"overlap_s {float(overlap_s):g} at {fps} rows a second",
-            allowed=f"above {float(tail / fps):.2f} s and below {float((per_context - 1) * rows / fps):.2f} s, in a "
-            f"context of {float(per_context * rows / fps):.2f} s",
+            "jukebox: invalid value for overlap_s",
+            found=f"{float(overlap_s):g} s at {fps} rows per second",
+            allowed=f"above {float(grid.seconds(tail)):.2f} s and below "
+            f"{float(grid.seconds((per_context - 1) * rows)):.2f} s, in a context of "
+            f"{float(grid.seconds(per_context * rows)):.2f} s",
         )
     found = []
     step = per_context - overlap
@@ -79,7 +78,7 @@ def contexts_of(
         begin = first * codes
         last = begin + per_context * codes >= n_codes
         length = min(per_context * codes, n_codes - begin)
-        n_rows = math.ceil(length * fps / code_rate)
+        n_rows = FrameGrid(code_rate).rows_up(length, of=grid)
         keep_from = 0 if first == 0 else overlap * rows - tail
         found.append(Context(begin, length, first * rows, keep_from, n_rows if last else n_rows - tail))
         if last:

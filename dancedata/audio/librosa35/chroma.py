@@ -1,6 +1,6 @@
 """Chroma CENS of windows: the constant-Q pyramid, its magnitudes, and the smoothing.
 
-Müller and Ewert (ISMIR 2011), as librosa computes it: the magnitudes of 36 filters an octave, seven octaves,
+Müller and Ewert (ISMIR 2011), as librosa computes it: the magnitudes of 36 filters per octave, seven octaves,
 summed to 12 chroma; each frame scaled to a sum of 1, quantised to quarters, smoothed over 41 frames and scaled
 to unit length.
 """
@@ -18,7 +18,7 @@ from dancedata.audio.librosa35.arrays import Floats, times_on_grid
 from dancedata.audio.librosa35.filters import N_OCTAVES, FilterBank, filter_bank
 from dancedata.audio.librosa35.frames import Frames
 from dancedata.audio.librosa35.resample import halved
-from dancedata.audio.librosa35.spectra import HOP
+from dancedata.audio.librosa35.settings import HOP
 from dancedata.audio.librosa35.tuning import BINS_PER_OCTAVE
 from dancedata.audio.librosa35.windows import Windows, halved_windows
 
@@ -35,7 +35,7 @@ def window_chroma(windows: Windows, tunings: Sequence[int], rate: int) -> Floats
     Parameters
     ----------
     tunings
-        Each window's own, as `window_tuning` gives it.
+        Of each window, as `window_tuning` returns it.
     """
     n_frames = 1 + windows.length // HOP
     pitches = np.zeros((len(windows.starts), n_frames, BINS_PER_OCTAVE), dtype=np.float32)
@@ -56,12 +56,13 @@ def _add_octave(windows: Windows, hop: int, tunings: Sequence[int], rate: int, p
     if windows.is_whole:
         _add_track_pitches(windows.track, hop, filter_bank(tunings[0], rate), pitches[0])
         return
-    half = len(filter_bank(tunings[0], rate).even)
-    for first in range(0, len(pitches), _WINDOWS_AT_ONCE):
-        part = slice(first, first + _WINDOWS_AT_ONCE)
-        octave = _Octave(windows.some(part), hop, half, pitches.shape[1])
-        for tuning, run in _runs(tunings[part]):
-            octave.add_magnitudes(run, filter_bank(tuning, rate), pitches[part][run])
+    # At some rates, such as 20 and 40 frames a second, filters are half as long for some tunings as for others.
+    for half, alike in _runs([len(filter_bank(tuning, rate).even) for tuning in tunings]):
+        for first in range(alike.start, alike.stop, _WINDOWS_AT_ONCE):
+            part = slice(first, min(first + _WINDOWS_AT_ONCE, alike.stop))
+            octave = _Octave(windows.some(part), hop, half, pitches.shape[1])
+            for tuning, run in _runs(tunings[part]):
+                octave.add_magnitudes(run, filter_bank(tuning, rate), pitches[part][run])
 
 
 def _add_track_pitches(track: Floats, hop: int, bank: FilterBank, pitches: Floats) -> None:
@@ -77,12 +78,13 @@ def _add_track_pitches(track: Floats, hop: int, bank: FilterBank, pitches: Float
 class _Octave:
     """Frames of windows at one level of the pyramid, folded.
 
-    The first and last `n_end` frames of a window are its own. Those between are the track's: folded once for
-    all windows, and filtered once for neighbours of one tuning.
+    The first and last `n_end` frames belong to each window. The frames between belong to the track: folded once for
+    all windows, and filtered once for adjacent windows of the same tuning.
     """
 
     def __init__(self, windows: Windows, hop: int, half: int, n_frames: int) -> None:
-        self.n_end = -(-(windows.end + half) // hop)
+        # They hold all samples that are the window's own, also where frames are shorter than that.
+        self.n_end = max(-(-(windows.end + half) // hop), 1 - (half - windows.end) // hop)
         self.n_frames = n_frames
         self.first = windows.starts // hop + self.n_end
         n_middle = n_frames - 2 * self.n_end
@@ -95,17 +97,17 @@ class _Octave:
         tails = Frames(windows.tail(windows.length - last), 0, half, hop, self.n_end)
         everything = slice(None)
         self.middle = [middle.folded(combine, everything) for combine in (np.add, np.subtract)]
-        # A window's ends lie together, so that those of neighbours need no copy.
+        # The ends of a window are adjacent in memory, so that those of adjacent windows need no copy.
         self.ends = [np.empty((len(windows.starts), 2, self.n_end, half), dtype=np.float32) for _ in range(2)]
         for folded, combine in zip(self.ends, (np.add, np.subtract), strict=True):
             heads.fold_into(combine, folded[:, 0])
             tails.fold_into(combine, folded[:, 1])
 
     def add_magnitudes(self, run: slice, bank: FilterBank, pitches: Floats) -> None:
-        """Add the magnitudes of a run of neighbours to their pitches (W, T, 36)."""
+        """Add the magnitudes of a run of adjacent windows to their pitches (W, T, 36)."""
         n_windows, half = len(pitches), len(bank.even)
         n_middle = self.n_frames - 2 * self.n_end
-        # Frames are counted from the track's beginning: the grid that a product's rows are placed on.
+        # Frames count from the beginning of the track: the grid of the products' rows.
         first = int(self.first[run][0])
         own = self.first[run] - first
         begin = first - int(self.first[0])
@@ -114,19 +116,19 @@ class _Octave:
         middle = _magnitudes(times_on_grid(even, bank.even, first), times_on_grid(odd, bank.odd, first))
         for k in range(n_windows):
             pitches[k, self.n_end : self.n_frames - self.n_end] += middle[own[k] : own[k] + n_middle]
-        # The ends are each window's own, and so is their product.
+        # The ends belong to each window, and so does their product.
         even, odd = (folded[run].reshape(n_windows, -1, half) for folded in self.ends)
         ends = _magnitudes(np.matmul(even, bank.even), np.matmul(odd, bank.odd))
         pitches[:, : self.n_end] += ends[:, : self.n_end]
         pitches[:, self.n_frames - self.n_end :] += ends[:, self.n_end :]
 
 
-def _runs(tunings: Sequence[int]) -> Iterator[tuple[int, slice]]:
-    """Yield runs of neighbours with the same tuning."""
+def _runs(values: Sequence[int]) -> Iterator[tuple[int, slice]]:
+    """Yield runs of adjacent equal values, such as tunings."""
     start = 0
-    for tuning, run in groupby(tunings):
+    for value, run in groupby(values):
         stop = start + len(list(run))
-        yield tuning, slice(start, stop)
+        yield value, slice(start, stop)
         start = stop
 
 
@@ -170,7 +172,7 @@ def _smoothed(values: NDArray[np.float64]) -> NDArray[np.float64]:
     padded[:, reach : reach + n_frames] = values
     smoothed = weights[reach] * values
     for k in range(1, reach):
-        # Symmetric: two neighbours at a time. The weights at the very ends are zero.
+        # Symmetric: two frames at a time. The first and last weights are zero.
         pair = padded[:, reach - k : reach - k + n_frames] + padded[:, reach + k : reach + k + n_frames]
         pair *= weights[reach + k]
         smoothed += pair

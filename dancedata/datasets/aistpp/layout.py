@@ -1,4 +1,4 @@
-"""Where the parts of an AIST++ copy lie: motion folder, music files. Lists only, reads nothing."""
+"""Where motion and audio files of an AIST++ copy are; lists folders and reads no file."""
 
 from __future__ import annotations
 
@@ -9,14 +9,25 @@ from pathlib import Path
 from dancedata.core.clip import Reject
 from dancedata.core.errors import SourceError
 from dancedata.core.text import listed
-from dancedata.datasets._near_music import MUSIC, NearMusic
-from dancedata.datasets._source import describe, list_folder, relative, require_folder
+from dancedata.datasets._near_music import NearMusic
+from dancedata.datasets._source import (
+    AUDIO_SUFFIXES,
+    Files,
+    audio_files,
+    describe,
+    extra_file,
+    file_problem,
+    files_by_stem,
+    find_root,
+    has_archive,
+    list_folder,
+    relative,
+)
 from dancedata.datasets.aistpp.facts import is_music_id, parse_name
 
 __all__ = [
     "MUSIC_FOLDERS",
     "Folders",
-    "MotionFiles",
     "MusicFiles",
     "find_folders",
     "layout_name",
@@ -30,173 +41,117 @@ __all__ = [
 
 MOTIONS = "motions"
 MUSIC_FOLDERS = ("wavs", "music", "audio", "musics")
-EXTENSIONS = MUSIC
-SUBFOLDERS = (
-    "edge_aistpp",
-    "aist_plusplus_final",
-)  # names under which EDGE and the project page ship the data
+#: Folder names of the copies of EDGE and of the project page.
+_KNOWN = ("edge_aistpp", "aist_plusplus_final")
 LOOKED_FOR = "motions/*.pkl, in the source folder or in one folder below it (edge_aistpp/, aist_plusplus_final/, ...)"
 
 
 @dataclass(frozen=True)
 class Folders:
-    """The source, the folder in it that holds ``motions/``, and where else to look, in order."""
+    """The source, and the folder in it (or itself) that holds ``motions/``."""
 
     source: Path
     root: Path
-    motions: Path
     notes: tuple[str, ...]
 
     @property
+    def motions(self) -> Path:
+        """The motion folder."""
+        return self.root / MOTIONS
+
+    @property
     def places(self) -> tuple[Path, ...]:
-        """Folders in which lists and music folders may lie."""
+        """Folders that may hold lists and music folders, in order of preference."""
         return (self.root,) if self.root == self.source else (self.root, self.source)
 
 
 @dataclass(frozen=True)
-class MotionFiles:
-    """Motion pickles by sequence name, and what else lies in their folder."""
+class MusicFiles(Files):
+    """Audio files by their stem (sequence name or music id), and the folders that hold any."""
 
-    files: dict[str, Path]
-    rejects: tuple[Reject, ...]
-
-
-@dataclass(frozen=True)
-class MusicFiles:
-    """Music files by their stem (sequence name or music id), the folders they came from, and the rest."""
-
-    files: dict[str, Path]
-    folders: tuple[Path, ...]
-    rejects: tuple[Reject, ...]
-    notes: tuple[str, ...]
+    folders: tuple[Path, ...] = ()
 
 
 def find_folders(source: Path) -> Folders:
-    """Find the folder that holds ``motions/``: the source or one folder in it.
+    """Find the folder that holds ``motions/``: the source or one folder directly below it.
 
     Raises
     ------
     SourceError
-        If there is none, or several that could be meant. Says what was looked for and what is there.
+        If there is no such folder, or several candidates; names the expected and the existing files.
     """
-    require_folder("aist++", source, LOOKED_FOR)
-    if (source / MOTIONS).is_dir():
-        return Folders(source, source, source / MOTIONS, ())
-    below = [entry for entry in list_folder(source) if (entry / MOTIONS).is_dir()]
-    known = [entry for entry in below if entry.name in SUBFOLDERS]
-    chosen = below if len(below) == 1 else known
-    if len(chosen) == 1:
-        others = [f"{entry.name}/" for entry in below if entry != chosen[0]]
-        notes = (f"Not read: {listed(others)}, which hold motions/ too.",) if others else ()
-        return Folders(source, chosen[0], chosen[0] / MOTIONS, notes)
-    if below:
-        raise SourceError(
-            "aist++: several folders could be the data set",
-            where=str(source),
-            found=listed(f"{entry.name}/motions/" for entry in below),
-            fix="give --source the one that is meant",
-        )
-    raise SourceError(
-        "aist++: no AIST++ motion found",
-        where=str(source),
-        found=describe(source),
-        allowed=LOOKED_FOR,
-        fix=_advice(source),
+    root, others = find_root(
+        "aist++", "AIST++", source, MOTIONS, looked_for=LOOKED_FOR, is_known=_KNOWN.__contains__, advice=_advice
     )
+    names = listed(f"{entry.name}/" for entry in others)
+    return Folders(source, root, (f"Not read: {names}, which also contain motions/.",) if others else ())
 
 
 def _advice(source: Path) -> str:
-    """Say what probably happened, for a folder without ``motions/``."""
-    entries = list_folder(source)
-    if any(entry.suffix.lower() == ".pkl" for entry in entries):
-        return "this looks like the motions folder itself: give --source the folder above it"
+    """Return the fix for the most likely mistake, for a folder without ``motions/``."""
+    if any(entry.suffix.lower() == ".pkl" for entry in list_folder(source)):
+        return "this looks like the motions folder itself: set --source to its parent folder"
     if (source / "motion").is_dir():
-        return "motion/ (without s) is the layout of FineDance: build that data set, or give another --source"
-    if any(entry.suffix.lower() in (".zip", ".tgz", ".gz", ".tar") for entry in entries):
+        return (
+            "motion/ (without s) is the layout of FineDance: build that data set, or set --source to another folder"
+        )
+    if has_archive(source):
         return "unpack the archive first"
-    return "give --source the folder that holds motions/"
+    return "set --source to the folder that contains motions/"
 
 
-def list_motions(folders: Folders) -> MotionFiles:
-    """List the pickles that are named as AIST++ sequences; everything else there is an ``extra_file``.
+def list_motions(folders: Folders) -> Files:
+    """List the pickles named as AIST++ sequences; every other entry is an ``extra_file``.
 
     Raises
     ------
     SourceError
-        If there is not one.
+        If there are none.
     """
-    files: dict[str, Path] = {}
-    rejects = []
-    for path in list_folder(folders.motions):
-        problem = _unfit(path, (".pkl",), "pickle (.pkl)")
-        if not problem and parse_name(path.stem) is None:
-            problem = "not named as an AIST++ sequence (gBR_sBM_cAll_d04_mBR2_ch08)"
-        if not problem and path.stem in files:
-            problem = f"the same sequence as {files[path.stem].name}, which is read"
-        if problem:
-            rejects.append(_extra(path, folders.source, problem))
-        else:
-            files[path.stem] = path
-    if not files:
+    files = files_by_stem(folders.motions, folders.source, ".pkl", _sequence_problem)
+    if not files.files:
         raise SourceError(
-            "aist++: the motion folder holds no AIST++ sequence",
+            "aist++: the motion folder contains no AIST++ sequence",
             where=str(folders.motions),
             found=describe(folders.motions),
             allowed="pickles named as gBR_sBM_cAll_d04_mBR2_ch08.pkl",
-            fix="check that the archive was unpacked whole",
+            fix="check that the archive was unpacked completely",
         )
-    return MotionFiles(files, tuple(rejects))
+    return files
+
+
+def _sequence_problem(stem: str) -> str:
+    return "" if parse_name(stem) else "not named as an AIST++ sequence (gBR_sBM_cAll_d04_mBR2_ch08)"
 
 
 def list_music(folders: Folders) -> MusicFiles:
-    """List the music: one file a sequence or one file a song, in any of the usual folders."""
-    candidates: dict[str, list[Path]] = {}
-    used: list[Path] = []
+    """List the audio files, one for each sequence or one for each song, in any of the usual folders."""
     rejects: list[Reject] = []
-    for folder in _music_folders(folders):
-        found = list(_named_music(folder, folders, rejects))
-        used += [folder] if found else []
-        for path in found:
-            candidates.setdefault(path.stem, []).append(path)
-    files = {}
-    doubled = []
-    for stem, paths in sorted(candidates.items()):
-        # sorted() is stable: among files of one kind the first folder wins.
-        best, *others = sorted(paths, key=lambda path: EXTENSIONS.index(path.suffix.lower()))
-        files[stem] = best
-        chosen = relative(best, folders.source)
-        for other in others:
-            rejects.append(
-                Reject("unused_music", file=relative(other, folders.source), detail=f"{chosen} is used instead")
-            )
-        doubled += [chosen] if others else []
-    notes = []
-    if doubled:
-        notes.append(
-            f"Music: {len(doubled):,} ids have several files; wav is preferred to flac, flac to mp3 and ogg. "
-            f"Used: {listed(doubled, 3)}."
-        )
-    return MusicFiles(files, tuple(used), tuple(rejects), tuple(notes))
+    by_folder = {folder: list(_named_music(folder, folders, rejects)) for folder in _music_folders(folders)}
+    candidates = [path for paths in by_folder.values() for path in paths]
+    found = audio_files(candidates, folders.source, rejects)
+    used = tuple(folder for folder, paths in by_folder.items() if paths)
+    return MusicFiles(found.files, found.rejects, found.notes, used)
 
 
-def music_in_use(motions: MotionFiles, music: MusicFiles) -> tuple[set[str], set[str]]:
-    """Stems of the music files in use: those of sequences, those of songs.
+def music_in_use(motions: Files, music: MusicFiles) -> tuple[set[str], set[str]]:
+    """Return the stems of the audio files in use: those of sequences, those of songs.
 
-    A sequence that is left out of the data set uses its music all the same.
+    Sequences that are left out of the dataset count as well.
     """
     own = {name for name in motions.files if name in music.files}
     parsed = (parse_name(name) for name in motions.files if name not in own)
     return own, {parts.music for parts in parsed if parts is not None and parts.music in music.files}
 
 
-def layout_name(motions: MotionFiles, music: MusicFiles) -> str:
-    """Name of the layout: "official", "edge" or "mixed"."""
+def layout_name(motions: Files, music: MusicFiles) -> str:
+    """Return the name of the layout: "official", "edge" or "mixed"."""
     own, songs = music_in_use(motions, music)
     return "mixed" if own and songs else "edge" if own else "official"
 
 
-def unused_music(folders: Folders, motions: MotionFiles, music: MusicFiles) -> list[Reject]:
-    """Music that no sequence here uses."""
+def unused_music(folders: Folders, motions: Files, music: MusicFiles) -> list[Reject]:
+    """Return a reject for every audio file that no sequence of the source uses."""
     own, songs = music_in_use(motions, music)
     danced = {parts.music for name in motions.files if (parts := parse_name(name)) is not None}
     rejects = []
@@ -206,22 +161,22 @@ def unused_music(folders: Folders, motions: MotionFiles, music: MusicFiles) -> l
         if not is_music_id(stem):
             detail = f"there is no motions/{stem}.pkl"
         elif stem in danced:
-            detail = "every sequence danced to it has a file of its own"
+            detail = "every sequence danced to it has its own audio file"
         else:
-            detail = "no motion found is danced to it"
+            detail = "no motion in the source is danced to it"
         rejects.append(Reject("unused_music", file=relative(path, folders.source), detail=detail))
     return rejects
 
 
 def music_expected(folders: Folders, music: MusicFiles) -> str:
-    """Folder below the source in which missing music would be found: one that holds music, else wavs/."""
+    """Return the folder below the source where missing music is expected: the first with audio files, else wavs/."""
     folder = music.folders[0] if music.folders else folders.root / MUSIC_FOLDERS[0]
     name = relative(folder, folders.source)
     return "" if name == "." else f"{name}/"
 
 
 def near_music(folders: Folders, music: MusicFiles) -> NearMusic:
-    """Files that may be the music of a sequence and are not named so, or lie elsewhere."""
+    """Return the search for misnamed or misplaced audio files of a sequence."""
     return NearMusic(
         folders.source,
         (*folders.places, *_music_folders(folders)),
@@ -236,29 +191,15 @@ def _music_folders(folders: Folders) -> list[Path]:
 
 
 def _named_music(folder: Path, folders: Folders, rejects: list[Reject]) -> Iterator[Path]:
-    """Music files of a folder that carry an AIST++ name; what does not belong there goes to `rejects`."""
-    top = folder in folders.places  # next to motions/, much may lie that is no music
+    """Yield the audio files of a folder with an AIST++ name; append the other entries to `rejects`."""
+    top = folder in folders.places  # files of any kind may lie next to motions/
     for path in list_folder(folder):
-        if top and path.suffix.lower() not in EXTENSIONS:
+        if top and path.suffix.lower() not in AUDIO_SUFFIXES:
             continue
-        problem = _unfit(path, EXTENSIONS, f"music file ({', '.join(EXTENSIONS)})")
+        problem = file_problem(path, AUDIO_SUFFIXES)
         if not problem and not is_music_id(path.stem) and parse_name(path.stem) is None:
             problem = "named neither as an AIST++ sequence nor as a song (mBR2)"
         if problem:
-            rejects.append(_extra(path, folders.source, problem))
+            rejects.append(extra_file(path, folders.source, problem))
         else:
             yield path
-
-
-def _unfit(path: Path, extensions: tuple[str, ...], kind: str) -> str:
-    """Why an entry cannot be such a file, judged without its name; "" if it can."""
-    if path.is_dir():
-        return "a folder; folders in here are not read"
-    if not path.is_file():
-        return "not a file: a link that leads nowhere, or a device"
-    return "" if path.suffix.lower() in extensions else f"not a {kind}"
-
-
-def _extra(path: Path, source: Path, problem: str) -> Reject:
-    name = relative(path, source) + ("/" if path.is_dir() else "")
-    return Reject("extra_file", file=name, detail=problem)

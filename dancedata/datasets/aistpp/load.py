@@ -1,4 +1,4 @@
-"""One AIST++ motion pickle -> canonical motion, with every way it can be wrong told apart."""
+"""One AIST++ motion pickle -> canonical motion; every defect has a reason code of its own."""
 
 from __future__ import annotations
 
@@ -14,32 +14,33 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import listed, quoted, shown
-from dancedata.datasets._checks import require_finite
 from dancedata.datasets._positions import require_rotations
+from dancedata.datasets._source import require_finite
 from dancedata.formats.safe_pickle import as_array, load_pickle
 
 __all__ = ["load_motion"]
 
 KEYS = ("smpl_poses", "smpl_trans", "smpl_scaling")
 JOINTS = 24
-_NOT_FINITE = "get the file anew, or put the sequence on the ignore list"
+_DOWNLOAD_AGAIN = "download the file again"
+_NOT_FINITE = "download the file again, or put the sequence on the ignore list"
 
 Floats = NDArray[np.float64]
 
 
 def load_motion(path: Path, frame_rate: int) -> Motion:
-    """Read a pickle with ``smpl_poses``, ``smpl_trans`` and ``smpl_scaling``; other keys are left alone.
+    """Read a pickle with ``smpl_poses``, ``smpl_trans`` and ``smpl_scaling``; other keys are not used.
 
     Parameters
     ----------
-    path : the pickle; read through the allow-list unpickler, so nothing in it is executed.
-    frame_rate : frames a second, 60 for AIST++.
+    path : the pickle; read with the allow-list unpickler, so nothing in it is executed.
+    frame_rate : frames per second, 60 for AIST++.
 
     Returns
     -------
     Motion
-        rotations (T, 24, 3) axis-angle radians as in the file; translation (T, 3) metres =
-        ``smpl_trans / smpl_scaling``, divided in float64; +Y up; skeleton SMPL24.
+        rotations (T, 24, 3) axis-angle in radians as in the file; translation (T, 3) in metres,
+        ``smpl_trans / smpl_scaling`` in float64; +Y up; skeleton SMPL24.
 
     Raises
     ------
@@ -60,10 +61,10 @@ def load_motion(path: Path, frame_rate: int) -> Motion:
             reason="length_mismatch",
             where=str(path),
             found=f"{len(poses)} and {len(trans)} frames",
-            fix="get the file anew",
+            fix=_DOWNLOAD_AGAIN,
         )
     if len(poses) == 0:
-        raise DataError("the motion has no frames", reason="empty", where=str(path), fix="get the file anew")
+        raise DataError("the motion has no frames", reason="empty", where=str(path), fix=_DOWNLOAD_AGAIN)
     rotations = poses.reshape(len(poses), JOINTS, 3)
     require_finite(path, "smpl_poses", poses, _NOT_FINITE)
     require_finite(path, "smpl_trans", trans, _NOT_FINITE)
@@ -73,7 +74,7 @@ def load_motion(path: Path, frame_rate: int) -> Motion:
 
 
 def _read(path: Path) -> Mapping[str, Any]:
-    """Content of the pickle: a dict with the three keys."""
+    """Return the content of the pickle: a dict with the three keys."""
     content = load_pickle(path)
     if not isinstance(content, Mapping):
         raise DataError(
@@ -82,7 +83,7 @@ def _read(path: Path) -> Mapping[str, Any]:
             where=str(path),
             found=f"{type(content).__name__}",
             allowed=f"a dict with {', '.join(KEYS)}",
-            fix="get the file anew, or convert it",
+            fix="download the file again, or convert it",
         )
     missing = [key for key in KEYS if key not in content]
     if missing:
@@ -90,15 +91,15 @@ def _read(path: Path) -> Mapping[str, Any]:
             f"the motion file has no {' and no '.join(missing)}",
             reason="missing_key",
             where=str(path),
-            found=f"keys {listed(content, show=quoted)}" if content else "no key",
+            found=f"keys {listed(content, show=quoted)}" if content else "no keys",
             allowed=f"keys {', '.join(KEYS)}",
-            fix="get the file anew; data without smpl_scaling in metres needs smpl_scaling = [1.0]",
+            fix="download the file again; data in metres needs smpl_scaling = [1.0]",
         )
     return content
 
 
 def _numbers(path: Path, content: Mapping[str, Any], key: str) -> Floats:
-    """One entry as float64."""
+    """Return one entry as float64."""
     value = content[key]
     array = as_array(value)
     if array is None or array.dtype.kind not in "fiu":
@@ -109,17 +110,17 @@ def _numbers(path: Path, content: Mapping[str, Any], key: str) -> Floats:
             found=f"{type(value).__name__}, {shown(value)}"
             if array is None
             else f"an array of {array.dtype}, shape {array.shape}",
-            allowed="an array of floats, or a list of them; lists within lists are not read",
-            fix="get the file anew, or save it with numpy arrays",
+            allowed="an array of floats, or a list of them; nested lists are not read",
+            fix="download the file again, or save it with numpy arrays",
         )
     with np.errstate(over="ignore", invalid="ignore"):  # of long doubles; reported as not finite
         return array.astype(np.float64)
 
 
 def _scaling(path: Path, content: Mapping[str, Any]) -> float:
-    """Return the factor between the file's units and metres; no more than > 0 is asked of it.
+    """Return the factor between the file's units and metres, any number above 0.
 
-    It is about 89..99 in AIST++, but data in metres with a scaling of 1 are as good.
+    It is 89 to 99 in AIST++, and 1 for data in metres.
     """
     array = _numbers(path, content, "smpl_scaling")
     if array.size != 1:
@@ -145,7 +146,7 @@ def _bad_shape(path: Path, key: str, array: Floats, allowed: str) -> DataError:
         where=str(path),
         found=str(array.shape),
         allowed=allowed,
-        fix="get the file anew, or convert it",
+        fix="download the file again, or convert it",
     )
 
 
@@ -156,5 +157,5 @@ def _bad_scaling(path: Path, scaling: float) -> DataError:
         where=str(path),
         found=repr(scaling),
         allowed="a finite number above 0 (about 89 to 99 in AIST++; 1 for data in metres)",
-        fix="get the file anew",
+        fix=_DOWNLOAD_AGAIN,
     )

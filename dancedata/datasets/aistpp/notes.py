@@ -1,21 +1,21 @@
-"""What a scan of an AIST++ copy tells its user, in sentences."""
+"""The notes of a scan of an AIST++ copy."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 from dancedata.core.clip import ClipRef, Reject
-from dancedata.core.text import listed
-from dancedata.datasets._source import counted, relative
+from dancedata.core.text import counted, listed
+from dancedata.datasets._source import ALL, SPLITS, Files, clips_note, relative
 from dancedata.datasets.aistpp.facts import facts
-from dancedata.datasets.aistpp.layout import MUSIC_FOLDERS, Folders, MotionFiles, MusicFiles, music_in_use
-from dancedata.datasets.aistpp.splits import ALL, SPLITS, Ignored, Splits
+from dancedata.datasets.aistpp.layout import MUSIC_FOLDERS, Folders, MusicFiles, music_in_use
+from dancedata.datasets.aistpp.splits import Ignored, Splits
 
 __all__ = ["clip_notes", "count_notes", "ignored_notes", "layout_notes"]
 
 
-def layout_notes(folders: Folders, motions: MotionFiles, music: MusicFiles) -> list[str]:
-    """Which layout it is, and by what it was recognised."""
+def layout_notes(folders: Folders, motions: Files, music: MusicFiles) -> list[str]:
+    """Return the layout and the files it was recognised by."""
     at = relative(folders.motions, folders.source)
     own, songs = music_in_use(motions, music)
     where = listed(_folder(relative(folder, folders.source)) for folder in music.folders)
@@ -23,17 +23,17 @@ def layout_notes(folders: Folders, motions: MotionFiles, music: MusicFiles) -> l
     if not own and not songs:
         looked = ", ".join(f"{name}/" for name in MUSIC_FOLDERS)
         text = (
-            f"Layout: official AIST++, by {at}/*.pkl; but there is no music for any of the sequences. "
-            f"Looked in {looked} and the folder itself for files named as a sequence or a song (mBR2.wav). "
-            f"The music comes apart from the motion; get it from {facts().get_music}."
+            f"Layout: official AIST++, by {at}/*.pkl; but no sequence has music. "
+            f"Searched {looked} and the folder itself for files named as a sequence or a song (mBR2.wav). "
+            f"The music is a separate download: {facts().get_music}."
         )
     elif not songs:
-        text = f"Layout: EDGE's, by {at}/*.pkl and one music file a sequence in {where} ({files})."
+        text = f"Layout: EDGE's, by {at}/*.pkl and one audio file per sequence in {where} ({files})."
     elif not own:
-        text = f"Layout: official AIST++, by {at}/*.pkl and one music file a song in {where} ({of_songs})."
+        text = f"Layout: official AIST++, by {at}/*.pkl and one audio file per song in {where} ({of_songs})."
     else:
         text = (
-            f"Layout: mixed, by {at}/*.pkl and in {where} music both by sequence and by song. {files} of a "
+            f"Layout: mixed, by {at}/*.pkl and audio files per sequence and per song in {where}. {files} of a "
             f"sequence, which is preferred; {of_songs} for the other sequences."
         )
     return [text, *folders.notes, *music.notes]
@@ -43,8 +43,8 @@ def _folder(name: str) -> str:
     return "the source folder" if name == "." else f"{name}/"
 
 
-def count_notes(folders: Folders, motions: MotionFiles, missing: int) -> list[str]:
-    """Say what was found against what AIST++ has."""
+def count_notes(folders: Folders, motions: Files, missing: int) -> list[str]:
+    """Return the number of motion files against the sequences of AIST++."""
     n = len(motions.files)
     if (folders.root / "synthetic.json").is_file():
         return [f"Motion: {n:,} files of a synthetic corpus."]
@@ -52,7 +52,7 @@ def count_notes(folders: Folders, motions: MotionFiles, missing: int) -> list[st
     others = [f"{count:,}" for count in copies if count != facts().sequences]
     text = f"Motion: {counted(n, 'file')} found; AIST++ has {facts().sequences:,} sequences"
     if n in copies:
-        text += f". A copy of {n:,} is known: {copies[n]}."
+        text += f". A copy with {n:,} files is known: {copies[n]}."
     else:
         text += f", and copies with {', '.join(others)} files are in circulation."
     if missing:
@@ -60,8 +60,8 @@ def count_notes(folders: Folders, motions: MotionFiles, missing: int) -> list[st
     return [text]
 
 
-def ignored_notes(motions: MotionFiles, ignored: Ignored) -> list[str]:
-    """Which ignore list applies, and to how many files."""
+def ignored_notes(motions: Files, ignored: Ignored) -> list[str]:
+    """Return the ignore list in use, and how many files it concerns."""
     here = len(ignored.names & set(motions.files))
     parts = list(ignored.notes)
     if ignored.where:
@@ -70,16 +70,13 @@ def ignored_notes(motions: MotionFiles, ignored: Ignored) -> list[str]:
 
 
 def clip_notes(clips: Sequence[ClipRef], left_out: Sequence[Reject], splits: Splits) -> list[str]:
-    """Clips by split, how many were left out and why, and what is not known of them."""
+    """Return the numbers of clips by split and left out, unknown tempos, and clips without music."""
     names = (ALL,) if splits.name == ALL else SPLITS
-    counts = ", ".join(f"{sum(clip.split == name for clip in clips):,} {name}" for name in names)
-    reasons = sorted({reject.reason for reject in left_out})
-    why = ", ".join(f"{sum(r.reason == reason for r in left_out):,} {reason}" for reason in reasons)
-    notes = [f"Clips: {counts}; left out: {why or 'none'}."]
+    notes = [clips_note(clips, left_out, names)]
     unknown = sorted({clip.music for clip in clips if clip.tempo_bpm is None})
     if unknown:
-        notes.append(f"Tempo: no rule for {listed(unknown)}; it has to be estimated from the music.")
+        notes.append(f"Tempo: no rule for {listed(unknown)}; it must be estimated from the audio.")
     silent = sum(clip.audio_path is None for clip in clips)
     if silent:
-        notes.append(f"Music: {counted(silent, 'clip')} kept without music, as asked for.")
+        notes.append(f"Music: {counted(silent, 'clip')} kept without music, as requested.")
     return notes

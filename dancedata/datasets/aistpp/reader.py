@@ -1,30 +1,8 @@
-"""AIST++ (Li et al. 2021): dance to music in ten genres, 1,408 sequences, 60 FPS.
-
-Two layouts are in use, and told apart by what is found. The official one, where the music comes apart, one
-file a song, and is put next to the motion by hand:
-
-.. code-block:: text
-
-    SOURCE/motions/gBR_sBM_cAll_d04_mBR2_ch08.pkl   smpl_poses (N, 72), smpl_trans (N, 3), smpl_scaling (1,)
-    SOURCE/wavs/mBR2.wav                            or music/, audio/, musics/, SOURCE; wav, flac, mp3, ogg
-    SOURCE/cameras/mapping.txt                      optional: all sequence names
-    SOURCE/splits/crossmodal_{train,val,test}.txt   optional
-    SOURCE/ignore_list.txt                          optional; may lie in splits/ too
-
-and EDGE's (Tseng et al. 2023), where each sequence has a file of its own, cut to its length:
-
-.. code-block:: text
-
-    SOURCE/edge_aistpp/motions/gBR_sBM_cAll_d04_mBR2_ch08.pkl
-    SOURCE/edge_aistpp/wavs/gBR_sBM_cAll_d04_mBR2_ch08.wav
-
-SOURCE may be the folder with ``motions/`` or the one above it. Where a sequence has both kinds of music, its
-own file is taken. Facts (tempos, split rule, ignore list, copies) are in ``manifests/aistpp.yaml``.
-"""
+"""The reader of AIST++; the tree on disk is in the package's docstring."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import ClassVar, Literal
@@ -34,11 +12,10 @@ from dancedata.core.errors import UsageError
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import Dataset
 from dancedata.core.registry import DATASETS
-from dancedata.datasets._source import relative
+from dancedata.datasets._source import ALL, Files, relative, require_choice
 from dancedata.datasets.aistpp.facts import SequenceName, facts, parse_name, tempo_bpm
 from dancedata.datasets.aistpp.layout import (
     Folders,
-    MotionFiles,
     MusicFiles,
     find_folders,
     layout_name,
@@ -51,7 +28,6 @@ from dancedata.datasets.aistpp.layout import (
 from dancedata.datasets.aistpp.load import load_motion
 from dancedata.datasets.aistpp.notes import clip_notes, count_notes, ignored_notes, layout_notes
 from dancedata.datasets.aistpp.splits import (
-    ALL,
     Ignored,
     Splits,
     find_ignored,
@@ -70,12 +46,12 @@ class AistPP(Dataset):
     Attributes
     ----------
     split : name of the split. ``SOURCE/splits/<split>_train.txt``, ``_val.txt``, ``_test.txt`` are read; if
-        one of them is there the files alone decide, and a missing one is an empty split. Without files
+        any of them exists only the files decide, and a missing one is an empty split. Without files
         ``crossmodal`` follows the rule over the names. ``all`` puts every clip into one split of that name.
-    split_dir : folder with split files of one's own, relative to the source or absolute; only it is searched.
+    split_dir : folder with your own split files, relative to the source or absolute; no other one is searched.
     ignore : ``list`` leaves out the sequences on the ignore list: the source's ``ignore_list.txt`` (even an
         empty one), else the official list, which is shipped. ``none`` keeps them.
-    music : ``required`` sets sequences without music aside; ``optional`` keeps them, without audio.
+    music : ``required`` leaves out sequences without music; ``optional`` keeps them, without audio.
     """
 
     split: str = field(default="crossmodal", metadata={"scan": True})
@@ -95,48 +71,48 @@ class AistPP(Dataset):
     )
 
     def __post_init__(self) -> None:
-        _one_of("ignore", self.ignore, ("list", "none"))
-        _one_of("music", self.music, ("required", "optional"))
+        require_choice("aist++", "ignore", self.ignore, ("list", "none"))
+        require_choice("aist++", "music", self.music, ("required", "optional"))
         if not self.split or Path(self.split).name != self.split:
             raise UsageError(
-                "aist++: split is a name, not a path",
+                "aist++: split must be a name, not a path",
                 found=repr(self.split),
                 allowed="crossmodal, all, or NAME of files NAME_train.txt",
-                fix="name the folder of the files in split_dir",
+                fix="set split_dir to the folder of the files",
             )
         if self.split == ALL and self.split_dir is not None:
             raise UsageError(
-                "aist++: split 'all' reads no split files",
+                "aist++: split 'all' takes no split_dir",
                 found=f"split_dir {self.split_dir!r}",
-                fix="leave split_dir out, or name a split",
+                fix="remove split_dir, or set split to a name",
             )
 
     @property
     def genre_ids(self) -> Mapping[str, int]:
-        """Lodge's number of each genre, by the name that clips carry: ``gBR`` is 0."""
+        """Lodge's number of each genre, by its name in clips: ``gBR`` is 0."""
         return facts().genre_ids
 
     def scan(self, source: Path) -> Scan:
-        """List what is there; reads names and lists, no motion and no music.
+        """List the clips; reads lists of names, but neither motion nor music.
 
         Returns
         -------
         Scan
             Clips by name with split, song, tempo (BPM), genre and dancer. Rejects, each by name: ``ignored``,
             ``unassigned`` (in no split), ``missing_music``, ``missing_motion`` (in a split, but no pickle),
-            ``unused_music``, ``extra_file``. Notes say what was recognised and by what.
+            ``unused_music``, ``extra_file``. Notes describe the layout and how it was recognised.
 
         Raises
         ------
         SourceError
-            If this is no AIST++ folder, or its lists are unusable. Says what was looked for and is there.
+            If the folder is not an AIST++ copy, or its lists are unusable.
         """
         folders = find_folders(Path(source))
         motions = list_motions(folders)
         music = list_music(folders)
         splits = find_splits(folders, self.split, self.split_dir)
         ignored = find_ignored(folders, self.ignore == "list", self.split_dir)
-        clips, left_out = self._sort_out(folders, motions, music, splits, ignored)
+        clips, left_out = self._clips(folders, motions, music, splits, ignored)
         missing = [
             Reject("missing_motion", clip=name, detail=f"listed, but there is no motions/{name}.pkl")
             for name in missing_motion(splits, ignored, motions.files)
@@ -163,26 +139,26 @@ class AistPP(Dataset):
         Raises
         ------
         DataError
-            If the file is no good; `.reason` says in which way, see `_aistpp_load.load_motion`.
+            If the file is unusable; see `load.load_motion` for its reasons.
         """
         return load_motion(ref.motion_path, facts().frame_rate)
 
     def make_example(self, folder: Path) -> None:
         """Write four synthetic clips of six seconds in the official layout."""
-        from dancedata.synthetic import write_synthetic
+        from dancedata.datasets.aistpp.example import write_example
 
-        write_synthetic(folder, seed=0, songs=2, clips_per_song=2, clip_s=6.0)
+        write_example(Path(folder))
 
-    def _sort_out(
-        self, folders: Folders, motions: MotionFiles, music: MusicFiles, splits: Splits, ignored: Ignored
+    def _clips(
+        self, folders: Folders, motions: Files, music: MusicFiles, splits: Splits, ignored: Ignored
     ) -> tuple[list[ClipRef], list[Reject]]:
-        """Every pickle becomes a clip, or is left out for one reason."""
+        """Turn every pickle into a clip or a reject."""
         clips = []
         rejects = []
         near, expected = near_music(folders, music), music_expected(folders, music)
         for name, path in sorted(motions.files.items()):
             parts = parse_name(name)
-            if parts is None:  # list_motions lets no such name through
+            if parts is None:  # excluded by list_motions
                 continue
             file = relative(path, folders.source)
             split = splits.split(name)
@@ -206,7 +182,7 @@ class AistPP(Dataset):
 
 def _clip(parts: SequenceName, path: Path, audio: Path | None, split: str, splits: Splits) -> ClipRef:
     tempo = tempo_bpm(parts.music)
-    notes = () if tempo is not None else (f"no tempo is known for the music {parts.music}",)
+    notes = () if tempo is not None else (f"the tempo of music {parts.music} is unknown",)
     return ClipRef(
         id=parts.id,
         motion_path=path,
@@ -219,13 +195,3 @@ def _clip(parts: SequenceName, path: Path, audio: Path | None, split: str, split
         lists=() if splits.of is None else (f"{splits.name}_{split}",),
         notes=notes,
     )
-
-
-def _one_of(what: str, value: str, allowed: Sequence[str]) -> None:
-    if value not in allowed:
-        raise UsageError(
-            f"aist++: unknown value for {what}",
-            found=repr(value),
-            allowed=", ".join(allowed),
-            fix=f"set {what}",
-        )

@@ -1,4 +1,4 @@
-"""A tiny source in FineDance's layout, from the synthetic dancer and band. Nothing in it was captured."""
+"""A tiny source in FineDance's layout, made by the synthetic dancer and band; no captured data."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ FRAME_RATE = 30
 SAMPLE_RATE = 24_000
 TOE_HEIGHT_M = 0.02
 
-# Id, frames, style1, style2, and the synthetic clip whose steps and song are taken. 010 has a beginning to cut
+# Id, frames, style1, style2, and the synthetic clip that provides steps and song. 010 has a beginning to trim
 # (three frames), 063 is a test clip of both releases' cross-genre split.
 CLIPS = (
     ("001", 181, "Street", "Popping", "gPO_sBM_cAll_d10_mPO4_ch03"),
@@ -43,11 +43,11 @@ def write_example(folder: Path) -> None:
 
 
 def _motion(steps: str, n_frames: int) -> Motion:
-    """Dance on SMPL-X's joints, feet on the floor (y = 0), fingers opening and closing."""
+    """Return a dance on SMPL-X's joints, feet on the floor (y = 0), fingers opening and closing."""
     from dancedata.synthetic.motion import make_motion
 
-    made, _ = make_motion(steps, 2 * n_frames - 1, seed=0)
-    motion = carried_over(made.resampled(FrameGrid.of(FRAME_RATE)), SMPLX55)
+    dance, _ = make_motion(steps, 2 * n_frames - 1, seed=0)
+    motion = carried_over(dance.resampled(FrameGrid.of(FRAME_RATE)), SMPLX55)
     rotations = motion.rotations.copy()
     curl = 0.35 - 0.25 * np.cos(2 * np.pi * np.arange(n_frames) / FRAME_RATE)
     # About z, towards the palms, which face the floor at rest.
@@ -59,7 +59,7 @@ def _motion(steps: str, n_frames: int) -> Motion:
 
 
 def _columns(motion: Motion) -> NDArray[np.float32]:
-    """FineDance's (T, 315): translation, then 52 joints x 6D."""
+    """Return FineDance's array (T, 315): translation, then 52 joints x 6D."""
     rows = rotation_6d(carried_over(motion, SMPLX52).matrices)
     columns = [motion.translation, rows.reshape(motion.n_frames, -1)]
     return np.concatenate(columns, axis=1).astype(np.float32)

@@ -1,4 +1,4 @@
-"""What is known of FineDance: ids, splits, ignore lists, trims, genres, from ``manifests/finedance.yaml``."""
+"""Facts about FineDance: ids, splits, ignore lists, trims, genres, from ``manifests/finedance.yaml``."""
 
 from __future__ import annotations
 
@@ -10,14 +10,12 @@ from typing import Any
 from dancedata.core.grid import FrameGrid
 from dancedata.core.resources import resource
 
-__all__ = ["SPLITS", "Facts", "IgnoreList", "Protocol", "Trim", "facts"]
-
-SPLITS = ("train", "val", "test")
+__all__ = ["Facts", "IgnoreList", "Protocol", "Trim", "facts"]
 
 
 @dataclass(frozen=True)
 class Protocol:
-    """One of the two ways to split the data set; train is what is left over."""
+    """One of the two ways to split the data set; train is the remainder."""
 
     val: frozenset[str]
     test: frozenset[str]
@@ -25,7 +23,7 @@ class Protocol:
 
 @dataclass(frozen=True)
 class IgnoreList:
-    """Ids that somebody leaves out, and the splits in which this reader does so too."""
+    """Ids that a published code leaves out, and the splits in which this reader does so too."""
 
     ids: frozenset[str]
     applies_to: tuple[str, ...]
@@ -34,7 +32,7 @@ class IgnoreList:
 
 @dataclass(frozen=True)
 class Trim:
-    """How many frames a beginning has that should be cut, and why."""
+    """Number of frames at the beginning that should be trimmed, and the reason."""
 
     frames: int
     reason: str
@@ -43,18 +41,18 @@ class Trim:
 
 @dataclass(frozen=True)
 class Facts:
-    """The manifest, typed.
+    """The content of the manifest.
 
     Attributes
     ----------
     ids
-        All that were published, "001" to "211".
+        All published ids, "001" to "211".
     protocols, ignore_lists
         By name.
     genre_ids
         Lodge's number of each genre, by its canonical name.
     genre_names
-        Canonical name of each name in the labels, which are folded by `fold`.
+        Canonical name of each genre in the labels; keys are case-folded.
     """
 
     ids: tuple[str, ...]
@@ -69,23 +67,23 @@ class Facts:
     genre_names: Mapping[str, str]
 
     def genre(self, style: str) -> str:
-        """Canonical name of a genre as the labels name it, "" if it is none of the sixteen."""
+        """Return the canonical name of a genre in the labels, "" if it is not one of the sixteen."""
         return self.genre_names.get(_fold(style), "")
 
     def ignored(self, protocol: str) -> frozenset[str]:
-        """Ids that the ignore lists of a protocol leave out."""
+        """Return the ids on the ignore lists of a protocol."""
         return frozenset().union(*(i.ids for i in self.ignore_lists.values() if protocol in i.applies_to))
 
     def listed(self, protocol: str, clip: str) -> str:
-        """Return "val" or "test" if the protocol lists the id there, whether it is ignored or not; else ""."""
+        """Return "val" or "test" if the protocol lists the id there, ignored or not; else ""."""
         lists = self.protocols[protocol]
         return "val" if clip in lists.val else "test" if clip in lists.test else ""
 
     def lists(self, clip: str) -> tuple[str, ...]:
-        """Return all lists that name the id: ``cross_genre.train``, ``cross_dancer.val``, ``ignored``, ...
+        """Return all lists that contain the id: ``cross_genre.train``, ``cross_dancer.val``, ``ignored``, ...
 
-        An id is in a protocol's train list if that neither lists it elsewhere nor ignores it, as in the code of
-        Lodge and FineDance.
+        An id is in a protocol's train list if the protocol neither lists it elsewhere nor ignores it, as in the
+        code of Lodge and FineDance.
         """
         names = []
         for protocol in self.protocols:

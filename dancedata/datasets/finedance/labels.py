@@ -1,4 +1,4 @@
-"""One FineDance label -> the genre of its clip, or what is wrong with it."""
+"""One FineDance label -> the genre of its clip, or a problem."""
 
 from __future__ import annotations
 
@@ -13,21 +13,22 @@ from dancedata.datasets.finedance.facts import facts
 __all__ = ["Label", "read_label"]
 
 KEY = "style2"
+#: Labels have about a hundred bytes; larger files are not read.
 MAX_BYTES = 1 << 20
-"""Labels have about a hundred bytes; nothing bigger than this is read."""
+#: Characters of a genre in messages.
 SHOWN = 40
 
 
 @dataclass(frozen=True)
 class Label:
-    """What a label says.
+    """The content of a label.
 
     Attributes
     ----------
     genre
-        Canonical name of the genre, "" if the label gives none.
+        Canonical name of the genre, "" if the label has none.
     reason, problem
-        What is wrong with it, as a code ("missing_label", "broken_label", "unknown_genre") and in words.
+        The problem, as a code ("missing_label", "broken_label", "unknown_genre") and in words.
     """
 
     genre: str = ""
@@ -41,7 +42,7 @@ def read_label(path: Path | None, clip: str) -> Label:
     Parameters
     ----------
     path
-        The file; None if there is none.
+        The file; None if it does not exist.
     clip
         Id, for messages.
     """
@@ -53,7 +54,7 @@ def read_label(path: Path | None, clip: str) -> Label:
     except (OSError, ValueError) as error:
         return _broken(name, str(error))
     if not isinstance(content, dict):
-        return _broken(name, f"it holds a {type(content).__name__}, not an object with {KEY}")
+        return _broken(name, f"a {type(content).__name__}, not an object with {KEY}")
     style = content.get(KEY)
     if style is None or style == "":
         found = listed(content, show=quoted) or "none"
@@ -62,7 +63,7 @@ def read_label(path: Path | None, clip: str) -> Label:
     if genre:
         return Label(genre)
     allowed = ", ".join(facts().genre_ids)
-    return Label(reason="unknown_genre", problem=f"{name}: {KEY} is {quoted(style, SHOWN)}, none of {allowed}")
+    return Label(reason="unknown_genre", problem=f"{name}: {KEY} is {quoted(style, SHOWN)}, not one of {allowed}")
 
 
 def _broken(name: str, problem: str) -> Label:

@@ -1,17 +1,4 @@
-"""FineDance (Li et al. 2023): full-body dance with hands to music in 16 genres, 211 sequences, 30 FPS.
-
-The published archive, unpacked:
-
-.. code-block:: text
-
-    SOURCE/motion/001.npy        (T, 315): root translation 3, then 52 joints x 6D (two rows of the matrix)
-    SOURCE/music_wav/001.wav     wav, flac, mp3 or ogg; motion and music both start at t = 0
-    SOURCE/label_json/001.json   style1 (coarse), style2 (the genre), the song's name
-    SOURCE/music_npy/001.npy     not read: music features are computed
-
-SOURCE may be the folder with ``motion/`` or the one above it. Facts (splits, ignore lists, trims, genres) are in
-``manifests/finedance.yaml``.
-"""
+"""The reader of FineDance; the tree on disk is in the package's docstring."""
 
 from __future__ import annotations
 
@@ -22,16 +9,15 @@ from typing import ClassVar, Literal
 
 from dancedata.core.bodies import SMPLX55
 from dancedata.core.clip import ClipRef, Reject, Scan
-from dancedata.core.errors import UsageError, did_you_mean
+from dancedata.core.errors import UsageError
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import Dataset
 from dancedata.core.registry import DATASETS
 from dancedata.core.skeleton import Skeleton
-from dancedata.datasets._source import relative
+from dancedata.datasets._source import ALL, Files, relative, require_choice
 from dancedata.datasets.finedance.facts import facts
 from dancedata.datasets.finedance.labels import read_label
 from dancedata.datasets.finedance.layout import (
-    Files,
     Folders,
     find_folders,
     list_labels,
@@ -52,8 +38,7 @@ from dancedata.datasets.finedance.notes import (
 
 __all__ = ["FineDance"]
 
-ALL = "all"
-WITHOUT_LABELS = "put labels into label_json/, or keep clips without genre: --set dataset.finedance.labels=optional"
+WITHOUT_LABELS = "add labels to label_json/, or keep clips without a genre: --set dataset.finedance.labels=optional"
 
 
 @DATASETS.register("finedance")
@@ -64,14 +49,14 @@ class FineDance(Dataset):
     Attributes
     ----------
     split : ``cross_genre`` (every genre in train and test; it has no val) or ``cross_dancer`` (no dancer in two
-        splits). What a split does not list and no ignore list names is train.
-    keep : ids that stay in their split though the split's ignore list names them, as text (``["120"]``), or
-        ``all``. Without it the ignore list wins, as in Lodge and FineDance.
-    trim : take over the beginnings that Lodge cuts as the clips' ``trim_start``. The frames are kept either way.
-    labels : ``required`` sets sequences aside whose label is missing or none of the 16 genres; ``optional`` keeps
-        them, without genre.
-    body_model : SMPL-X model file (.npz) to take the bones from; without it those that
-        Lodge and FineDance publish are used. FineDance has no betas: all of it is on the neutral body.
+        splits). Ids on no list are train.
+    keep : ids that stay in their split although the split's ignore list contains them, as text (``["120"]``), or
+        ``all``. Without it the ignore list takes precedence, as in Lodge and FineDance.
+    trim : set the clips' ``trim_start`` to the first frame that Lodge keeps. The frames are stored either way.
+    labels : ``required`` leaves out sequences whose label is missing or not one of the 16 genres; ``optional`` keeps
+        them, without a genre.
+    body_model : SMPL-X model file (.npz) with the bones to use; default: those published by Lodge and FineDance.
+        FineDance has no betas: all motion is on the neutral body.
     """
 
     split: Literal["cross_genre", "cross_dancer"] = field(default="cross_genre", metadata={"scan": True})
@@ -90,13 +75,13 @@ class FineDance(Dataset):
     )
 
     def __post_init__(self) -> None:
-        _one_of("split", self.split, tuple(facts().protocols))
-        _one_of("labels", self.labels, ("required", "optional"))
+        require_choice("finedance", "split", self.split, tuple(facts().protocols))
+        require_choice("finedance", "labels", self.labels, ("required", "optional"))
         known = sorted(clip for listed in facts().ignore_lists.values() for clip in listed.ids)
         unknown = [] if self.keep == ALL else [clip for clip in self.keep if clip not in known]
         if unknown:
             raise UsageError(
-                "finedance: keep names what no ignore list names",
+                "finedance: keep contains ids that are on no ignore list",
                 found=", ".join(map(repr, unknown)),
                 allowed=f"all, or a list of {', '.join(known)}",
                 fix="write ids as text, in quotes: ['120']",
@@ -104,30 +89,30 @@ class FineDance(Dataset):
 
     @property
     def genre_ids(self) -> Mapping[str, int]:
-        """Lodge's number of each genre, by the name that clips carry."""
+        """Lodge's number of each genre, by its name in clips."""
         return facts().genre_ids
 
     def scan(self, source: Path) -> Scan:
-        """List what is there; reads names, labels and, for the lengths, headers; no motion and no music.
+        """List the clips; reads labels and, for the lengths, headers, but neither motion nor music.
 
         Returns
         -------
         Scan
-            Clips by id with split, genre and the lists that name them. A clip's music is its id; without a file
-            of that name it has no audio. Rejects, each by name: ``ignored``, ``missing_label``,
+            Clips by id with split, genre and the lists that contain them. A clip's music is its id; without an
+            audio file of that name it has no audio. Rejects, each by name: ``ignored``, ``missing_label``,
             ``broken_label``, ``unknown_genre``, ``unassigned`` (an id that FineDance does not have),
-            ``missing_motion``, ``unused_music``, ``extra_file``. Notes say what was recognised, which lists
-            apply, and which ids stand in two of them.
+            ``missing_motion``, ``unused_music``, ``extra_file``. Notes describe the layout, the lists in use, and
+            ids on two of them.
 
         Raises
         ------
         SourceError
-            If this is no FineDance folder. Says what was looked for and is there.
+            If the folder is not a FineDance copy.
         """
         folders = find_folders(Path(source))
         motions, music, labels = list_motions(folders), list_music(folders), list_labels(folders)
         kept = self._kept()
-        clips, left_out = self._sort_out(folders, motions, music, labels)
+        clips, left_out = self._clips(folders, motions, music, labels)
         lengths = _lengths(clips)
         notes = (
             *layout_notes(folders, motions, music, labels),
@@ -152,24 +137,24 @@ class FineDance(Dataset):
     def load(self, ref: ClipRef) -> Motion:
         """Read the motion of one clip: 30 FPS, metres, radians, +Y up, SMPL-X's 55 joints, jaw and eyes still.
 
-        The beginning that Lodge cuts follows from the clip's id.
+        The clip's id decides how many frames Lodge trims at its beginning.
 
         Raises
         ------
         DataError
-            If the file is no good; `.reason` says in which way, see `_finedance_load.load_motion`.
+            If the file is unusable; see `load.load_motion` for its reasons.
         """
         trim = facts().trims.get(ref.id) if self.trim else None
         return load_motion(ref.motion_path, facts().frame_rate, self._skeleton(), trim.frames if trim else 0)
 
     def make_example(self, folder: Path) -> None:
-        """Write four synthetic clips of six seconds: three of train, one of test; one has a beginning to cut."""
+        """Write four synthetic clips of six seconds: three of train, one of test; one has a beginning to trim."""
         from dancedata.datasets.finedance.example import write_example
 
         write_example(Path(folder))
 
     def _kept(self) -> frozenset[str]:
-        """Ids of the split's ignore lists that stay all the same."""
+        """Return the ids on the split's ignore lists that are kept."""
         ignored = facts().ignored(self.split)
         return ignored if self.keep == ALL else ignored & set(self.keep)
 
@@ -181,15 +166,15 @@ class FineDance(Dataset):
         return body_model_skeleton(self.body_model)
 
     def _bones_note(self) -> tuple[str, ...]:
-        """Name the body model; one that cannot be used is found here, before any clip is loaded."""
+        """Return the note about the body model; an unusable one raises here, before any clip is loaded."""
         if self.body_model is None:
             return ()
         return (f"Bones: of the body model {self.body_model.name} ({self._skeleton().name}).",)
 
-    def _sort_out(
+    def _clips(
         self, folders: Folders, motions: Files, music: Files, labels: Files
     ) -> tuple[list[ClipRef], list[Reject]]:
-        """Every motion file becomes a clip, or is left out for one reason."""
+        """Turn every motion file into a clip or a reject."""
         clips = []
         rejects = []
         fix_of = music_fix(folders, music)
@@ -223,18 +208,18 @@ class FineDance(Dataset):
         """Return why an id is in no split, as a code and in words; empty if it is in one."""
         if clip not in facts().ids:
             first, last = facts().ids[0], facts().ids[-1]
-            detail = f"FineDance has {first} to {last}; the dataset `folder` takes data of one's own"
+            detail = f"FineDance has {first} to {last}; use the dataset `folder` for your own data"
             return "unassigned", detail
         if clip not in facts().ignored(self.split) - self._kept():
             return "", ""
         lists = [name for name in facts().lists(clip) if name in facts().ignore_lists]
         split = facts().listed(self.split, clip)
-        both = f", and in {self.split}.{split}; the ignore list wins" if split else ""
+        both = f", and in {self.split}.{split}; the ignore list takes precedence" if split else ""
         return "ignored", f"on the list {' and '.join(lists)}{both}; keep: ['{clip}'] keeps it"
 
 
 def _lengths(clips: list[ClipRef]) -> dict[str, str]:
-    """Clips whose motion and music differ in length, and how."""
+    """Return the lengths of motion and music of clips where they differ."""
     rate = facts().frame_rate
     found = {c.id: length_note(c.motion_path, c.audio_path, rate) for c in clips if c.audio_path is not None}
     return {clip: note for clip, note in found.items() if note}
@@ -246,14 +231,9 @@ def _missing_motion(motions: Files, ignored: frozenset[str]) -> list[Reject]:
 
 
 def _without_motion(folders: Folders, motions: Files, files: Files, reason: str) -> list[Reject]:
-    """Music or labels of which there is no motion."""
+    """Return a reject for every music file or label without a motion."""
     return [
         Reject(reason, file=relative(path, folders.source), detail=f"there is no motion/{clip}.npy")
         for clip, path in files.files.items()
         if clip not in motions.files
     ]
-
-
-def _one_of(what: str, value: str, allowed: tuple[str, ...]) -> None:
-    if value not in allowed:
-        raise UsageError(f"finedance: unknown {what} {value!r}", fix=did_you_mean(value, allowed))

@@ -17,7 +17,7 @@ from dancedata.formats.bvh.write import write_bvh
 
 __all__ = ["write_example"]
 
-#: Mixamo's names of SMPL's joints.
+#: Mixamo's names for SMPL's joints.
 _NAMES = (
     "Hips LeftUpLeg RightUpLeg Spine LeftLeg RightLeg Spine1 LeftFoot RightFoot Spine2 LeftToeBase RightToeBase Neck "
     "LeftShoulder RightShoulder Head LeftArm RightArm LeftForeArm RightForeArm LeftHand RightHand "
@@ -53,7 +53,7 @@ def write_example(folder: Path) -> None:
 
 
 def _write_amass(path: Path, motion: Motion) -> None:
-    """SMPL-H in AMASS's axes, +Z up; still hands."""
+    """Write SMPL-H in AMASS's axes, +Z up; the hands do not move."""
     from scipy.spatial.transform import Rotation
 
     to_z_up = UPRIGHT["z"].T
@@ -72,7 +72,7 @@ def _write_amass(path: Path, motion: Motion) -> None:
 
 
 def _write_bvh(path: Path, motion: Motion) -> None:
-    """Centimetres, Mixamo's names."""
+    """Write a BVH in centimetres with Mixamo's names."""
     pelvis = (motion.translation + SMPL24.offsets[0]) * 100
     offsets = np.array(SMPL24.offsets) * 100
     offsets[0] = 0.0

@@ -1,4 +1,4 @@
-"""The manifest of a folder of one's own: manifest.csv or manifest.jsonl, a line a clip."""
+"""The manifest of a folder: manifest.csv or manifest.jsonl, one line per clip."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ MANIFESTS = ("manifest.csv", "manifest.jsonl")
 _ABOUT = ("id", "motion", "audio", "split", "genre", "music", "dancer", "tempo_bpm")
 _DECLARED = ("fps", "up", "unit", "layout", "gender")
 COLUMNS = (*_ABOUT, *_DECLARED)
-#: A hundred thousand clips.
+#: Enough for a hundred thousand clips.
 MAX_BYTES = 1 << 24
 MAX_LINE = 1 << 16
 MAX_ID = 200
 MAX_TEMPO = 1000.0
-ID_ALLOWED = f"at most {MAX_ID} printable characters without slashes, beginning with no dot"
+ID_ALLOWED = f"at most {MAX_ID} printable characters without slashes, not starting with a dot"
 _DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tabulator"}
 
 
@@ -37,8 +37,8 @@ class Row:
     Attributes
     ----------
     line : its number, for messages.
-    values : what is not empty, by column.
-    declared : what it says of the motion file.
+    values : the cells that are not empty, by column.
+    declared : the declarations for the motion file.
     """
 
     line: int
@@ -46,22 +46,22 @@ class Row:
     declared: Declared
 
     def get(self, column: str) -> str:
-        """Return a value, "" if it is not given."""
+        """Return the value of a column, "" if it is empty."""
         return self.values.get(column, "")
 
     @property
     def tempo_bpm(self) -> float | None:
-        """Tempo, beats a minute."""
+        """Tempo, beats per minute."""
         return float(self.values["tempo_bpm"]) if "tempo_bpm" in self.values else None
 
 
 def read_manifest(path: Path) -> list[Row]:
-    """Read and check a manifest; whether its files are there is not looked at.
+    """Read and check a manifest, but not whether its files exist.
 
     Raises
     ------
     SourceError
-        For anything wrong in it, with the line: it is the user's own, and small.
+        For any mistake, with its line.
     """
     try:
         text = read_regular(path, MAX_BYTES).decode("utf-8-sig")
@@ -74,7 +74,7 @@ def read_manifest(path: Path) -> list[Row]:
     lines = _csv(path, text) if path.suffix == ".csv" else _jsonl(path, text)
     rows = [_row(path, line, values) for line, values in lines]
     if not rows:
-        raise _bad(path, None, "the manifest lists no clip", "no line", "a line a clip")
+        raise _bad(path, None, "the manifest contains no clip", "no line", "one line per clip")
     _check_unique(path, rows)
     return rows
 
@@ -85,25 +85,25 @@ def inside(source: Path, text: str, manifest: Path, line: int, column: str) -> P
     Raises
     ------
     SourceError
-        If it leads out of the source folder: absolute, by "..", or through a symbolic link.
+        If it is outside the source folder: an absolute path, one with "..", or a symbolic link.
     """
-    allowed, fix = "a path below the source folder", "put the file into the source folder"
+    allowed, fix = "a path below the source folder", "move the file into the source folder"
     try:
         path = source / text
         real, root = path.resolve(), source.resolve()
-        path.is_file()  # a name that is too long for the disk shows here
+        path.is_file()  # raises for a name that is too long for the file system
         if not Path(text).is_absolute() and ".." not in Path(text).parts and real.is_relative_to(root):
             return path
         found = shown(text) if real.is_relative_to(root) else f"{shown(text)}, which is {shown(real)}"
-    except (OSError, ValueError, RuntimeError) as error:  # too long, a zero byte, links in a circle
+    except (OSError, ValueError, RuntimeError) as error:  # too long, a zero byte, circular links
         raise _bad(
-            manifest, line, f"{column} is no usable path", f"{quoted(text)}: {shown(error)}", allowed, fix
+            manifest, line, f"{column} is not a usable path", f"{quoted(text)}: {shown(error)}", allowed, fix
         ) from error
-    raise _bad(manifest, line, f"{column} leads out of the source folder", found, allowed, fix)
+    raise _bad(manifest, line, f"{column} is outside the source folder", found, allowed, fix)
 
 
 def _csv(path: Path, text: str) -> Iterator[tuple[int, dict[str, str]]]:
-    """Lines by their columns; the delimiter is the one that the first line has most of."""
+    """Yield the lines by column; the delimiter is the most frequent candidate in the first line."""
     head = text.partition("\n")[0]
     delimiter = max(_DELIMITERS, key=head.count)
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, strict=True)
@@ -119,11 +119,18 @@ def _csv(path: Path, text: str) -> Iterator[tuple[int, dict[str, str]]]:
                 continue
             if len(cells) != len(columns):
                 what = f"{len(cells)} cells"
-                fix = "put cells with commas between double quotes"
-                raise _bad(path, reader.line_num, "a line of another length", what, f"{len(columns)} cells", fix)
+                fix = "put cells that contain the delimiter in double quotes"
+                raise _bad(
+                    path,
+                    reader.line_num,
+                    "the line has the wrong number of cells",
+                    what,
+                    f"{len(columns)} cells",
+                    fix,
+                )
             yield reader.line_num, {c: v for c, v in zip(columns, cells, strict=True) if v}
     except csv.Error as error:
-        raise _bad(path, reader.line_num, "no CSV", str(error), "cells with commas between them") from error
+        raise _bad(path, reader.line_num, "not valid CSV", str(error), "cells separated by commas") from error
 
 
 def _jsonl(path: Path, text: str) -> Iterator[tuple[int, dict[str, str]]]:
@@ -131,19 +138,19 @@ def _jsonl(path: Path, text: str) -> Iterator[tuple[int, dict[str, str]]]:
         if not line.strip():
             continue
         try:
-            obj = parse_json(line, _no_doubles)
+            obj = parse_json(line, _unique_keys)
         except ValueError as error:
-            raise _bad(path, number, "no JSON", str(error), "one object a line") from error
+            raise _bad(path, number, "not valid JSON", str(error), "one object per line") from error
         if not isinstance(obj, dict):
-            raise _bad(path, number, "no JSON object", f"{type(obj).__name__}", '{"id": ..., "motion": ...}')
+            raise _bad(path, number, "not a JSON object", f"{type(obj).__name__}", '{"id": ..., "motion": ...}')
         _check_columns(path, number, list(obj))
         yield number, {key: _text(path, number, key, value) for key, value in obj.items() if value not in (None, "")}
 
 
-def _no_doubles(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     found = dict(pairs)
     if len(found) < len(pairs):
-        raise ValueError("a key stands there twice")
+        raise ValueError("duplicate key")
     return found
 
 
@@ -152,41 +159,49 @@ def _text(path: Path, line: int, key: str, value: object) -> str:
         return value.strip()
     if type(value) in (int, float):
         return repr(value)
-    raise _bad(path, line, f"{key} is no text and no number", f"{type(value).__name__}", "text or a number")
+    raise _bad(path, line, f"{key} is neither text nor a number", f"{type(value).__name__}", "text or a number")
 
 
 def _check_columns(path: Path, line: int, columns: list[str]) -> None:
     if path.suffix == ".csv" and not set(columns) & set(COLUMNS):
-        problem, found = "the first line names no column", shown(", ".join(columns), 100)
-        raise _bad(path, line, problem, found, ", ".join(COLUMNS), "begin with a line such as motion,audio,split")
+        problem, found = "the first line contains no known column", shown(", ".join(columns), 100)
+        raise _bad(path, line, problem, found, ", ".join(COLUMNS), "start with a line such as motion,audio,split")
     for column in columns:
         if column not in COLUMNS:
             problem = f"unknown column {quoted(column, 60)}; {did_you_mean(column[:60], COLUMNS)}"
-            raise _bad(path, line, problem, fix="rename the column, or take it out")
+            raise _bad(path, line, problem, fix="rename the column, or remove it")
     if len(set(columns)) < len(columns):
-        raise _bad(path, line, "a column stands there twice", shown(", ".join(columns)))
+        raise _bad(path, line, "duplicate column", shown(", ".join(columns)))
     if "motion" not in columns:
         raise _bad(
             path,
             line,
-            "there is no column motion",
+            "the column motion is missing",
             shown(", ".join(columns)) or "nothing",
-            "motion, and what else is known",
+            "motion, and any of the other columns",
         )
 
 
 def _row(path: Path, line: int, values: dict[str, str]) -> Row:
     for column, value in values.items():
         if any(not c.isprintable() for c in value) or len(value) > 4096:
-            raise _bad(path, line, f"{column} is no readable text", quoted(value, 60), "printable characters")
+            raise _bad(path, line, f"{column} is not printable text", quoted(value, 60), "printable characters")
     if "motion" not in values:
         raise _bad(
-            path, line, "a clip without motion", shown(", ".join(values.values()), 100), "the path of its motion file"
+            path,
+            line,
+            "the clip has no motion",
+            shown(", ".join(values.values()), 100),
+            "the path of its motion file",
         )
     tempo = values.get("tempo_bpm")
     if tempo is not None and not _is_tempo(tempo):
         raise _bad(
-            path, line, "tempo_bpm is no tempo", shown(tempo, 40), f"beats a minute, above 0, below {MAX_TEMPO:g}"
+            path,
+            line,
+            "tempo_bpm is not a tempo",
+            shown(tempo, 40),
+            f"beats per minute, above 0, below {MAX_TEMPO:g}",
         )
     problem = id_problem(values.get("id") or Path(values["motion"]).stem)
     if problem is not None:
@@ -197,7 +212,7 @@ def _row(path: Path, line: int, values: dict[str, str]) -> Row:
     if wrong is not None:
         name, value, allowed = wrong
         raise _bad(
-            path, line, f"{name} cannot be that", shown(value, 60), allowed, f"correct {name}, or leave it empty"
+            path, line, f"invalid value for {name}", shown(value, 60), allowed, f"correct {name}, or leave it empty"
         )
     return Row(line, values, declared)
 
@@ -216,24 +231,29 @@ def _check_unique(path: Path, rows: list[Row]) -> None:
         if name in lines:
             found = f"lines {lines[name]} and {row.line}"
             raise _bad(
-                path, row.line, f"two clips are named {name!r}", found, "an id of its own for each", "give ids"
+                path,
+                row.line,
+                f"two clips have the id {name!r}",
+                found,
+                "unique ids",
+                "add a column id with unique ids",
             )
         lines[name] = row.line
 
 
 def id_problem(name: str) -> str | None:
-    """Say why a clip cannot have this id, which becomes part of file names; None if it can."""
+    """Return why an id, which becomes part of file names, is invalid; None if it is valid."""
     if not name or name.startswith("."):
-        return "begins with a dot" if name else "is empty"
+        return "starts with a dot" if name else "is empty"
     if "/" in name or "\\" in name:
-        return "has a slash in it"
+        return "contains a slash"
     if not name.isprintable():
-        return "has characters in it that cannot be printed"
+        return "contains characters that cannot be printed"
     return f"is longer than {MAX_ID} characters" if len(name) > MAX_ID else None
 
 
 def clip_id(row: Row) -> str:
-    """Return the clip's id: as given, else the name of its motion file."""
+    """Return the clip's id: the column id, else the name of its motion file."""
     return row.get("id") or Path(row.get("motion")).stem
 
 

@@ -1,4 +1,4 @@
-"""Frame rates as people write them, made exact."""
+"""Exact frame rates from text, rounded numbers and frame times."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ _NTSC = tuple(Fraction(k * 1000, 1001) for k in (24, 30, 60, 120))
 _USUAL = tuple(
     Fraction(k) for k in (24, 25, 30, 48, 50, 60, 72, 75, 80, 90, 96, 100, 120, 144, 150, 180, 200, 240, 250, 300)
 )
-#: Rates that a rounded number is taken for, in order of preference.
+#: Rates that a rounded number may stand for, in order of preference.
 _KNOWN = (*_USUAL, *(Fraction(k) for k in (360, 400, 480, 500, 600, 1000)), *_NTSC)
-#: A number is taken for a known rate if it is within this part of it, ...
+#: A number stands for a known rate within this fraction of it, ...
 _CLOSE = Fraction(1, 1_000_000)
-#: ... or, for a period, within one unit of its last decimal, but never further than this part.
+#: ... or, for a period, within one unit of its last decimal, but at most this fraction.
 _ROUNDED = Fraction(15, 1000)
 _NUMBER = re.compile(r"\+?(\d{1,9}\.?\d{0,30}|\.\d{1,30})([eE][+-]?\d{1,2})?")
 
 
 def rate_of_text(text: str) -> Fraction | None:
-    """Return a rate such as "60", "59.94" or "30000/1001" exactly as written; None if it is none.
+    """Return a rate such as "60", "59.94" or "30000/1001" exactly as written; None if it is not a rate.
 
-    Only short numbers are taken: "1e999999999" would be a number of a billion digits.
+    Only short numbers are accepted: "1e999999999" would have a billion digits.
     """
     top, slash, bottom = text.strip().partition("/")
     if not _NUMBER.fullmatch(top) or (slash and not _NUMBER.fullmatch(bottom)):
@@ -35,10 +35,10 @@ def rate_of_text(text: str) -> Fraction | None:
 
 
 def exact_rate(value: float) -> Fraction | None:
-    """Return the rate that a file states as a binary number; None if it is none.
+    """Return the rate that a file stores as a binary number; None if it is not a rate.
 
     A value within one millionth of a usual rate is that rate (59.94005994 is 60000/1001, and 120.00000763,
-    once a 32-bit number, is 120); others are as they are written.
+    rounded to 32 bits, is 120); any other is taken as written.
     """
     rate = rate_of_text(repr(float(value)))
     if rate is None:
@@ -48,11 +48,11 @@ def exact_rate(value: float) -> Fraction | None:
 
 
 def rate_of_period(text: str) -> Fraction | None:
-    """Return the rate of a frame time as it is written, seconds: "0.0333333" is 30, ".0083333" 120.
+    """Return the rate of a frame time in seconds, as written: "0.0333333" is 30, ".0083333" 120.
 
-    A frame time is a rounded number. It stands for a usual rate whose own frame time differs by at most one
-    unit of the last decimal (or one millionth of it), and by at most 1.5 %: whole rates first, the closest
-    first, then 24000/1001 and its like. Anything else is 1 / text, exactly.
+    A frame time is a rounded number. It stands for a usual rate whose frame time differs by at most one
+    unit of the last decimal (or one millionth of it), and by at most 1.5 %: integer rates first, the closest
+    first, then NTSC rates such as 24000/1001. Otherwise the rate is exactly 1 / text.
     """
     period = Fraction(text)
     mantissa, _, exponent = text.lower().partition("e")

@@ -1,4 +1,4 @@
-"""The hierarchy of a BVH file: joints, offsets and channels, every mistake with its line."""
+"""Parses the hierarchy of a BVH file: joints, offsets and channels; errors name the line."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from pathlib import Path
 from dancedata.core.errors import DataError, did_you_mean
 from dancedata.core.text import quoted, shown
 
-__all__ = ["MAX_JOINTS", "MAX_VALUE", "NUMBER", "BvhJoint", "bvh_error", "no_number", "parse_hierarchy"]
+__all__ = ["MAX_JOINTS", "MAX_VALUE", "NUMBER", "BvhJoint", "bvh_error", "not_a_number", "parse_hierarchy"]
 
 MAX_JOINTS = 1000
 #: Characters of a joint's name.
 MAX_NAME = 200
-#: Larger numbers are no lengths and no angles of a body.
+#: Bound of lengths and angles.
 MAX_VALUE = 1e7
 NUMBER = re.compile(rb"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 POSITIONS = ("Xposition", "Yposition", "Zposition")
@@ -45,7 +45,7 @@ class BvhJoint:
 
     @property
     def order(self) -> str:
-        """Axes of the rotation channels in their order, such as "ZYX"; "" for a joint that cannot turn."""
+        """Axes of the rotation channels in their order, such as "ZYX"; "" for a joint without any."""
         return "".join(c[0] for c in self.channels if c in ROTATIONS)
 
     @property
@@ -74,7 +74,7 @@ def bvh_error(
 
 
 def parse_hierarchy(path: Path, lines: Sequence[bytes]) -> tuple[tuple[BvhJoint, ...], int]:
-    """Return the joints in the file's order, and the number of the line that says MOTION.
+    """Return the joints in the file's order, and the number of the line with MOTION.
 
     Raises
     ------
@@ -88,17 +88,17 @@ def parse_hierarchy(path: Path, lines: Sequence[bytes]) -> tuple[tuple[BvhJoint,
     raise bvh_error(path, max(len(lines), 1), "the file ends before MOTION", reason="truncated")
 
 
-def no_number(path: Path, line: int, word: bytes) -> DataError:
-    """Return the DataError for a word that is no usable number."""
+def not_a_number(path: Path, line: int, word: bytes) -> DataError:
+    """Return the DataError for a word that is not a usable number."""
     found = quoted(word[:40].decode("utf-8", "replace"))
     if word.lower().strip(b"+-") in (b"nan", b"inf", b"infinity", b"1.#qnan", b"1.#ind", b"1.#inf"):
         return bvh_error(path, line, "a value is not finite", found, "finite numbers", reason="nan")
-    fix = "write decimal points, not commas" if b"," in word else "export the file again"
-    return bvh_error(path, line, "a value is no number", found, "numbers such as -12.5", fix=fix)
+    fix = "write decimal points instead of commas" if b"," in word else "export the file again"
+    return bvh_error(path, line, "a value is not a number", found, "numbers such as -12.5", fix=fix)
 
 
 def _statements(lines: Sequence[bytes]) -> Iterator[tuple[int, str]]:
-    """Statements and braces with the number of their line."""
+    """Yield statements and braces with the number of their line."""
     for k, line in enumerate(lines, start=1):
         for part in re.split(r"([{}])", line.decode("utf-8", "replace")):
             if part.strip():
@@ -107,7 +107,7 @@ def _statements(lines: Sequence[bytes]) -> Iterator[tuple[int, str]]:
 
 @dataclass
 class _Draft:
-    """A joint or an End Site while its block is read."""
+    """A joint or an End Site while its block is parsed."""
 
     name: str
     parent: int
@@ -119,7 +119,7 @@ class _Draft:
 
 
 class _Hierarchy:
-    """Reads the statements up to MOTION; `joints` are filled in the file's order."""
+    """Parses the statements up to MOTION; `joints` are in the file's order."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -129,7 +129,7 @@ class _Hierarchy:
         self._lines: dict[str, int] = {}
 
     def take(self, line: int, text: str) -> bool:
-        """Take a statement; True once it is MOTION."""
+        """Parse a statement; return True for MOTION."""
         word, _, rest = text.partition(" ") if " " in text else text.partition("\t")
         kind, rest = word.upper(), rest.strip()
         if self._next is not None and kind != "{":
@@ -167,19 +167,19 @@ class _Hierarchy:
                 line,
                 "a second skeleton begins",
                 f"ROOT {shown(name)}",
-                "one skeleton a file",
-                "write one file a person",
+                "one skeleton per file",
+                "write one file per person",
             )
         if kind != "ROOT" and (parent is None or parent.is_end):
             raise self._bad(
-                line, f"{kind[:40]} {shown(name)} stands outside of a joint", allowed="ROOT first, joints within it"
+                line, f"{kind[:40]} {shown(name)} is outside of a joint", allowed="ROOT first, joints within it"
             )
         above = -1 if parent is None else parent.index
         if kind.startswith("END"):
             self._next = _Draft("End Site", above, line, is_end=True)
             return
         if not name:
-            raise self._bad(line, f"a {kind} without a name")
+            raise self._bad(line, f"a {kind} has no name")
         if len(name) > MAX_NAME:
             raise self._bad(
                 line, f"the name of a {kind} is too long", shown(name, 60), f"at most {MAX_NAME} characters"
@@ -200,7 +200,7 @@ class _Hierarchy:
 
     def _end(self, line: int) -> None:
         if not self._open:
-            raise self._bad(line, "a block ends that did not begin", "}")
+            raise self._bad(line, "unexpected end of a block", "}")
         done = self._open.pop()
         if done.offset is None:
             raise self._bad(line, f"{done.name} (line {done.line}) has no OFFSET", allowed="OFFSET x y z")
@@ -208,7 +208,7 @@ class _Hierarchy:
             raise self._bad(
                 line,
                 f"joint {done.name} (line {done.line}) has no CHANNELS",
-                allowed="CHANNELS 3 Zrotation Xrotation Yrotation, say; CHANNELS 0 for a joint that cannot turn",
+                allowed="for example CHANNELS 3 Zrotation Xrotation Yrotation, or CHANNELS 0",
                 reason="missing_channels",
             )
 
@@ -223,13 +223,13 @@ class _Hierarchy:
             raise self._bad(line, f"{joint.name} has two OFFSETs")
         words = rest.split()
         if len(words) != 3:
-            raise self._bad(line, "OFFSET takes three numbers", f"{len(words)}", "OFFSET x y z")
+            raise self._bad(line, "OFFSET requires three numbers", f"{len(words)}", "OFFSET x y z")
         for word in words:
             if not NUMBER.fullmatch(word.encode()):
-                raise no_number(self.path, line, word.encode())
+                raise not_a_number(self.path, line, word.encode())
         x, y, z = (float(word) for word in words)
         if not max(abs(x), abs(y), abs(z)) <= MAX_VALUE:
-            raise self._bad(line, "an OFFSET is no length", rest[:80], f"numbers within +-{MAX_VALUE:g}")
+            raise self._bad(line, "an OFFSET is out of range", rest[:80], f"numbers within +-{MAX_VALUE:g}")
         joint.offset = (x, y, z)
 
     def _channels(self, line: int, rest: str) -> None:
@@ -243,8 +243,8 @@ class _Hierarchy:
             n, names = (words[0][:20] if words else "nothing"), len(words) - 1
             raise self._bad(
                 line,
-                "CHANNELS states another number than it names",
-                f"{n}, and {max(names, 0)} names",
+                "the number in CHANNELS differs from the number of names",
+                f"{n}, but {max(names, 0)} names",
                 "the number of channels, then their names",
                 reason="missing_channels",
             )
@@ -254,14 +254,14 @@ class _Hierarchy:
             wrong = words[1 + channels.index("")][:40]
             raise self._bad(line, f"unknown channel {wrong!r}", allowed=did_you_mean(wrong, known.values()))
         if len(set(channels)) < len(channels):
-            raise self._bad(line, "a channel is named twice", rest[:120])
+            raise self._bad(line, "duplicate channel", rest[:120])
         joint.channels = channels
 
     def _finish(self, line: int) -> None:
         if self._open:
             raise self._bad(line, f"the block of {self._open[-1].name} (line {self._open[-1].line}) never ends")
         if not self.joints:
-            raise self._bad(line, "the hierarchy has no joint", allowed="ROOT and its joints")
+            raise self._bad(line, "the hierarchy has no joints", allowed="ROOT and its joints")
         root = self.joints[0]
         missing = [c for c in (*POSITIONS, *ROTATIONS) if c not in (root.channels or ())]
         if missing:

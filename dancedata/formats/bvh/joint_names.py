@@ -1,4 +1,4 @@
-"""Which joint of a BVH file is which of SMPL's 24, by the names that are in use."""
+"""Maps the joints of a BVH file to SMPL's 24 by the names in common use."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from dancedata.formats.bvh.hierarchy import BvhJoint
 
 __all__ = ["REQUIRED", "STYLES", "JointMap", "ancestors", "map_joints"]
 
-#: SMPL's joints that a skeleton has to have; neck or head is asked for as well.
+#: SMPL's joints that a skeleton must have; neck or head is required as well.
 REQUIRED = tuple(
     ["pelvis"]
     + [f"{s}_{j}" for j in ("hip", "knee", "ankle", "shoulder", "elbow", "wrist") for s in ("left", "right")]
@@ -78,16 +78,16 @@ _SMPL = {
 
 
 def _both_sides(table: Mapping[str, str]) -> dict[str, tuple[str, ...]]:
-    """Spell out a table: SMPL joint -> names, the preferred one first."""
-    spelled = {}
+    """Expand a table for both sides: SMPL joint -> names, the preferred one first."""
+    expanded = {}
     for joint, names in table.items():
         for side in ("left", "right") if "{" in joint else ("",):
             filled = names.format(Side=side.capitalize(), S=side[:1].upper())
-            spelled[joint.format(side=side)] = tuple(filled.split())
-    return spelled
+            expanded[joint.format(side=side)] = tuple(filled.split())
+    return expanded
 
 
-#: The known styles, SMPL joint -> names. Namespaces ("mixamorig:"), case, blanks and _ - . do not matter.
+#: The known styles, SMPL joint -> names. Namespaces ("mixamorig:"), case, spaces and _ - . are ignored.
 STYLES: dict[str, dict[str, tuple[str, ...]]] = {
     "UpLeg/ForeArm (CMU, Mixamo, Rokoko, LaFAN, FAIR)": _both_sides(_UP_LEG),
     "Hip/Elbow (Xsens joints)": _both_sides(_XSENS_JOINTS),
@@ -98,11 +98,11 @@ STYLES: dict[str, dict[str, tuple[str, ...]]] = {
 
 @dataclass(frozen=True)
 class JointMap:
-    """What was found.
+    """The mapping of a file's joints.
 
     Attributes
     ----------
-    style : name of the style that fits, "" if all names were given.
+    style : name of the matching style, "" if all names were given.
     of : index in SMPL24 -> index in the file.
     """
 
@@ -110,24 +110,24 @@ class JointMap:
     of: Mapping[int, int]
 
     def text(self, joints: Sequence[BvhJoint]) -> str:
-        """Say which joint is which: "pelvis = Hips, ..."; and which of SMPL's have none."""
+        """Return the mapping as "pelvis = Hips, ...", and SMPL's joints without a counterpart."""
         named = [f"{SMPL24.joints[s]} = {joints[b].name}" for s, b in sorted(self.of.items())]
         missing = [name for s, name in enumerate(SMPL24.joints) if s not in self.of]
         return ", ".join(named) + (f"; none for {', '.join(missing)}" if missing else "")
 
 
 def map_joints(path: Path, joints: Sequence[BvhJoint], given: Mapping[str, str] | None) -> JointMap:
-    """Find SMPL's joints among a file's.
+    """Map SMPL's joints to a file's.
 
-    Names in `given` come first ("" leaves a joint out); the rest go by the style that knows most of the
-    required joints. The spine goes by the tree: of the joints between the pelvis and the joint where neck
-    and arms part, the first is spine1, that last joint spine3, the middle one spine2.
+    Names in `given` take precedence ("" excludes a joint); the others follow the style that matches the most
+    joints. The spine follows from the tree: of the joints from the pelvis to the joint where neck and arms
+    branch, the first is spine1, the last spine3, the middle one spine2.
 
     Raises
     ------
     DataError
-        ``unknown_joints`` where required ones are missing or a given name is none of the file's;
-        ``bad_joint_map`` where the file's tree is not SMPL's: a knee that does not hang below its hip.
+        ``unknown_joints`` if required ones are missing or a given name is not in the file;
+        ``bad_joint_map`` if the file's tree differs from SMPL's: a knee that is not below its hip.
     """
     given = given or {}
     of = _given(path, joints, given)
@@ -152,13 +152,13 @@ def _given(path: Path, joints: Sequence[BvhJoint], given: Mapping[str, str]) -> 
                 where=str(path),
                 found=f"{len(names)} joints",
                 allowed=did_you_mean(name, names),
-                fix="correct joint_map, or keep files with other skeletons in a folder of their own",
+                fix="correct joint_map, or move files with other skeletons to a folder of their own",
             )
     return {SMPL24.index(joint): names.index(name) for joint, name in given.items() if name}
 
 
 def _add_style(joints: Sequence[BvhJoint], of: dict[int, int], given: Mapping[str, str]) -> str:
-    """Add the joints that the best style knows; returns its name."""
+    """Add the joints of the best matching style; return its name."""
     plain: dict[str, int] = {}
     for k, joint in enumerate(joints):
         plain.setdefault(_plain(joint.name), k)
@@ -177,19 +177,19 @@ def _add_style(joints: Sequence[BvhJoint], of: dict[int, int], given: Mapping[st
 
 
 def _plain(name: str) -> str:
-    """Name without namespace, case, blanks and separators."""
+    """Return the name without namespace, case, spaces and separators."""
     return re.sub(r"[\s_.\-]", "", re.split(r"[:|]", name)[-1]).lower()
 
 
 def _add_spine(joints: Sequence[BvhJoint], of: dict[int, int], given: Mapping[str, str]) -> None:
-    """Map the spine by the tree, unless joint_map names any of it."""
+    """Map the spine by the tree, unless joint_map contains any of it."""
     if any(name in given for name in SPINE):
         return
     upper = [SMPL24.index(n) for n in ("neck", "left_collar", "right_collar", "left_shoulder", "right_shoulder")]
     lines = [ancestors(joints, of[s]) for s in upper if s in of]
     pelvis = of[0]
     shared = [b for b in lines[0] if all(b in line for line in lines)]
-    # From the joint where neck and arms part down to the pelvis.
+    # From the joint where neck and arms branch down to the pelvis.
     chain = shared[: shared.index(pelvis)] if pelvis in shared else []
     chain = [b for b in chain if b not in of.values()]
     if chain:
@@ -201,7 +201,7 @@ def _add_spine(joints: Sequence[BvhJoint], of: dict[int, int], given: Mapping[st
 
 
 def ancestors(joints: Sequence[BvhJoint], joint: int) -> list[int]:
-    """Return the joints above one, the nearest first."""
+    """Return the ancestors of a joint, the nearest first."""
     line = []
     while (joint := joints[joint].parent) != -1:
         line.append(joint)
@@ -214,19 +214,24 @@ def _check_tree(path: Path, joints: Sequence[BvhJoint], of: Mapping[int, int]) -
         name = joints[bvh].name
         if bvh in seen:
             both = f"{SMPL24.joints[seen[bvh]]} and {SMPL24.joints[smpl]}"
-            raise _bad_map(path, f"{name} stands for two joints", both, "one joint each")
+            raise _bad_map(path, f"{name} is mapped to two joints", both, "one joint each")
         seen[bvh] = smpl
         above = SMPL24.parents[smpl]
         while above != -1 and above not in of:
             above = SMPL24.parents[above]
         if above != -1 and of[above] not in ancestors(joints, bvh):
             pair = f"{joints[of[above]].name} ({SMPL24.joints[above]})"
-            found = f"{name} ({SMPL24.joints[smpl]}), which does not hang below {pair}"
-            raise _bad_map(path, "the joints do not form a body", found, "a tree like SMPL's, joints between allowed")
+            found = f"{name} ({SMPL24.joints[smpl]}), which is not below {pair}"
+            raise _bad_map(
+                path,
+                "the joints do not form a human body",
+                found,
+                "a tree like SMPL's, with further joints in between",
+            )
 
 
 def _bad_map(path: Path, problem: str, found: str, allowed: str) -> DataError:
-    fix = "say which joint is which in joint_map"
+    fix = "map the joints in joint_map"
     return DataError(problem, reason="bad_joint_map", where=str(path), found=found, allowed=allowed, fix=fix)
 
 
@@ -241,10 +246,10 @@ def _unknown(
         usual = table.get(joint, (joint,))[0]
         hints.append(f"{joint} is {usual} in that style, {did_you_mean(usual, free[:40])}")
     return DataError(
-        f"joints of a body are missing: {', '.join(missing)}",
+        f"required joints are missing: {', '.join(missing)}",
         reason="unknown_joints",
         where=str(path),
         found=f"{len(names)} joints; closest style {style or 'none'}",
         allowed="; ".join(hints),
-        fix="say which joint is which: joint_map {left_hip: NAME, ...}",
+        fix="map the joints: joint_map {left_hip: NAME, ...}",
     )

@@ -1,4 +1,4 @@
-"""BVH files (Biovision hierarchy): an own parser that reads any skeleton and names what is wrong by its line.
+"""Parser of BVH files (Biovision hierarchy) with any skeleton; errors name the line.
 
 ::
 
@@ -20,9 +20,9 @@
     MOTION
     Frames: 2
     Frame Time: 0.0333333
-    (one line a frame, one number a channel: lengths in the file's unit, angles in degrees)
+    (one line per frame, one number per channel: lengths in the file's unit, angles in degrees)
 
-Time and memory are linear in the file's size; nothing is reserved for what a header announces.
+Time and memory are linear in the file's size; nothing is allocated by the numbers in a header.
 """
 
 from __future__ import annotations
@@ -40,13 +40,13 @@ from numpy.typing import NDArray
 
 from dancedata.core.errors import DataError
 from dancedata.core.regular_file import open_regular
-from dancedata.formats.bvh.hierarchy import MAX_VALUE, NUMBER, BvhJoint, bvh_error, no_number, parse_hierarchy
+from dancedata.formats.bvh.hierarchy import MAX_VALUE, NUMBER, BvhJoint, bvh_error, not_a_number, parse_hierarchy
 
 __all__ = ["MAX_FILE_BYTES", "Bvh", "read_bvh", "read_bvh_header"]
 
 #: About an hour of 60 joints at 120 FPS.
 MAX_FILE_BYTES = 1 << 30
-#: The hierarchy has to end within this many bytes.
+#: The hierarchy must end within this many bytes.
 MAX_HEADER_BYTES = 1 << 22
 
 Floats = NDArray[np.float64]
@@ -58,8 +58,8 @@ class Bvh:
 
     Attributes
     ----------
-    frame_time : as it is written, seconds; checked to be a decimal number above 0.
-    values : (T, C) channels as in the file; no rows where only the header was read.
+    frame_time : seconds as written; a decimal number above 0.
+    values : (T, C) channels as in the file; (0, C) if only the header was read.
     """
 
     path: Path
@@ -80,13 +80,13 @@ class Bvh:
 
 
 def read_bvh(path: Path) -> Bvh:
-    """Read a file whole.
+    """Read a complete file.
 
     Raises
     ------
     DataError
-        ``broken_file`` (syntax, wrong counts, numbers that are none, too large), ``missing_channels``,
-        ``bad_rate`` (frame time of 0 or none), ``empty``, ``truncated`` (fewer frames than announced),
+        ``broken_file`` (syntax, wrong counts, invalid numbers, too large), ``missing_channels``,
+        ``bad_rate`` (invalid frame time), ``empty``, ``truncated`` (fewer frames than announced),
         ``length_mismatch`` (more), ``nan``, ``out_of_range``. Each names the line.
     """
     lines = _lines(path, _read(path, MAX_FILE_BYTES))
@@ -113,12 +113,12 @@ def _read(path: Path, limit: int, part: int = -1) -> bytes:
             "the BVH file cannot be read", reason="broken_file", where=str(path), found=error.strerror or str(error)
         ) from error
     raise DataError(
-        "this is no BVH file that is read",
+        "the BVH file is too large",
         reason="broken_file",
         where=str(path),
         found=f"{size:,} bytes",
         allowed=f"a file of at most {limit:,} bytes",
-        fix="cut it into several files",
+        fix="split it into several files",
     )
 
 
@@ -127,7 +127,9 @@ def _lines(path: Path, data: bytes) -> list[bytes]:
     first = next((line.strip() for line in lines if line.strip()), b"")
     if first.split(b"{")[0].strip().upper() != b"HIERARCHY":
         shown = first[:40].decode("utf-8", "replace")
-        raise bvh_error(path, 1, "no BVH file: it begins otherwise", repr(shown) if shown else "nothing", "HIERARCHY")
+        raise bvh_error(
+            path, 1, "not a BVH file: unexpected first line", repr(shown) if shown else "nothing", "HIERARCHY"
+        )
     return lines
 
 
@@ -136,13 +138,13 @@ def _check_rows(header: Bvh, rows: Sequence[tuple[int, bytes]]) -> None:
     for line, row in rows:
         n = len(row.split())
         if n != width:
-            wrong = f"a frame of {n} numbers"
+            found = f"a frame of {n} numbers"
             last = line == rows[-1][0] and n < width
             raise bvh_error(
                 path,
                 line,
-                "a frame is cut short" if last else "a frame has the wrong number of channels",
-                wrong,
+                "a frame is truncated" if last else "a frame has the wrong number of channels",
+                found,
                 f"{width}, one for each channel of the hierarchy",
                 reason="truncated" if last else "broken_file",
             )
@@ -151,27 +153,27 @@ def _check_rows(header: Bvh, rows: Sequence[tuple[int, bytes]]) -> None:
         raise bvh_error(
             path,
             rows[-1][0] if rows else 1,
-            "the file ends before its last frame" if short else "there are more frames than the file announces",
+            "the file ends before its last frame" if short else "the file has more frames than it announces",
             f"{len(rows):,} frames",
-            f"{announced:,}, as Frames: says",
+            f"{announced:,}, as in Frames:",
             reason="truncated" if short else "length_mismatch",
             fix="copy or export the file again" if short else "correct Frames:, or export the file again",
         )
 
 
 def _values(header: Bvh, rows: Sequence[tuple[int, bytes]]) -> Floats:
-    """All numbers, (T, C)."""
+    """Parse the numbers of all frames, (T, C)."""
     shape = len(rows), header.n_channels
     try:
         with warnings.catch_warnings():
-            # numpy says by a warning that it stopped at something that is no number.
+            # numpy only warns where it stops at something other than a number.
             warnings.simplefilter("error")
             values = np.fromstring(b" ".join(row for _, row in rows), dtype=np.float64, sep=" ").reshape(shape)
     except (DeprecationWarning, ValueError) as error:
         for line, row in rows:
             bad = next((word for word in row.split() if not NUMBER.fullmatch(word)), None)
             if bad is not None:
-                raise no_number(header.path, line, bad) from error
+                raise not_a_number(header.path, line, bad) from error
         raise bvh_error(header.path, rows[0][0], "the frames cannot be read", str(error)) from error
     usable = np.isfinite(values) & (np.abs(values) <= MAX_VALUE)
     if not usable.all():
@@ -180,7 +182,7 @@ def _values(header: Bvh, rows: Sequence[tuple[int, bytes]]) -> Floats:
         raise bvh_error(
             header.path,
             rows[frame][0],
-            f"{joint.name} {joint.channels[column - joint.first]} of frame {frame} is no usable number",
+            f"{joint.name} {joint.channels[column - joint.first]} of frame {frame} is out of range",
             repr(float(values[frame, column])),
             f"finite numbers within +-{MAX_VALUE:g}",
             reason="out_of_range" if np.isfinite(values[frame, column]) else "nan",
@@ -189,7 +191,7 @@ def _values(header: Bvh, rows: Sequence[tuple[int, bytes]]) -> Floats:
 
 
 def _header(path: Path, lines: Sequence[bytes]) -> tuple[Bvh, int]:
-    """Parse up to the frame time; returns the index of the line after it as well."""
+    """Parse up to the frame time; also return the index of the line after it."""
     joints, line = parse_hierarchy(path, lines)
     width = sum(len(joint.channels) for joint in joints)
     n_frames = 0
@@ -204,27 +206,31 @@ def _header(path: Path, lines: Sequence[bytes]) -> tuple[Bvh, int]:
                 return Bvh(path, joints, n_frames, frame_time, np.empty((0, width))), index + 1
             else:
                 raise bvh_error(
-                    path, index + 1, "after MOTION", repr(text[:40]), "Frames: N, then Frame Time: seconds"
+                    path,
+                    index + 1,
+                    "unexpected line after MOTION",
+                    repr(text[:40]),
+                    "Frames: N, then Frame Time: seconds",
                 )
     raise bvh_error(path, max(len(lines), 1), "the file ends before its Frame Time", reason="truncated")
 
 
 def _whole(path: Path, line: int, text: str) -> int:
     if not re.fullmatch(r"\d{1,12}", text):
-        raise bvh_error(path, line, "Frames is no whole number", repr(text[:40]), "Frames: 300, say")
+        raise bvh_error(path, line, "Frames is not an integer", repr(text[:40]), "for example Frames: 300")
     if int(text) == 0:
         raise bvh_error(path, line, "the file has no frames", "Frames: 0", "at least one frame", reason="empty")
     return int(text)
 
 
 def _seconds(path: Path, line: int, text: str) -> str:
-    # Short enough that no exponent can ask for a number of a million digits.
-    good = len(text) <= 40 and re.fullmatch(r"\+?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,2})?", text)
-    if not good or not 0 < float(text) < math.inf:
+    # Short enough that no exponent can describe a number of a million digits.
+    valid = len(text) <= 40 and re.fullmatch(r"\+?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,2})?", text)
+    if not valid or not 0 < float(text) < math.inf:
         raise bvh_error(
             path,
             line,
-            "the frame time gives no frame rate",
+            "invalid frame time",
             repr(text[:40]),
             "seconds above 0, such as 0.0333333 for 30 FPS",
             reason="bad_rate",

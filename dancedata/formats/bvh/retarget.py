@@ -1,27 +1,26 @@
-"""From a BVH's skeleton to SMPL's 24 joints: constant rotations, bones of the file's own lengths.
+"""Retargets a BVH's skeleton to SMPL's 24 joints: constant rotations, bones with the file's own lengths.
 
-Each joint that is mapped keeps the rotation that the file gives it in the world, up to a constant that turns
-SMPL's rest pose into the file's: world rotation = file's world rotation @ align. `align` is made from the
-file's rest pose (all angles 0):
+Each mapped joint keeps the file's world rotation, up to a constant that rotates SMPL's rest pose into the file's:
+world rotation = file's world rotation @ align. `align` follows from the file's rest pose (all angles 0):
 
-- A joint of the back or of a limb: the shortest turn, from where its parent's `align` leaves it, that lays
-  SMPL's rest direction of its bone onto the file's.
-- The pelvis and the joint where neck and arms part: the turn that lays left onto the file's line between the
-  hips (the arms) and comes closest to up; up is, for the pelvis, the file's up axis (or the spine where this
-  leaves the pelvis more than 60 degrees away from it), for the chest the neck.
-- Head and neck, whose joints lie where the maker of the skeleton liked: the head as the pelvis, the neck as the
-  chest. Other ends: as their parent.
+- A joint of the back or of a limb: the shortest rotation, applied after its parent's `align`, that maps SMPL's rest
+  direction of its bone to the file's.
+- The pelvis and the joint where neck and arms branch: the rotation that maps left to the file's line between the
+  hips (the arms) and comes closest to up. Up is the neck for the chest; for the pelvis it is the file's up axis, or
+  the spine if that is more than 60 degrees away from it.
+- Head and neck, whose joints have no standard position: the head as the pelvis, the neck as the chest. Other leaf
+  joints: as their parent.
 
 The bones are the file's: an offset is the file's bone in SMPL's rest pose, so where nothing moves between two
-mapped joints, positions agree to rounding. Where one or several unmapped joints bend in between (four joints
-of a spine on SMPL's three), the joint above is turned to look at the joint below in every frame, and the
-positions agree but for the change of length.
+mapped joints, positions agree up to rounding. Where unmapped joints bend in between (four joints of a spine on
+SMPL's three), the upper joint is rotated in every frame to point at the lower one, and the positions agree except
+for the change of length.
 
-The rest pose of some files is no body's pose: Rokoko's lays both legs and the spine along +X. What direction
-the bones have is then no help for turns about them. So for every joint the mean of its rotation relative to
-its parent is looked at: nobody dances with a foot or the head turned by more than 60 degrees on average (120
-for hips and arms), and where it seems so, `align` is turned back by the nearest quarter turn (half turn for
-hips and arms). This has no effect on positions, and none on files whose rest pose is a T or an A.
+The rest pose of some files is not a pose of a body: Rokoko's puts both legs and the spine along +X. The directions
+of the bones then do not determine the rotations about them. Therefore the mean rotation of every joint relative to
+its parent is checked: no dance has a foot or the head rotated by more than 60 degrees on average (120 for hips and
+arms). Where it seems so, `align` is rotated back by the nearest multiple of 90 degrees (180 for hips and arms). This
+has no effect on positions, and none on files whose rest pose is a T-pose or an A-pose.
 """
 
 from __future__ import annotations
@@ -46,40 +45,40 @@ Floats = NDArray[np.float64]
 PELVIS, NECK, HEAD = 0, 12, 15
 _SPINE = (3, 6, 9)
 _SIDES = ((1, 2), (13, 14), (16, 17))
-#: The bone that a joint's rotation is known by.
-_LOOKS_AT = {1: 4, 2: 5, 4: 7, 5: 8, 7: 10, 8: 11}
-_LOOKS_AT |= {13: 16, 14: 17, 16: 18, 17: 19, 18: 20, 19: 21, 20: 22, 21: 23}
-#: Joints with much freedom about their bone.
+#: The child at the end of the bone that defines a joint's rotation.
+_CHILD = {1: 4, 2: 5, 4: 7, 5: 8, 7: 10, 8: 11}
+_CHILD |= {13: 16, 14: 17, 16: 18, 17: 19, 18: 20, 19: 21, 20: 22, 21: 23}
+#: Joints with a large range of rotation about their bone.
 _FREE = (1, 2, 16, 17, 18, 19, 20, 21)
 _LEGS = ((1, 4), (4, 7), (2, 5), (5, 8))
 _SAMPLES = 300
-#: What position channels may move a bone's end by, as a part of the body.
+#: Largest movement by position channels, as a fraction of the body.
 _STRETCH = 0.05
 _CHUNK = 4096
-#: Bones shorter than this part of the body are points.
+#: Bones shorter than this fraction of the body count as points.
 _POINT = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
 class Rig:
-    """How a BVH's joints move SMPL's.
+    """How the joints of a BVH drive SMPL's.
 
     Attributes
     ----------
     joints : the joint map.
     align : (24, 3, 3); identity for joints without a counterpart.
-    looks_at : joints with unmapped joints on the way to the next one, and that one.
+    child_of : the next mapped joint below each joint that has bending unmapped joints in between.
     offsets : (24, 3) bones in SMPL's rest pose, in the file's unit; the root's is 0.
     """
 
     joints: JointMap
     align: Floats
-    looks_at: Mapping[int, int]
+    child_of: Mapping[int, int]
     offsets: Floats
 
 
 def smpl_rest() -> Floats:
-    """Rest positions of SMPL's joints relative to the pelvis, (24, 3) metres."""
+    """Return the rest positions of SMPL's joints relative to the pelvis, (24, 3) metres."""
     positions = np.zeros((24, 3))
     for j in range(1, 24):
         positions[j] = positions[SMPL24.parents[j]] + SMPL24.offsets[j]
@@ -87,18 +86,18 @@ def smpl_rest() -> Floats:
 
 
 def make_rig(bvh: Bvh, joints: JointMap, up: Floats) -> Rig:
-    """Find out the constant rotations and the bones.
+    """Compute the constant rotations and the bones.
 
     Parameters
     ----------
-    bvh : with frames, or the header alone: then the rest pose is believed to be a body's, which matters for
-        rotations, not for lengths.
+    bvh : with frames, or only the header: then the rest pose is assumed to be a pose of a body, which affects
+        rotations but not lengths.
     up : (3,) the file's up axis.
 
     Raises
     ------
     DataError
-        ``bad_skeleton`` for legs or hips without length and for bones that change their length.
+        ``bad_skeleton`` for legs or hips of length 0 and for bones that change their length.
     """
     rest = rest_positions(bvh.joints, bone_offsets(bvh))
     places = {s: rest[b] for s, b in joints.of.items()}
@@ -107,15 +106,15 @@ def make_rig(bvh: Bvh, joints: JointMap, up: Floats) -> Rig:
     turns = _sampled(bvh, joints)
     maker = _Aligner(places, size * _POINT, up, turns)
     align = maker.run()
-    looks_at = {s: c for s, c in maker.looks_at.items() if _bends(bvh, joints, s, c)}
-    return Rig(joints, align, looks_at, _bones(places, align, joints))
+    child_of = {s: c for s, c in maker.child_of.items() if _bends(bvh, joints, s, c)}
+    return Rig(joints, align, child_of, _bones(places, align, joints))
 
 
 def skeleton_of(rig: Rig, metres: float) -> Skeleton:
-    """Return SMPL's 24 joints with the file's bones; its name says which, "smpl24:bvh-1a2b3c4d"."""
+    """Return SMPL's 24 joints with the file's bones; its name identifies them: "smpl24:bvh-1a2b3c4d"."""
     offsets = rig.offsets * metres
     offsets[PELVIS] = SMPL24.offsets[PELVIS]
-    # Hundredths of a millimetre: another rounding is no other body. + 0.0 for there is a -0.0.
+    # Rounded to 0.01 mm, so that rounding errors do not change the name. + 0.0 turns -0.0 into 0.0.
     digest = hashlib.sha256((np.round(offsets, 5) + 0.0).astype("<f8").tobytes()).hexdigest()
     return Skeleton(f"smpl24:bvh-{digest[:8]}", SMPL24.joints, SMPL24.parents, offsets, SMPL24.pairs, SMPL24.feet)
 
@@ -135,13 +134,13 @@ def retarget(bvh: Bvh, rig: Rig, upright: Floats) -> tuple[Floats, Floats]:
     from dancedata.core.rotations import rotvec_from_matrix
 
     mapped = sorted(rig.joints.of)
-    wanted = [rig.joints.of[s] for s in mapped]
+    indices = [rig.joints.of[s] for s in mapped]
     rotations = np.empty((bvh.n_frames, 24, 3))
     pelvis = np.empty((bvh.n_frames, 3))
     for start in range(0, bvh.n_frames, _CHUNK):
         rows = slice(start, min(start + _CHUNK, bvh.n_frames))
-        turns, places = world(bvh, wanted, rows)
-        full = _body_turns(rig, mapped, turns, places)
+        turns, places = world(bvh, indices, rows)
+        full = _body_rotations(rig, mapped, turns, places)
         full = upright @ full
         local = full.copy()
         for j in range(1, 24):
@@ -151,35 +150,35 @@ def retarget(bvh: Bvh, rig: Rig, upright: Floats) -> tuple[Floats, Floats]:
     return rotations, pelvis
 
 
-def _body_turns(rig: Rig, mapped: list[int], turns: Floats, places: Floats) -> Floats:
-    """World rotations (T, 24, 3, 3) of SMPL's joints; one without counterpart turns with its parent."""
+def _body_rotations(rig: Rig, mapped: list[int], turns: Floats, places: Floats) -> Floats:
+    """Return world rotations (T, 24, 3, 3) of SMPL's joints; one without a counterpart rotates with its parent."""
     full = np.empty((len(turns), 24, 3, 3))
     for j in range(24):
         if j not in rig.joints.of:
             full[:, j] = full[:, SMPL24.parents[j]]
             continue
         full[:, j] = turns[:, mapped.index(j)] @ rig.align[j]
-        if j in rig.looks_at:
-            child = rig.looks_at[j]
+        if j in rig.child_of:
+            child = rig.child_of[j]
             to = places[:, mapped.index(child)] - places[:, mapped.index(j)]
             full[:, j] = _shortest(full[:, j] @ rig.offsets[child], to) @ full[:, j]
     return full
 
 
 def _check_bones(bvh: Bvh, joints: JointMap, places: Mapping[int, Floats], size: float) -> None:
-    where, fix = str(bvh.path), "export the file again, with the skeleton it was captured with"
+    where, fix = str(bvh.path), "export the file again with the skeleton of the capture"
     for a, b in (*_LEGS, (1, 2)):
         if not _norm(places[a] - places[b]) > size * _POINT:
             names = " and ".join(bvh.joints[joints.of[s]].name for s in (a, b))
-            problem = f"{names} lie in one place"
-            raise DataError(problem, reason="bad_skeleton", where=where, allowed="legs with a length", fix=fix)
+            problem = f"{names} are at the same position"
+            raise DataError(problem, reason="bad_skeleton", where=where, allowed="a distance above 0", fix=fix)
     for k, joint in enumerate(bvh.joints):
         columns = list(joint.position_columns.values())
         if columns and len(bvh.values) and joints.of[PELVIS] in ancestors(bvh.joints, k):
             moved = np.ptp(bvh.values[:, columns], axis=0).max()
             if moved > _STRETCH * size:
                 raise DataError(
-                    f"the bone of {joint.name} changes its length, which SMPL's cannot",
+                    f"the bone of {joint.name} changes its length, but SMPL's bones are rigid",
                     reason="bad_skeleton",
                     where=where,
                     found=f"its position channels move by {moved:.4g} in a body of {size:.4g}",
@@ -189,7 +188,7 @@ def _check_bones(bvh: Bvh, joints: JointMap, places: Mapping[int, Floats], size:
 
 
 def _bones(places: Mapping[int, Floats], align: Floats, joints: JointMap) -> Floats:
-    """Offsets (24, 3) in SMPL's rest pose, the file's unit."""
+    """Return the offsets (24, 3) in SMPL's rest pose, in the file's unit."""
     smpl = smpl_rest()
     scale = sum(_norm(places[b] - places[a]) for a, b in _LEGS) / sum(_norm(smpl[b] - smpl[a]) for a, b in _LEGS)
     inner = set(SMPL24.parents)
@@ -204,7 +203,7 @@ def _bones(places: Mapping[int, Floats], align: Floats, joints: JointMap) -> Flo
 
 
 def _anchor(joint: int, places: Mapping[int, Floats]) -> int:
-    """Nearest joint above that the file has."""
+    """Return the nearest ancestor that the file has."""
     above = SMPL24.parents[joint]
     while above not in places:
         above = SMPL24.parents[above]
@@ -212,7 +211,7 @@ def _anchor(joint: int, places: Mapping[int, Floats]) -> int:
 
 
 def _sampled(bvh: Bvh, joints: JointMap) -> dict[int, Floats]:
-    """World rotations (n, 3, 3) of the mapped joints in up to 300 frames; empty without frames."""
+    """Return world rotations (n, 3, 3) of the mapped joints in up to 300 frames; empty without frames."""
     if not len(bvh.values):
         return {}
     step = -(-len(bvh.values) // _SAMPLES)
@@ -221,7 +220,7 @@ def _sampled(bvh: Bvh, joints: JointMap) -> dict[int, Floats]:
 
 
 def _bends(bvh: Bvh, joints: JointMap, joint: int, child: int) -> bool:
-    """Tell whether a joint that turns lies between two mapped ones."""
+    """Return whether a joint with rotation channels lies between two mapped ones."""
     k = bvh.joints[joints.of[child]].parent
     while k != joints.of[joint]:
         if bvh.joints[k].order:
@@ -231,7 +230,7 @@ def _bends(bvh: Bvh, joints: JointMap, joint: int, child: int) -> bool:
 
 
 class _Aligner:
-    """Finds the constant rotations from the root outwards."""
+    """Computes the constant rotations from the root outwards."""
 
     def __init__(self, places: Mapping[int, Floats], point: float, up: Floats, turns: Mapping[int, Floats]) -> None:
         self.places = places
@@ -239,7 +238,7 @@ class _Aligner:
         self.up = up
         self.turns = turns
         self.align = np.tile(np.eye(3), (24, 1, 1))
-        self.looks_at: dict[int, int] = {}
+        self.child_of: dict[int, int] = {}
         self._smpl = smpl_rest()
         spine = [s for s in _SPINE if s in places]
         self._chest = spine[-1] if spine else PELVIS
@@ -250,7 +249,7 @@ class _Aligner:
             if j == PELVIS:
                 self.align[j] = self._pelvis()
             elif j == self._chest:
-                self.align[j] = self._chest_turn()
+                self.align[j] = self._chest_rotation()
             else:
                 self.align[j] = self._limb(j)
         return self.align
@@ -264,7 +263,7 @@ class _Aligner:
                 rest_up, up = self._smpl[spine], bone
         return self._frame((1, 2), rest_up, up, np.eye(3))
 
-    def _chest_turn(self) -> Floats:
+    def _chest_rotation(self) -> Floats:
         above: Floats = self.align[_anchor(self._chest, self.places)]
         sides = next((pair for pair in _SIDES[1:] if set(pair) <= set(self.places) and self._apart(*pair)), (16, 17))
         neck = next((s for s in (NECK, HEAD) if s in self.places and self._apart(self._chest, s)), None)
@@ -274,28 +273,28 @@ class _Aligner:
         return self._frame(sides, rest_up, self.places[neck] - self.places[self._chest], above)
 
     def _frame(self, sides: tuple[int, int], rest_up: Floats, up: Floats, otherwise: Floats) -> Floats:
-        """Lay left onto the file's line between two joints, and up as close as it goes."""
+        """Map left to the file's line between two joints, and up as close as possible to `up`."""
         left, right = sides
-        here = _basis(np.array([1.0, 0.0, 0.0]), rest_up)
-        there = _basis(self.places[left] - self.places[right], up)
-        return otherwise if here is None or there is None else there @ here.T
+        source = _basis(np.array([1.0, 0.0, 0.0]), rest_up)
+        target = _basis(self.places[left] - self.places[right], up)
+        return otherwise if source is None or target is None else target @ source.T
 
     def _limb(self, joint: int) -> Floats:
         above = _anchor(joint, self.places)
-        below = _LOOKS_AT.get(joint)
+        below = _CHILD.get(joint)
         if joint in _SPINE:
             below = next(s for s in (*_SPINE, NECK, HEAD) if s > joint and s in self.places)
         if below is None or below not in self.places or not self._apart(joint, below):
             start = self.align[PELVIS] if joint == HEAD else self.align[above]
-            return self._turned_back(joint, above, start, None)
-        self.looks_at[joint] = below
+            return self._untwisted(joint, above, start, None)
+        self.child_of[joint] = below
         bone = self._smpl[below] - self._smpl[joint]
         start = self.align[above]
         aimed = _shortest(start @ bone, self.places[below] - self.places[joint], start[:, 2]) @ start
-        return self._turned_back(joint, above, aimed, bone / _norm(bone))
+        return self._untwisted(joint, above, aimed, bone / _norm(bone))
 
-    def _turned_back(self, joint: int, above: int, align: Floats, bone: Floats | None) -> Floats:
-        """Take out the quarter turns that a joint has on average; about its bone if it has one."""
+    def _untwisted(self, joint: int, above: int, align: Floats, bone: Floats | None) -> Floats:
+        """Remove the multiples of 90 degrees from a joint's mean rotation; about its bone if it has one."""
         from scipy.spatial.transform import Rotation
 
         if not self.turns:
@@ -326,7 +325,7 @@ def _norm(vector: Floats) -> float:
 
 
 def _basis(across: Floats, up: Floats) -> Floats | None:
-    """Axes (columns) of which the first is `across`; None if up and across are one line."""
+    """Return axes (columns), the first along `across`; None if up and across are parallel."""
     first = across / max(_norm(across), 1e-300)
     third = np.cross(first, up / max(_norm(up), 1e-300))
     if _norm(third) < 1e-3:
@@ -336,9 +335,9 @@ def _basis(across: Floats, up: Floats) -> Floats | None:
 
 
 def _shortest(start: Floats, end: Floats, fallback: Floats | None = None) -> Floats:
-    """Return the shortest rotations (..., 3, 3) that turn one direction (..., 3) into another.
+    """Return the shortest rotations (..., 3, 3) from one direction (..., 3) to another.
 
-    Opposite directions: a half turn about `fallback`, (3,), or none.
+    For opposite directions: 180 degrees about `fallback`, (3,), or the identity without one.
     """
     a = start / np.maximum(np.linalg.norm(start, axis=-1, keepdims=True), 1e-300)
     b = end / np.maximum(np.linalg.norm(end, axis=-1, keepdims=True), 1e-300)
@@ -351,8 +350,8 @@ def _shortest(start: Floats, end: Floats, fallback: Floats | None = None) -> Flo
     turned = np.eye(3) + cross + cross @ cross / np.where(opposite, 1.0, 1 + cosine)
     half = np.eye(3)
     if fallback is not None:
-        # A half turn about the part of `fallback` that is square to the bone.
-        square = fallback - (fallback @ a) * a
-        square = square / max(_norm(square), 1e-300)
-        half = 2 * np.outer(square, square) - np.eye(3)
+        # 180 degrees about the part of `fallback` perpendicular to the bone.
+        perpendicular = fallback - (fallback @ a) * a
+        perpendicular = perpendicular / max(_norm(perpendicular), 1e-300)
+        half = 2 * np.outer(perpendicular, perpendicular) - np.eye(3)
     return np.where(opposite, half, turned)

@@ -1,4 +1,4 @@
-"""Writes BVH files: for the example of the dataset `folder`, and for tests."""
+"""Writes BVH files, for the example of the dataset `folder` and for tests."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def write_bvh(
     names: Sequence[str],
     parents: Sequence[int],
     offsets: Floats,
-    turns: Floats,
+    rotations: Floats,
     root: Floats,
     frame_time: str,
     orders: Sequence[str] | str = "ZYX",
@@ -31,10 +31,10 @@ def write_bvh(
     Parameters
     ----------
     offsets : (J, 3) from the parents, in the file's unit.
-    turns : (T, J, 3, 3) rotations relative to the parents.
+    rotations : (T, J, 3, 3) relative to the parents.
     root : (T, 3) positions of the root.
-    frame_time : seconds, as it is to stand in the file.
-    orders : order of the rotation channels, of all joints or of each.
+    frame_time : seconds, as text for the file.
+    orders : order of the rotation channels, for all joints or for each.
     """
     from scipy.spatial.transform import Rotation
 
@@ -44,7 +44,7 @@ def write_bvh(
     columns = [np.asarray(root, dtype=np.float64)]
     for joint in _file_order(parents):
         order: Any = orders[joint]
-        columns.append(np.asarray(Rotation.from_matrix(turns[:, joint]).as_euler(order, degrees=True)))
+        columns.append(np.asarray(Rotation.from_matrix(rotations[:, joint]).as_euler(order, degrees=True)))
     rows = np.concatenate(columns, axis=1)
     lines += ["MOTION", f"Frames: {len(rows)}", f"Frame Time: {frame_time}"]
     lines += [" ".join(f"{value:.6f}" for value in row) for row in rows]
@@ -52,7 +52,7 @@ def write_bvh(
 
 
 def _file_order(parents: Sequence[int], joint: int = 0) -> list[int]:
-    """Return the joints as a walk through the tree meets them, children in their order."""
+    """Return the joints in depth-first order, children in their order."""
     order = [joint]
     for child, parent in enumerate(parents):
         if parent == joint:

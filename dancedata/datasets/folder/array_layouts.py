@@ -1,10 +1,10 @@
-"""Motion arrays in the layouts of AMASS, SMPL, SMPL-X and FineDance: which one a file has, and what is where.
+"""Array layouts of AMASS, SMPL, SMPL-X and FineDance: recognises them and reads the motion.
 
 ::
 
     amass      poses (T, 156 | 165) trans (T, 3) mocap_framerate [betas gender]     +Z up, metres
                or root_orient pose_body pose_hand pose_jaw pose_eye in place of poses (SMPL-X "stageii" files)
-    smpl       smpl_poses (T, 72 | 24, 3) smpl_trans (T, 3) [smpl_scaling]          with scaling: AIST++'s, +Y up
+    smpl       smpl_poses (T, 72 | 24, 3) smpl_trans (T, 3) [smpl_scaling]          with smpl_scaling: AIST++, +Y up
                or poses (T, 72) trans (T, 3), or global_orient body_pose (T, 69) transl
     smplh      poses (T, 156) trans (T, 3), or global_orient body_pose (T, 63) transl [hands]
     smplx      poses (T, 165) trans (T, 3), or global_orient body_pose (T, 63) transl [hands jaw eyes]
@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 from dancedata.core.bodies import SMPLX55
 from dancedata.core.errors import DataError
 from dancedata.core.skeleton import SMPL24, Skeleton
-from dancedata.datasets._checks import require_finite
 from dancedata.datasets._positions import POSITIONS, require_rotations
+from dancedata.datasets._source import require_finite
 from dancedata.datasets.folder.facts import Fact, bad_declaration
 from dancedata.formats.arrays import ArrayFile
 from dancedata.formats.body_model import SMPLH52
@@ -39,9 +39,9 @@ _TRANSLATIONS = ("trans", "transl", "smpl_trans")
 _BODIES: dict[str, Skeleton] = {"smpl": SMPL24, "smplh": SMPLH52, "smplx": SMPLX55, "finedance": SMPLX55}
 _BY_WIDTH = {72: "smpl", 156: "smplh", 165: "smplx"}
 _FINEDANCE_WIDTH = 3 + 6 * 52
-#: Arrays of a file in no known layout among which positions are looked for.
-_LOOKED_AT = 100
-#: Arrays of a body's parts in its joints' order: (names that are in use, columns).
+#: Arrays of a file in an unknown layout that are searched for joint positions.
+_MAX_SEARCHED = 100
+#: Arrays of the parts of a body in the order of its joints: (names in use, columns).
 _ROOT = (("global_orient", "root_orient"), 3)
 _BODY = (("body_pose", "pose_body"), 63)
 _FACE = ((("jaw_pose", "pose_jaw"), 3), (("leye_pose",), 3), (("reye_pose",), 3))
@@ -51,7 +51,7 @@ _PARTS: dict[str, tuple[tuple[tuple[str, ...], int], ...]] = {
     "smplh": (_ROOT, _BODY, *_HANDS),
     "smplx": (_ROOT, _BODY, *_FACE, *_HANDS),
 }
-#: AMASS's names for two parts at once.
+#: AMASS's names for arrays of two parts.
 _PAIRS = {"leye_pose": ("pose_eye", 0), "reye_pose": ("pose_eye", 1)}
 _PAIRS |= {"left_hand_pose": ("pose_hand", 0), "right_hand_pose": ("pose_hand", 1)}
 
@@ -60,16 +60,16 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Layout:
-    """What a file was recognised as.
+    """The layout of a file.
 
     Attributes
     ----------
     name : "amass" or another layout.
     body : "smpl", "smplh", "smplx" or "finedance": how the columns are read.
-    poses : name of the array with all rotations, "" for an unnamed one; None if they come in parts.
+    poses : name of the array with all rotations, "" for an unnamed one; None if each part has its own array.
     translation : name of its array; None if it is in the same array.
-    up, unit : what the layout defines, None where it leaves it open.
-    scaling : name of the array to divide the translation by.
+    up, unit : as defined by the layout, None where it defines nothing.
+    scaling : name of the array that divides the translation.
     """
 
     name: str
@@ -82,17 +82,17 @@ class Layout:
 
     @property
     def skeleton(self) -> Skeleton:
-        """The body without a body model of one's own."""
+        """The skeleton to use without a body model."""
         return _BODIES[self.body]
 
 
 def recognise(arrays: ArrayFile, declared: str) -> Layout:
-    """Tell the layout by names and shapes, or check that it is the one declared.
+    """Recognise the layout by names and shapes, and check it against the declared one.
 
     Raises
     ------
     DataError
-        ``missing_key`` or ``bad_shape`` if it is none that is known; ``bad_declaration`` if another was declared.
+        ``missing_key`` or ``bad_shape`` for an unknown layout; ``bad_declaration`` if another one was declared.
     """
     names = arrays.names
     if "smpl_poses" in names and "smpl_trans" in names:
@@ -114,7 +114,7 @@ def _whole(arrays: ArrayFile, poses: str, translation: str) -> Layout:
     if body is None:
         raise _bad_shape(arrays, poses, "(T, 72) SMPL, (T, 156) SMPL-H or (T, 165) SMPL-X, axis-angle")
     if "smpl_scaling" in arrays.names:
-        why = "AIST++'s definition, as there is smpl_scaling"
+        why = "AIST++'s definition, by smpl_scaling"
         unit = Fact("m", "after division by smpl_scaling")
         return Layout(body, body, poses, translation, Fact("y", why), unit, "smpl_scaling")
     if body != "smpl" and _first(arrays.names, _AMASS_RATES):
@@ -140,7 +140,7 @@ def _amass(body: str, poses: str | None, translation: str) -> Layout:
 
 
 def _smpl_metres(body: str) -> Fact[str] | None:
-    # Files with 72 columns are about in centimetres and in multiples of metres; the others follow the model's code.
+    # Files with 72 columns exist in various units; the others follow the model's code.
     return None if body == "smpl" else Fact("m", "the body model's definition")
 
 
@@ -160,14 +160,14 @@ def _as_declared(arrays: ArrayFile, found: Layout, declared: str) -> Layout:
     if declared == "amass" and found.body in ("smplh", "smplx"):
         return _amass(found.body, found.poses, found.translation or "")
     if declared == found.body:
-        # AMASS's rate key, but said to be no AMASS: then its axes are open.
+        # It has AMASS's rate key but is declared not to be AMASS, so its axes are unknown.
         return Layout(found.body, found.body, found.poses, found.translation, unit=found.unit, scaling=found.scaling)
     raise bad_declaration(
         arrays.path,
         f"the file does not have the layout {declared}",
         f"{found.name}: arrays {arrays.listed}",
         f"layout {found.name}, or auto",
-        "correct layout, or leave it out",
+        "correct layout, or remove it",
     )
 
 
@@ -203,7 +203,7 @@ def read_motion(arrays: ArrayFile, layout: Layout) -> tuple[Floats, Floats]:
 
 
 def _joined(arrays: ArrayFile, layout: Layout, n_frames: int) -> Floats:
-    """Parts put together, (T, J * 3); parts that are not there do not turn."""
+    """Concatenate the parts, (T, J * 3); missing parts do not rotate."""
     pieces = [_part(arrays, names, width, n_frames) for names, width in _PARTS[layout.body]]
     return np.concatenate(pieces, axis=1)
 
@@ -212,16 +212,16 @@ def _part(arrays: ArrayFile, names: Sequence[str], width: int, n_frames: int) ->
     name = _first(arrays.names, names)
     pair, half = _PAIRS.get(names[0], ("", 0))
     if name:
-        part, wanted = _finite(arrays, name), f"(T, {width})"
+        part, allowed = _finite(arrays, name), f"(T, {width})"
     elif pair in arrays.names:
-        name, wanted = pair, f"(T, {2 * width})"
+        name, allowed = pair, f"(T, {2 * width})"
         part = _finite(arrays, pair)
         part = part[:, half * width : (half + 1) * width] if part.shape[1] == 2 * width else part[:, :0]
     else:
         return np.zeros((n_frames, width))
     if part.shape[1] != width:
-        hands = "save hands as full poses (use_pca=False), or leave them out" if "hand" in name else None
-        raise _bad_shape(arrays, name, f"{wanted}, axis-angle", hands)
+        hands = "save hands as full poses (use_pca=False), or omit them" if "hand" in name else None
+        raise _bad_shape(arrays, name, f"{allowed}, axis-angle", hands)
     if len(part) != n_frames:
         raise _lengths(arrays, name, len(part), "the translation", n_frames)
     return part
@@ -234,19 +234,19 @@ def _finedance(path: Path, array: Floats) -> Floats:
 
 
 def _finite(arrays: ArrayFile, name: str) -> Floats:
-    """One array as (T, columns), checked for frames, NaN and infinity."""
+    """Return one array as (T, columns), checked for frames, NaN and infinity."""
     shape = arrays.shape(name)
     if len(shape) < 2:
         raise _bad_shape(arrays, name, "frames x columns")
     if 0 in shape:
-        fix = "take the file away, or save it again"
+        fix = "remove the file, or save it again"
         raise DataError("the motion has no frames", reason="empty", where=str(arrays.path), found=str(shape), fix=fix)
     array = arrays.read(name).reshape(shape[0], -1)
-    require_finite(arrays.path, name or "the array", array, "cut these frames out, or take the file away")
+    require_finite(arrays.path, name or "the array", array, "remove these frames, or the file")
     if np.abs(array).max() > MAX_VALUE:
         frame = int(np.abs(array).max(axis=1).argmax())
         raise DataError(
-            f"{name or 'the array'} holds numbers that are no angles and no lengths",
+            f"{name or 'the array'} contains numbers outside the range of angles and lengths",
             reason="out_of_range",
             where=f"{arrays.path}, frame {frame}",
             found=f"{np.abs(array[frame]).max():.3g}",
@@ -270,8 +270,8 @@ def _scaling(arrays: ArrayFile, name: str) -> float:
     return float(value[0])
 
 
-def _first(names: Sequence[str], wanted: Sequence[str]) -> str:
-    return next((name for name in wanted if name in names), "")
+def _first(names: Sequence[str], candidates: Sequence[str]) -> str:
+    return next((name for name in candidates if name in names), "")
 
 
 def _width(arrays: ArrayFile, name: str) -> int:
@@ -280,24 +280,25 @@ def _width(arrays: ArrayFile, name: str) -> int:
 
 
 def _unknown(arrays: ArrayFile) -> DataError:
-    looked_at = arrays.names[:_LOOKED_AT]
     return DataError(
-        "the file holds no motion in a layout that is known",
+        "the arrays of the file match no known layout",
         reason="missing_key",
         where=str(arrays.path),
         found=f"arrays {arrays.listed}",
         allowed="poses and trans; smpl_poses and smpl_trans; global_orient, body_pose and transl; "
         "or one array (T, 315) in an .npy file",
-        fix=POSITIONS if any(_is_three_columns(arrays, name) for name in looked_at) else "rename the arrays",
+        fix=POSITIONS
+        if any(_is_three_columns(arrays, name) for name in arrays.names[:_MAX_SEARCHED])
+        else "rename the arrays",
     )
 
 
 def _is_three_columns(arrays: ArrayFile, name: str) -> bool:
-    """Tell whether an array is (T, J, 3), as joint positions are."""
+    """Return whether an array is (T, J, 3), as joint positions are."""
     try:
         shape = arrays.shape(name)
     except DataError:
-        return False  # no numbers
+        return False  # not numbers
     return len(shape) == 3 and shape[1] > 1 and shape[2] == 3
 
 
