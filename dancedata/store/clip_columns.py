@@ -37,7 +37,7 @@ class ClipRecord:
     tempo_bpm
         Tempo that the dataset states, beats per minute; None if unknown.
     source
-        Id of the clip that this one is a mirrored copy of, else empty.
+        Id of the clip that this one is a copy of, else empty.
     n_flags
         Number of quality flags raised for the clip; `Store.quality` has them.
     trim_start

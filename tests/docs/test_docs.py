@@ -153,7 +153,8 @@ def test_an_augmentation_is_one_file_of_the_tree(tmp_path: Path) -> None:
         shutil.copytree(ROOT / folder, tmp_path / "tree" / folder, ignore=shutil.ignore_patterns("__pycache__"))
     (tmp_path / "tree/dancedata/augment/turn.py").write_text(_blocks(page, "python")[0], encoding="utf-8")
     (tmp_path / "recipe.yaml").write_text(_blocks(page, "yaml")[0], encoding="utf-8")
-    environment = {**os.environ, "PYTHONPATH": str(tmp_path / "tree"), "DANCEDATA_CACHE": str(tmp_path / "cache")}
+    paths = os.pathsep.join([str(tmp_path / "tree"), os.environ.get("PYTHONPATH", "")])
+    environment = {**os.environ, "PYTHONPATH": paths, "DANCEDATA_CACHE": str(tmp_path / "cache")}
     assert "turn" in json.loads(_dancedata(environment, tmp_path, "list", "--json"))["augmentations"]
     planned = json.loads(_dancedata(environment, tmp_path, "plan", "recipe.yaml", "--out", "out", "--json"))
     _dancedata(environment, tmp_path, "build", "recipe.yaml", "--out", "out", "--jobs", "2")
