@@ -24,8 +24,9 @@ from dancedata.core.grid import FrameGrid, Number
 from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
 from dancedata.execution.cache import Cache, CachedArray, default_cache
-from dancedata.execution.execute import Progress, exactly, on_one_thread
 from dancedata.execution.lost_entries import with_lost_entries
+from dancedata.execution.progress import Progress
+from dancedata.execution.threads import exactly, on_one_thread
 from dancedata.pipeline.audio import (
     FeatureKeys,
     SignalId,

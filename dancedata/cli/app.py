@@ -39,6 +39,7 @@ Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print no progress.")
 CACHE_HELP = "Cache folder; default $DANCEDATA_CACHE, else the user's cache folder."
 CacheFolder = Annotated[Path | None, typer.Option("--cache", help=CACHE_HELP)]
 ATOL_HELP = "Floating-point values that differ by no more than this are the same; default: compared exactly."
+KINDS_HELP = "dataset, representation, contact-rule, feature, key-motion, augmentation or filter."
 PART_HELP = "Compute the K-th of N shares of the work into the cache and write no dataset, for job arrays."
 
 
@@ -67,46 +68,28 @@ def build(
     as_json: AsJson = False,
 ) -> None:
     """Build a dataset: dancedata build aist++ --source DIR --out DIR."""
-    from dancedata.cli.text import store_json
-    from dancedata.execution.execute import Progress
-    from dancedata.pipeline.build import build as run_build
-    from dancedata.pipeline.summary import describe_built, describe_unchanged
-    from dancedata.recipes.parse import load_recipe
+    from dancedata.api import commands
 
-    made = load_recipe(recipe, overrides or ())
-    target = out or Path("data") / made.name
-    progress = Progress(quiet=quiet or as_json)
-    folder = _source_of(made, source, target)
-    if jobs is None:
-        from joblib import cpu_count
-
-        jobs = cpu_count()
     options: dict[str, Any] = {
-        "jobs": jobs, "strict": strict, "cache": cache, "progress": progress,
+        "overrides": overrides or (), "jobs": jobs, "strict": strict, "cache": cache,
+        "progress": not (quiet or as_json),
     }  # fmt: skip
     if part is not None:
         if backend != "loky" or scheduler is not None or overwrite:
             raise UsageError("--part goes with neither --backend, --scheduler nor --overwrite")
-        _build_part(made, folder, part, options, as_json)
+        share = commands.build_part(recipe, source, part, out=out, **options)
+        if as_json:
+            _print_json(share.to_json())
+        else:
+            typer.echo(str(share))
         return
-    progress.announce(f"building {made.name} from {folder} into {target}")
-    result = run_build(made, folder, target, overwrite=overwrite, backend=backend, scheduler=scheduler, **options)
+    result = commands.build(recipe, source, out, overwrite=overwrite, backend=backend, scheduler=scheduler, **options)
     if as_json:
-        _print_json({"built": result.built, **store_json(target)})
-        return
-    typer.echo(describe_built(target) if result.built else describe_unchanged(target))
+        from dancedata.cli.text import store_json
 
-
-def _build_part(recipe: Any, source: Path, text: str, options: dict[str, Any], as_json: bool) -> None:
-    from dancedata.pipeline.part import Part, build_part
-
-    part = Part.parse(text)
-    options["progress"].announce(f"computing part {text} of {recipe.name} from {source}")
-    result = build_part(recipe, source, part, **options)
-    if as_json:
-        _print_json(result.to_json())
+        _print_json({"built": result.built, **store_json(result.path)})
     else:
-        typer.echo(str(result))
+        typer.echo(result.summary)
 
 
 @app.command()
@@ -122,23 +105,16 @@ def plan(
     as_json: AsJson = False,
 ) -> None:
     """Show what a build would make; reads lengths only and writes nothing under OUT."""
-    from dancedata.cli.text import describe_plan
-    from dancedata.execution.execute import Progress
-    from dancedata.pipeline.plan import make_plan
-    from dancedata.recipes.parse import load_recipe
+    from dancedata.api import commands
 
-    made = load_recipe(recipe, overrides or ())
-    target = out or Path("data") / made.name
-    progress = Progress(quiet=quiet or as_json)
-    folder = _source_of(made, source, target)
-    if not folder.exists() and made.dataset.generates:
-        progress.say(f"the dataset {made.dataset.name} writes its own source: {folder}")
-    found = make_plan(made, folder, jobs=jobs, cache=cache, progress=progress)
+    found = commands.plan(
+        recipe, source, out, overrides=overrides or (), jobs=jobs, cache=cache, progress=not (quiet or as_json)
+    )
     if as_json:
         _print_json(found.to_json())
     found.require_clips()
     if not as_json:
-        typer.echo(describe_plan(found, target))
+        typer.echo(found.describe(out or Path("data") / found.recipe.name))
 
 
 @app.command()
@@ -153,19 +129,13 @@ def check(
     as_json: AsJson = False,
 ) -> None:
     """Check a built dataset or a source folder; exit code 1 if something is wrong."""
+    from dancedata.api import commands
     from dancedata.cli.text import describe_problems
-    from dancedata.execution.execute import Progress
-    from dancedata.pipeline.check import check as run_check
-    from dancedata.recipes.parse import load_recipe
 
-    if recipe is not None and dataset is not None:
-        raise UsageError("--dataset and --recipe both choose a reader", fix="give one of them")
-    if overrides and recipe is None:
-        raise UsageError(
-            "--set changes a key of a recipe", fix="name the recipe: dancedata check DIR --recipe RECIPE"
-        )
-    reader = dataset if recipe is None else load_recipe(recipe, overrides or ()).dataset
-    problems = run_check(path, dataset=reader, jobs=jobs, progress=Progress(quiet=quiet or as_json))
+    problems = commands.check(
+        path, dataset=dataset, recipe=recipe, overrides=overrides or (), jobs=jobs,
+        progress=not (quiet or as_json),
+    )  # fmt: skip
     errors = [p for p in problems if p.severity == "error"]
     if as_json:
         _print_json({"path": str(path), "ok": not errors, "problems": [p.to_json() for p in problems]})
@@ -196,13 +166,31 @@ def info(
 @app.command("list")
 @_errors_to_exit_codes
 def list_plugins(as_json: AsJson = False) -> None:
-    """List recipes, datasets, representations, contact rules and audio features, with their keys."""
+    """List recipes and plug-ins of all kinds, with their keys."""
     from dancedata.cli.text import catalogue, describe_catalogue
 
     if as_json:
         _print_json(catalogue())
     else:
         typer.echo(describe_catalogue(catalogue()))
+
+
+@app.command()
+@_errors_to_exit_codes
+def new(
+    kind: Annotated[str, typer.Argument(metavar="KIND", help=KINDS_HELP)],
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Its name in recipes, and of its Python module.")],
+    out: Annotated[Path, typer.Option(help="Folder to write NAME.py and test_NAME.py to.")] = Path(),
+    as_json: AsJson = False,
+) -> None:
+    """Write a plug-in and its test from a template; the test passes as it is."""
+    from dancedata.cli.new import write_plugin
+
+    made = write_plugin(kind, name, out)
+    if as_json:
+        _print_json(made.to_json())
+    else:
+        typer.echo(str(made))
 
 
 @app.command()
@@ -313,17 +301,6 @@ def _cache_root(cache: Path | None) -> Path:
     from dancedata.execution.cache import default_cache
 
     return (cache or default_cache()).absolute()
-
-
-def _source_of(recipe: Any, source: Path | None, out: Path) -> Path:
-    if source is not None:
-        return source
-    if recipe.dataset.generates:
-        return out.parent / f"{out.name}-source"
-    raise UsageError(
-        f"the dataset {recipe.dataset.name} needs a source",
-        fix=f"say where its files are: dancedata build {recipe.name} --source DIR",
-    )
 
 
 def _print_json(obj: Any) -> None:

@@ -55,7 +55,7 @@ def convert(
 ) -> None:
     """Convert the weights to safetensors: quicker to load, and smaller to move to a node without network."""
     from dancedata.audio.jukebox import convert as run_convert
-    from dancedata.audio.jukebox.feature import config_of
+    from dancedata.audio.jukebox.weights.folder import config_of
 
     made = run_convert(folder, out, layer, config=config_of(folder))
     n_bytes = sum(size for size, _ in made.files.values())

@@ -12,11 +12,10 @@ from typing import Any
 from dancedata.core.clip import Reject
 from dancedata.core.quality import IMPLAUSIBLE
 from dancedata.core.registry import REGISTRIES
-from dancedata.core.text import counted, shown
+from dancedata.core.text import shown, table
 from dancedata.execution.cache_admin import size_text
 from dancedata.pipeline.implausible import describe_implausible
 from dancedata.pipeline.left_out import left_out_lines
-from dancedata.pipeline.plan import Plan
 from dancedata.pipeline.rejects import NOTED
 from dancedata.recipes.parse import load_recipe, recipe_names
 from dancedata.store import Problem, Store, open_store
@@ -76,7 +75,7 @@ def describe_store(path: Path) -> str:
         f"  {about['scope']} scope, {shown(about['fps'])} frames a second, "
         f"windows of {windows['length']} frames every {windows['stride']}",
         f"  {_MUSIC_OF_WINDOWS[about['scope']]}",
-        *_table(
+        *table(
             ["split", "clips", "windows", "songs", "minutes"],
             [
                 [split, n["clips"], n["windows"], n["songs"], f"{n['hours'] * 60:.1f}"]
@@ -160,40 +159,7 @@ def describe_clips(path: Path) -> str:
             for c in store.clips
         ]
     head = ["clip", "split", "music", "frames", "windows", "flags", "bpm", "trim", "source fps", "height m", "genre"]
-    return "\n".join(_table(head, rows))
-
-
-def describe_plan(plan: Plan, out: Path) -> str:
-    """Return what `plan` prints."""
-    about = plan.to_json()
-    windows = about["recipe"]["windows"]
-    lines = [
-        f"{plan.recipe.name} into {shown(out)}: about {size_text(about['bytes'])}",
-        f"  {plan.recipe.scope} scope, {plan.recipe.grid} frames a second, "
-        f"windows of {windows['length_frames']} frames every {windows['stride_frames']}",
-        *_table(
-            ["split", "clips", "windows", "frames", "songs"],
-            [[s, n["clips"], n["windows"], n["frames"], n["songs"]] for s, n in about["splits"].items()],
-        ),
-        *(
-            f"  {name}: {f['columns']} columns, {f['dtype']}{_in_cache(plan, name)}"
-            for name, f in about["fields"].items()
-        ),
-        *(line if line.startswith(" ") else f"  would leave out: {line}" for line in _would_leave_out(plan)),
-        *(f"  note: {note}" for note in about["notes"]),
-    ]
-    return "\n".join(lines)
-
-
-def _would_leave_out(plan: Plan) -> list[str]:
-    windows = sum(clip.n_without_music for clip in plan.clips)
-    lines = [line.replace("  ", "    ", 1) if line.startswith(" ") else line for line in left_out_lines(plan.rejects)]
-    return [*lines, f"no_audio: {counted(windows, 'window')}"] if windows else lines
-
-
-def _in_cache(plan: Plan, field: str) -> str:
-    held = plan.cached[field]
-    return f"; in the cache: {held.cached} of {held.of} {held.unit}"
+    return "\n".join(table(head, rows))
 
 
 def describe_problems(path: Path, problems: Sequence[Problem]) -> str:
@@ -239,13 +205,3 @@ def describe_catalogue(found: Mapping[str, Any]) -> str:
             if entry.get("keys"):
                 lines.append(f"    keys: {', '.join(f'{k}={v!r}' for k, v in entry['keys'].items())}")
     return "\n".join(lines)
-
-
-def _table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> list[str]:
-    cells = [[shown(c) for c in row] for row in [head, *rows]]
-    widths = [max(len(row[i]) for row in cells) for i in range(len(head))]
-    return [
-        "  "
-        + "  ".join(c.ljust(w) if i == 0 else c.rjust(w) for i, (c, w) in enumerate(zip(row, widths, strict=True)))
-        for row in cells
-    ]

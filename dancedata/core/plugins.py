@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.audio_signal import AudioSignal
-from dancedata.core.clip import ClipRef, Scan
+from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.columns import Columns
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
@@ -24,7 +24,17 @@ from dancedata.core.motion import Motion
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import Skeleton
 
-__all__ = ["AudioFeature", "ContactRule", "Dataset", "Float32Array", "KeyMotionFinder", "Plugin", "Representation"]
+__all__ = [
+    "AudioFeature",
+    "Augmentation",
+    "ContactRule",
+    "Dataset",
+    "Float32Array",
+    "KeyMotionFinder",
+    "Plugin",
+    "Representation",
+    "WindowFilter",
+]
 
 Float32Array = npt.NDArray[np.float32]
 
@@ -241,3 +251,91 @@ class AudioFeature(Plugin):
     def make_example(cls, folder: Path) -> Self:
         """Return the feature with its defaults, for tests; one that needs files writes small ones into the folder."""
         return cls()
+
+
+class Augmentation(Plugin):
+    """Makes a copy of every train clip: from its motion before it is encoded, or from its encoded rows.
+
+    A plug-in defines `change_motion` or `change_rows`. A copy has the frames, windows and music of its clip.
+
+    Attributes
+    ----------
+    changes_motion
+        Whether the class defines `change_motion`, so that copies are encoded; set automatically.
+    """
+
+    changes_motion: ClassVar[bool] = False
+
+    def check(self, columns: Columns) -> None:
+        """Raise UsageError if copies of a motion or key motion field with these columns cannot be made."""
+        return
+
+    def change_motion(self, motion: Motion, clip: str) -> Motion:
+        """Return the motion of the copy: as many frames, the same rate and trim_start, a body of the same family.
+
+        Parameters
+        ----------
+        motion
+            The clip as the dataset loads it, at the rate of its source.
+        clip
+            Id of the clip, for what differs from clip to clip, such as a seed.
+        """
+        return motion
+
+    def change_rows(
+        self, rows: Float32Array, columns: Columns, *, kind: Literal["motion", "keymotion"], clip: str
+    ) -> Float32Array:
+        """Return the rows of the copy, in the shape and dtype of `rows`.
+
+        Parameters
+        ----------
+        rows
+            Read-only: (T, D) in track scope, (W, L, D) in window scope.
+        kind
+            Whether the field is a representation or holds key motions.
+        clip
+            Id of the clip.
+        """
+        return rows
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        cls.changes_motion = cls.change_motion is not Augmentation.change_motion
+
+
+class WindowFilter(Plugin):
+    """Decides which windows are kept, from the rows of one motion or key motion field.
+
+    Attributes
+    ----------
+    reason
+        Code of its rejects.
+    """
+
+    reason: ClassVar[str] = "filtered"
+
+    @property
+    @abstractmethod
+    def field(self) -> str:
+        """Name of the field that is looked at; usually a parameter."""
+
+    @property
+    def splits(self) -> tuple[str, ...]:
+        """Splits that are filtered; windows of the others are all kept."""
+        return ("train",)
+
+    def check(self, columns: Columns) -> None:
+        """Raise UsageError if windows of a field with these columns cannot be judged."""
+        return
+
+    @abstractmethod
+    def reject(self, rows: Float32Array, columns: Columns, grid: FrameGrid) -> Reject | None:
+        """Return why a window is left out, ``Reject(self.reason, detail=..., numbers=...)``; None if it is kept.
+
+        Parameters
+        ----------
+        rows
+            (L, D) rows of the window, not normalised, read-only.
+        columns, grid
+            Columns and rate of the rows.
+        """

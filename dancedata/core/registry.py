@@ -10,7 +10,16 @@ from importlib.metadata import entry_points
 from typing import Any, Generic, TypeVar
 
 from dancedata.core.errors import UsageError, did_you_mean
-from dancedata.core.plugins import AudioFeature, ContactRule, Dataset, KeyMotionFinder, Plugin, Representation
+from dancedata.core.plugins import (
+    AudioFeature,
+    Augmentation,
+    ContactRule,
+    Dataset,
+    KeyMotionFinder,
+    Plugin,
+    Representation,
+    WindowFilter,
+)
 
 P = TypeVar("P", bound=Plugin)
 C = TypeVar("C", bound=type[Plugin])
@@ -118,6 +127,8 @@ REPRESENTATIONS = Registry("representation", "dancedata.representations", Repres
 CONTACTS = Registry("contact rule", "dancedata.contacts", ContactRule)
 FEATURES = Registry("audio feature", "dancedata.audio", AudioFeature)
 KEYMOTIONS = Registry("key motion", "dancedata.keymotion", KeyMotionFinder)
+AUGMENTATIONS = Registry("augmentation", "dancedata.augment", Augmentation)
+FILTERS = Registry("window filter", "dancedata.filters", WindowFilter)
 
 #: All of them, by what `dancedata list` calls them.
 REGISTRIES: dict[str, Registry[Any]] = {
@@ -126,4 +137,6 @@ REGISTRIES: dict[str, Registry[Any]] = {
     "contacts": CONTACTS,
     "audio features": FEATURES,
     "key motions": KEYMOTIONS,
+    "augmentations": AUGMENTATIONS,
+    "window filters": FILTERS,
 }

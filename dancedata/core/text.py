@@ -8,13 +8,13 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from fractions import Fraction
 from numbers import Integral, Real
 from typing import Any
 from unicodedata import category
 
-__all__ = ["MAX_SHOWN", "counted", "is_unicode", "json_text", "listed", "printable", "quoted", "shown"]
+__all__ = ["MAX_SHOWN", "counted", "is_unicode", "json_text", "listed", "printable", "quoted", "shown", "table"]
 
 #: Most characters of a value in a message.
 MAX_SHOWN = 200
@@ -163,3 +163,14 @@ def json_text(obj: Any) -> str:
 def counted(n: int, noun: str) -> str:
     """Return a number with its noun: "1 clip", "1,408 clips"."""
     return f"{n:,} {noun}{'' if n == 1 else 's'}"
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> list[str]:
+    """Return the lines of a table, indented by two spaces: the first column to the left, the others to the right."""
+    cells = [[shown(cell) for cell in row] for row in [head, *rows]]
+    widths = [max(len(row[i]) for row in cells) for i in range(len(head))]
+    return [
+        "  "
+        + "  ".join(c.ljust(w) if i == 0 else c.rjust(w) for i, (c, w) in enumerate(zip(row, widths, strict=True)))
+        for row in cells
+    ]

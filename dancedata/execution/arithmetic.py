@@ -1,16 +1,16 @@
-"""Which instructions compute: the same ones on every x86-64 processor that has AVX2.
+"""The instructions that results are computed with: the same on every x86-64 processor that has AVX2.
 
-BLAS and numpy choose among kernels by the processor they find, and kernels round differently: with AVX-512, MFCC
-differ by up to 4e-4. A dataset, and a cache that machines share, must not depend on that. So what is computed for
-them is computed with one choice, that of the level x86-64-v3 (AVX2 and FMA: Intel from 2013, AMD from 2017):
-OpenBLAS's kernels for Haswell, and numpy's code for X86_V3.
+BLAS and numpy choose among kernels by the processor, and kernels round differently: with AVX-512, MFCC differ by up
+to 4e-4. A dataset, and a cache that machines share, must not depend on that. So everything in them is computed with
+one choice, that of the level x86-64-v3 (AVX2 and FMA: Intel from 2013, AMD from 2017): OpenBLAS's kernels for
+Haswell, and numpy's code for X86_V3.
 
 The choice is made when the libraries are loaded, from the environment. The command line makes it for itself and for
-the workers that it starts (`adopt`). Elsewhere, in a notebook or a training job, the libraries may have been loaded
-before; what has to be exact runs in a process of its own there (`dancedata.execution.reference_process`).
+the workers that it starts (`adopt`). In a notebook or a training job the libraries may have been loaded before;
+computations that have to be exact run in a second process there (`dancedata.execution.reference_process`).
 
-Where there is no such choice (no AVX2, another architecture, another BLAS), results are those of the machine, and
-their keys carry a description of it, so that they are never mixed. docs/decisions/0026 has the measurements.
+Where this choice does not exist (no AVX2, another architecture, another BLAS), results depend on the machine, and
+their keys contain a description of it, so that they are never mixed. docs/decisions/0026 has the measurements.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-#: What results are computed with wherever that is possible, as keys and dataset.json name it.
+#: The instructions that results are computed with wherever possible, as named in keys and dataset.json.
 REFERENCE = "x86-64-v3"
 #: Flags of /proc/cpuinfo that make up the level x86-64-v3.
 _FLAGS = {"avx", "avx2", "bmi1", "bmi2", "f16c", "fma", "abm", "movbe"}
@@ -39,27 +39,27 @@ _FOREIGN = (
     "MKL_ENABLE_INSTRUCTIONS",
     "BLIS_ARCH_TYPE",
 )
-#: By which users choose among the C library's functions, beside other things.
+#: Variable that chooses, among other things, between versions of the C library's functions.
 _TUNABLES, _TUNES_CODE = "GLIBC_TUNABLES", "glibc.cpu."
 # numpy 2.4 renamed its groups of features.
 _NUMPY_FEATURES = {(2, 4): "X86_V3", (0, 0): "SSSE3 SSE41 POPCNT SSE42 AVX F16C FMA3 AVX2"}
 
 
 def environment() -> dict[str, str]:
-    """Return this process's environment, changed so that a process started with it computes as it should."""
+    """Return this process's environment, changed so that a child uses the reference instructions."""
     changed = {**os.environ, **_changes()}
     return {name: value for name, value in changed.items() if value is not None}
 
 
 def adopt() -> None:
-    """Make this process compute as it should, if nothing that computes was loaded before; so its children."""
+    """Make this process and its children use the reference instructions, unless numpy is loaded already."""
     if "numpy" not in sys.modules:
         _set(_changes())
 
 
 @contextmanager
 def adopted_by_children() -> Iterator[None]:
-    """Give processes that are started within the context the environment that they need."""
+    """Give processes that are started within the context the environment of `environment`."""
     before = {name: os.environ.get(name) for name in _changes()}
     _set(_changes())
     try:
@@ -69,7 +69,7 @@ def adopted_by_children() -> Iterator[None]:
 
 
 def _changes() -> dict[str, str | None]:
-    """Return the variables to set; None: not to be set."""
+    """Return the variables to set; None: to be removed."""
     changes: dict[str, str | None] = dict.fromkeys(_FOREIGN)
     tunables = os.environ.get(_TUNABLES, "").split(":")
     changes[_TUNABLES] = ":".join(tunable for tunable in tunables if not tunable.startswith(_TUNES_CODE)) or None
@@ -106,8 +106,8 @@ def _numpy_features() -> str:
 
 
 def here() -> str:
-    """Return what this process computes with: `REFERENCE`, or a description."""
-    # Libraries come with modules: they are looked for again when modules were imported.
+    """Return the instructions that this process computes with: `REFERENCE`, or a description."""
+    # Modules load libraries: these are looked up again after imports.
     return _description(len(sys.modules))
 
 
@@ -126,13 +126,13 @@ def _description(n_modules: int) -> str:
     used = sorted({used.split("(")[0] for used, _ in numpy_code})
     parts = [platform.machine(), *blas, "numpy " + " ".join(used), *_set_at_start()]
     if not all(name.startswith("openblas ") for name in blas):
-        # Nothing says which kernels these choose.
+        # Which kernels these choose cannot be read.
         parts.append(platform.processor() or _model_name())
     return ", ".join(parts)
 
 
 def _blas() -> list[str]:
-    """Return the BLAS libraries that are loaded, with the kernels that they chose."""
+    """Return the loaded BLAS libraries, with the kernels that they chose."""
     import numpy as np  # noqa: F401  (loads one)
     from threadpoolctl import threadpool_info
 
@@ -141,7 +141,7 @@ def _blas() -> list[str]:
 
 
 def _numpy_code() -> list[tuple[str, list[str]]]:
-    """Return, for each of numpy's functions, for which features its code was made, and for which there is some."""
+    """Return, for each of numpy's functions, the features its code was compiled for, and all that it could use."""
     from numpy.lib.introspect import opt_func_info
 
     # Such as "X86_V3" of "X86_V4 X86_V3 baseline(X86_V2)".
@@ -150,7 +150,7 @@ def _numpy_code() -> list[tuple[str, list[str]]]:
 
 
 def is_chosen_by_user() -> bool:
-    """Tell whether a process that is started with `environment` may compute with something else than this one."""
+    """Tell whether a process started with `environment` may use other instructions than this one."""
     return has_reference() or bool(_set_at_start()) or any(x.split("=")[0] in _FOREIGN for x in _started_with())
 
 
@@ -167,18 +167,18 @@ def _is_beyond_v3(features: str) -> bool:
 
 
 def _is_left_out(used: str, there: list[str]) -> bool:
-    """Tell whether code up to x86-64-v3 is there and something less is used."""
+    """Tell whether code up to x86-64-v3 is available but code for less is used."""
     best = next((features for features in there if not _is_beyond_v3(features)), used)
     return best.split("(")[0] != used.split("(")[0]
 
 
 def _set_at_start() -> list[str]:
-    """Return what this process was started with that shapes the choice of code in the C library."""
+    """Return the variables at the start of this process that choose code in the C library."""
     return [line for line in _started_with() if line.startswith(f"{_TUNABLES}=") and _TUNES_CODE in line]
 
 
 def _started_with() -> list[str]:
-    """Return the variables, NAME=VALUE, that this process was started with; it may have changed them since then."""
+    """Return the variables, NAME=VALUE, that this process was started with; it may have changed them since."""
     try:
         return Path("/proc/self/environ").read_bytes().decode("utf-8", "replace").split("\0")
     except OSError:

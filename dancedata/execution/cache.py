@@ -1,4 +1,4 @@
-"""The content-addressed cache: every unit of work once, whatever build or training job asks for it."""
+"""The content-addressed cache: each unit of work is computed once for all builds and training jobs."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import mmap
 import os
 import time
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.metadata import version
@@ -23,15 +23,19 @@ from dancedata.core.hashing import json_sha256, sha256_file
 from dancedata.execution import cache_files as files
 
 ENVIRONMENT = "DANCEDATA_CACHE"
-#: What took longer than this to compute is flushed to disk before it appears in the cache.
+#: Results that took longer than this to compute are flushed to disk before they appear in the cache.
 DURABLE_FROM_S = 0.5
 
 
 def default_cache() -> Path:
-    """Return $DANCEDATA_CACHE, else dancedata's folder in the user's cache folder."""
+    """Return $DANCEDATA_CACHE, else `user_cache`."""
     named = os.environ.get(ENVIRONMENT)
-    if named:
-        return Path(named)
+    return Path(named) if named else user_cache()
+
+
+def user_cache() -> Path:
+    """Return dancedata's folder in the user's cache folder."""
+    # Not platformdirs: it ignores a relative $XDG_CACHE_HOME, which would move existing caches.
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "dancedata"
 
 
@@ -42,21 +46,21 @@ def package_version(name: str) -> str:
 
 
 class EntryLostError(StoreError):
-    """An entry of the cache that was there is gone or damaged; computing again puts it right."""
+    """An entry of the cache that existed is missing or damaged; it has to be computed again."""
 
 
 @dataclass(frozen=True)
 class CachedArray:
-    """An array in the cache, read when numpy asks for it.
+    """An array in the cache, read when it is converted to a numpy array.
 
     Attributes
     ----------
     path
         An entry: a .npy file with a checksum after its last value.
     shape
-        Shape of the array that is wanted.
+        Shape of the array, `entries` applied.
     entries
-        Numbers of the entries that are wanted, along the first axis; None: all.
+        Indices along the first axis; None: all.
     """
 
     path: Path
@@ -64,12 +68,12 @@ class CachedArray:
     entries: tuple[int, ...] | None = None
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> npt.NDArray[Any]:
-        """Load the array, checksum compared.
+        """Load the array and compare its checksum.
 
         Raises
         ------
         EntryLostError
-            If it is gone or damaged. A damaged entry is removed, so that it is computed again.
+            If it is missing or damaged. A damaged entry is removed, so that it is computed again.
         """
         try:
             array = files.read_array(self.path)
@@ -80,17 +84,17 @@ class CachedArray:
         return np.array(array if self.entries is None else array[list(self.entries)], dtype=dtype)
 
     def take(self, entries: tuple[int, ...]) -> CachedArray:
-        """Return some entries along the first axis, in that order."""
+        """Return the given indices along the first axis, in that order."""
         return CachedArray(self.path, (len(entries), *self.shape[1:]), entries)
 
     def mapped(self) -> npt.NDArray[Any]:
-        """Return all of the entry as a read-only view of the file; EntryLostError as above, checksum unseen.
+        """Return the whole entry as a read-only view of the file; EntryLostError as above. Compares no checksum.
 
-        It stays valid when the entry is removed from the cache, and `prune` leaves it alone as long as it lives.
+        `prune` does not remove the entry while the view exists: on a network file system the view would break.
         """
         try:
             with open(self.path, "rb") as file:
-                # The map keeps the open file, and with it the mark.
+                # The map keeps the file open, and with it the mark.
                 files.mark_in_use(file.fileno())
                 shape, dtype, begin = files.read_head(file.fileno())
                 data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
@@ -99,10 +103,10 @@ class CachedArray:
         return np.frombuffer(data, dtype, math.prod(shape), begin).reshape(shape)
 
     def _read_again(self) -> npt.NDArray[Any]:
-        """Read an entry that is not there, after a look into its folder.
+        """Read an entry that was not found, after its folder was listed.
 
-        A network file system remembers for a while that a name was not there when it was last looked for; on
-        another machine the entry was made since then. Listing its folder makes it look.
+        A network file system caches for a while that a name does not exist, although another machine has made the
+        entry meanwhile. Listing the folder updates that cache.
         """
         try:
             os.listdir(self.path.parent)
@@ -116,24 +120,24 @@ class CachedArray:
             problem = "an entry of the cache is damaged and was removed"
         else:
             problem = "an entry of the cache is gone"
-        fix = "run the same command again, only this entry is computed anew"
+        fix = "run the same command again: only this entry is computed again"
         return EntryLostError(problem, where=self.path, found=str(error), fix=fix)
 
 
 @dataclass(frozen=True)
 class Cache:
-    """Arrays and small JSON under keys that say all that shaped them.
+    """Arrays and small JSON documents under keys that hash everything that shaped them.
 
-    Many processes on many machines may share a cache: an entry appears whole or not at all, two writers of one
-    key write the same, and who wants an entry that another one is computing waits for it (`once`). Every entry
-    carries a checksum, which is compared when it is read.
+    Processes on several machines may share a cache: an entry appears whole or not at all, two writers of one key
+    write the same bytes, and a process waits for an entry that another one is computing (`once`). Every entry has a
+    checksum, which is compared when it is read.
 
     Attributes
     ----------
     root
         The folder.
     careful
-        Whether arrays are compared with their checksums when they are looked up: a damaged one counts as missing.
+        Compare arrays with their checksums when they are looked up: a damaged one counts as missing.
     """
 
     root: Path
@@ -141,13 +145,13 @@ class Cache:
 
     @staticmethod
     def key(stage: str, **what: Any) -> str:
-        """Return the key of a unit of work: a hash of its stage and of all that shapes its result."""
+        """Return the key of a unit of work: a hash of its stage and of everything that shapes its result."""
         return json_sha256({"stage": stage, **what})
 
     def array(self, stage: str, key: str) -> CachedArray | None:
-        """Return an array if it is there and as long as it should be; its bytes are compared when it is read.
+        """Return an array if it exists and has the right length; None if not.
 
-        They are compared now if the cache is `careful`.
+        Its checksum is compared when it is read; if the cache is `careful`, now.
         """
         path = self._name(stage, key, "npy")
         try:
@@ -160,7 +164,7 @@ class Cache:
             if self.careful:
                 files.read_array(Path(path))
         except (OSError, ValueError):
-            # Damaged, which is a disk's doing: it counts as missing and is made again.
+            # Damaged, as by a disk: it counts as missing and is computed again.
             return None
         finally:
             os.close(fd)
@@ -175,7 +179,7 @@ class Cache:
         return CachedArray(path, array.shape)
 
     def once(self, stage: str, key: str, compute: Callable[[], npt.NDArray[Any]]) -> CachedArray:
-        """Return an array, computed only if it is not there and nobody else is computing it."""
+        """Return an array; compute it if it does not exist and no other process is computing it."""
         found = self.array(stage, key)
         if found is not None:
             return found
@@ -189,21 +193,23 @@ class Cache:
 
     @contextmanager
     def lock(self, stage: str, key: str) -> Iterator[None]:
-        """Hold the lock of a unit of work while computing it; waits for whoever holds it.
+        """Hold the lock of a unit of work while it is computed; waits for another process that holds it.
 
-        A process that dies gives its locks back. What is held here is worth looking for again in the cache: who
-        had the lock before may have published it.
+        The lock is released when its holder dies. Look for the entry again once the lock is held: the holder before
+        may have published it.
         """
-        with entered(self.root, files.held(self.root / files.LOCKS, f"{stage}-{key}")):
+        with ExitStack() as stack:
+            with _clear_errors(self.root):  # of entering the context, not of what is done in it
+                stack.enter_context(files.locked_file(self.root / files.LOCKS, f"{stage}-{key}"))
             yield
 
     def json(self, stage: str, key: str) -> Any | None:
-        """Return JSON data if it is there."""
+        """Return JSON data, None if it does not exist."""
         path = self._name(stage, key, "json")
         try:
             found, used = files.read_json(path)
         except (OSError, ValueError):
-            # As above. Where the cache as a whole is no good, writing to it says so.
+            # As above. If the whole cache cannot be used, writing to it raises.
             return None
         files.note_use(path, used)
         return found
@@ -214,7 +220,7 @@ class Cache:
             files.publish(self.root, self._path(stage, key, "json"), files.json_parts(obj), durable=False)
 
     def holds(self, stage: str, key: str, suffix: str = "npy") -> bool:
-        """Tell whether an entry is there, for those who do not want it; its bytes are not looked at."""
+        """Tell whether an entry exists, without reading it or noting a use."""
         return self._path(stage, key, suffix).exists()
 
     def file_sha256(self, path: Path) -> str:
@@ -225,12 +231,12 @@ class Cache:
         """Return the SHA-256 of a file's bytes, read now, and remember it."""
         key = self.stat_key("sha256", path)
         found = sha256_file(path)
-        if self.stat_key("sha256", path) == key:  # else it changed meanwhile, and is somebody's to find out
+        if self.stat_key("sha256", path) == key:  # else it changed meanwhile, which the caller finds out
             self.put_json("files", key, found)
         return found
 
     def known_sha256(self, path: Path) -> str | None:
-        """Return what `file_sha256` remembers of a file, None if it would have to read it."""
+        """Return the SHA-256 that `file_sha256` has stored for a file, None if it would have to read the file."""
         known = self.json("files", self.stat_key("sha256", path))
         return None if known is None else str(known)
 
@@ -238,7 +244,7 @@ class Cache:
     def stat_key(what: str, path: Path) -> str:
         """Return a key that changes when the file at `path` does: its path, size, inode and times of change.
 
-        The time of a file's last change (ctime) is set by the system alone; that of its content can be set to any
+        The time of a file's last change (ctime) is set by the system only; the modification time can be set to any
         value, and programs that unpack or copy files do so.
         """
         stat = path.lstat()
@@ -259,23 +265,12 @@ class Cache:
 
 @lru_cache(maxsize=1024)
 def _real_folder(folder: str) -> str:
-    # Many files lie in few folders. Where a link in their path is changed, files have other inodes.
+    # Many files share a few folders. If a link in their path changes, the files have other inodes.
     return os.path.realpath(folder)
 
 
-@contextmanager
-def entered(root: Path, context: AbstractContextManager[Any]) -> Iterator[None]:
-    """Enter a context, with the errors of entering it made clear; not those of what is done within."""
-    with _clear_errors(root):
-        context.__enter__()
-    try:
-        yield
-    finally:
-        context.__exit__(None, None, None)
-
-
 class _clear_errors:  # noqa: N801
-    """Turn errors of the file system into one that names the cache."""
+    """Turns errors of the file system into one that names the cache."""
 
     def __init__(self, root: Path) -> None:
         self.root = root
@@ -289,5 +284,5 @@ class _clear_errors:  # noqa: N801
                 "the cache cannot be written",
                 where=self.root,
                 found=str(error),
-                fix=f"set {ENVIRONMENT} to a folder that is writable and has room",
+                fix=f"set {ENVIRONMENT} to a writable folder with free space",
             ) from error

@@ -1,4 +1,4 @@
-"""dancedata cache: what the cache holds, what to remove of it, and whether it is sound."""
+"""The commands `dancedata cache`: list, prune and verify the entries of a cache."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ class Entry:
     Attributes
     ----------
     size
-        Bytes on disk, blocks counted in full.
+        Bytes on disk, in whole blocks.
     used
-        Time of the last use, seconds since 1970; kept to the hour.
+        Time of the last use, in seconds since 1970, to the hour.
     """
 
     path: Path
@@ -45,7 +45,7 @@ class Entry:
 
 @dataclass
 class StageSum:
-    """Sums over a stage: entries, bytes, and the times of use of the oldest and the newest."""
+    """Sums over a stage: entries, bytes, and the earliest and latest time of use."""
 
     entries: int = 0
     bytes: int = 0
@@ -62,14 +62,14 @@ class StageSum:
 
 @dataclass
 class Pruned:
-    """What was removed, or would be, and what is left.
+    """What was removed, or would be, and what was kept.
 
     Attributes
     ----------
     in_use
-        Entries among those kept that would have gone, had not a build or a training job that is running used them.
+        Kept entries that would have been removed if a running build or training job did not use them.
     swept
-        Files that killed processes left, removed as well.
+        Files left by killed processes, removed as well.
     """
 
     removed: int = 0
@@ -110,7 +110,7 @@ def require_cache(root: Path) -> None:
 
 
 def entries(root: Path) -> Iterator[Entry]:
-    """List all entries of a cache; what vanishes meanwhile is passed over."""
+    """List all entries of a cache; entries that vanish meanwhile are skipped."""
     for stage in _folders(root):
         if stage.name not in files.STAGES:
             continue
@@ -130,7 +130,7 @@ def entries(root: Path) -> Iterator[Entry]:
 
 
 def cache_json(root: Path) -> dict[str, Any]:
-    """Return what `cache info --json` prints: by stage entries, bytes, least and most days without a use."""
+    """Return what `cache info --json` prints: entries, bytes, and the least and most days without use, by stage."""
     require_cache(root)
     now = time.time()
     stages: dict[str, StageSum] = {}
@@ -163,7 +163,7 @@ def describe_cache(about: dict[str, Any]) -> str:
 
 
 def size_text(n_bytes: float) -> str:
-    """Return a size with a unit of 1000."""
+    """Return a size in bytes as text with a decimal unit."""
     for unit in ("B", "kB", "MB"):
         if n_bytes < 1000:
             return f"{n_bytes:.3g} {unit}"
@@ -174,22 +174,22 @@ def size_text(n_bytes: float) -> str:
 def prune(
     root: Path, *, older_than_s: float | None = None, max_bytes: int | None = None, dry: bool = False
 ) -> Pruned:
-    """Remove entries by age and size, those used longest ago first, but none that is in use.
+    """Remove entries by age and size, the least recently used first, except those in use.
 
-    In use is what a training job has mapped (`FeatureCache`), and what was used since the oldest of the builds
-    began that are running now.
+    Entries are in use if a training job has them mapped (`FeatureCache`) or if they were used since the oldest
+    running build began.
 
     Parameters
     ----------
     older_than_s
-        Remove what was not used for so many seconds.
+        Remove entries that were not used for so many seconds.
     max_bytes
-        Then remove what was used longest ago, until the rest is within so many bytes.
+        Then remove the least recently used entries until the rest takes at most so many bytes.
     dry
-        Only say what would be removed.
+        Remove nothing, and return what would be removed.
     """
     if older_than_s is None and max_bytes is None:
-        raise UsageError("nothing says what to remove", fix="give --older-than 30d, --max-size 50GB, or both")
+        raise UsageError("no rule for what to remove", fix="give --older-than 30d, --max-size 50GB, or both")
     require_cache(root)
     now = time.time()
     result = Pruned(swept=0 if dry else files.sweep(root))
@@ -199,7 +199,7 @@ def prune(
     found = sorted(entries(root), key=lambda e: (e.used, e.path))
     total = sum(e.size for e in found)
     for entry in found:
-        # A use that lies in the future (the clock was set back) is no age.
+        # The last use may lie in the future: the clock was set back.
         old = older_than_s is not None and now - entry.used > older_than_s
         large = max_bytes is not None and total > max_bytes
         goes = (old or large) and entry.used < since and (dry or _removed(entry))
@@ -216,12 +216,12 @@ def prune(
 
 
 def verify_cache(root: Path, *, remove: bool = False) -> tuple[int, list[tuple[Path, str]]]:
-    """Compare every entry with its checksum; returns how many there are, and the damaged ones with what is wrong.
+    """Compare every entry with its checksum; returns the number of entries, and the damaged ones with the problem.
 
     Parameters
     ----------
     remove
-        Remove damaged entries. They are computed again when they are wanted; a build finds them by itself.
+        Remove damaged entries. They are computed again when they are needed; a build finds them by itself.
     """
     require_cache(root)
     damaged: list[tuple[Path, str]] = []
@@ -267,7 +267,7 @@ def _removed(entry: Entry) -> bool:
             "an entry of the cache cannot be removed",
             where=entry.path,
             found=str(error),
-            fix="entries belong to who made them: their owner can prune them",
+            fix="entries belong to the user who made them; that user can prune them",
         ) from error
 
 

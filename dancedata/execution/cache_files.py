@@ -1,8 +1,8 @@
-"""Files of the cache: entries that carry a checksum and appear whole, and locks that die with their holder.
+"""Files of the cache: entries with a checksum, which appear whole, temporary files and locks.
 
-Every writer holds a lock (flock) on its temporary file, and on a file of the unit that it computes. The kernel
-gives both back when a process dies, however it dies, so that `sweep` can tell what a killed process left from
-what a living one is writing, on every machine that shares the folder.
+Every writer holds a lock (see `core.locks`) on its temporary file, and on a file of the unit that it computes. So
+`sweep` can tell what a killed process left from what a living one is writing, on every machine that shares the
+folder.
 """
 
 from __future__ import annotations
@@ -22,35 +22,35 @@ from contextlib import ExitStack, contextmanager, suppress
 from itertools import islice
 from pathlib import Path
 from stat import S_ISREG
-from typing import Any
+from typing import Any, cast
 from uuid import uuid4
 
 import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.hashing import canonical_bytes
-from dancedata.core.locks import is_abandoned, left_behind, lock_file, open_held
+from dancedata.core.locks import file_lock, is_abandoned, lock_abandoned, lock_file, open_locked
 
-#: Folders of the cache: those of entries, and those of what is being written and who computes what.
+#: Folders of the cache: entries by stage, files that are being written, and locks of units that are being computed.
 STAGES = ("features", "motion", "clips", "signals", "files")
 TEMPORARY, LOCKS = "tmp", "locks"
-#: What says that a folder is a cache, at its top.
+#: File at the top of a folder that marks it as a cache.
 MARKER = "dancedata-cache.txt"
 _MARK = b"A cache of dancedata, format 1. It only saves time: it may be deleted when nothing runs.\n"
 #: Names of entries: <stage>/<two digits>/<sha256>.npy or .json; of temporary files; of locks. Nothing else is ever
-#: removed, for a cache may lie in a folder that holds other things too.
+#: removed, since the folder may hold other files too. Earlier versions made temporary files named *.unit.
 ENTRY = re.compile(r"(?P<two>[0-9a-f]{2})[0-9a-f]{62}\.(npy|json)")
 _TWO_DIGITS = re.compile(r"[0-9a-f]{2}")
 _TEMPORARY_NAME = re.compile(r"dancedata-[0-9a-f]{32}(\.tmp|\.token|-[0-9]+\.unit)")
 _LOCK_NAME = re.compile(rf"({'|'.join(STAGES)})-[0-9a-f]{{64}}|build-[0-9a-f]{{32}}")
-#: How the names of files in LOCKS begin that builds hold as long as they run.
+#: Prefix of the locks in LOCKS that builds hold as long as they run.
 RUNNING = "build-"
-#: Files looked at in a stage at most, to find out whether a folder is a cache that has no marker.
+#: Most files read per stage to find out whether a folder without a marker is a cache.
 _LOOKED_AT = 16
-#: How exactly the time of the last use is kept: a use sooner after the last one writes nothing.
+#: Resolution of the time of last use: a use sooner after the last one writes nothing.
 USE_GRANULARITY_S = 3600.0
 _HEAD_BYTES = 512
-#: After the bytes of a .npy file: a word that says what follows, and the CRC-32 of all before it.
+#: After the bytes of a .npy file: a magic word, and the CRC-32 of everything before it.
 _TRAILER = struct.Struct("<8sQ")
 _WORD = b"ddcache1"
 _HEAD = re.compile(
@@ -62,7 +62,7 @@ _JSON_HEAD = re.compile(rb'\{"crc32": (?P<crc>[0-9]{1,10}), "content": ')
 
 
 def array_parts(array: npt.NDArray[Any]) -> list[bytes | memoryview]:
-    """Return the bytes of an array's entry: a .npy file, and a checksum after it that .npy readers do not see."""
+    """Return the bytes of an array's entry: a .npy file, and a checksum after it that .npy readers ignore."""
     array = np.asarray(array, order="C")
     head = io.BytesIO()
     np.lib.format.write_array_header_1_0(head, np.lib.format.header_data_from_array_1_0(array))
@@ -72,7 +72,7 @@ def array_parts(array: npt.NDArray[Any]) -> list[bytes | memoryview]:
 
 
 def read_head(fd: int) -> tuple[tuple[int, ...], np.dtype[Any], int]:
-    """Return shape, dtype and first byte of an entry's values; ValueError if it is not as long as it says."""
+    """Return shape, dtype and offset of an entry's values; ValueError if its length does not match."""
     head = os.pread(fd, _HEAD_BYTES, 0)
     # As `array_parts` writes it, and numpy since version 1: numpy's own reader takes longer than the rest of this.
     found = _HEAD.match(head)
@@ -103,14 +103,14 @@ def read_array(path: Path) -> npt.NDArray[Any]:
 
 
 def json_parts(obj: Any) -> list[bytes | memoryview]:
-    """Return the bytes of a JSON entry, which names its own checksum."""
+    """Return the bytes of a JSON entry, which contains its own checksum."""
     text = canonical_bytes(obj)
     return [b'{"crc32": %d, "content": ' % zlib.crc32(text), text, b"}\n"]
 
 
 def read_json(path: str | Path) -> tuple[Any, float]:
     """Read a JSON entry, and when it was last used; ValueError if it is damaged, OSError if it cannot be read."""
-    fd = os.open(path, os.O_RDONLY)  # half the time of an open file of Python's
+    fd = os.open(path, os.O_RDONLY)  # takes half the time of open()
     try:
         stat = os.fstat(fd)
         entry = os.pread(fd, stat.st_size, 0)
@@ -126,23 +126,23 @@ def read_json(path: str | Path) -> tuple[Any, float]:
 
 
 def note_use(path: str, used: float) -> None:
-    """Say that an entry is being used, for `prune`: its time of change is the time of its last use.
+    """Record the use of an entry for `prune`: its modification time is the time of its last use.
 
-    The access time is no good for it: most file systems are mounted so that it is kept late or never.
+    The access time cannot be used: most file systems are mounted so that it is updated late or never.
     """
     # Also where the last use lies in the future: the clock was set back.
     if abs(time.time() - used) > USE_GRANULARITY_S:
-        with suppress(OSError):  # somebody else's, or a cache that may only be read
+        with suppress(OSError):  # another user's entry, or a read-only cache
             os.utime(path)
 
 
 def publish(root: Path, path: Path, parts: Sequence[bytes | memoryview], *, durable: bool) -> None:
-    """Make a file appear whole at `path`, a place within the cache `root`.
+    """Write a file that appears whole at `path`, within the cache `root`.
 
-    With `durable` it is flushed to disk before it appears. Without, a machine that loses power may leave a
-    damaged entry, which its checksum gives away.
+    With `durable` it is flushed to disk before it appears. Without it, a power failure may leave a damaged entry,
+    which its checksum shows.
     """
-    fd, temporary = _open_held(root / TEMPORARY, f"{temporary_name()}.tmp")
+    fd, temporary = _open_temporary(root)
     try:
         for part in parts:
             _write_all(fd, part)
@@ -168,45 +168,42 @@ def _write_all(fd: int, part: bytes | memoryview) -> None:
 
 
 @contextmanager
-def held(folder: Path, name: str) -> Iterator[Path]:
-    """Hold a file in `folder` and its lock, waiting for whoever holds it; it is gone afterwards.
-
-    Where the file system knows no locks nobody waits.
-    """
-    fd, path = _open_held(folder, name)
-    try:
-        yield path
-    finally:
-        with suppress(OSError):
-            path.unlink()  # while it is held: who waits for it finds out and makes a new one
-        os.close(fd)
+def locked_file(folder: Path, name: str) -> Iterator[Path]:
+    """Hold a file in a folder of the cache and its lock, see `file_lock`; the folder is made if it is missing."""
+    with ExitStack() as stack:
+        try:
+            stack.enter_context(file_lock(folder / name))
+        except FileNotFoundError:
+            _make_folder(folder)
+            stack.enter_context(file_lock(folder / name))
+        yield folder / name
 
 
 @contextmanager
 def running(root: Path) -> Iterator[None]:
-    """Say, within the context, that a build is running: `cache prune` leaves alone what it may be using."""
+    """Mark, within the context, that a build is running: `cache prune` keeps the entries that it may be using."""
     with ExitStack() as stack:
-        with suppress(OSError):  # a cache that may only be read is enough for a build that finds all in it
-            stack.enter_context(held(root / LOCKS, f"{RUNNING}{uuid4().hex}"))
+        with suppress(OSError):  # a read-only cache suffices for a build that finds everything in it
+            stack.enter_context(locked_file(root / LOCKS, f"{RUNNING}{uuid4().hex}"))
             mark(root)
         yield
 
 
 def oldest_running(root: Path) -> float | None:
-    """Return when the oldest of the builds began that are running now, seconds since 1970."""
+    """Return when the oldest running build began, in seconds since 1970; None if none is running."""
     begun = []
     for name in _listed(root / LOCKS):
         if name.startswith(RUNNING) and _LOCK_NAME.fullmatch(name):
             path = root / LOCKS / name
             with suppress(FileNotFoundError):
                 since = path.stat().st_mtime
-                if not left_behind(path):
+                if not is_abandoned(path):
                     begun.append(since)
     return min(begun, default=None)
 
 
 def mark_in_use(fd: int) -> None:
-    """Mark an open entry as in use until the last copy of `fd` is closed; FileNotFoundError if it is removed."""
+    """Mark an open entry as in use until the last copy of `fd` is closed; FileNotFoundError if it was removed."""
     lock_file(fd, fcntl.LOCK_SH)
     if not os.fstat(fd).st_nlink:
         raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
@@ -218,7 +215,7 @@ def remove_unused(path: Path, used: float) -> bool:
     Raises
     ------
     OSError
-        If it may not be removed.
+        If this user is not allowed to remove it.
     """
     try:
         fd = os.open(path, os.O_RDWR)
@@ -236,12 +233,12 @@ def remove_unused(path: Path, used: float) -> bool:
 
 
 def is_cache(root: Path) -> bool:
-    """Tell whether a folder is known as a cache: by its marker, or by entries in it, as before there were markers."""
+    """Tell whether a folder is a cache: it has a marker, or, as caches of earlier versions, entries."""
     return _is_marked(root) or any(_is_entry(path) for path in _first_entries(root))
 
 
 def mark(root: Path) -> None:
-    """Say in a folder that it is a cache, unless something has the marker's name already."""
+    """Mark a folder as a cache, unless a file with the marker's name exists."""
     with suppress(OSError):  # a cache may be read-only
         fd = os.open(root / MARKER, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666)
         try:
@@ -255,14 +252,14 @@ def _is_marked(root: Path) -> bool:
     try:
         if not S_ISREG(marker.lstat().st_mode) or marker.stat().st_size > len(_MARK):
             return False
-        # Empty: a process was killed in the midst of `mark`.
+        # Empty: a process was killed during `mark`.
         return marker.read_bytes() in (_MARK, b"")
     except OSError:
         return False
 
 
 def _first_entries(root: Path) -> Iterator[Path]:
-    """List some files that have an entry's name and place."""
+    """List some files that have the name and the place of an entry."""
     for stage in STAGES:
         named = (
             root / stage / two / name
@@ -275,7 +272,7 @@ def _first_entries(root: Path) -> Iterator[Path]:
 
 
 def _is_entry(path: Path) -> bool:
-    """Tell whether a file begins and ends as entries do."""
+    """Tell whether a file begins and ends as an entry does."""
     try:
         if not S_ISREG(path.lstat().st_mode):
             return False
@@ -290,9 +287,9 @@ def _is_entry(path: Path) -> bool:
 
 
 def sweep(root: Path) -> int:
-    """Remove temporary files and locks that killed processes left; returns how many. Marks a cache without marker.
+    """Remove temporary files and locks that killed processes left; returns how many. Marks a cache without a marker.
 
-    Only names that the cache gives, and only in a folder that is known as a cache.
+    Removes only files with names that the cache gives, and only in a folder that is a cache.
     """
     if not is_cache(root):
         return 0
@@ -309,9 +306,9 @@ def _remove_abandoned(path: Path) -> bool:
     except OSError:
         return False
     try:
-        if not S_ISREG(os.fstat(fd).st_mode) or not is_abandoned(fd):
+        if not S_ISREG(os.fstat(fd).st_mode) or not lock_abandoned(fd):
             return False
-        path.unlink()  # while it is held: a process that was about to hold it finds out and makes a new one
+        path.unlink()  # while it is locked: a process that waits for it notices and makes a new one
     except OSError:
         return False
     finally:
@@ -320,7 +317,7 @@ def _remove_abandoned(path: Path) -> bool:
 
 
 def temporary_name() -> str:
-    """Return how the name of a new temporary file begins."""
+    """Return the beginning of the name of a new temporary file."""
     return f"dancedata-{uuid4().hex}"
 
 
@@ -331,12 +328,18 @@ def _listed(folder: Path) -> list[str]:
         return []
 
 
-def _open_held(folder: Path, name: str) -> tuple[int, Path]:
-    """Open a file and lock it, see `open_held`; its folder is made, and the cache marked, if it is missing."""
+def _open_temporary(root: Path) -> tuple[int, Path]:
+    """Make a temporary file in the cache, and lock it; returns its descriptor and its path."""
+    path = root / TEMPORARY / f"{temporary_name()}.tmp"
     try:
-        return open_held(folder, name)
+        fd = open_locked(path)
     except FileNotFoundError:
-        folder.mkdir(parents=True, exist_ok=True)
-        if folder.name in (TEMPORARY, LOCKS):
-            mark(folder.parent)
-        return open_held(folder, name)
+        _make_folder(path.parent)
+        fd = open_locked(path)
+    return cast(int, fd), path  # it waits
+
+
+def _make_folder(folder: Path) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    if folder.name in (TEMPORARY, LOCKS):
+        mark(folder.parent)

@@ -1,4 +1,4 @@
-"""Computes in a process of its own what this process would compute with other instructions.
+"""Computes in a second process what this process would compute with other instructions.
 
 A notebook or a training job has loaded numpy long before it asks for a feature, so that kernels cannot be chosen any
 more. It needs one more process, started when there is something to compute and kept for what comes next. That works
@@ -44,7 +44,7 @@ _START = (
 
 
 def expected() -> str:
-    """Return what results are computed with on this machine, by whichever process: a part of their keys."""
+    """Return the instructions that this machine's results are computed with, in any process: a part of their keys."""
     here = arithmetic.here()
     if here == arithmetic.REFERENCE or not arithmetic.is_chosen_by_user():
         return here
@@ -56,7 +56,7 @@ def expected() -> str:
 def compute(function: Callable[..., T], *args: Any) -> T:
     """Return ``function(*args)``, computed as `expected` says: here or in the reference process.
 
-    Function, arguments and result have to be picklable. What the function raises is raised here.
+    Function, arguments and result must be picklable. Exceptions of the function are raised here.
 
     Raises
     ------
@@ -71,17 +71,17 @@ def compute(function: Callable[..., T], *args: Any) -> T:
 
 @lru_cache(maxsize=1)
 def _process_of(pid: int) -> ReferenceProcess:
-    """Return this process's own, not that of the process it was forked from."""
+    """Return the reference process of this process, not that of the process it was forked from."""
     return ReferenceProcess()
 
 
 class ReferenceProcess:
-    """A process that computes with the instructions that results are promised for.
+    """A process that computes with the instructions that builds use.
 
     Attributes
     ----------
     arithmetic
-        What it computes with; `arithmetic.REFERENCE` wherever that can be had.
+        Its instructions; `arithmetic.REFERENCE` wherever the processor has them.
     """
 
     def __init__(self) -> None:
@@ -102,7 +102,7 @@ class ReferenceProcess:
                 self._pipe.send_bytes(message)
                 is_error, found = self._receive()
             except BaseException:
-                # Interrupted, or dead: its answer must not be taken for that of the next call.
+                # Interrupted, or dead: its answer must not be returned by the next call.
                 self._process.kill()
                 self._process.wait()
                 raise
@@ -113,7 +113,7 @@ class ReferenceProcess:
     def _start(self) -> None:
         ours, theirs = Pipe()
         command = [sys.executable, "-c", _START, str(theirs.fileno()), json.dumps(sys.path)]
-        with theirs, shielded():  # Ctrl-C is for the process that asks
+        with theirs, shielded():  # Ctrl-C is for the calling process
             # Nothing in the command comes from outside.
             self._process = subprocess.Popen(  # noqa: S603
                 command, env=arithmetic.environment(), stdin=subprocess.DEVNULL, pass_fds=[theirs.fileno()]
@@ -121,7 +121,7 @@ class ReferenceProcess:
         self._pipe = ours
 
     def end(self) -> None:
-        """Let the process end, unless this is a fork of the one that started it."""
+        """End the process, unless this is a fork of the process that started it."""
         if os.getpid() == self._owner:
             self._pipe.close()
             self._process.wait()
@@ -134,12 +134,12 @@ class ReferenceProcess:
             raise ReferenceProcessError(
                 "the process that computes features died",
                 found=f"exit status {code}" if code >= 0 else f"signal {signal.Signals(-code).name}",
-                fix="if memory ran out, use a machine with more; else set the file aside and report it",
+                fix="if memory ran out, use a machine with more; else move the file out of the source and report it",
             ) from error
 
 
 def serve(fd: int) -> None:
-    """Compute what comes through a pipe until its other end is closed."""
+    """Compute the calls that arrive through a pipe until its other end is closed."""
     pipe = Connection(fd)
     with suppress(EOFError, ConnectionError):
         pipe.send_bytes(pickle.dumps(arithmetic.here()))
@@ -152,7 +152,7 @@ def _answer(message: bytes) -> bytes:
     try:
         function, args = pickle.loads(message)  # noqa: S301  (from the process that started this one)
         return bytes(cloudpickle.dumps((False, function(*args))))
-    except Exception as error:  # noqa: BLE001  (it is raised where it was asked for)
+    except Exception as error:  # noqa: BLE001  (it is raised in the calling process)
         try:
             return bytes(cloudpickle.dumps((True, error)))
         except Exception:  # noqa: BLE001  (an error that cannot travel)

@@ -1,4 +1,4 @@
-"""Starts processes that Ctrl-C does not reach: the one that started them ends them."""
+"""Starts child processes that Ctrl-C does not reach; their parent ends them."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from contextlib import contextmanager
 
 @contextmanager
 def shielded() -> Iterator[None]:
-    """Start processes within the context: they never get SIGINT; this process gets it when the context ends.
+    """Start processes within the context: they never receive SIGINT; this process receives it when the context ends.
 
-    A terminal sends SIGINT to all processes of a command. One that is just starting would print a traceback, and an
-    exception while it is being started leaves it waiting for its orders.
+    A terminal sends SIGINT to all processes of a command. A child that is starting would print a traceback, and an
+    exception in the parent while it starts one leaves the child waiting for input.
     """
-    held: list[int] = []
+    received: list[int] = []
     in_main = threading.current_thread() is threading.main_thread()
     before = signal.getsignal(signal.SIGINT)
     if in_main and before is not None:
-        signal.signal(signal.SIGINT, lambda number, _: held.append(number))
+        signal.signal(signal.SIGINT, lambda number, _: received.append(number))
     # Unlike handlers, the mask is inherited.
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
@@ -28,5 +28,5 @@ def shielded() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         if in_main and before is not None:
             signal.signal(signal.SIGINT, before)
-        if held:
+        if received:
             signal.raise_signal(signal.SIGINT)

@@ -1,4 +1,4 @@
-"""Key motions: where a dance comes to rest for a moment. One file, one finder; and Lodge's primitives."""
+"""Key motions: instants at which a dance comes to rest. `lodge` is the plug-in, the rest pure functions."""
 
 from dancedata.keymotion.characteristic_primitives import Primitives, borders, primitives
 from dancedata.keymotion.choreography import PlacedCues, choreographic_augmentation

@@ -1,7 +1,7 @@
 """Characteristic dance primitives: short pieces that stand for a long window (Lodge; Li et al., CVPR 2024).
 
-A window of N frames consists of N / n local segments. At its ends and at the borders between segments lie hard
-cues, which neighbouring segments share; inside each segment lie two soft cues, at key motions.
+A window of N frames consists of N / n local segments. Hard cues are at its ends and at the borders between segments,
+which adjacent segments share; each segment has two soft cues inside, at key motions.
 """
 
 from __future__ import annotations
@@ -23,34 +23,34 @@ from dancedata.keymotion.primitives_as_released import MAX_BIAS, key_frames, pie
 BoolArray = npt.NDArray[np.bool_]
 Variant = Literal["paper", "code"]
 
-#: Frames between the centre of a soft cue and the borders of its segment, at least.
+#: Least number of frames between the centre of a soft cue and the borders of its segment.
 MARGIN = 12
-#: Frames between the centres of two soft cues, at least: they do not overlap.
+#: Least number of frames between the centres of two soft cues, which then do not overlap.
 SPACING = LENGTH
 SOFT_PER_SEGMENT = 2
-#: With fewer frames a segment has no room for two soft cues at their distances.
+#: A segment with fewer frames is too short for two soft cues at these distances.
 MIN_SEGMENT = 4 * MARGIN
-#: What Lodge's own columns are: contacts 4, root 3, 22 or 52 joints in 6D.
+#: Widths of Lodge's columns: contacts 4, root 3, 22 or 52 joints in 6D.
 _LODGE_WIDTHS = (139, 319)
 
 
 @dataclass(frozen=True, eq=False)
 class Primitives:
-    """K primitives of 8 frames: hard cues, and two soft cues a segment.
+    """K primitives of 8 frames: hard cues, and two soft cues per segment.
 
     Attributes
     ----------
     frames
         (K, 8, D) rows of the window, in its dtype; a copy.
     start
-        (K,) first frame of each, counted from the window's. Ascending in `paper`; `code` keeps the order in
-        which Lodge joins them.
+        (K,) first frame of each, counted from the start of the window. Ascending in `paper`; in Lodge's order in
+        `code`.
     hard
         (K,) whether it is a hard cue.
     filled
-        (K,) whether a soft cue lies at no minimum but in a gap, because minima were too few.
+        (K,) whether a soft cue is in a gap instead of at a minimum, because there were too few minima.
     source
-        K times "start", "border", "end" (hard), "minimum" or "filled" (soft).
+        (K) of "start", "border", "end" (hard), "minimum" or "filled" (soft).
     n_window, n_segment
         N and n, frames.
     """
@@ -64,7 +64,7 @@ class Primitives:
     n_segment: int
 
     def __repr__(self) -> str:
-        """Show how many there are, and how many of them are hard."""
+        """Show the numbers of primitives and of hard cues."""
         shape = " x ".join(str(n) for n in self.frames.shape)
         return f"Primitives({shape}, {int(self.hard.sum())} hard, window {self.n_window}, segment {self.n_segment})"
 
@@ -79,38 +79,38 @@ def primitives(
     variant: Variant = "paper",
     bias: int | np.random.Generator = 0,
 ) -> Primitives:
-    """Take the primitives of a window; it is never written into.
+    """Take the primitives of a window; the window is not modified.
 
     `paper`: hard cues are the first and last 8 frames, and 8 around each inner border. Soft cues are, in each
     segment, the frames [m - 4, m + 4) around the two most prominent minima m that lie at least 12 frames from
-    the segment's borders and 8 from each other (of equal ones the earlier). What is missing is filled at the
-    middle of the largest gap between borders and chosen minima (the earlier of equal gaps).
+    the segment's borders and 8 from each other (of equal ones the earlier). If there are too few, soft cues are
+    placed at the middle of the largest gap between borders and chosen minima (the earlier of equal gaps).
 
-    `code`: what Lodge's released code does with a window by itself
-    (`dancedata.keymotion.primitives_as_released`). The root's x and z are then relative to each piece's first
-    frame, save in the first piece. No option alters that.
+    `code`: as in Lodge's released code (`dancedata.keymotion.primitives_as_released`). The root's x and z are then
+    relative to the first frame of each piece, except in the first piece.
 
     Parameters
     ----------
     window
-        (N, D) columns, not normalised. Any columns if `minima` are given, else those of lodge139 or lodge319.
+        (N, D) columns, not normalised. Any columns if `minima` is given, else those of lodge139 or lodge319.
     N, n
         Frames of the window and of a segment; 1024 and 256 give 13 primitives, 8 of them soft.
     minima, prominence
-        (M,) frames of the clip's minima within this window, counted from its start, and how deep each is:
+        (M,) frames of the clip's minima within this window, counted from its start, and their depths:
         `KeyMotion.from_rows` of the stored rows. Without them they are found in the window alone, where minima
-        near its ends differ from the clip's. `paper` only: `code` always looks at the window alone.
+        near its ends differ from those of the clip. `paper` only: `code` always uses the window alone.
     variant
         "paper" or "code".
     bias
-        `code` only: frames, -2 .. 2, by which all pieces but the first and last are shifted; a generator draws it.
+        `code` only: frames, -2 .. 2, by which all pieces except the first and last are shifted; or a generator that
+        draws it.
 
     Raises
     ------
     UsageError
-        If lengths, minima or options do not fit together.
+        Lengths, minima or options do not match each other.
     DataError
-        "nan" or "bad_rotation", where the minima have to be found in the columns.
+        "nan" or "bad_rotation", if the minima are found in the columns.
     """
     window = np.asarray(window)
     _check_lengths(window, N, n)
@@ -119,26 +119,30 @@ def primitives(
             raise UsageError(
                 "variant code finds the minima of each window by itself",
                 found="minima of the clip",
-                fix="leave minima and prominence out, or use variant paper",
+                fix="omit minima and prominence, or use variant paper",
             )
         return _as_released(window, n, bias)
     if variant != "paper":
         raise UsageError(f"unknown variant {variant!r}", fix=did_you_mean(variant, ("paper", "code")))
     if not isinstance(bias, int | np.integer) or bias != 0:
-        raise UsageError("only variant code is shifted by a bias", found=f"bias {bias!r}", allowed="0")
+        raise UsageError("variant paper has no bias", found=f"bias {bias!r}", allowed="0")
     if n < MIN_SEGMENT:
-        raise UsageError("a segment has no room for two soft cues", found=f"n {n}", allowed=f"at least {MIN_SEGMENT}")
+        raise UsageError(
+            "a segment is too short for two soft cues", found=f"n {n}", allowed=f"at least {MIN_SEGMENT}"
+        )
     return _as_in_the_paper(window, n, *_minima(window, minima, prominence))
 
 
 def borders(window: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """Return the first 4 and the last 4 frames of a segment (n, D) as (8, D), for Lodge's local training.
 
-    They are the halves of the hard cues at its ends. A copy, in the window's dtype, values as they are.
+    They are the halves of the hard cues at its ends. A copy, in the dtype of the window.
     """
     window = np.asarray(window)
     if window.ndim != 2 or len(window) < LENGTH:
-        raise UsageError("borders takes a window (n, D)", found=f"shape {window.shape}", allowed="n of at least 8")
+        raise UsageError(
+            "borders: invalid shape of a segment", found=f"{window.shape}", allowed="(n, D), n at least 8"
+        )
     return np.concatenate([window[:HALF], window[-HALF:]])
 
 
@@ -148,7 +152,7 @@ def joints_of(window: npt.NDArray[Any]) -> Float64Array:
     Raises
     ------
     UsageError
-        For other columns.
+        The columns are not those of lodge139 or lodge319.
     DataError
         "nan" or "bad_rotation".
     """
@@ -158,67 +162,67 @@ def joints_of(window: npt.NDArray[Any]) -> Float64Array:
             "minima can only be found in Lodge's columns",
             found=f"{window.shape[-1]} columns",
             allowed="lodge139, lodge319",
-            fix="give minima and prominence, or take the window of another field",
+            fix="pass minima and prominence, or a window of another field",
         )
     body = window[:, 4 : _LODGE_WIDTHS[0]].astype(np.float64)
     if not np.isfinite(body).all():
-        raise DataError("the columns hold NaN or infinity", reason="nan", where="primitives")
+        raise DataError("the columns have NaN or infinity", reason="nan", where="primitives")
     rows = body[:, 3:].reshape(len(body), SMPLX22.n_joints, 2, 3)
-    # Rows of a rotation have length 1. Normalised columns do not, and would give minima of some other motion.
+    # Rows of a rotation have length 1. Those of normalised columns do not: their minima would be of another motion.
     bad = (np.abs(np.linalg.norm(rows, axis=-1) - 1) > 0.1).any(axis=-1)
     bad |= np.linalg.norm(np.cross(rows[..., 0, :], rows[..., 1, :]), axis=-1) < 0.1
     if bad.any():
         frame, joint = np.argwhere(bad)[0]
         raise DataError(
-            "six columns are no rotation",
+            "not a valid 6D rotation",
             reason="bad_rotation",
             where=f"primitives, frame {frame}, {SMPLX22.joints[joint]}",
             found=rows[frame, joint].round(3).tolist(),
-            fix="give columns that are not normalised",
+            fix="pass columns that are not normalised",
         )
     turns = rotvec_from_matrix(matrix_from_6d(rows.reshape(*rows.shape[:2], 6)))
-    # The rate plays no part in positions.
+    # Positions do not depend on the rate.
     return carried_over(Motion(body[:, :3], turns, FrameGrid.of(30), SMPLX22), SMPLX55).joints()
 
 
 def _check_lengths(window: npt.NDArray[Any], n_window: int, n: int) -> None:
     if window.ndim != 2 or len(window) != n_window:
         raise UsageError(
-            "N is the number of frames of the window",
+            "N differs from the number of frames of the window",
             found=f"window {window.shape}, N {n_window}",
             allowed=f"a window ({n_window}, D)",
         )
     if n < 1 or n_window < 1 or n_window % n:
-        raise UsageError("a window consists of whole segments", found=f"N {n_window}, n {n}", allowed="N = k n")
+        raise UsageError("N is not a multiple of n", found=f"N {n_window}, n {n}", allowed="N = k n")
 
 
 def _minima(
     window: npt.NDArray[Any], minima: npt.ArrayLike | None, prominence: npt.ArrayLike | None
 ) -> tuple[IntArray, Float64Array]:
-    """Check minima that were given, or find them."""
+    """Return the given minima, checked, or find them."""
     if minima is None and prominence is None:
         found = key_motion(joints_of(window))
         return found.minima, found.prominence
     if minima is None or prominence is None:
-        raise UsageError("minima and their prominence go together", found="one of them alone")
+        raise UsageError("minima and prominence must be given together", found="one of them")
     frames, depth = np.asarray(minima), np.asarray(prominence, dtype=np.float64)
     if frames.shape == depth.shape == (0,):
         return frames.astype(np.int64), depth
     if frames.ndim != 1 or depth.shape != frames.shape or not np.issubdtype(frames.dtype, np.integer):
         raise UsageError(
-            "minima are frames, with one prominence each",
+            "invalid minima or prominence",
             found=f"minima {frames.dtype} {frames.shape}, prominence {depth.shape}",
             allowed="integers (M,), numbers (M,)",
         )
     if frames.min() < 0 or frames.max() >= len(window) or (np.diff(frames) <= 0).any():
         raise UsageError(
-            "minima are frames of this window, ascending",
+            "minima must be frames of the window, ascending",
             found=f"{frames.min()} .. {frames.max()}",
             allowed=f"0 .. {len(window) - 1}",
             fix="count them from the window's first frame",
         )
     if not np.isfinite(depth).all():
-        raise UsageError("a prominence is a number", found="NaN or infinity")
+        raise UsageError("invalid prominence", found="NaN or infinity", allowed="finite numbers")
     return frames.astype(np.int64), depth
 
 
@@ -234,7 +238,7 @@ def _as_in_the_paper(window: npt.NDArray[Any], n: int, minima: IntArray, promine
 
 
 def _soft_cues(low: int, high: int, minima: IntArray, prominence: Float64Array) -> list[tuple[int, str]]:
-    """Choose the centres of a segment's soft cues, frames low .. high - 1; in the order of time."""
+    """Choose the centres of the soft cues of a segment, frames low .. high - 1; ascending."""
     inside = (minima >= low + MARGIN) & (minima <= high - MARGIN)
     frames, depth = minima[inside], prominence[inside]
     chosen: list[tuple[int, str]] = []
@@ -251,7 +255,9 @@ def _soft_cues(low: int, high: int, minima: IntArray, prominence: Float64Array) 
 def _as_released(window: npt.NDArray[Any], n: int, bias: int | np.random.Generator) -> Primitives:
     shift = int(bias.integers(-MAX_BIAS, MAX_BIAS + 1)) if isinstance(bias, np.random.Generator) else bias
     if not isinstance(shift, int | np.integer) or abs(shift) > MAX_BIAS:
-        raise UsageError("unknown bias", found=repr(bias), allowed=f"{-MAX_BIAS} .. {MAX_BIAS}, or a generator")
+        raise UsageError(
+            "invalid value for bias", found=repr(bias), allowed=f"{-MAX_BIAS} .. {MAX_BIAS}, or a generator"
+        )
     if len(window) < 2 * LENGTH:
         raise UsageError("the window is too short", found=f"N {len(window)}", allowed=f"at least {2 * LENGTH}")
     minima = key_motion(joints_of(window)).minima.tolist()

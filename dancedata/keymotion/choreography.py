@@ -13,7 +13,7 @@ from dancedata.core.errors import UsageError
 from dancedata.keymotion.characteristic_primitives import BoolArray, Primitives
 from dancedata.keymotion.minima import HALF, LENGTH, IntArray
 
-#: Frames that a centre moves at most to reach a beat.
+#: Most frames that a centre moves to reach a beat.
 MAX_SHIFT = 12
 #: Centres of Lodge's code as eighths of a segment: 28-36, 60-68, 156-164, 188-196 of 256 frames.
 _EIGHTHS = (1, 2, 5, 6)
@@ -25,18 +25,18 @@ _ROOT = slice(4, 7)
 
 @dataclass(frozen=True, eq=False)
 class PlacedCues:
-    """Soft cues and their mirror images, two of each a segment, where local diffusion shall meet them.
+    """Soft cues and their mirror images, two of each per segment, as targets of local diffusion.
 
     Attributes
     ----------
     frames
-        (2 S, 8, D) for S soft cues: each cue, then its mirror image. A copy, in the cues' dtype.
+        (2 S, 8, D) for S soft cues: each cue, then its mirror image. A copy, in the dtype of the cues.
     start
         (2 S,) first frame of each in the window, ascending.
     mirrored
         (2 S,) whether it is a mirror image.
     on_beat
-        (2 S,) whether its centre, start + 4, was moved to a beat; the others stand where Lodge's code puts them.
+        (2 S,) whether its centre, start + 4, was moved to a beat; the others are where Lodge's code puts them.
     free
         (D,) columns that a cue does not fix: the root, columns 4 to 6.
     """
@@ -48,7 +48,7 @@ class PlacedCues:
     free: BoolArray
 
     def __repr__(self) -> str:
-        """Show how many there are, and how many stand on beats."""
+        """Show the numbers of cues and of those on beats."""
         return f"PlacedCues({' x '.join(str(n) for n in self.frames.shape)}, {int(self.on_beat.sum())} on beats)"
 
 
@@ -56,35 +56,35 @@ def choreographic_augmentation(primitives: Primitives, beats: npt.ArrayLike, mir
     """Mirror the soft cues, 8 become 16, and place them on beats.
 
     In each segment of n frames the code's centres are n/8 (first cue), n/4 (its mirror image), 5n/8 (second
-    cue) and 3n/4 (its mirror image). In this order each moves to the nearest beat within 12 frames that no
-    other cue stands on; of two equally near ones to the earlier. Without one it stays.
+    cue) and 3n/4 (its mirror image). In this order each moves to the nearest beat within 12 frames that has no
+    other cue; of two equally near ones to the earlier. If there is none, it does not move.
 
-    Cues never overlap: a beat is passed over if the cue's frames [b - 4, b + 4) would meet those of another
-    cue, where that stands at the time, or the 4 frames at the segment's ends that belong to hard cues. From
-    n = 256 on, centres are too far apart for that to happen.
+    Cues never overlap: a beat is skipped if the cue's frames [b - 4, b + 4) would overlap those of another cue at its
+    current place, or the 4 frames at the segment's ends that belong to hard cues. From n = 256 on, centres are too
+    far apart for that.
 
     Parameters
     ----------
     primitives
         Of either variant, not normalised: a mirror image of normalised columns is another motion.
     beats
-        (M,) frames of the music's beats, counted from the window's start, in any order.
+        (M,) frames of the music's beats, counted from the start of the window, in any order.
     mirror
         Of the columns.
 
     Raises
     ------
     UsageError
-        If beats, mirror or lengths do not fit the primitives.
+        Beats, mirror or lengths do not match the primitives.
     """
     n, n_window, width = primitives.n_segment, primitives.n_window, primitives.frames.shape[2]
     if n < MIN_SEGMENT:
-        raise UsageError("a segment has no room for four cues", found=f"n {n}", allowed=f"at least {MIN_SEGMENT}")
+        raise UsageError("a segment is too short for four cues", found=f"n {n}", allowed=f"at least {MIN_SEGMENT}")
     if len(mirror.permutation) != width or width < _ROOT.stop:
         raise UsageError(
-            "the mirror is not that of these columns",
+            "the mirror does not match the columns",
             found=f"{len(mirror.permutation)} columns in the mirror, {width} in the primitives",
-            fix="take ds.fields[name].mirror of the field that the window was read from",
+            fix="pass ds.fields[name].mirror of the window's field",
         )
     soft = primitives.frames[~primitives.hard]
     frames = np.stack([soft, mirror.apply(soft)], axis=1).reshape(-1, LENGTH, width)
@@ -102,23 +102,23 @@ def _frames_of_beats(beats: npt.ArrayLike, n_window: int) -> IntArray:
         return frames.astype(np.int64)
     if frames.ndim != 1 or not np.issubdtype(frames.dtype, np.integer):
         raise UsageError(
-            "beats are frames",
+            "invalid beats",
             found=f"{frames.dtype} {frames.shape}",
             allowed="integers (M,)",
-            fix="of a column that is 1 at beats, take np.flatnonzero",
+            fix="pass np.flatnonzero of the column that is 1 at beats",
         )
     if frames.min() < 0 or frames.max() >= n_window:
         raise UsageError(
-            "beats are frames of this window",
+            "beats must be frames of the window",
             found=f"{frames.min()} .. {frames.max()}",
             allowed=f"0 .. {n_window - 1}",
-            fix="count them from the window's first frame, and leave out those of other windows",
+            fix="count them from the window's first frame, and omit those of other windows",
         )
     return np.unique(frames).astype(np.int64)
 
 
 def _on_beats(code: IntArray, beats: IntArray, n: int) -> tuple[IntArray, BoolArray]:
-    """Move centres to beats, one after another; they are 8 apart before and after every move."""
+    """Move centres to beats, one after another; centres stay at least 8 frames apart."""
     centres, on_beat = code.copy(), np.zeros(len(code), dtype=bool)
     for i, place in enumerate(code):
         low = place // n * n

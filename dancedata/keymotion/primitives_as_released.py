@@ -1,6 +1,6 @@
-"""What Lodge's released code takes from a window, slip by slip, save that it writes into a copy.
+"""The primitives of Lodge's released code, with its slips, except that it writes into a copy.
 
-Facts from the authors' repository (li-ronghui/LODGE, the global module's training step), written anew.
+Facts from the authors' repository (li-ronghui/LODGE, the global module's training step), implemented independently.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ import numpy.typing as npt
 from dancedata.core.errors import UsageError
 from dancedata.keymotion.minima import HALF, LENGTH, IntArray
 
-#: The code shifts all pieces of a sample but the first and last by one random number of frames in -2 .. 2.
+#: The code shifts all pieces of a sample except the first and last by one random number of frames in -2 .. 2.
 MAX_BIAS = 2
 #: Minima closer than this to the window's ends are dropped.
 _MARGIN = 12
-#: Gaps that are narrower are not filled while there is a wider one.
+#: Narrower gaps are not filled while there is a wider one.
 _MIN_GAP = 10
 #: Root x and z.
 _HORIZONTAL = [4, 6]
@@ -42,9 +42,9 @@ class Pieces(NamedTuple):
 def key_frames(minima: Sequence[int], count: int, n_window: int) -> list[Key]:
     """Choose `count` key frames of a window.
 
-    Slips of the code, kept: after a minimum that is dropped the next one is not looked at, so that it stays
-    wherever it lies; of many minima every (M // count)-th is taken, from the first, so that those of the
-    window's end may all be left out; where all gaps are narrow the first is filled, whatever it is.
+    Slips of the code, kept: after a minimum is dropped the next one is not checked, so that it stays anywhere; of
+    many minima every (M // count)-th is taken, from the first, so that all those near the end of the window may be
+    left out; if all gaps are narrow the first one is filled, whatever its width.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def key_frames(minima: Sequence[int], count: int, n_window: int) -> list[Key]:
     i = 0
     while i < len(kept):
         if not _MARGIN <= kept[i].frame <= n_window - _MARGIN:
-            del kept[i]  # the next one moves to place i, and the loop goes on after it
+            del kept[i]  # the next one moves to place i, and the loop continues after it
         i += 1
     if len(kept) >= count:
         return kept[:: len(kept) // count][:count]
@@ -74,14 +74,14 @@ def key_frames(minima: Sequence[int], count: int, n_window: int) -> list[Key]:
 def pieces(window: npt.NDArray[Any], keys: Sequence[Key], n: int, bias: int) -> Pieces:
     """Take the pieces that the code joins, each 8 frames, root x and z relative to its own first frame.
 
-    Slips of the code, kept: a piece for an inner border follows every second key, but lies at n i / K of the
-    local length n instead of the window's N; what one piece made relative, an overlapping later one takes in
-    that state, the first piece included where the first key touches it. Height stays as it is.
+    Slips of the code, kept: a piece for an inner border follows every second key, but at n i / K of the local length
+    n instead of the window's N; a piece that overlaps an earlier one takes the frames that were already made
+    relative, including the first piece if the first key touches it. The height is not changed.
 
     Parameters
     ----------
     window
-        (N, D); not written into.
+        (N, D); not modified.
     keys
         From `key_frames`.
     bias
@@ -90,7 +90,7 @@ def pieces(window: npt.NDArray[Any], keys: Sequence[Key], n: int, bias: int) -> 
     Raises
     ------
     UsageError
-        If a piece would begin before the window.
+        A piece would be outside of the window.
     """
     written = np.array(window)
     taken = [written[:LENGTH]]
@@ -99,9 +99,9 @@ def pieces(window: npt.NDArray[Any], keys: Sequence[Key], n: int, bias: int) -> 
     def take(first: int, name: str) -> None:
         if not 0 <= first <= len(written) - LENGTH:
             raise UsageError(
-                "the released code would take a piece that lies outside the window",
+                "variant code would take a piece outside the window",
                 found=f"frames {first} .. {first + LENGTH - 1} of {len(written)} (n {n}, bias {bias})",
-                fix="take longer segments, or variant paper",
+                fix="use longer segments, or variant paper",
             )
         piece = written[first : first + LENGTH]
         piece[:, _HORIZONTAL] -= piece[:1, _HORIZONTAL]

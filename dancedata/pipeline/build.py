@@ -16,10 +16,11 @@ from dancedata.core.text import printable, shown
 from dancedata.core.version import __version__
 from dancedata.execution.cache import Cache, default_cache, package_version
 from dancedata.execution.cache_files import running, sweep
-from dancedata.execution.execute import Progress
+from dancedata.execution.executors.base import Executor
 from dancedata.execution.lost_entries import with_lost_entries
+from dancedata.execution.progress import Progress
 from dancedata.execution.reference_process import expected
-from dancedata.execution.workers import Workers, check_backend, hired
+from dancedata.execution.workers import check_backend, start_workers
 from dancedata.pipeline.audio import libsndfile_version
 from dancedata.pipeline.card import dataset_card
 from dancedata.pipeline.clips import ComputedClips, compute_clips
@@ -29,30 +30,10 @@ from dancedata.pipeline.left_out import nothing_left, stop_if_strict
 from dancedata.pipeline.out_folder import check_out, locked, new_dataset
 from dancedata.pipeline.source_record import SourceRecord, source_differences
 from dancedata.pipeline.sources import Sources, identify, scan_source
+from dancedata.pipeline.summary import BuildResult
 from dancedata.recipes.recipe import Recipe, resolve
 from dancedata.store import Field, StoreHeader, open_store, write_store
 from dancedata.store.schema import DATASET_FILE
-
-
-@dataclass(frozen=True)
-class BuildResult:
-    """What a build did.
-
-    Attributes
-    ----------
-    built
-        False if the dataset was there already and nothing had to be done.
-    scan_notes
-        Notes of the dataset reader on the source.
-    """
-
-    out: Path
-    built: bool
-    scan_notes: tuple[str, ...]
-
-    def __repr__(self) -> str:
-        """Show where the dataset is, and whether it was built now."""
-        return f"BuildResult({str(self.out)!r}, built={self.built}, {len(self.scan_notes)} notes)"
 
 
 def build(
@@ -106,19 +87,20 @@ def build(
     with locked(out):
         check_out(out, overwrite=overwrite)
         scan = scan_source(recipe, source)
-        with hired_for(recipe, source, store_cache, jobs, backend, scheduler) as workers:
+        with workers_for(recipe, source, store_cache, jobs, backend, scheduler) as workers:
             made = _Build(recipe, source, out, scan, store_cache, workers, progress, overwrite, strict)
-            return BuildResult(out, built=made.run(), scan_notes=scan.notes)
+            return BuildResult.of(out, built=made.run())
 
 
 @contextmanager
-def hired_for(
+def workers_for(
     recipe: Recipe, source: Path, cache: Cache, jobs: int, backend: str = "loky", scheduler: str | None = None
-) -> Iterator[Workers]:
-    """Give workers for a recipe, see `hired`; what killed processes left in the cache is removed first."""
+) -> Iterator[Executor]:
+    """Give workers for a recipe, see `start_workers`; what killed processes left in the cache is removed first."""
     sweep(cache.root)
     packages = {name for job in recipe.audio for name in job.feature.packages}
-    with running(cache.root), hired(jobs, cache, source, packages, backend=backend, scheduler=scheduler) as workers:
+    started = start_workers(jobs, cache, source, packages, backend=backend, scheduler=scheduler)
+    with running(cache.root), started as workers:
         yield workers
 
 
@@ -131,7 +113,7 @@ class _Build:
     out: Path
     scan: Scan
     cache: Cache
-    workers: Workers
+    workers: Executor
     progress: Progress
     overwrite: bool
     strict: bool

@@ -11,8 +11,9 @@ from dancedata.core.errors import DataError, SourceError
 from dancedata.core.plugins import Dataset
 from dancedata.core.quality import implausible_flags
 from dancedata.core.registry import DATASETS
-from dancedata.execution.execute import Progress, run_units
-from dancedata.execution.last_words import doing
+from dancedata.execution.crash_report import named_if_it_crashes
+from dancedata.execution.progress import Progress
+from dancedata.execution.units import run_units
 from dancedata.pipeline.implausible import implausible_problems
 from dancedata.pipeline.rejects import NOTED, reject_of
 from dancedata.store import Problem, open_store, verify_store
@@ -42,7 +43,7 @@ def check(
         Of severity "error" or "note".
     """
     if dataset is None and path.is_dir() and any(_is_ours(p.name) for p in path.iterdir()):
-        with doing(f"checking, {path}"):
+        with named_if_it_crashes(f"checking, {path}"):
             problems = verify_store(path)
             if not any(p.severity == "error" for p in problems):
                 problems += _implausible(path)

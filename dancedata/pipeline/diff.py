@@ -86,6 +86,12 @@ def diff(a: str | Path, b: str | Path, *, atol: float | None = None) -> list[Dif
         If one of them is no finished dataset.
     UsageError
         If `atol` is not a number from 0 on.
+
+    Examples
+    --------
+    >>> import dancedata
+    >>> [str(found) for found in dancedata.diff("data/aistpp", "data/the-same-again")]
+    []
     """
     if atol is not None and not (math.isfinite(atol) and atol >= 0):
         raise UsageError("not a valid tolerance", found=repr(atol), allowed="a number from 0 on, such as 0.001")

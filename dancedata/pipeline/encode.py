@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 from dancedata.core.clip import Reject
 from dancedata.execution.cache import Cache
-from dancedata.execution.execute import Progress, run_units
-from dancedata.execution.workers import Jobs
+from dancedata.execution.progress import Progress
+from dancedata.execution.units import Jobs, run_units
 from dancedata.pipeline.motion import MotionKeys, MotionResult, encode_motion, known_motion
 from dancedata.pipeline.sources import SourceClip, Sources
 from dancedata.recipes.recipe import Recipe

@@ -11,8 +11,9 @@ from dancedata.core.clip import Reject
 from dancedata.core.errors import StoreError
 from dancedata.core.plugins import AudioFeature
 from dancedata.execution.cache import Cache, CachedArray
-from dancedata.execution.execute import Progress, run_units
-from dancedata.execution.workers import Jobs, Workers
+from dancedata.execution.executors.base import Executor
+from dancedata.execution.progress import Progress
+from dancedata.execution.units import Jobs, run_units
 from dancedata.pipeline.audio import (
     FeatureKeys,
     SignalId,
@@ -178,7 +179,7 @@ def _signal(clip: WindowedClip) -> SignalId:
 
 def _jobs_for(feature: AudioFeature, jobs: Jobs) -> Jobs:
     """Return the workers for a feature: one that computes on cards takes one process per card."""
-    return replace(jobs, n=feature.workers(jobs.n)) if isinstance(jobs, Workers) else feature.workers(jobs)
+    return replace(jobs, n=feature.workers(jobs.n)) if isinstance(jobs, Executor) else feature.workers(jobs)
 
 
 def _next_songs(feature: AudioFeature, songs: Sequence[Path]) -> list[Path | None]:

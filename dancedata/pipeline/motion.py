@@ -31,6 +31,7 @@ from dancedata.core.windows import count_windows
 from dancedata.execution.cache import Cache, CachedArray, package_version
 from dancedata.execution.reference_process import expected
 from dancedata.pipeline.rejects import BUILD_AGAIN, CHANGED, reject_of
+from dancedata.recipes.copies import CopySpec
 from dancedata.recipes.documents import document_of
 from dancedata.recipes.fields import KeyMotionField, MotionField
 from dancedata.recipes.recipe import Recipe
@@ -64,6 +65,13 @@ class MotionResult:
     height_m: float
     flags: tuple[dict[str, Any], ...] = ()
     arrays: dict[str, CachedArray] = field(default_factory=dict)
+
+    def stored(self, recipe: Recipe, starts: tuple[int, ...]) -> dict[str, CachedArray]:
+        """Return what is stored of the arrays; in window scope only the windows that begin at `starts`."""
+        if recipe.scope == "track":
+            return self.arrays
+        numbers = recipe.windows.numbers(starts)
+        return {name: array.take(numbers) for name, array in self.arrays.items()}
 
 
 @dataclass(frozen=True)
@@ -108,11 +116,14 @@ class MotionKeys:
     ----------
     content
         Hashes of the files that the dataset's parameters name, see `content_hashes`.
+    copies
+        Copies of the clips, whose motion an augmentation changes; None: the clips themselves.
     """
 
-    def __init__(self, recipe: Recipe, content: Mapping[str, str]) -> None:
+    def __init__(self, recipe: Recipe, content: Mapping[str, str], copies: CopySpec | None = None) -> None:
         dataset = recipe.dataset
         loading = [dataset.name, dataset.version, document_of(dataset, loading=True), dict(content)]
+        loading += [] if copies is None else [copies.key()]
         limits = [MAX_TURN_DEG_S, MAX_ROOT_SPEED_M_S, *PLAUSIBLE_BODY_M, *PLAUSIBLE_ROOT]
         self._content = dict(content)
         arithmetic = expected()
@@ -143,11 +154,13 @@ class MotionKeys:
         return ClipKeys(key(self._clip), {name: key(common) for name, common in self._fields.items()}, self._content)
 
 
-def encode_motion(cache: Cache, recipe: Recipe, ref: ClipRef, sha256: str, keys: ClipKeys) -> MotionResult | Reject:
-    """Load, check, resample and encode one clip, for every motion and key motion field of the recipe."""
+def encode_motion(
+    cache: Cache, recipe: Recipe, ref: ClipRef, sha256: str, keys: ClipKeys, copies: CopySpec | None = None
+) -> MotionResult | Reject:
+    """Load, check, resample and encode one clip, or its copy, for every motion and key motion field of the recipe."""
     try:
         with cache.lock("clips", keys.info):
-            return _result(recipe, *_encode_missing(cache, recipe, ref, keys, sha256))
+            return _result(recipe, *_encode_missing(cache, recipe, ref, keys, sha256, copies))
     except DataError as error:
         return reject_of(error, clip=ref.id, file=ref.motion_path)
 
@@ -178,13 +191,14 @@ def _encoded(cache: Cache, keys: ClipKeys) -> tuple[list[Any] | None, dict[str, 
 
 
 def _encode_missing(
-    cache: Cache, recipe: Recipe, ref: ClipRef, keys: ClipKeys, sha256: str
+    cache: Cache, recipe: Recipe, ref: ClipRef, keys: ClipKeys, sha256: str, copies: CopySpec | None
 ) -> tuple[list[Any], dict[str, CachedArray | None]]:
     """Load a clip and publish what the cache does not have of it by now: another process may have made it."""
     info, arrays = _encoded(cache, keys)
     if info is not None and None not in arrays.values():
         return info, arrays
     motion = recipe.dataset.load(ref)
+    motion = motion if copies is None else copies.motion_of(motion, ref.id)
     if motion.rotations.size * 3 <= _REMEMBERED:
         motion = motion.with_cache()  # what every field, and in window scope every window, asks for
     made = {f.name: _encode(recipe, f, motion) for f in recipe.clip_fields if arrays[f.name] is None}

@@ -22,7 +22,7 @@ from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
 from dancedata.core.text import shown
 from dancedata.execution.cache import Cache, default_cache
-from dancedata.execution.execute import exactly, on_one_thread
+from dancedata.execution.threads import exactly, on_one_thread
 from dancedata.pipeline.audio import window_samples
 from dancedata.recipes.fields import FeatureJob
 from dancedata.recipes.parse import load_recipe, parse_recipe, recipe_names

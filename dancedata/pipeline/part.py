@@ -13,9 +13,9 @@ from typing import Any
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import UsageError
 from dancedata.execution.cache import Cache, default_cache
-from dancedata.execution.execute import Progress
 from dancedata.execution.lost_entries import with_lost_entries
-from dancedata.pipeline.build import hired_for
+from dancedata.execution.progress import Progress
+from dancedata.pipeline.build import workers_for
 from dancedata.pipeline.clips import ComputedClips, compute_clips
 from dancedata.pipeline.implausible import stop_if_implausible
 from dancedata.pipeline.left_out import stop_if_strict
@@ -125,7 +125,7 @@ def build_part(
     scan = scan_source(recipe, source)
     mine = part.of(scan.clips)
     share = replace(scan, clips=mine, rejects=())
-    with hired_for(recipe, source, store_cache, jobs) as workers:
+    with workers_for(recipe, source, store_cache, jobs) as workers:
 
         def run(cache: Cache) -> tuple[Sources, ComputedClips]:
             sources = identify(cache, recipe, share, jobs=workers, progress=progress)

@@ -13,6 +13,7 @@ from dancedata.core.errors import SourceError, UsageError
 from dancedata.execution.cache import Cache
 from dancedata.pipeline.audio import FeatureKeys, known_signal
 from dancedata.pipeline.motion import MotionKeys, content_hashes
+from dancedata.recipes.copies import is_copied
 from dancedata.recipes.fields import FeatureJob
 from dancedata.recipes.recipe import Recipe
 
@@ -24,8 +25,8 @@ class Cached:
     Attributes
     ----------
     unit
-        "clips" for motion; "songs" or "windows" for audio, as the scope is. What equals another counts once, as far
-        as the files were looked at before; other files count each.
+        "clips" for motion, with copies that are encoded; "songs" or "windows" for audio, as the scope is. What equals
+        another counts once, as far as the files were looked at before; other files count each.
     """
 
     unit: str
@@ -60,21 +61,30 @@ def cached_units(cache: Cache, recipe: Recipe, clips: Sequence[tuple[ClipRef, in
 def _motion(cache: Cache, recipe: Recipe, refs: Sequence[ClipRef]) -> dict[str, Cached]:
     names = [own.name for own in recipe.clip_fields]
     held = dict.fromkeys(names, 0)
+    encoded = [spec for spec in recipe.augment if spec.augmentation.changes_motion]
+    of = len(refs) + len(encoded) * sum(is_copied(ref.split) for ref in refs)
     try:
-        every = MotionKeys(recipe, content_hashes(recipe.dataset, _known(cache)))
+        content = content_hashes(recipe.dataset, _known(cache))
     except _UnknownError:
         # A body model that no build has read.
-        return {name: Cached("clips", 0, len(refs)) for name in names}
-    for ref in refs:
-        sha256 = cache.known_sha256(ref.motion_path)
-        if sha256 is None:
-            continue
-        keys = every.of(ref, sha256)
-        # A clip of which one thing is missing is loaded, and only that is made.
-        known = cache.holds("clips", keys.info, "json")
-        for name, key in keys.fields.items():
-            held[name] += known and cache.holds("motion", key)
-    return {name: Cached("clips", held[name], len(refs)) for name in names}
+        return {name: Cached("clips", 0, of) for name in names}
+    for spec in (None, *encoded):
+        every = MotionKeys(recipe, content, spec)
+        for ref in refs if spec is None else (ref for ref in refs if is_copied(ref.split)):
+            for name in _fields_held(cache, every, ref):
+                held[name] += 1
+    return {name: Cached("clips", held[name], of) for name in names}
+
+
+def _fields_held(cache: Cache, every: MotionKeys, ref: ClipRef) -> list[str]:
+    """Return the fields of a clip that a build would not compute."""
+    sha256 = cache.known_sha256(ref.motion_path)
+    if sha256 is None:
+        return []
+    keys = every.of(ref, sha256)
+    # A clip of which one thing is missing is loaded, and only that is made.
+    known = cache.holds("clips", keys.info, "json")
+    return [name for name, key in keys.fields.items() if known and cache.holds("motion", key)]
 
 
 def _audio(

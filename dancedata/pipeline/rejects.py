@@ -22,6 +22,7 @@ BY_CHOICE = {
     "extra_file",
     "no_audio",
     "still",
+    "filtered",
     "short_field",
 }
 

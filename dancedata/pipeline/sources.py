@@ -11,8 +11,9 @@ from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.hashing import json_sha256
 from dancedata.core.text import is_unicode, quoted
 from dancedata.execution.cache import Cache
-from dancedata.execution.execute import Progress, exactly, run_units
-from dancedata.execution.workers import Jobs
+from dancedata.execution.progress import Progress
+from dancedata.execution.threads import exactly
+from dancedata.execution.units import Jobs, run_units
 from dancedata.pipeline.audio import SignalId, identify_audio, known_signal
 from dancedata.pipeline.motion import content_hashes, hash_motion, known_hash
 from dancedata.pipeline.rejects import missing_music

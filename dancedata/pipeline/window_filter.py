@@ -1,28 +1,29 @@
-"""The movement filter at building: windows in which hardly anything moves become rejects."""
+"""The window filter of a recipe at building: windows that it leaves out become rejects."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 
 from dancedata.core.clip import ClipRef, Reject
-from dancedata.core.movement import movement_std
 from dancedata.pipeline.motion import MotionResult
 from dancedata.recipes.recipe import Recipe
 
 
-def still_windows(
+def filtered_windows(
     recipe: Recipe, ref: ClipRef, motion: MotionResult, starts: tuple[int, ...]
 ) -> tuple[tuple[int, ...], list[Reject]]:
-    """Split a clip's window starts into those that are kept and a reject for each of the others.
+    """Split a clip's window starts into those that the recipe's filter keeps and a reject for each of the others.
 
-    Without a filter in the recipe, or one for this clip's split, all are kept.
+    If it keeps none, the last reject is that of the clip. Without a filter for the clip's split, all are kept.
     """
     chosen = recipe.windows.filter
     if chosen is None or ref.split not in chosen.splits or not starts:
         return starts, []
     rows = np.asarray(motion.arrays[chosen.field])
-    grid = next(own.grid for own in recipe.motion if own.name == chosen.field)
-    ratio = grid.rate / recipe.fps
+    field = next(own for own in recipe.clip_fields if own.name == chosen.field)
+    ratio = field.grid.rate / recipe.fps
     length = int(recipe.windows.length * ratio)
     kept, rejects = [], []
     for start in starts:
@@ -30,9 +31,13 @@ def still_windows(
             window = rows[start // recipe.windows.stride]
         else:
             window = rows[int(start * ratio) : int(start * ratio) + length]
-        std = movement_std(window)
-        if chosen.keeps(std):
+        window.flags.writeable = False
+        reject = chosen.reject(window, field.columns, field.grid)
+        if reject is None:
             kept.append(start)
         else:
-            rejects.append(chosen.reject(ref.id, start, std))
+            rejects.append(replace(reject, clip=ref.id, window=start))
+    if not kept:
+        detail = f"none of the {len(starts)} windows of clip {ref.id} passes the {chosen.name} filter"
+        rejects.append(Reject(chosen.reason, ref.id, str(ref.motion_path), detail=detail))
     return tuple(kept), rejects

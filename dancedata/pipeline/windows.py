@@ -13,7 +13,7 @@ from dancedata.pipeline.encode import EncodedClip
 from dancedata.pipeline.motion import MotionResult, motion_window_count
 from dancedata.pipeline.rejects import short_audio, too_short
 from dancedata.pipeline.sources import SourceClip
-from dancedata.pipeline.window_filter import still_windows
+from dancedata.pipeline.window_filter import filtered_windows
 from dancedata.recipes.recipe import Recipe
 
 
@@ -27,12 +27,12 @@ class WindowedClip:
 
 
 def cut_windows(recipe: Recipe, clips: Sequence[EncodedClip]) -> tuple[list[WindowedClip], list[Reject]]:
-    """Cut clips into windows. Windows without music or movement become rejects, and so do clips without windows."""
+    """Cut clips into windows. Windows without music, and windows that the filter leaves out, become rejects."""
     windowed, rejects = [], []
     for clip in clips:
         starts, problems = _starts(recipe, clip.source, clip.motion)
         rejects += problems
-        starts, problems = _moving(recipe, clip.source.ref, clip.motion, starts)
+        starts, problems = filtered_windows(recipe, clip.source.ref, clip.motion, starts)
         rejects += problems
         if starts:
             windowed.append(WindowedClip(clip.source, clip.motion, starts))
@@ -85,14 +85,3 @@ def _short_fields(recipe: Recipe, ref: ClipRef, motion: MotionResult, count: int
         Reject("short_field", ref.id, "", k * recipe.windows.stride, f"{detail}, number {k}")
         for k in range(count, without)
     ]
-
-
-def _moving(
-    recipe: Recipe, ref: ClipRef, motion: MotionResult, starts: tuple[int, ...]
-) -> tuple[tuple[int, ...], list[Reject]]:
-    """Return the starts that the recipe's filter keeps; a clip without any is left out."""
-    kept, rejects = still_windows(recipe, ref, motion, starts)
-    if rejects and not kept:
-        detail = f"none of the {len(rejects)} windows of clip {ref.id} passes the movement filter"
-        rejects = [*rejects, Reject("still", ref.id, str(ref.motion_path), detail=detail)]
-    return kept, rejects

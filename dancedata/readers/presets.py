@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from dancedata.core.errors import UsageError, did_you_mean
-from dancedata.core.movement import Movement
 from dancedata.core.resources import resource, resources
+from dancedata.filters.movement import Movement
 from dancedata.store.dataset import Store
 
 #: In place of a preset's name: the fields are those that are read where neither fields nor a preset are named.

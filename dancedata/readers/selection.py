@@ -1,9 +1,9 @@
-"""Which windows of a store a reader gives: split, lists, trim, cut, movement; and what that leaves out."""
+"""Which windows of a store a reader gives: split, lists, trim, cut, filter; and what that leaves out."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -11,7 +11,9 @@ import numpy.typing as npt
 
 from dancedata.core.clip import Reject
 from dancedata.core.errors import UsageError, did_you_mean
-from dancedata.core.movement import Movement, movement_std
+from dancedata.core.grid import FrameGrid
+from dancedata.core.plugins import WindowFilter
+from dancedata.core.registry import FILTERS
 from dancedata.store.clip_view import ClipView
 from dancedata.store.dataset import Store
 from dancedata.store.window_list import WindowList
@@ -42,7 +44,7 @@ class Choice:
     trim: bool = False
     ignore: tuple[str, ...] = ()
     protocol: str | None = None
-    filter: Movement | None = None
+    filter: WindowFilter | None = None
 
 
 @dataclass(frozen=True)
@@ -72,8 +74,8 @@ def select(store: Store, split: str, choice: Choice) -> Selection:
     with_window = {windows.clip_ids[k] for k in np.unique(windows.clip)}
     rejects += [_too_short(clips[clip], choice) for clip in sorted(kept - with_window)]
     if choice.filter is not None and split in choice.filter.splits:
-        moving, still = _moving(store, windows, choice.filter)
-        windows, rejects = windows.take(moving), rejects + still
+        passing, filtered = _filtered(store, windows, choice.filter)
+        windows, rejects = windows.take(passing), rejects + filtered
     return Selection(windows, tuple(rejects))
 
 
@@ -140,33 +142,44 @@ def _too_short(record: ClipView, choice: Choice) -> Reject:
     return Reject("too_short", record.id, detail=detail, numbers={"frames": record.n_frames})
 
 
-def _moving(store: Store, windows: WindowList, chosen: Movement) -> tuple[npt.NDArray[np.bool_], list[Reject]]:
-    """Tell which windows move, (W,), and say why each of the others is left out."""
-    moving = np.ones(len(windows), dtype=np.bool_)
+def _filtered(store: Store, windows: WindowList, chosen: WindowFilter) -> tuple[npt.NDArray[np.bool_], list[Reject]]:
+    """Return which windows the filter keeps, (W,), and a reject for each of the others."""
+    looked_at = store.field(chosen.field)
+    grid = FrameGrid(looked_at.rate)
+    chosen.check(looked_at.columns)
+    kept = np.ones(len(windows), dtype=np.bool_)
     rejects: list[Reject] = []
     for k, window in enumerate(windows):
-        std = movement_std(store.read(window, chosen.field))
-        if not chosen.keeps(std):
-            moving[k] = False
-            rejects.append(chosen.reject(window.clip, window.start, std))
-    return moving, rejects
+        rows = store.read(window, chosen.field)
+        rows.flags.writeable = False
+        reject = chosen.reject(rows, looked_at.columns, grid)
+        if reject is not None:
+            kept[k] = False
+            rejects.append(replace(reject, clip=window.clip, window=window.start))
+    return kept, rejects
 
 
-def movement_filter(given: Movement | Mapping[str, Any] | Literal[False] | None) -> Movement | None:
-    """Make a filter of what a caller gave: one, or its parameters under "movement", as in a recipe."""
+def window_filter(given: WindowFilter | Mapping[str, Any] | Literal[False] | None) -> WindowFilter | None:
+    """Make a filter of what a caller gave: one, or its name and parameters, as in a recipe.
+
+    Raises
+    ------
+    UsageError
+        For an unknown filter or parameter.
+    """
     if given is None or given is False:
         return None
-    if isinstance(given, Movement):
+    if isinstance(given, WindowFilter):
         return given
-    if not isinstance(given, Mapping) or list(given) != ["movement"]:
-        raise UsageError("the filter is called movement", found=given, allowed='{"movement": {"min_std": 0.07}}')
-    parameters = dict(given["movement"] or {})
-    unknown = sorted(set(parameters) - set(Movement.__dataclass_fields__))
+    if not isinstance(given, Mapping) or len(given) != 1:
+        raise UsageError("filter must name one window filter", found=given, allowed='{"movement": {"min_std": 0.07}}')
+    ((name, parameters),) = given.items()
+    cls: type[Any] = FILTERS.get(name)
+    parameters = dict(parameters or {})
+    known = [f.name for f in fields(cls)]
+    unknown = sorted(set(parameters) - set(known))
     if unknown:
-        raise UsageError(
-            f"the movement filter has no parameter {unknown[0]!r}",
-            fix=did_you_mean(unknown[0], Movement.__dataclass_fields__),
-        )
-    if isinstance(parameters.get("splits"), list):
-        parameters["splits"] = tuple(parameters["splits"])
-    return Movement(**parameters)
+        raise UsageError(f"the {name} filter has no parameter {unknown[0]!r}", fix=did_you_mean(unknown[0], known))
+    # Lists, as JSON and YAML have them, are tuples in plug-ins.
+    made: WindowFilter = cls(**{k: tuple(v) if isinstance(v, list) else v for k, v in parameters.items()})
+    return made

@@ -15,8 +15,8 @@ from torch.utils.data import Dataset, get_worker_info
 
 from dancedata.core.clip import Reject
 from dancedata.core.errors import UsageError, did_you_mean
-from dancedata.core.movement import Movement
 from dancedata.core.normalize import MinMax
+from dancedata.core.plugins import WindowFilter
 from dancedata.readers._checks import whole
 from dancedata.readers.batch_fill import FieldFill, Fill, Request
 from dancedata.readers.batch_memory import Pool, shared_tensor
@@ -25,7 +25,7 @@ from dancedata.readers.metadata import metadata
 from dancedata.readers.presets import NO_FIELDS, Preset, field_names, find_preset, preset_cut, preset_fields
 from dancedata.readers.primitives import PRIMITIVES, Cues, cues_of
 from dancedata.readers.scalers import mirrors_of, normalized_fields, scaler_of
-from dancedata.readers.selection import Choice, movement_filter, require_protocol, select
+from dancedata.readers.selection import Choice, require_protocol, select, window_filter
 from dancedata.store.dataset import Store, open_store, reopen
 
 #: What is read where nothing else is asked for.
@@ -102,7 +102,7 @@ class WindowDataset(Dataset[dict[str, Any]]):
         trim: bool | None = None,
         ignore: Sequence[str] | None = None,
         protocol: str | None = None,
-        filter: Movement | Mapping[str, Any] | Literal[False] | None = None,
+        filter: WindowFilter | Mapping[str, Any] | Literal[False] | None = None,
         relative_root: bool | None = None,
         primitive_n: int = 256,
         primitive_variant: Literal["paper", "code"] = "paper",
@@ -141,8 +141,8 @@ class WindowDataset(Dataset[dict[str, Any]]):
             Such as "cross_genre": where the store's clips are in lists of that name ("cross_genre.train"), they and
             not the stored splits say which clips `split` has.
         filter
-            A `Movement`, or its parameters as in a recipe, ``{"movement": {"min_std": 0.07}}``; False: all windows
-            are kept. Default: the preset's.
+            A window filter, or its name and parameters as in a recipe, ``{"movement": {"min_std": 0.07}}``; False:
+            all windows are kept. Default: the preset's.
         relative_root
             Whether the translation columns are relative to the window's first frame. Such motion cannot be
             normalised: a scaler is fitted on places in the room.
@@ -187,7 +187,7 @@ class WindowDataset(Dataset[dict[str, Any]]):
             trim=_given(trim, known, "trim", False),
             ignore=tuple(_given(ignore, known, "ignore", ())),
             protocol=_given(protocol, known, "protocol", None),
-            filter=movement_filter(_given(filter, known, "filter", None)),
+            filter=window_filter(_given(filter, known, "filter", None)),
         )
         selection = select(self.store, split, self._choice)
         self.windows = selection.windows

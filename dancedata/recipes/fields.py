@@ -14,8 +14,7 @@ from dancedata.core.columns import Columns
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
-from dancedata.core.movement import Movement
-from dancedata.core.plugins import AudioFeature, ContactRule, KeyMotionFinder, Representation
+from dancedata.core.plugins import AudioFeature, ContactRule, KeyMotionFinder, Representation, WindowFilter
 from dancedata.recipes.documents import document_of
 
 Kind = Literal["motion", "keymotion", "audio"]
@@ -29,7 +28,7 @@ class WindowSpec:
     stride: int
     grid: FrameGrid
     order: Literal["time", "name"] = "time"
-    filter: Movement | None = None
+    filter: WindowFilter | None = None
 
     @property
     def length_s(self) -> float:
@@ -47,7 +46,7 @@ class WindowSpec:
 
     def document(self) -> dict[str, Any]:
         """Return all keys, defaults included."""
-        chosen = None if self.filter is None else {"movement": document_of(self.filter)}
+        chosen = None if self.filter is None else {self.filter.name: document_of(self.filter)}
         return {
             "length_frames": self.length,
             "stride_frames": self.stride,
@@ -102,7 +101,7 @@ class FieldSpec(ABC):
 class MotionField(FieldSpec):
     """A field that follows from a clip's motion: a representation with its contact rule."""
 
-    kind: ClassVar[Kind] = "motion"
+    kind: ClassVar[Literal["motion"]] = "motion"
 
     representation: Representation
     contacts: ContactRule | None
@@ -133,7 +132,7 @@ class MotionField(FieldSpec):
 class KeyMotionField(FieldSpec):
     """A field with a clip's key motions."""
 
-    kind: ClassVar[Kind] = "keymotion"
+    kind: ClassVar[Literal["keymotion"]] = "keymotion"
 
     finder: KeyMotionFinder
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from copy import deepcopy
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
@@ -10,14 +11,25 @@ from typing import Annotated, Any, Literal, TypeVar
 import yaml
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
+from dancedata.core.columns import Columns
 from dancedata.core.errors import DanceDataError, RecipeError, UsageError, did_you_mean
 from dancedata.core.grid import FrameGrid
-from dancedata.core.movement import Movement
-from dancedata.core.registry import CONTACTS, DATASETS, FEATURES, KEYMOTIONS, REPRESENTATIONS, Registry
+from dancedata.core.plugins import WindowFilter
+from dancedata.core.registry import (
+    AUGMENTATIONS,
+    CONTACTS,
+    DATASETS,
+    FEATURES,
+    FILTERS,
+    KEYMOTIONS,
+    REPRESENTATIONS,
+    Registry,
+)
 from dancedata.core.resources import resource, resources
 from dancedata.core.text import shown
 from dancedata.recipes.fields import FeatureJob, FieldSpec, KeyMotionField, MotionField, WindowSpec
-from dancedata.recipes.plugins import key_paths, longest_key, make_dataclass, make_instance, one_of
+from dancedata.recipes.parse_augment import copy_specs
+from dancedata.recipes.plugins import key_paths, longest_key, make_instance, one_of
 from dancedata.recipes.recipe import Recipe
 from dancedata.recipes.yaml import load_yaml, read_yaml
 
@@ -51,10 +63,6 @@ class _Windows(_Strict):
     filter: Any = None
 
 
-class _Augment(_Strict):
-    mirror: bool = False
-
-
 class _Store(_Strict):
     shard_mb: int = Field(default=256, ge=1)
 
@@ -70,16 +78,17 @@ class _Document(_Strict):
     motion: Any
     audio: Any = None
     keymotion: Any = None
-    augment: _Augment = _Augment()
+    augment: Any = None
     store: _Store = _Store()
 
 
-_MODELS: dict[str, type[BaseModel]] = {"windows": _Windows, "store": _Store, "augment": _Augment}
+_MODELS: dict[str, type[BaseModel]] = {"windows": _Windows, "store": _Store}
 _SLOTS: dict[str, Registry[Any]] = {
     "dataset": DATASETS,
     "motion": REPRESENTATIONS,
     "audio": FEATURES,
     "keymotion": KEYMOTIONS,
+    "augment": AUGMENTATIONS,
 }
 
 #: Keys of a slot beside the plug-in's own.
@@ -91,8 +100,18 @@ def recipe_names() -> tuple[str, ...]:
     return tuple(name.removesuffix(".yaml") for name in resources("pipelines"))
 
 
-def load_recipe(name_or_path: str | Path, overrides: Sequence[str] = ()) -> Recipe:
-    """Read a recipe by name or from a YAML file, and apply ``key.key=value`` overrides.
+def load_recipe(
+    recipe: str | Path | Mapping[str, Any] | Recipe, overrides: Iterable[str] | Mapping[str, Any] = ()
+) -> Recipe:
+    """Read a recipe and change some of its keys.
+
+    Parameters
+    ----------
+    recipe
+        Name of a recipe that comes with the package, path of a YAML file, or the document itself. A recipe that is
+        checked already is returned as it is.
+    overrides
+        Keys to change: ``"windows.stride_s=1"`` as on the command line, or ``{"windows.stride_s": 1}``.
 
     Raises
     ------
@@ -101,7 +120,27 @@ def load_recipe(name_or_path: str | Path, overrides: Sequence[str] = ()) -> Reci
     UsageError
         If the recipe does not exist.
     """
-    path = _find(str(name_or_path))
+    if isinstance(recipe, Recipe):
+        if overrides:
+            raise UsageError(
+                "a recipe that is checked already takes no overrides",
+                found=recipe,
+                fix="give its name, its file or its document instead",
+            )
+        return recipe
+    document = deepcopy(dict(recipe)) if isinstance(recipe, Mapping) else _read(_find(str(recipe)))
+    if isinstance(overrides, str):
+        overrides = [overrides]
+    if isinstance(overrides, Mapping):
+        for key, value in overrides.items():
+            set_key(document, key, deepcopy(value))
+    else:
+        for override in overrides:
+            apply_override(document, override)
+    return parse_recipe(document, where="recipe" if isinstance(recipe, Mapping) else str(recipe))
+
+
+def _read(path: Path) -> dict[str, Any]:
     try:
         document = read_yaml(path)
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
@@ -109,21 +148,26 @@ def load_recipe(name_or_path: str | Path, overrides: Sequence[str] = ()) -> Reci
     if not isinstance(document, dict):
         found = "an empty file" if document is None else type(document).__name__
         raise RecipeError("a recipe is a mapping of keys", where=path, found=found)
-    for override in overrides:
-        apply_override(document, override)
-    return parse_recipe(document, where=str(name_or_path))
+    return document
 
 
 def apply_override(document: dict[str, Any], override: str) -> None:
     """Set one key of a recipe document in place: ``windows.stride_s=1``."""
     key, equals, text = override.partition("=")
-    parts = key.strip().split(".")
-    if not equals or not all(parts):
+    if not equals:
         raise UsageError("an override is key=value", found=repr(override), allowed="such as windows.stride_s=1")
     try:
         value = load_yaml(text)
     except yaml.YAMLError as error:
         raise UsageError("the value of an override cannot be read", where=key, found=repr(text)) from error
+    set_key(document, key, value)
+
+
+def set_key(document: dict[str, Any], key: str, value: Any) -> None:
+    """Set one key of a recipe document in place: ``"windows.stride_s"`` to 1."""
+    parts = key.strip().split(".")
+    if not all(parts):
+        raise UsageError("not a key of a recipe", found=repr(key), allowed="such as windows.stride_s")
     *above, last = _steps(document, parts)
     at: Any = document
     for step in above:
@@ -173,18 +217,18 @@ def parse_recipe(document: Mapping[str, Any], where: str = "recipe") -> Recipe:
     any_grid = grid or FrameGrid.of(30)
     motion = _motion_fields(given.get("motion"), any_grid, problems)
     keymotion = _key_motion_fields(given.get("keymotion"), any_grid, problems)
+    columns = {field.name: field.columns for field in (*motion, *keymotion)}
+    augment = copy_specs(given.get("augment"), columns, problems)
     spec = model.windows if model is not None else _window_keys(given.get("windows"))
     windows = None
     if spec is not None and grid is not None:
-        windows = _attempt(problems, lambda: _windows(spec, grid, _filter(spec.filter, motion, problems)))
+        chosen = _filter(spec.filter, columns, problems)
+        windows = _attempt(problems, lambda: _windows(spec, grid, chosen))
     by_window = windows if model is not None and model.scope == "window" else None
     audio = _feature_jobs(given.get("audio"), any_grid, by_window, problems)
     if windows is not None:
         for field in (*motion, *audio):
             _attempt(problems, partial(field.require_whole, windows))
-    if model is not None and model.augment.mirror:
-        without = [field.name for field in motion if field.columns.mirror is None]
-        problems += [f"augment.mirror: {name} has no mirror image" for name in without]
     for job in audio if grid is not None else ():
         # A rate that a feature cannot compute at is an error now, not after all music was decoded.
         _attempt(problems, partial(job.feature.n_rows, 1, 48_000, job.grid))
@@ -201,13 +245,13 @@ def parse_recipe(document: Mapping[str, Any], where: str = "recipe") -> Recipe:
         motion=motion,
         audio=audio,
         keymotion=keymotion,
-        mirror=model.augment.mirror,
+        augment=augment,
         shard_mb=model.store.shard_mb,
     )
 
 
 def _find(name: str) -> Path:
-    path = Path(name)
+    path = Path(name).expanduser()
     if path.suffix in (".yaml", ".yml") or path.is_file():
         if not path.exists():
             raise UsageError("the recipe file does not exist", where=path)
@@ -305,23 +349,25 @@ def _window_keys(given: Any) -> _Windows | None:
         return None  # reported already, with the rest of the document
 
 
-def _filter(given: Any, motion: Sequence[MotionField], problems: list[str]) -> Movement | None:
+def _filter(given: Any, fields: Mapping[str, Columns], problems: list[str]) -> WindowFilter | None:
     if given is None:
         return None
-    given = {given: {}} if isinstance(given, str) else given
-    if not isinstance(given, dict) or list(given) != ["movement"]:
-        problems.append(
-            f"windows.filter: name the filter, as in {{movement: {{min_std: 0.07}}}}; found {shown(repr(given))}"
-        )
+    made = one_of(FILTERS, "windows.filter", given, problems)
+    if made is None:
         return None
-    made: Movement | None = make_dataclass(Movement, "windows.filter.movement", given["movement"], problems)
-    names = [field.name for field in motion]
-    if made is not None and made.field not in names:
-        problems.append(f"windows.filter.movement.field: no such field in motion; {did_you_mean(made.field, names)}")
+    where = f"windows.filter.{made.name}"
+    if made.field not in fields:
+        meant = did_you_mean(made.field, fields)
+        problems.append(f"{where}.field: no such field in motion or keymotion; {meant}")
+        return None
+    try:
+        made.check(fields[made.field])
+    except UsageError as error:
+        problems.append(f"{where}: field {made.field}: {error}")
     return made
 
 
-def _windows(given: _Windows, grid: FrameGrid, chosen: Movement | None) -> WindowSpec:
+def _windows(given: _Windows, grid: FrameGrid, chosen: WindowFilter | None) -> WindowSpec:
     found = {}
     for what in ("length", "stride"):
         seconds, frames = getattr(given, f"{what}_s"), getattr(given, f"{what}_frames")
@@ -338,6 +384,7 @@ def _windows(given: _Windows, grid: FrameGrid, chosen: Movement | None) -> Windo
 def _key_paths(document: Mapping[str, Any]) -> list[str]:
     """Return all keys below the top, as --set takes them, of the plug-ins that the document names."""
     paths = [f"{name}.{key}" for name, model in _MODELS.items() for key in model.model_fields]
+    paths += key_paths(AUGMENTATIONS, "augment", dict.fromkeys(AUGMENTATIONS.names()))
     for slot, registry in _SLOTS.items():
         paths += key_paths(registry, slot, document.get(slot), _SLOT_KEYS.get(slot, ()))
     return paths

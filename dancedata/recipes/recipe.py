@@ -15,6 +15,7 @@ from typing import Any, Literal
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import json_sha256
 from dancedata.core.plugins import Dataset
+from dancedata.recipes.copies import CopySpec, augment_document
 from dancedata.recipes.documents import document_of
 from dancedata.recipes.fields import FeatureJob, FieldSpec, KeyMotionField, MotionField, WindowSpec
 
@@ -32,7 +33,7 @@ class Recipe:
     motion: tuple[MotionField, ...]
     audio: tuple[FeatureJob, ...]
     keymotion: tuple[KeyMotionField, ...]
-    mirror: bool
+    augment: tuple[CopySpec, ...]
     shard_mb: int
 
     def __repr__(self) -> str:
@@ -70,7 +71,7 @@ class Recipe:
             "motion": {field.name: field.document() for field in self.motion},
             "audio": {field.name: field.document() for field in self.audio},
             "keymotion": {field.name: field.document() for field in self.keymotion},
-            "augment": {"mirror": self.mirror},
+            "augment": augment_document(self.augment),
             "store": {"shard_mb": self.shard_mb},
         }
 

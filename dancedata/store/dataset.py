@@ -63,6 +63,13 @@ def open_store(path: str | Path) -> Store:
     StoreError
         If there is no finished dataset, it has another format version, or a shard is missing or of
         another size.
+
+    Examples
+    --------
+    >>> import dancedata
+    >>> ds = dancedata.open("data/aistpp")
+    >>> ds.read(ds.windows("train")[3], "edge151").shape
+    (150, 151)
     """
     folder = Path(path).expanduser().absolute()
     return Store(folder, *open_described(folder))

@@ -209,7 +209,7 @@ def test_unknown_method() -> None:
     ("fps", "seconds", "level", "reason"),
     [
         (30, 0.4, 0.3, "more than 16 rows"),
-        (65, 2.0, 0.3, "at 65 frames a second"),
+        (65, 2.0, 0.3, "at 65 frames per second"),
         (30, 1.0, 1e-7, "the largest sample"),
         (30, 1.0, 0.3, ""),
         (64, 1.0, 0.3, ""),

@@ -15,9 +15,33 @@ import pytest
 
 from dancedata.core import locks
 from dancedata.core.errors import StoreError
-from dancedata.core.locks import writing_lock
+from dancedata.core.locks import file_lock, open_locked, writing_lock
 
 FORK = multiprocessing.get_context("fork")
+
+
+def test_a_file_is_locked_by_one_and_gone_afterwards(tmp_path: Path) -> None:
+    path = tmp_path / "lock"
+    with file_lock(path) as first, file_lock(path, wait=False) as second:
+        assert (first, second, path.exists()) == (True, False, True)
+    assert not path.exists()
+    with file_lock(path, wait=False) as first:
+        assert first
+
+
+def test_a_lock_that_is_waited_for_is_one_on_a_file_that_others_find(tmp_path: Path) -> None:
+    path = tmp_path / "lock"
+    got: list[int | None] = []
+    with file_lock(path):
+        thread = threading.Thread(target=lambda: got.append(open_locked(path)))
+        thread.start()
+        time.sleep(0.1)
+        assert got == []
+    thread.join()
+    # The first holder removed the file that was waited for.
+    assert path.exists()
+    assert open_locked(path, wait=False) is None
+    os.close(got[0] or 0)
 
 
 @pytest.mark.parametrize("there", [False, True])

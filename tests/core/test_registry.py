@@ -8,8 +8,8 @@ import sys
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 
-import joblib
 import pytest
+from loky import get_reusable_executor
 
 from dancedata.core.errors import (
     DanceDataError,
@@ -144,6 +144,6 @@ def test_errors_survive_pickling(error: DanceDataError) -> None:
 def test_errors_come_back_from_workers(tmp_path: Path) -> None:
     paths = [tmp_path / name for name in "ab"]
     with pytest.raises(DataError, match="cannot be read") as error:
-        joblib.Parallel(n_jobs=2, backend="loky")(joblib.delayed(load_pickle)(path) for path in paths)
+        list(get_reusable_executor(2).map(load_pickle, paths))
     assert error.value.reason == "broken_file"
     assert error.value.where in paths

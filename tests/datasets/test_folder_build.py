@@ -55,7 +55,7 @@ def test_real_and_made_files_build(shared: Path, tmp_path: Path, scope: str) -> 
         "motion": {"edge151": {}},
     }
     result = build(parse_recipe(document), source, tmp_path / "out", cache=tmp_path / "cache")
-    notes = "\n".join(result.scan_notes)
+    notes = "\n".join(result.notes)
     for words in ("120 FPS (Frame Time: .0083333)", "100 FPS", "+Z up (declared in the manifest)", "GUESSED"):
         assert words in notes
     assert not [str(p) for p in verify_store(tmp_path / "out") if p.severity == "error"]

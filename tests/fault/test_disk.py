@@ -11,6 +11,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -24,8 +25,8 @@ from dancedata.datasets.aistpp import AistPP
 from dancedata.execution import cache_files
 from dancedata.execution.cache import Cache
 from dancedata.execution.cache_admin import prune, verify_cache
-from dancedata.execution.execute import Progress, run_units
-from dancedata.execution.workers import Workers
+from dancedata.execution.progress import Progress
+from dancedata.execution.units import run_units
 from dancedata.pipeline import build as build_module
 from dancedata.pipeline.build import build
 from dancedata.pipeline.part import Part, build_part
@@ -327,7 +328,8 @@ def test_a_full_cache_that_is_read_only_is_enough(
     def refuse(*args: Any, **options: Any) -> Any:
         raise PermissionError(errno.EACCES, "read-only")
 
-    monkeypatch.setattr(cache_files, "_open_held", refuse)
+    monkeypatch.setattr(cache_files, "open_locked", refuse)
+    monkeypatch.setattr(cache_files, "file_lock", refuse)
     monkeypatch.setattr(os, "utime", refuse)
     monkeypatch.setattr(os, "access", lambda path, mode: "cache" not in str(path))
     run()
@@ -359,7 +361,7 @@ def test_where_the_file_system_has_no_locks_builds_work_and_nobody_waits(
 def test_what_a_living_process_holds_is_left_alone(tmp_path: Path):
     cache = Cache(tmp_path)
     names = [f"dancedata-{number:032x}.tmp" for number in range(2)]
-    with cache.lock("features", f"{0:064x}"), cache_files.held(tmp_path / "tmp", names[0]):
+    with cache.lock("features", f"{0:064x}"), cache_files.locked_file(tmp_path / "tmp", names[0]):
         (tmp_path / "tmp" / names[1]).touch()
         (tmp_path / "locks" / f"features-{1:064x}").touch()
         assert cache_files.sweep(tmp_path) == 2
@@ -367,13 +369,9 @@ def test_what_a_living_process_holds_is_left_alone(tmp_path: Path):
     assert strays(tmp_path) == []
 
 
-def test_a_worker_that_cannot_mark_what_it_does_says_so(tmp_path: Path):
+def test_a_worker_that_cannot_write_to_the_cache_says_so():
     # A folder in which no file can be made, whoever one is.
+    cache = Cache(Path("/proc/self/fd"))
+    calls = [("features", f"{number:064x}", partial(np.zeros, 3)) for number in range(2)]
     with pytest.raises(DanceDataError, match="the cache cannot be written"):
-        run_units(
-            np.zeros,
-            [(3,), (4,)],
-            jobs=Workers(2, scratch=Path("/proc/self/fd")),
-            label="x",
-            progress=Progress(quiet=True),
-        )
+        run_units(cache.once, calls, jobs=2, label="x", progress=Progress(quiet=True))

@@ -21,9 +21,9 @@ from dancedata.audio.jukebox.network.attention import COLUMN, PREVIOUS_ROW, ROW,
 from dancedata.audio.jukebox.network.overflow import JukeboxOverflowError
 from dancedata.audio.jukebox.network.precision import exact_float32
 from dancedata.audio.jukebox.network.resampling import n_frames, resampling_matrix
+from dancedata.audio.jukebox.network.tensors import CODEBOOK
 from dancedata.audio.jukebox.network.vqvae import VqEncoder
 from dancedata.audio.jukebox.weights.loading import empty_block
-from dancedata.audio.jukebox.weights.names import CODEBOOK
 from dancedata.testing.jukebox import TINY
 
 

@@ -20,8 +20,9 @@ import soundfile
 
 from dancedata.core.errors import DataError
 from dancedata.execution import arithmetic, reference_process
-from dancedata.execution.execute import Progress, run_units
+from dancedata.execution.progress import Progress
 from dancedata.execution.reference_process import ReferenceProcess, ReferenceProcessError
+from dancedata.execution.units import run_units
 from dancedata.synthetic import synthesise_song
 
 RECIPE = """recipe: 1

@@ -20,7 +20,7 @@ from dancedata.core.errors import StoreError
 from dancedata.execution import cache as cache_module
 from dancedata.execution import cache_files
 from dancedata.execution.cache import Cache, CachedArray, EntryLostError
-from dancedata.execution.execute import Progress
+from dancedata.execution.progress import Progress
 from dancedata.pipeline import audio as audio_units
 from dancedata.pipeline import motion as motion_units
 from dancedata.pipeline.audio import FeatureKeys, SignalId

@@ -17,7 +17,7 @@ from dancedata.recipes.parse import load_recipe
 #: Each of these takes a good part of a second, or needs an extra.
 HEAVY = {"torch", "librosa", "scipy", "numba", "sklearn", "pandas", "matplotlib", "soundfile", "soxr"}
 #: And these a command needs only once it runs.
-LATER = HEAVY | {"h5py", "joblib", "yaml", "tqdm", "numpy"}
+LATER = HEAVY | {"h5py", "joblib", "loky", "yaml", "tqdm", "numpy"}
 
 
 def imported(*args: str) -> set[str]:
@@ -41,7 +41,7 @@ def test_help_is_light(args: list[str]):
 
 def test_reading_is_light():
     names = imported("-c", "import dancedata; dancedata.open")
-    assert names & (HEAVY | {"joblib", "pydantic", "typer"}) == set()
+    assert names & (HEAVY | {"joblib", "loky", "pydantic", "typer"}) == set()
 
 
 def test_workers_import_neither_pydantic_nor_librosa(corpus: Path, tmp_path: Path):

@@ -15,8 +15,8 @@ pytest.importorskip("torch")
 
 from dancedata.core.columns import Columns, Group, Mirror
 from dancedata.core.errors import StoreError, UsageError
-from dancedata.core.movement import Movement
 from dancedata.core.normalize import MinMax
+from dancedata.filters.movement import Movement
 from dancedata.readers import WindowDataset
 from dancedata.store import Store, open_store
 from dancedata.store.schema import Field, StoredClip
@@ -217,7 +217,7 @@ def test_clips_that_a_protocol_does_not_know_are_named(tmp_path: Path) -> None:
         ({"movement": {"splits": ["trian"]}}, "splits must be a list"),
         ({"movement": {"min_std": "0.07"}}, "min_std must be a number"),
         ({"movement": {"min_std": float("nan")}}, "min_std must be a number"),
-        ("movement", "called movement"),
+        ("movement", "must name one window filter"),
     ],
 )
 def test_a_movement_filter_that_is_none(store: Store, given: object, said: str) -> None:

@@ -89,14 +89,14 @@ def broken(**changes: Any) -> dict[str, Any]:
     ("body", "message"),
     [
         ("smplx2", r"'smplx2'.*Did you mean 'smplx\d\d'"),
-        ({}, "body is no skeleton.*'feet'"),
-        (broken(offsets=[[0, 0, 0], [1]]), "body is no skeleton"),
+        ({}, "body is not a valid skeleton.*'feet'"),
+        (broken(offsets=[[0, 0, 0], [1]]), "body is not a valid skeleton"),
         (broken(offsets=[[0, 0, 0]]), "have different lengths"),
         (broken(parents=[-1, 2, 0, 0]), "a parent must come before"),
         (broken(pairs=[[1, 9]]), "each joint in at most one pair"),
-        (broken(pairs=[[1]]), "body is no skeleton"),
+        (broken(pairs=[[1]]), "body is not a valid skeleton"),
         (broken(pairs=[[1, 2], [2, 3]]), "each joint in at most one pair"),
-        (broken(feet=[1]), "body is no skeleton"),
+        (broken(feet=[1]), "body is not a valid skeleton"),
     ],
 )
 def test_what_is_no_skeleton(body: Any, message: str) -> None:

@@ -1,4 +1,4 @@
-"""Cutting a song into contexts of Jukebox's transformer, on frames and codes that meet."""
+"""Cutting a song into contexts of Jukebox's transformer, at instants of both a frame and a code."""
 
 from __future__ import annotations
 
@@ -8,23 +8,23 @@ from fractions import Fraction
 
 from dancedata.core.errors import UsageError
 
-#: Seconds at a context's end whose rows are left to the next one: Fourier resampling takes a context as periodic, so
-#: its ends ring into each other, and the last codes do not hear what follows.
+#: Seconds at the end of a context whose rows come from the next one: Fourier resampling treats a context as periodic,
+#: so its ends ring into each other, and the last codes lack the samples that follow.
 TAIL_S = Fraction(16, 30)
 
 
 @dataclass(frozen=True)
 class Context:
-    """A stretch of a song that the transformer sees at once.
+    """A part of a song that the transformer processes at once.
 
     Attributes
     ----------
     first_code, n_codes
         Codes of the song.
     first_row
-        Row of the song at the context's beginning.
+        Row of the song at the beginning of the context.
     keep_from, keep_to
-        Rows of the context that become the song's.
+        Rows of the context that become rows of the song.
     """
 
     first_code: int
@@ -35,7 +35,7 @@ class Context:
 
 
 def unit_of(code_rate: Fraction, fps: Fraction) -> tuple[int, int]:
-    """Return the least number of codes, and of rows, that take equally long: 735 and 64 at 30 rows a second."""
+    """Return the least numbers of codes and of rows of equal duration: 735 and 64 at 30 rows per second."""
     ratio = code_rate / fps
     return ratio.numerator, ratio.denominator
 
@@ -45,9 +45,8 @@ def contexts_of(
 ) -> list[Context]:
     """Cut a song's codes into contexts that overlap by at least `overlap_s`.
 
-    Each begins at an instant that is both a code's and a row's. The first part of every context but the song's
-    first is warm-up and dropped, and so is a short tail of every one but the last; what is kept of
-    neighbours joins without a gap.
+    Each begins at an instant of both a code and a row. Except in the song's first context, the first rows are warm-up
+    and dropped; except in its last one, so is a short tail. The rows that are kept join without a gap.
 
     Raises
     ------
@@ -60,15 +59,14 @@ def contexts_of(
     overlap = math.ceil(overlap_s * fps / rows)
     if per_context < 1:
         raise UsageError(
-            "jukebox: contexts cannot overlap at this rate: codes and rows never meet within one",
-            found=f"{fps} rows a second, {codes} codes to {rows} rows",
-            allowed=f"rates at which they meet within {n_ctx} codes, such as 30, 60, 25 or 24",
-            fix="choose one of these",
+            "jukebox: contexts cannot overlap at this frame rate: codes and rows do not coincide within a context",
+            found=f"{fps} rows per second, {codes} codes to {rows} rows",
+            allowed=f"rates at which they coincide within {n_ctx} codes, such as 30, 60, 25 or 24",
         )
     if overlap >= per_context or overlap * rows <= tail:
         raise UsageError(
-            "jukebox: contexts cannot overlap like that",
-            found=f"overlap_s {float(overlap_s):g} at {fps} rows a second",
+            "jukebox: invalid value for overlap_s",
+            found=f"{float(overlap_s):g} s at {fps} rows per second",
             allowed=f"above {float(tail / fps):.2f} s and below {float((per_context - 1) * rows / fps):.2f} s, in a "
             f"context of {float(per_context * rows / fps):.2f} s",
         )

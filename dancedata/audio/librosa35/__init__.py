@@ -1,4 +1,4 @@
-"""The 35 librosa columns of EDGE, Lodge, FineDance and FACT: by librosa, and the same numbers many times faster."""
+"""The 35 librosa columns of EDGE, Lodge, FineDance and FACT: a version that calls librosa, and a fast one."""
 
 from dancedata.audio.librosa35.feature import Librosa35
 

@@ -1,15 +1,16 @@
-"""Array operations whose result for a row does not depend on the rows that come with it.
+"""Array operations whose result for a row does not depend on the other rows.
 
-The features of a window must not depend on which other windows are asked for, to the last bit: datasets are
-byte-identical however a build was cut up. Element by element that is so anyway. BLAS, however, rounds a row of a
-product by its place among the rows: kernels handle the last rows of a matrix, and with some processors every
-thirteenth, by other instructions. So a row's place must be a property of the row itself:
+The features of a window must not depend on the other windows, to the last bit: datasets are byte-identical however
+a build was divided. Elementwise operations fulfil this. BLAS, however, rounds a row of a product by its place among
+the rows: kernels handle the last rows of a matrix, and on some processors every thirteenth, by other instructions.
+So the place of a row must be a property of the row itself:
 
-- rows of a track are multiplied in blocks that lie on the track's own grid (`times_on_grid`);
-- rows of a window are multiplied as one matrix for each window (`numpy.matmul` of a stack);
+- rows of a track are multiplied in blocks on the track's own grid (`times_on_grid`);
+- rows of a window are multiplied as one matrix per window (`numpy.matmul` of a stack);
 - single rows are multiplied one by one (`each_times`).
 
-No assumption about a kernel is left, and tests/audio/test_places.py holds it for all that the processor can run.
+This assumes nothing about the kernels; tests/audio/test_places.py checks it with every kernel that the processor can
+run.
 """
 
 from __future__ import annotations
@@ -23,14 +24,14 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float32]
 
-#: Rows of a block of `times_on_grid`.
+#: Rows per block of `times_on_grid`.
 BLOCK = 16
-# Kernels may begin with the elements up to a boundary of this many bytes.
+# Bytes; kernels may treat the elements before the first such boundary by themselves.
 _ALIGNMENT = 64
 
 
 def times_on_grid(rows: Floats, matrix: Floats, first: int) -> Floats:
-    """Return rows (n, k) @ matrix (k, m); row i stands at place ``first + i`` of a grid of blocks."""
+    """Return rows (n, k) @ matrix (k, m); row i is at place ``first + i`` of the grid of blocks."""
     count, size = rows.shape
     product = np.empty((count, matrix.shape[1]), dtype=np.float32)
     begin = min(-first % BLOCK, count)
@@ -47,14 +48,14 @@ def times_on_grid(rows: Floats, matrix: Floats, first: int) -> Floats:
 
 
 def each_times(rows: Floats, matrix: Floats) -> Floats:
-    """Return rows (n, k) @ matrix (k, m), each row multiplied by itself; the matrix is `aligned`."""
+    """Return rows (n, k) @ matrix (k, m), each row by itself; the matrix must be `aligned`."""
     product = _aligned_empty(len(rows), matrix.shape[1])
     np.matmul(aligned(rows)[:, np.newaxis], matrix, out=product[:, np.newaxis])
     return product
 
 
 def aligned(rows: Floats) -> Floats:
-    """Return a copy of rows (n, k) in which every row begins at the boundary of a vector."""
+    """Return a copy of rows (n, k) in which every row begins at a vector boundary."""
     copy = _aligned_empty(*rows.shape)
     copy[:] = rows
     return copy
@@ -69,7 +70,7 @@ def _aligned_empty(n_rows: int, size: int) -> Floats:
 
 
 def strided(samples: Floats, shape: tuple[int, ...], steps: tuple[int, ...], offset: int = 0) -> Floats:
-    """Return a read-only view of contiguous samples; `steps` are in samples. numpy checks that it stays within."""
+    """Return a read-only view of contiguous samples; `steps` are in samples. numpy checks the bounds."""
     size = samples.itemsize
     strides = tuple(step * size for step in steps)
     view: Floats = np.ndarray(shape, samples.dtype, samples, offset * size, strides)

@@ -1,7 +1,7 @@
 """Beats of windows: librosa's `beat_track` (Ellis, "Beat tracking by dynamic programming", 2007), vectorised.
 
 The best score up to a frame depends on frames at least half a beat earlier, so half a beat of frames is
-computed at once, for all windows. Sums are taken in the order and the precision, double, of librosa's kernels.
+computed at once, for all windows. Sums have the order and the precision (double) of librosa's kernels.
 """
 
 from __future__ import annotations
@@ -11,13 +11,13 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from dancedata.audio.librosa35.arrays import Floats
-from dancedata.audio.librosa35.spectra import HOP
+from dancedata.audio.librosa35.settings import HOP
 
 Doubles = NDArray[np.float64]
 
 
 def window_beats(envelopes: Floats, tempos: NDArray[np.float64], rate: int, tightness: float) -> NDArray[np.bool_]:
-    """Return which frames of envelopes (W, T) are beats, given each window's tempo (W,) in beats a minute."""
+    """Return which frames of envelopes (W, T) are beats, given each window's tempo (W,) in beats per minute."""
     beats = np.zeros(envelopes.shape, dtype=np.bool_)
     audible = np.flatnonzero(envelopes.any(axis=1))
     if not len(audible):
@@ -53,21 +53,21 @@ def _local_score(envelopes: Floats, period: NDArray[np.int64]) -> Doubles:
 
 
 def _best_paths(score: Doubles, period: NDArray[np.int64], tightness: float) -> tuple[NDArray[np.int64], Doubles]:
-    """Find for each frame the beat before it, and the score of the best path that ends at it.
+    """Find for each frame the previous beat, and the score of the best path that ends at it.
 
     Returns
     -------
     links
-        (W, T) frame of the beat before, or -1.
+        (W, T) frame of the previous beat, or -1.
     total
         (W, T).
     """
     n_windows, n_frames = score.shape
-    # A beat lies half a period to two periods after the one before it; halves round to even.
+    # A beat lies half a period to two periods after the previous one; halves round to even.
     nearest, farthest = np.round(period / 2).astype(np.int64), 2 * period
     low, high = max(1, int(nearest.min())), int(farthest.max())
     penalty = _penalty(np.arange(low, high + 1), period, nearest, farthest, tightness)
-    # Frames before the first one are worth nothing.
+    # Frames before the first one have no score.
     padded = np.full((n_windows, high + n_frames), -np.inf)
     links = np.full((n_windows, n_frames), -1)
     total = np.empty_like(score)
@@ -82,7 +82,7 @@ def _best_paths(score: Doubles, period: NDArray[np.int64], tightness: float) -> 
         total[:, frames] = np.where(linked, score[:, frames] + best, score[:, frames])
         links[:, frames] = np.where(linked, np.arange(n_frames)[frames] - low - lag, -1)
         padded[:, high + first : high + first + low] = total[:, frames]
-    # A first beat has to be loud enough: no links before it.
+    # The first beat must be loud enough: no links before it.
     loud = score >= 0.01 * score.max(axis=1, keepdims=True)
     links[np.arange(n_frames) < loud.argmax(axis=1)[:, np.newaxis]] = -1
     return links, total
@@ -95,14 +95,14 @@ def _penalty(
     farthest: NDArray[np.int64],
     tightness: float,
 ) -> NDArray[np.float64]:
-    """Cost (W, L) of a beat that comes `lags` frames after the one before it; infinite where it may not."""
+    """Cost (W, L) of a beat `lags` frames after the previous one; infinite where that is not allowed."""
     deviation = np.log(lags.astype(np.float64)) - np.log(period.astype(np.float64))[:, np.newaxis]
     possible = (lags >= nearest[:, np.newaxis]) & (lags <= farthest[:, np.newaxis])
     return np.where(possible, tightness * (deviation * deviation), np.inf)
 
 
 def _last_beats(total: Doubles) -> NDArray[np.int64]:
-    """Return the last local maximum of each path score that is not below half of their median."""
+    """Return the last local maximum of each path score that is at least half the median of its maxima."""
     n_frames = total.shape[1]
     peak = np.zeros(total.shape, dtype=np.bool_)
     peak[:, 1:-1] = (total[:, 1:-1] > total[:, :-2]) & (total[:, 1:-1] >= total[:, 2:])

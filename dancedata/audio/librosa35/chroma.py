@@ -1,6 +1,6 @@
 """Chroma CENS of windows: the constant-Q pyramid, its magnitudes, and the smoothing.
 
-Müller and Ewert (ISMIR 2011), as librosa computes it: the magnitudes of 36 filters an octave, seven octaves,
+Müller and Ewert (ISMIR 2011), as librosa computes it: the magnitudes of 36 filters per octave, seven octaves,
 summed to 12 chroma; each frame scaled to a sum of 1, quantised to quarters, smoothed over 41 frames and scaled
 to unit length.
 """
@@ -18,7 +18,7 @@ from dancedata.audio.librosa35.arrays import Floats, times_on_grid
 from dancedata.audio.librosa35.filters import N_OCTAVES, FilterBank, filter_bank
 from dancedata.audio.librosa35.frames import Frames
 from dancedata.audio.librosa35.resample import halved
-from dancedata.audio.librosa35.spectra import HOP
+from dancedata.audio.librosa35.settings import HOP
 from dancedata.audio.librosa35.tuning import BINS_PER_OCTAVE
 from dancedata.audio.librosa35.windows import Windows, halved_windows
 
@@ -35,7 +35,7 @@ def window_chroma(windows: Windows, tunings: Sequence[int], rate: int) -> Floats
     Parameters
     ----------
     tunings
-        Each window's own, as `window_tuning` gives it.
+        Of each window, as `window_tuning` returns it.
     """
     n_frames = 1 + windows.length // HOP
     pitches = np.zeros((len(windows.starts), n_frames, BINS_PER_OCTAVE), dtype=np.float32)
@@ -77,8 +77,8 @@ def _add_track_pitches(track: Floats, hop: int, bank: FilterBank, pitches: Float
 class _Octave:
     """Frames of windows at one level of the pyramid, folded.
 
-    The first and last `n_end` frames of a window are its own. Those between are the track's: folded once for
-    all windows, and filtered once for neighbours of one tuning.
+    The first and last `n_end` frames belong to each window. The frames between belong to the track: folded once for
+    all windows, and filtered once for adjacent windows of the same tuning.
     """
 
     def __init__(self, windows: Windows, hop: int, half: int, n_frames: int) -> None:
@@ -95,17 +95,17 @@ class _Octave:
         tails = Frames(windows.tail(windows.length - last), 0, half, hop, self.n_end)
         everything = slice(None)
         self.middle = [middle.folded(combine, everything) for combine in (np.add, np.subtract)]
-        # A window's ends lie together, so that those of neighbours need no copy.
+        # The ends of a window are adjacent in memory, so that those of adjacent windows need no copy.
         self.ends = [np.empty((len(windows.starts), 2, self.n_end, half), dtype=np.float32) for _ in range(2)]
         for folded, combine in zip(self.ends, (np.add, np.subtract), strict=True):
             heads.fold_into(combine, folded[:, 0])
             tails.fold_into(combine, folded[:, 1])
 
     def add_magnitudes(self, run: slice, bank: FilterBank, pitches: Floats) -> None:
-        """Add the magnitudes of a run of neighbours to their pitches (W, T, 36)."""
+        """Add the magnitudes of a run of adjacent windows to their pitches (W, T, 36)."""
         n_windows, half = len(pitches), len(bank.even)
         n_middle = self.n_frames - 2 * self.n_end
-        # Frames are counted from the track's beginning: the grid that a product's rows are placed on.
+        # Frames count from the beginning of the track: the grid of the products' rows.
         first = int(self.first[run][0])
         own = self.first[run] - first
         begin = first - int(self.first[0])
@@ -114,7 +114,7 @@ class _Octave:
         middle = _magnitudes(times_on_grid(even, bank.even, first), times_on_grid(odd, bank.odd, first))
         for k in range(n_windows):
             pitches[k, self.n_end : self.n_frames - self.n_end] += middle[own[k] : own[k] + n_middle]
-        # The ends are each window's own, and so is their product.
+        # The ends belong to each window, and so does their product.
         even, odd = (folded[run].reshape(n_windows, -1, half) for folded in self.ends)
         ends = _magnitudes(np.matmul(even, bank.even), np.matmul(odd, bank.odd))
         pitches[:, : self.n_end] += ends[:, : self.n_end]
@@ -122,7 +122,7 @@ class _Octave:
 
 
 def _runs(tunings: Sequence[int]) -> Iterator[tuple[int, slice]]:
-    """Yield runs of neighbours with the same tuning."""
+    """Yield runs of adjacent windows with the same tuning."""
     start = 0
     for tuning, run in groupby(tunings):
         stop = start + len(list(run))
@@ -170,7 +170,7 @@ def _smoothed(values: NDArray[np.float64]) -> NDArray[np.float64]:
     padded[:, reach : reach + n_frames] = values
     smoothed = weights[reach] * values
     for k in range(1, reach):
-        # Symmetric: two neighbours at a time. The weights at the very ends are zero.
+        # Symmetric: two frames at a time. The first and last weights are zero.
         pair = padded[:, reach - k : reach - k + n_frames] + padded[:, reach + k : reach + k + n_frames]
         pair *= weights[reach + k]
         smoothed += pair

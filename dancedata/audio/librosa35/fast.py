@@ -1,7 +1,7 @@
-"""librosa35 at the speed of the machine: what windows of a song have in common is computed once.
+"""The fast version of librosa35: what the windows of a song have in common is computed once.
 
-The numbers are those of `_librosa35_plain`, up to float32 rounding; docs/decisions/0010 says why. Nothing here
-needs librosa or numba, whose import takes seconds in every process.
+The numbers are those of `reference`, up to float32 rounding; docs/decisions/0010 explains why. Nothing here needs
+librosa or numba, whose import takes seconds in every process.
 """
 
 from __future__ import annotations
@@ -18,21 +18,20 @@ from dancedata.audio.librosa35.chroma import cens, window_chroma
 from dancedata.audio.librosa35.filters import N_OCTAVES, filter_bank, has_one_bank
 from dancedata.audio.librosa35.onset import envelope_and_mfcc
 from dancedata.audio.librosa35.resample import MAX_PERIOD, period, resampled
-from dancedata.audio.librosa35.spectra import HOP, mel_db, window_spectra
+from dancedata.audio.librosa35.settings import HOP, N_COLUMNS, TEMPO_SAMPLE_RATE, Settings
+from dancedata.audio.librosa35.spectra import mel_db, window_spectra
 from dancedata.audio.librosa35.tempo import window_tempos
 from dancedata.audio.librosa35.ties import decide_near_ties, decided_onsets, librosa_tuning
 from dancedata.audio.librosa35.tuning import window_tuning
 from dancedata.audio.librosa35.windows import Windows, resampled_windows, shortest
 from dancedata.audio.signal import pcm16, resampled_length
 
-N_COLUMNS = 35
-TEMPO_SAMPLE_RATE = 22050
 _TEMPO_START_BPM = 120.0
-# Below so many rows librosa's own handling of ends is all there is; the plain version is fast enough.
+# With fewer rows every frame touches an end of the signal; the reference is fast enough for them.
 _MIN_ROWS = 16
 _MIN_PEAK, _MAX_PEAK = 1e-6, 1e6
 # A window with a passage this far below the track's peak (-80 dB) is computed by itself: resampling the track
-# leaves rounding noise there (1e-8 of what is loud nearby), and chroma are scaled to unit length.
+# leaves rounding noise there (1e-8 of the loud samples nearby), and chroma are scaled to unit length.
 _QUIET = 1e-4
 _PIECE = 1 << 14
 # Longer tiles save more at their borders and take more memory.
@@ -40,15 +39,15 @@ _TILE_S = 64
 
 
 def why_not_windows(n_samples: int, sample_rate: int, rate: int) -> str:
-    """Say why this version cannot do windows of so many samples; empty if it can. The plain one can do all."""
+    """Return why this version cannot compute windows of `n_samples`; empty if it can. The reference always can."""
     if not has_one_bank(rate):
-        return f"at {rate / HOP:g} frames a second librosa's constant-Q filters are not alike in all octaves"
+        return f"at {rate / HOP:g} frames per second librosa's constant-Q filters differ between octaves"
     is_short = resampled_length(n_samples, sample_rate, rate) < HOP * _MIN_ROWS
     return f"it needs more than {_MIN_ROWS} rows" if is_short else ""
 
 
 def why_not_shared(sample_rate: int, rate: int) -> str:
-    """Say why windows at this sample rate share no work, so that each takes three times as long; empty if they do."""
+    """Return why windows at this sample rate share no work and take three times as long; empty if they do share."""
     samples = period(sample_rate, rate)
     if samples <= MAX_PERIOD:
         return ""
@@ -56,7 +55,7 @@ def why_not_shared(sample_rate: int, rate: int) -> str:
 
 
 def why_not_track(samples: Floats, sample_rate: int, rate: int) -> str:
-    """Say why this version cannot do a signal: as for windows, or squares beyond single precision."""
+    """Return why this version cannot compute a signal: as for windows, or squares beyond single precision."""
     reason = why_not_windows(len(samples), sample_rate, rate)
     if reason:
         return reason
@@ -65,24 +64,18 @@ def why_not_track(samples: Floats, sample_rate: int, rate: int) -> str:
     return "" if is_usual else f"the largest sample is not within {_MIN_PEAK:g} .. {_MAX_PEAK:g}"
 
 
-def track_features(samples: Floats, sample_rate: int, rate: int, start_bpm: float | None, tightness: float) -> Floats:
-    """Compute the features (T, 35) of a whole signal; `rate` is 512 times the frame rate."""
+def track_features(samples: Floats, settings: Settings) -> Floats:
+    """Compute the features (T, 35) of a whole signal (n,)."""
+    bpm = settings.start_bpm
     with one_blas_thread():
-        bpm = estimated_bpm(samples, sample_rate) if start_bpm is None else start_bpm
-        windows = Windows.whole(resampled(samples, sample_rate, rate))
-        features: Floats = _features(windows, rate, [bpm], tightness, lambda _: windows.track)[0]
+        if bpm is None:
+            bpm = estimated_bpm(samples, settings.sample_rate)
+        windows = Windows.whole(resampled(samples, settings.sample_rate, settings.rate))
+        features: Floats = _features(windows, [bpm], settings, lambda _: windows.track)[0]
     return features
 
 
-def window_features(
-    samples: Floats,
-    starts: NDArray[np.int64],
-    n_samples: int,
-    sample_rate: int,
-    rate: int,
-    start_bpm: float | None,
-    tightness: float,
-) -> Floats:
+def window_features(samples: Floats, starts: NDArray[np.int64], n_samples: int, settings: Settings) -> Floats:
     """Compute the features (W, T, 35) of windows of a signal, each as if it were a 16-bit wav of its own.
 
     Parameters
@@ -91,42 +84,34 @@ def window_features(
         (W,) first samples, in any order. Windows that begin a whole number of frames after the signal does
         share work, unless `why_not_shared`; others are computed by themselves, at a third of the speed.
     """
+    sample_rate, rate = settings.sample_rate, settings.rate
     n_rows = 1 + resampled_length(n_samples, sample_rate, rate) // HOP
     features = np.empty((len(starts), n_rows, N_COLUMNS), dtype=np.float32)
     alone = np.ones(len(starts), dtype=np.bool_)
     for members, tile in _tiles(starts, n_samples, sample_rate, rate):
         quantised = _pcm16(samples[tile : tile + _tile_length(sample_rate, rate) + n_samples])
         with one_blas_thread():
-            loud, rows = _tile_features(
-                quantised, starts[members] - tile, n_samples, sample_rate, rate, start_bpm, tightness
-            )
+            loud, rows = _tile_features(quantised, starts[members] - tile, n_samples, settings)
         features[members[loud]] = rows
         alone[members[loud]] = False
     for k in np.flatnonzero(alone):
         window = pcm16(samples[starts[k] : starts[k] + n_samples])
-        features[k] = track_features(window, sample_rate, rate, start_bpm, tightness)
+        features[k] = track_features(window, settings)
     return features
 
 
 def _tile_features(
-    samples: Floats,
-    starts: NDArray[np.int64],
-    n_samples: int,
-    sample_rate: int,
-    rate: int,
-    start_bpm: float | None,
-    tightness: float,
+    samples: Floats, starts: NDArray[np.int64], n_samples: int, settings: Settings
 ) -> tuple[NDArray[np.int64], Floats]:
-    """Compute windows of a tile without a quiet passage: which ones (V,) those are, and their features (V, T, 35)."""
+    """Compute the windows of a tile that have no quiet passage: their indices (V,) and features (V, T, 35)."""
+    sample_rate, rate = settings.sample_rate, settings.rate
     windows = resampled_windows(samples, starts, n_samples, sample_rate, rate)
     loud = np.flatnonzero(~_is_quiet(windows))
     if not len(loud):
         return loud, np.empty((0, 1 + windows.length // HOP, N_COLUMNS), dtype=np.float32)
     own = [samples[start : start + n_samples] for start in starts[loud]]
-    bpms = [start_bpm or estimated_bpm(window, sample_rate) for window in own]
-    return loud, _features(
-        windows.some(loud), rate, bpms, tightness, lambda window: resampled(own[window], sample_rate, rate)
-    )
+    bpms = [settings.start_bpm or estimated_bpm(window, sample_rate) for window in own]
+    return loud, _features(windows.some(loud), bpms, settings, lambda k: resampled(own[k], sample_rate, rate))
 
 
 def estimated_bpm(samples: Floats, sample_rate: int) -> float:
@@ -137,12 +122,18 @@ def estimated_bpm(samples: Floats, sample_rate: int) -> float:
 
 
 def _features(
-    windows: Windows, rate: int, bpms: Sequence[float], tightness: float, samples_of: Callable[[int], Floats]
+    windows: Windows, bpms: Sequence[float], settings: Settings, samples_of: Callable[[int], Floats]
 ) -> Floats:
     """Compute the features (W, T, 35) of windows at the features' rate that begin on multiples of 512 samples.
 
-    `samples_of` gives the samples of a window, resampled by itself.
+    Parameters
+    ----------
+    bpms
+        Where the search for the tempo starts, one per window; `settings.start_bpm` is not used.
+    samples_of
+        Returns the samples of a window, resampled by itself.
     """
+    rate = settings.rate
     spectra = window_spectra(windows, rate)
     envelope, mfcc = envelope_and_mfcc(spectra.db, spectra.rows)
     tunings = []
@@ -160,17 +151,17 @@ def _features(
     features[..., 1:21] = mfcc
     features[..., 21:33] = cens(chroma)
     features[..., 33] = decided_onsets(envelope, rate, samples_of)
-    features[..., 34] = window_beats(envelope, tempos, rate, tightness)
+    features[..., 34] = window_beats(envelope, tempos, rate, settings.tightness)
     return features
 
 
 def _tiles(
     starts: NDArray[np.int64], n_samples: int, sample_rate: int, rate: int
 ) -> Iterator[tuple[NDArray[np.int64], int]]:
-    """Yield numbers of windows that share work, with the first sample of the tile of the signal they are in.
+    """Yield the indices of windows that share work, with the first sample of their tile of the signal.
 
-    Windows that begin a whole number of frames after the signal do, tile by tile. Tiles lie where they lie,
-    whatever windows are asked for, so that what a window gets does not depend on the others.
+    Windows that begin a whole number of frames after the signal share work, tile by tile. The places of the tiles
+    do not depend on the windows, so that the numbers of a window do not depend on the others.
     """
     half = len(filter_bank(0, rate).even)
     if n_samples < shortest(sample_rate, rate, N_OCTAVES - 1, half) or why_not_shared(sample_rate, rate):
@@ -183,13 +174,13 @@ def _tiles(
 
 
 def _tile_length(sample_rate: int, rate: int) -> int:
-    """Return the samples of a tile: about a minute, a whole number of frames and of samples at either rate."""
+    """Return the samples of a tile: about a minute, a whole number of frames and of samples at both rates."""
     unit = HOP * sample_rate // math.gcd(HOP * sample_rate, rate)
     return max(1, _TILE_S * sample_rate // unit) * unit
 
 
 def _pcm16(samples: Floats) -> Floats:
-    """Quantise as `pcm16` does, piece by piece: its passes over memory then stay in the processor's cache."""
+    """Quantise as `pcm16` does, piece by piece: the pieces stay in the processor's cache."""
     quantised = np.empty_like(samples)
     for start in range(0, len(samples), _PIECE):
         quantised[start : start + _PIECE] = pcm16(samples[start : start + _PIECE])
@@ -197,7 +188,7 @@ def _pcm16(samples: Floats) -> Floats:
 
 
 def _is_quiet(windows: Windows) -> NDArray[np.bool_]:
-    """Tell for each window whether the track has a quiet passage in it."""
+    """Return for each window whether the track has a quiet passage in it, (W,)."""
     n_blocks = windows.length // HOP
     whole = windows.track[: len(windows.track) // HOP * HOP].reshape(-1, HOP)
     loudest = np.abs(whole).max(axis=1)

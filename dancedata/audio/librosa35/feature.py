@@ -2,11 +2,11 @@
 
 Onset envelope, 20 MFCC, 12 chroma CENS, onset peaks and beats: librosa's defaults at a hop of 512 samples
 and a sample rate of 512 times the frame rate. Sources: FACT (Li et al. 2021, the mint repository), whose
-function EDGE (Tseng et al. 2023) and Lodge (Li et al. 2024) took over. The numbers are librosa's own; 0.11
-and 1.0 gave the same bits at 24 frames a second and above, at 20 chroma differing by up to 0.03.
+function EDGE (Tseng et al. 2023) and Lodge (Li et al. 2024) adopted. The numbers are librosa's own; versions 0.11
+and 1.0 gave the same bits at 24 frames per second and above, at 20 the chroma differed by up to 0.03.
 
-There are two versions of equal numbers: `_librosa35_plain` calls librosa, `_librosa35_fast` is thirty times as
-fast for windows, and eighty for tracks. docs/decisions/0010 says why they are equal.
+There are two versions with equal results: `reference` calls librosa, `fast` is thirty times as fast for windows and
+eighty times for tracks. docs/decisions/0010 explains why they are equal.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from dancedata.audio.librosa35 import fast
-from dancedata.audio.librosa35 import reference as plain
+from dancedata.audio.librosa35 import fast, reference
+from dancedata.audio.librosa35.settings import HOP, N_COLUMNS, Settings
 from dancedata.audio.signal import pcm16, resampled_length
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.columns import Columns, Group
@@ -33,11 +33,10 @@ from dancedata.core.registry import FEATURES
 
 _log = logging.getLogger(__name__)
 
-HOP = 512
 # The top chroma filter reaches 4,107 Hz, 4,147 with the tuning half a bin up: the Nyquist frequency must
-# lie above.
+# be higher.
 MIN_SAMPLE_RATE = 8300
-# Beyond it the squared spectrum might overflow float32; full scale is 1.
+# Above it the squared spectrum might overflow float32; full scale is 1.
 MAX_SAMPLE = 1e12
 
 _GROUPS = (
@@ -59,12 +58,12 @@ class Librosa35(AudioFeature):
     tightness
         How closely beats keep to the tempo (librosa's `beat_track`); 100 in all reference implementations.
     method
-        "fast" computes once what windows have in common, without librosa. "librosa" calls librosa, one call a
+        "fast" computes what windows have in common once, without librosa. "librosa" makes one librosa call per
         column group and window, and takes thirty times as long (docs/performance.md). The numbers are the same
         within 1e-4 dB (envelope), 1e-3 dB (MFCC) and 1e-6 (chroma), peaks and beats are equal;
-        docs/decisions/0010 says why, and where that ends. What "fast" cannot do is done as by "librosa", and logged
-        with the reason: signals and windows of less than 17 rows, more than 64 frames a second, and tracks whose
-        largest sample is beyond 1e6 or below 1e-6.
+        docs/decisions/0010 explains why, and the limits. "fast" computes as "librosa" does, and logs the reason,
+        for signals and windows of less than 17 rows, more than 64 frames per second, and tracks whose largest
+        sample is above 1e6 or below 1e-6.
     """
 
     tightness: float = 100
@@ -75,7 +74,9 @@ class Librosa35(AudioFeature):
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.tightness) and self.tightness > 0):
-            raise UsageError("librosa35: bad tightness", found=str(self.tightness), allowed="a number above 0")
+            raise UsageError(
+                "librosa35: invalid value for tightness", found=str(self.tightness), allowed="a number above 0"
+            )
         if self.method not in ("fast", "librosa"):
             raise UsageError("librosa35: unknown method", found=str(self.method), allowed="fast, librosa")
 
@@ -85,7 +86,7 @@ class Librosa35(AudioFeature):
         return Columns(_GROUPS, None)
 
     def n_rows(self, n_samples: int, sample_rate: int, grid: FrameGrid) -> int:
-        """Rows that `extract` gives for so many samples: 1 + floor(resampled length / 512)."""
+        """Return how many rows `extract` gives for `n_samples`: 1 + floor(resampled length / 512)."""
         return 1 + resampled_length(n_samples, sample_rate, _feature_rate(grid)) // HOP
 
     def extract(self, signal: AudioSignal, grid: FrameGrid, *, start_bpm: float | None = None) -> NDArray[np.float32]:
@@ -95,12 +96,12 @@ class Librosa35(AudioFeature):
         ----------
         signal
             Mono samples (n,) float32 at any rate. Signals shorter than an STFT frame (2,048 samples at the
-            feature's rate) are padded with zeros, as librosa does at the ends of every signal.
+            feature's rate) are padded with zeros, as librosa pads the ends of every signal.
         grid
-            Frame rate; 512 times it must be a whole number of at least 8,300 samples a second.
+            Frame rate; 512 times it must be a whole number of at least 8,300 Hz.
         start_bpm
-            Where the beat tracker's search for the tempo starts, beats a minute. None: librosa's estimate
-            from the signal at 22,050 Hz.
+            Where the beat tracker's search for the tempo starts, in beats per minute. None: librosa's
+            estimate from the signal at 22,050 Hz.
 
         Returns
         -------
@@ -112,32 +113,32 @@ class Librosa35(AudioFeature):
         UsageError
             Frame rate or `start_bpm` out of range.
         DataError
-            Reason ``empty_audio`` (no sample) or ``nan`` (samples that are not finite, or beyond 1e12).
+            Reason ``empty_audio`` (no sample) or ``nan`` (samples that are not finite, or above 1e12).
         """
         rate = _feature_rate(grid)
         _require_bpm(start_bpm)
         _require_samples(signal)
         is_fast = self._is_fast(lambda: fast.why_not_track(signal.samples, signal.sample_rate, rate))
-        compute = fast.track_features if is_fast else plain.track_features
-        return compute(signal.samples, signal.sample_rate, rate, start_bpm, self.tightness)
+        compute = fast.track_features if is_fast else reference.track_features
+        return compute(signal.samples, Settings(signal.sample_rate, rate, start_bpm, self.tightness))
 
     def estimated_bpm(self, signal: AudioSignal, grid: FrameGrid) -> float:
-        """Return the tempo that `extract` starts from where none is given, beats a minute."""
+        """Return the tempo that `extract` starts from if none is given, in beats per minute."""
         rate = _feature_rate(grid)
         _require_samples(signal)
         is_fast = self._is_fast(lambda: fast.why_not_track(signal.samples, signal.sample_rate, rate))
-        estimate = fast.estimated_bpm if is_fast else plain.estimated_bpm
+        estimate = fast.estimated_bpm if is_fast else reference.estimated_bpm
         return estimate(signal.samples, signal.sample_rate)
 
     def estimated_window_bpms(
         self, signal: AudioSignal, starts: NDArray[np.int64], n_samples: int, grid: FrameGrid
     ) -> list[float]:
-        """Return the tempos that `extract_windows` starts from where none is given, one a window."""
+        """Return the tempos that `extract_windows` starts from if none is given, one per window."""
         rate = _feature_rate(grid)
         _require_samples(signal)
         _require_windows(signal, starts, n_samples)
         is_fast = self._is_fast(lambda: fast.why_not_windows(n_samples, signal.sample_rate, rate))
-        estimate = fast.estimated_bpm if is_fast else plain.estimated_bpm
+        estimate = fast.estimated_bpm if is_fast else reference.estimated_bpm
         windows = (pcm16(signal.samples[int(start) : int(start) + n_samples]) for start in starts)
         return [estimate(window, signal.sample_rate) for window in windows]
 
@@ -153,24 +154,24 @@ class Librosa35(AudioFeature):
     ) -> NDArray[np.float32]:
         """Features of windows, each one by itself from its own 16-bit wav, as EDGE computes them.
 
-        Resampling, padding, the 80 dB floor, tuning, CENS smoothing, tempo, beats: all see the window alone.
+        Resampling, padding, the 80 dB floor, tuning, CENS smoothing, tempo and beats depend on the window alone.
 
         Parameters
         ----------
         signal
             The whole song, mono samples (n,) float32.
         starts
-            (W,) first sample of each window. Give all of a song at once: then windows that begin a whole number
+            (W,) first sample of each window. Pass all windows of a song at once: those that begin a whole number
             of frames after the song does (as windows in frames do, at the usual rates) share most of their work.
-            A window's numbers do not depend on which others are asked for.
+            The numbers of a window do not depend on the other windows.
         n_samples
-            Samples a window, at the signal's rate.
+            Samples per window, at the signal's rate.
         grid
             Frame rate, as in `extract`.
         n_rows
             Rows to keep of each window (EDGE: 150 of the 151 of 5 s at 30 FPS).
         start_bpm
-            As in `extract`; None: the estimate is made for each window by itself.
+            As in `extract`; None: estimated for each window by itself.
 
         Returns
         -------
@@ -182,8 +183,8 @@ class Librosa35(AudioFeature):
         UsageError
             As in `extract`.
         DataError
-            As in `extract`; reason ``short_audio`` if a window does not lie within the signal, or is too
-            short for `n_rows` rows.
+            As in `extract`; reason ``short_audio`` if a window is not within the signal, or too short for
+            `n_rows` rows.
         """
         rate = _feature_rate(grid)
         _require_bpm(start_bpm)
@@ -192,22 +193,22 @@ class Librosa35(AudioFeature):
         available = self.n_rows(n_samples, signal.sample_rate, grid)
         if n_rows > available:
             raise DataError(
-                "librosa35: the windows are too short for their rows",
+                "librosa35: the windows are too short",
                 reason="short_audio",
                 found=f"{n_samples} samples at {signal.sample_rate} Hz, which give {available} rows",
-                allowed=f"audio for {n_rows} rows at {grid.rate} frames a second",
+                allowed=f"audio for {n_rows} rows at {grid.rate} frames per second",
             )
         if len(starts) == 0:
-            return np.empty((0, n_rows, self.columns.width), dtype=np.float32)
+            return np.empty((0, n_rows, N_COLUMNS), dtype=np.float32)
         is_fast = self._is_fast(lambda: fast.why_not_windows(n_samples, signal.sample_rate, rate))
         if is_fast and (reason := fast.why_not_shared(signal.sample_rate, rate)):
             _log_once("librosa35: windows are computed one by one, three times as slowly: %s", reason)
-        compute = fast.window_features if is_fast else plain.window_features
-        features = compute(signal.samples, starts, n_samples, signal.sample_rate, rate, start_bpm, self.tightness)
-        return features[:, :n_rows]
+        compute = fast.window_features if is_fast else reference.window_features
+        settings = Settings(signal.sample_rate, rate, start_bpm, self.tightness)
+        return compute(signal.samples, starts, n_samples, settings)[:, :n_rows]
 
     def _is_fast(self, why_not: Callable[[], str]) -> bool:
-        """Tell which version computes, and log it where that is not the one asked for."""
+        """Return whether the fast version computes; log the reason if it was chosen and cannot."""
         if self.method == "librosa":
             return False
         reason = why_not()
@@ -218,7 +219,7 @@ class Librosa35(AudioFeature):
 
 @lru_cache(maxsize=64)
 def _log_once(message: str, reason: str) -> None:
-    """Log a reason, once per process."""
+    """Log a message, once per process and reason."""
     _log.warning(message, reason)
 
 
@@ -227,9 +228,9 @@ def _feature_rate(grid: FrameGrid) -> int:
     if rate.denominator != 1 or rate < MIN_SAMPLE_RATE:
         raise UsageError(
             "librosa35 cannot be computed at this frame rate",
-            found=f"{grid.rate} frames a second, so a sample rate of {float(rate):g} Hz",
+            found=f"{grid.rate} frames per second, so a sample rate of {float(rate):g} Hz",
             allowed=f"a frame rate that makes 512 x rate a whole number of at least {MIN_SAMPLE_RATE} Hz",
-            fix="build at 30 (or 60) frames a second; motion of another rate is resampled to it",
+            fix="build at 30 (or 60) frames per second; motion of another rate is resampled to it",
         )
     return int(rate)
 
@@ -237,9 +238,9 @@ def _feature_rate(grid: FrameGrid) -> int:
 def _require_bpm(start_bpm: float | None) -> None:
     if start_bpm is not None and not (math.isfinite(start_bpm) and start_bpm > 0):
         raise UsageError(
-            "librosa35: bad start_bpm",
+            "librosa35: invalid value for start_bpm",
             found=str(start_bpm),
-            allowed="beats a minute above 0, or None for an estimate",
+            allowed="beats per minute above 0, or None for an estimate",
         )
 
 
@@ -250,11 +251,11 @@ def _require_samples(signal: AudioSignal) -> None:
     bad = np.flatnonzero(~(np.abs(signal.samples) <= MAX_SAMPLE))
     if bad.size:
         raise DataError(
-            "librosa35: the signal has samples that are no numbers, or absurdly large ones",
+            "librosa35: the signal has samples that are NaN, infinite or too large",
             reason="nan",
             found=f"{bad.size} samples, the first is {signal.samples[bad[0]]} at sample {bad[0]}",
             allowed=f"finite samples up to {MAX_SAMPLE:g} (full scale is 1)",
-            fix="export the file again, as 16-bit wav for example",
+            fix="export the file again, for example as 16-bit wav",
         )
 
 

@@ -1,13 +1,13 @@
 """The constant-Q filters of librosa's chroma, made for one octave and used for all seven.
 
-librosa builds seven banks of 36 filters, one an octave, and halves the sample rate from octave to octave. As
-its octaves are exact, so are the ratios of filter frequency to sample rate: all seven banks are the same, up to
-rounding in double precision, and so is the gain after librosa's scaling. One bank is built here, with
-librosa's own steps and precisions, and turned into a matrix that acts on frames of samples:
+librosa builds seven banks of 36 filters, one per octave, and halves the sample rate from octave to octave. Its
+octaves are exact, and so are the ratios of filter frequency to sample rate: all seven banks are the same, up to
+rounding in double precision, and so is the gain after librosa's scaling. One bank is built here, with librosa's
+steps and precisions, and turned into a matrix that acts on frames of samples:
 
 - librosa multiplies the frame's spectrum D by the thinned spectrum B of a filter: sum_f B[f] D[f]. That is
   sum_n k[n] x[n] with k the Fourier transform of B.
-- Every filter is a cosine and a sine under a symmetric window, times a phase that the magnitude does not see.
+- Every filter is a cosine and a sine under a symmetric window, times a phase that does not affect the magnitude.
   So k is even (its real part) and odd (its imaginary part) about a point: half a sample after the middle of the
   frame, for all filters. Half the products suffice, on the sums x[m + 1 + j] + x[m - j] of samples at equal
   distances from that point, m = n / 2, and on their differences. The transform is periodic, so the partner of
@@ -29,9 +29,9 @@ from dancedata.audio.librosa35.tuning import BINS_PER_OCTAVE, N_TUNINGS, tuning_
 
 N_OCTAVES = 7
 _C1_HZ = 440.0 * 2.0 ** ((24 - 69) / 12)
-# librosa drops the weakest spectral values of a filter, together this part of their sum.
+# librosa drops the weakest spectral values of a filter, which add up to this part of the sum.
 _DROPPED = 0.01
-# Half of this part of the bandwidth is what a Hann window adds beyond a filter's frequency (librosa).
+# A Hann window extends a filter beyond its frequency by half of this part of the bandwidth (librosa).
 _HANN_BANDWIDTH = 1.50018310546875
 
 
@@ -52,10 +52,10 @@ class FilterBank:
 
 @lru_cache(maxsize=8)
 def has_one_bank(rate: int) -> bool:
-    """Tell whether librosa's seven banks are one and the same at this sample rate, for every tuning.
+    """Return whether librosa's seven banks are the same at this sample rate, for every tuning.
 
-    They are from 8,300 to about 32,000 Hz: above, librosa lowers the rate first; below, it refuses. And were
-    the length of a filter a whole number to the last digit, rounding might differ between octaves.
+    They are from 8,300 to about 32,000 Hz: above, librosa lowers the rate first; below, it raises an error. If the
+    length of a filter were a whole number to the last digit, rounding might differ between octaves.
     """
     for tuning in range(N_TUNINGS):
         frequencies, bandwidths = _frequencies(tuning)
@@ -79,7 +79,7 @@ def filter_bank(tuning: int, rate: int) -> FilterBank:
 
 @lru_cache(maxsize=4 * N_TUNINGS)
 def sparse_filters(tuning: int, rate: int) -> tuple[Any, NDArray[np.float64]]:
-    """Return librosa's own filters of the top octave, a sparse matrix, and all filters' lengths in samples (252,)."""
+    """Return librosa's filters of the top octave, sparse, and the lengths (252,) of all filters in samples."""
     from scipy.sparse import csr_matrix
 
     spectra, lengths = _spectra(tuning, rate)
@@ -87,7 +87,7 @@ def sparse_filters(tuning: int, rate: int) -> tuple[Any, NDArray[np.float64]]:
 
 
 def _spectra(tuning: int, rate: int) -> tuple[NDArray[np.complex64], NDArray[np.float64]]:
-    """Build the thinned spectra (36, n / 2 + 1) of the top octave's filters; lengths (252,) are all octaves'."""
+    """Build the thinned spectra (36, n / 2 + 1) of the top octave's filters, and the lengths (252,) of all."""
     frequencies, bandwidths = _frequencies(tuning)
     all_lengths = _lengths(frequencies, bandwidths, rate)
     top = slice(-BINS_PER_OCTAVE, None)
@@ -123,9 +123,9 @@ def _lengths(
     return lengths
 
 
-def _wavelet(cycles_a_sample: float, length: float) -> NDArray[np.complex128]:
+def _wavelet(cycles_per_sample: float, length: float) -> NDArray[np.complex128]:
     """Return a windowed complex exponential whose magnitudes add up to 1."""
-    phase = np.arange(-length // 2, length // 2, dtype=float) * 2 * np.pi * cycles_a_sample
+    phase = np.arange(-length // 2, length // 2, dtype=float) * 2 * np.pi * cycles_per_sample
     wavelet = (np.cos(phase) + 1j * np.sin(phase)) * hann(len(phase))
     scaled: NDArray[np.complex128] = wavelet / np.abs(wavelet).sum()
     return scaled

@@ -15,11 +15,11 @@ class Frames:
     Parameters
     ----------
     samples
-        (W, n) float32; zeros are taken where there are none.
+        (W, n) float32, padded with zeros.
     lead
-        Frame 0 begins so many samples before them.
+        Samples by which frame 0 begins before the signal.
     n_frames
-        Frames of each signal.
+        Frames per signal.
     """
 
     def __init__(self, samples: Floats, lead: int, half: int, hop: int, n_frames: int) -> None:

@@ -1,7 +1,7 @@
 """Onset envelope, MFCC and onset peaks of windows, from their rows of the mel spectrum.
 
-What librosa's `onset_strength`, `mfcc` and `onset_detect` do at their defaults; the limit to the upper 80 dB,
-the scaling of the envelope and the picking of peaks see one window each.
+As librosa's `onset_strength`, `mfcc` and `onset_detect` with their defaults. The limit to the upper 80 dB, the
+scaling of the envelope and the picking of peaks are per window.
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dancedata.audio.librosa35.arrays import Floats
-from dancedata.audio.librosa35.spectra import HOP, N_FFT, N_MELS
+from dancedata.audio.librosa35.settings import HOP
+from dancedata.audio.librosa35.spectra import N_FFT, N_MELS
 
 N_MFCC = 20
 TOP_DB = np.float32(80.0)
@@ -37,7 +38,7 @@ def envelope_and_mfcc(db: Floats, rows: NDArray[np.int64]) -> tuple[Floats, Floa
     for window, frames in enumerate(rows):
         limited = db[frames]
         np.maximum(limited, limited.max() - TOP_DB, out=limited)
-        # A constant moves coefficient 0 only; of smaller numbers, rounding takes less.
+        # A constant affects coefficient 0 only, and smaller numbers lose less to rounding.
         floor = limited.min()
         mfcc[window] = (limited - floor) @ _dct()
         mfcc[window, :, 0] += floor * np.float32(np.sqrt(N_MELS))
@@ -48,7 +49,7 @@ def envelope_and_mfcc(db: Floats, rows: NDArray[np.int64]) -> tuple[Floats, Floa
 
 
 def onset_peaks(envelope: Floats, rate: int) -> NDArray[np.bool_]:
-    """Tell which frames of envelopes (W, T) are onsets: local maxima well above the local mean."""
+    """Return which frames of envelopes (W, T) are onsets: local maxima well above the local mean."""
     level = _level(envelope)
     peaks = _clearance(level, rate) >= 0
     peaks &= level.any(axis=1, keepdims=True)
@@ -60,7 +61,7 @@ def onset_peaks(envelope: Floats, rate: int) -> NDArray[np.bool_]:
 
 
 def onset_margins(envelope: Floats, rate: int) -> NDArray[np.float64]:
-    """Return by how many dB the frames of each envelope (W, T) may change without another outcome; (W,).
+    """Return the dB by which the frames of each envelope (W, T) may change without changing its onsets; (W,).
 
     A change of e moves a level by at most 2 e / span, and so the distance of two levels by 4 e / span.
     """
@@ -78,7 +79,7 @@ def _level(envelope: Floats) -> Floats:
 
 
 def _clearance(level: Floats, rate: int) -> NDArray[np.float64]:
-    """Return how far levels (W, T) lie above what an onset has to exceed: the local mean, and the frames before."""
+    """Return how far levels (W, T) exceed the limit for an onset: the local mean, and the frames before."""
     clearance = level - (_local_mean(level, _n_frames(0.10, rate)) + _DELTA)
     for k in range(1, _n_frames(0.03, rate) + 1):
         clearance[:, k:] = np.minimum(clearance[:, k:], level[:, k:] - level[:, :-k])
@@ -90,7 +91,7 @@ def _n_frames(seconds: float, rate: int) -> int:
 
 
 def _local_mean(level: Floats, reach: int) -> NDArray[np.float64]:
-    """Mean over frames t - reach .. t + reach, as far as they exist; summed in float32, as librosa's kernel does."""
+    """Mean over the existing frames of t - reach .. t + reach; summed in float32, as librosa's kernel does."""
     n_frames = level.shape[1]
     padded = np.pad(level, ((0, 0), (reach, reach)))
     total = np.zeros_like(level)
@@ -103,7 +104,7 @@ def _local_mean(level: Floats, reach: int) -> NDArray[np.float64]:
 
 
 def _leave_out_close_ones(peaks: NDArray[np.bool_], wait: int) -> None:
-    """Of peaks (T,), from left to right, drop those that follow one that was kept within `wait` frames."""
+    """Drop peaks (T,) within `wait` frames after a peak that was kept, from left to right."""
     last = -1 - wait
     for frame in np.flatnonzero(peaks).tolist():
         if frame <= last + wait:

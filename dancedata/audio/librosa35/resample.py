@@ -1,10 +1,10 @@
 """Resampling of a track, and of the ends of its windows.
 
 A resampler is a filter of finite reach: a sample of its output depends on a few hundred samples of its input.
-So the resampled audio of a window, cut out and resampled by itself, equals the resampled track but for one
-reach at either end, where the filter sees zeros instead of the track (float32 rounding aside, which is the
-resampler's own noise, 1e-7). And as the filter is linear, an end is a matrix times the window's first or last
-samples. The matrix holds what soxr makes of impulses.
+So the resampled audio of a window, cut out and resampled by itself, equals the resampled track except for one
+reach at each end, where the filter has zeros instead of the track as input (up to float32 rounding, 1e-7). As the
+filter is linear, an end is the product of a matrix and the window's first or last samples. The matrix holds soxr's
+responses to impulses.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 from dancedata.audio.librosa35.arrays import Floats, aligned
 from dancedata.audio.signal import resampled_length
 
-# Beyond so many samples, counted at the lower of the two rates, the response of soxr's HQ filter is below
+# Beyond this many samples, counted at the lower of the two rates, the response of soxr's HQ filter is below
 # 1e-7 of its peak (measured: 99 to 103 for every pair of rates tried, up and down).
 _REACH = 112
-#: Longest period of two rates, in samples of the input, for which responses are tabulated: they take 3 period^2
-#: floats, 6 MB at 44,100 Hz, 50 MB at this, 26 GB at 47,999 Hz.
+#: Longest period of two rates, in samples of the input, for which responses are tabulated: the table has
+#: 3 period^2 floats, 6 MB at 44,100 Hz, 50 MB at this, 26 GB at 47,999 Hz.
 MAX_PERIOD = 2048
-# Differences above this, at full scale, are no rounding.
+# Differences above this, at full scale, are not rounding.
 _AUDIBLE = 3e-6
 
 
@@ -48,27 +48,27 @@ def halved(samples: Floats) -> Floats:
 
 
 def reach_in(from_rate: int, to_rate: int) -> int:
-    """Return on how many samples of its input, before and after, a sample of the output depends."""
+    """Return the number of input samples, before and after, on which an output sample depends."""
     return math.ceil(_REACH * max(1.0, from_rate / to_rate))
 
 
 def reach_out(from_rate: int, to_rate: int) -> int:
-    """Return how many samples of the output, before and after, depend on a sample of the input."""
+    """Return the number of output samples, before and after, that depend on an input sample."""
     return math.ceil(_REACH * max(1.0, to_rate / from_rate))
 
 
 def period(from_rate: int, to_rate: int) -> int:
-    """Return after how many samples of the input both have a sample at the same time again."""
+    """Return the number of input samples between two instants that have a sample at both rates."""
     return from_rate // math.gcd(from_rate, to_rate)
 
 
 @lru_cache(maxsize=16)
 def head_matrix(from_rate: int, to_rate: int, n_input: int, n_output: int) -> Floats:
-    """Return the matrix that makes the first resampled samples of a signal from its first samples.
+    """Return the matrix that turns the first samples of a signal into its first resampled samples.
 
-    The very first (2 to 76, by the rates) are soxr's own beginning: of its filters in a row, the second starts
-    without what the first gives before time zero, so it is not quite as if there were zeros before the signal. A
-    halving is one filter and has no such beginning.
+    The first 2 to 76, depending on the rates, differ from those of a signal with zeros before it: soxr chains several
+    filters, and the second one starts without the output that the first one would give before time zero. Halving the
+    rate takes a single filter and has no such beginning.
     """
     matrix = _matrix(from_rate, to_rate, n_input, 0, n_output)
     if (from_rate, to_rate) != (2, 1):
@@ -80,9 +80,9 @@ def head_matrix(from_rate: int, to_rate: int, n_input: int, n_output: int) -> Fl
 
 @lru_cache(maxsize=16)
 def tail_matrix(from_rate: int, to_rate: int, n_input: int, n_output: int) -> Floats:
-    """Return the matrix that makes the last resampled samples of a signal from its last samples.
+    """Return the matrix that turns the last samples of a signal into its last resampled samples.
 
-    The first of the `n_input` samples has to be at a time that has a sample in the output, too.
+    The first of the `n_input` samples must be at an instant that has a sample in the output, too.
     """
     import soxr
 
@@ -127,7 +127,7 @@ def _responses(from_rate: int, to_rate: int) -> Floats:
 
 @lru_cache(maxsize=4)
 def _beginning(from_rate: int, to_rate: int) -> Floats:
-    """Return the matrix (n, m) that makes a resampled signal's first samples: one soxr channel an impulse."""
+    """Return the matrix (n, m) that makes a resampled signal's first samples: one soxr channel per impulse."""
     import soxr
 
     n_output = _n_beginning(from_rate, to_rate)

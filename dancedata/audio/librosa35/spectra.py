@@ -1,7 +1,7 @@
-"""One STFT for everything: rows of mel spectrum in dB and of spectral peaks, shared by the windows of a track.
+"""One STFT for all columns: rows of mel spectrum in dB and of spectral peaks, shared by the windows of a track.
 
-A row whose frame lies within a window, clear of its ends, is the track's row. The few at either end, which see
-the zeros beyond the window, are computed for each window.
+A row whose frame is within a window, clear of its ends, is the track's row. The few rows at each end, whose frames
+include the zeros beyond the window, are computed per window.
 """
 
 from __future__ import annotations
@@ -15,15 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dancedata.audio.librosa35.arrays import Floats, strided
+from dancedata.audio.librosa35.settings import HOP
 from dancedata.audio.librosa35.tuning import Peaks, find_peaks
 from dancedata.audio.librosa35.windows import Windows
 
-HOP = 512
 N_FFT = 2048
 N_MELS = 128
-# Power that librosa takes for silence: -100 dB.
+# Power that librosa treats as silence: -100 dB.
 _MIN_POWER = np.float32(1e-10)
-# Frames at a time: with their spectra they stay in the processor's cache.
+# Frames at once: with their spectra they fit into the processor's cache.
 _BLOCK = 64
 
 
@@ -34,11 +34,11 @@ class Spectra:
     Attributes
     ----------
     db
-        (R, 128) mel spectrum in dB, at least -100, not limited to the upper 80 dB of a window yet.
+        (R, 128) mel spectrum in dB, at least -100, not yet limited to the upper 80 dB of a window.
     peaks
         Spectral peaks of the R rows.
     rows
-        (W, T) which row is frame t of window w.
+        (W, T) row of frame t of window w.
     """
 
     db: Floats
@@ -77,7 +77,7 @@ def _mel_and_peaks(
 ) -> tuple[Floats, Peaks]:
     """Transform frames, given as stacks of blocks (b, n, 2048) with the numbers of the frames to keep.
 
-    Each block is transformed and multiplied by itself, whatever is kept of it and whatever comes with it.
+    Each block is transformed and multiplied by itself, independent of the rows kept and of the other blocks.
     """
     import scipy.fft
 
@@ -100,7 +100,7 @@ def _mel_and_peaks(
 
 
 def _frames(samples: Floats, lead: int, count: int) -> Floats:
-    """Return frames (W, count, 2048) of signals (W, n), a view; frame 0 begins `lead` samples before them."""
+    """Return frames (W, count, 2048) of signals (W, n), a view; frame 0 begins `lead` samples before the signal."""
     n_signals, n_samples = samples.shape
     needed = max(lead + n_samples, (count - 1) * HOP + N_FFT)
     padded = np.zeros((n_signals, needed), dtype=np.float32)
@@ -109,9 +109,9 @@ def _frames(samples: Floats, lead: int, count: int) -> Floats:
 
 
 def _track_blocks(track: Floats, used: NDArray[np.int64]) -> Iterator[tuple[Floats, NDArray[np.int64]]]:
-    """Yield windowed frames of a track, in fresh memory, in blocks that lie on a grid from its beginning.
+    """Yield windowed frames of a track, in memory of their own, in blocks on a grid from its beginning.
 
-    Blocks are whole, whatever is used of them, so that a frame's numbers do not depend on that.
+    Blocks are always whole, so that the numbers of a frame do not depend on which frames are used.
     """
     n_blocks = -(-(int(used[-1]) + 1) // _BLOCK)
     frames = _frames(track[np.newaxis], N_FFT // 2, n_blocks * _BLOCK).reshape(n_blocks, _BLOCK, N_FFT)
@@ -121,7 +121,7 @@ def _track_blocks(track: Floats, used: NDArray[np.int64]) -> Iterator[tuple[Floa
 
 
 def _own_blocks(heads: Floats, tails: Floats) -> Iterator[tuple[Floats, NDArray[np.int64]]]:
-    """Yield the windowed frames at the ends of windows, (W, n, 2048), a block a window, some windows at a time."""
+    """Yield the windowed frames at the ends of windows, (W, n, 2048), one block per window, some windows at once."""
     window = hann(N_FFT).astype(np.float32)
     n_frames = heads.shape[1] + tails.shape[1]
     at_once = -(-_BLOCK // n_frames)
@@ -151,10 +151,10 @@ def mel_filters(rate: int) -> Floats:
 
 def _mel_frequencies(top_hz: float, count: int) -> NDArray[np.float64]:
     """Frequencies at equal distances in mel: linear up to 1 kHz, logarithmic above (Slaney's Auditory Toolbox)."""
-    hz_a_mel, break_hz = 200.0 / 3, 1000.0
-    break_mel, log_step = break_hz / hz_a_mel, np.log(6.4) / 27.0
+    hz_per_mel, break_hz = 200.0 / 3, 1000.0
+    break_mel, log_step = break_hz / hz_per_mel, np.log(6.4) / 27.0
     top_mel = break_mel + np.log(top_hz / break_hz) / log_step
     mels = np.linspace(0.0, top_mel, count)
     above = break_hz * np.exp(log_step * (mels - break_mel))
-    frequencies: NDArray[np.float64] = np.where(mels >= break_mel, above, hz_a_mel * mels)
+    frequencies: NDArray[np.float64] = np.where(mels >= break_mel, above, hz_per_mel * mels)
     return frequencies

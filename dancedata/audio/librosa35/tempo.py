@@ -1,9 +1,9 @@
 """Tempo of windows from their onset envelopes: librosa's `tempo`, many windows at a time.
 
-The autocorrelation of eight seconds around every frame, each scaled to 1 at lag 0, is averaged over frames and
-weighted by how far its tempo lies from the expected one (Ellis, "Beat tracking by dynamic programming", 2007).
-The transform back to lags is linear, so the average is taken of power spectra and only one is transformed back.
-It is done in float32; where the two best tempos lie closer than its rounding, in double precision again.
+The autocorrelation of eight seconds around every frame, scaled to 1 at lag 0, is averaged over frames and weighted
+by the distance of its tempo from the expected one (Ellis, "Beat tracking by dynamic programming", 2007). The
+transform back to lags is linear, so power spectra are averaged and only the mean is transformed back. This is done in
+float32, and in double precision again where the two best tempos are closer than the rounding.
 """
 
 from __future__ import annotations
@@ -14,18 +14,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dancedata.audio.librosa35.arrays import Floats, strided
-from dancedata.audio.librosa35.spectra import HOP, hann
+from dancedata.audio.librosa35.settings import HOP
+from dancedata.audio.librosa35.spectra import hann
 
 _WINDOW_S = 8.0
 _MAX_BPM = 320.0
 _FRAMES_AT_ONCE = 256
 _MIN_RISE = np.float32(1e-12)
-# What float32 may do to the mean autocorrelation, of which lag 0 is 1; seen: up to 2e-7.
+# Bound on the float32 rounding of the mean autocorrelation, which is 1 at lag 0; seen: up to 2e-7.
 _FLOAT32_ERROR = 2e-6
 
 
 def window_tempos(envelopes: Floats, rate: int, start_bpm: float) -> NDArray[np.float64]:
-    """Return the tempo of each envelope (W, T) in beats a minute, the likeliest around `start_bpm`."""
+    """Return the most likely tempo around `start_bpm` of each envelope (W, T), in beats per minute."""
     tempos, log_prior = _tempos_and_prior(rate, start_bpm)
     single = _mean_autocorrelations(envelopes, len(tempos), np.dtype(np.float32))
     score = _score(single, log_prior)
@@ -39,7 +40,7 @@ def window_tempos(envelopes: Floats, rate: int, start_bpm: float) -> NDArray[np.
 
 @lru_cache(maxsize=64)
 def _tempos_and_prior(rate: int, start_bpm: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Tempos of lags 0, 1, ... in beats a minute, and the logarithm of their prior."""
+    """Tempos of lags 0, 1, ... in beats per minute, and the logarithm of their prior."""
     n_lags = int(_WINDOW_S * rate) // HOP
     with np.errstate(divide="ignore"):
         tempos = 60.0 * rate / (HOP * np.arange(float(n_lags)))
@@ -49,20 +50,20 @@ def _tempos_and_prior(rate: int, start_bpm: float) -> tuple[NDArray[np.float64],
 
 
 def _score(autocorrelation: NDArray[np.float64], log_prior: NDArray[np.float64]) -> NDArray[np.float64]:
-    # Never below zero but for rounding: envelopes are not.
+    # Envelopes are not negative, so below zero is rounding.
     score: NDArray[np.float64] = np.log1p(1e6 * np.maximum(autocorrelation, 0.0)) + log_prior
     return score
 
 
 def _is_too_faint(envelopes: Floats) -> NDArray[np.bool_]:
-    """Tell which envelopes (W, T) hold numbers whose squares are nothing in float32; those of sounds do not."""
+    """Return which envelopes (W, T) have values whose squares underflow in float32; those of real audio do not."""
     return np.asarray(((envelopes > 0) & (envelopes < _MIN_RISE)).any(axis=1))
 
 
 def _is_close(
     score: NDArray[np.float64], best: NDArray[np.int64], autocorrelation: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """Tell for which windows float32 cannot tell the best score (W, lags) from another."""
+    """Return for which windows rounding in float32 may decide which score (W, lags) is the best."""
     error = 1e6 * _FLOAT32_ERROR / (1.0 + 1e6 * np.maximum(autocorrelation, 0))
     windows = np.arange(len(best))
     reach = score + error >= (score[windows, best] - error[windows, best])[:, np.newaxis]
@@ -88,7 +89,7 @@ def _mean_autocorrelations(envelopes: Floats, n_lags: int, dtype: np.dtype[np.fl
             energy = np.einsum("tn,tn->t", windowed, windowed)
             weight = np.divide(1, energy, out=np.zeros_like(energy), where=energy >= np.finfo(dtype).tiny)
             spectrum = scipy.fft.rfft(work[: len(part)], axis=1).view(dtype)
-            # Real and imaginary parts take turns.
+            # Real and imaginary parts alternate.
             power[w] += weight @ np.square(spectrum, out=spectrum)
     summed = (power[:, 0::2] + power[:, 1::2]).astype(np.float64)
     mean: NDArray[np.float64] = scipy.fft.irfft(summed, n=size, axis=1)[:, :n_lags] / n_frames

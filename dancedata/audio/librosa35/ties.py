@@ -1,11 +1,10 @@
 """Near-ties, decided as librosa decides them.
 
 CENS quantises: a share of 0.1 counts, one just below does not. The tuning is the highest bar of a histogram of
-spectral peaks. An onset has to rise above the mean around it, and above its neighbour. Magnitudes here and in
-librosa differ by their roundings, some 1e-7. So in one window of a hundred a value lies so close to a step that they
-fall on either side of it; and the spectrum of a click is so flat that its peaks are nothing but rounding. Those are
-computed again from the window's own resampled samples, by the steps that librosa takes, in its order and precisions:
-to the last bit.
+spectral peaks. An onset must exceed the mean around it, and its neighbour. Magnitudes here and in librosa differ by
+their rounding, some 1e-7. So in one window of a hundred a value is so close to a step that the two versions may fall
+on different sides of it; and the spectrum of a click is so flat that rounding alone makes its peaks. Those windows
+are computed again from their own resampled samples, by librosa's steps in its order and precisions, to the last bit.
 """
 
 from __future__ import annotations
@@ -21,25 +20,26 @@ from dancedata.audio.librosa35.chroma import STEPS, shares_of
 from dancedata.audio.librosa35.filters import N_OCTAVES, sparse_filters
 from dancedata.audio.librosa35.onset import LAG, TOP_DB, onset_margins, onset_peaks
 from dancedata.audio.librosa35.resample import halved
-from dancedata.audio.librosa35.spectra import HOP, N_FFT, hann, mel_filters
+from dancedata.audio.librosa35.settings import HOP
+from dancedata.audio.librosa35.spectra import N_FFT, hann, mel_filters
 from dancedata.audio.librosa35.tuning import BINS_PER_OCTAVE, Peaks, find_peaks, window_tuning
 
 # Largest difference of a share, where a frame is loud (seen: 3.3e-7), and as a part of the window's largest sample
-# over the frame's loudness (seen: 2.4e-5): what is loud and has no pitch, such as an offset or a tone below the
-# lowest filter, rounds as any other sound does.
+# over the frame's loudness (seen: 2.4e-5): a loud sound without pitch, such as an offset or a tone below the lowest
+# filter, is rounded as any other sound is.
 _ROUNDING, _NOISE = 4e-7, 3e-5
-# Largest difference of an envelope, in dB; seen: 1.1e-4, where all bands but one lie 50 to 80 dB below it.
+# Largest difference of an envelope, in dB; seen: 1.1e-4, where all bands but one are 50 to 80 dB below it.
 _ENVELOPE_ERROR = 3e-4
 _FRAMES_AT_ONCE = 64
 
 
 def near_ties(chroma: Floats, largest: Floats) -> NDArray[np.bool_]:
-    """Tell in which frames of chroma (W, T, 12) a share lies within rounding of a step; (W, T).
+    """Return in which frames of chroma (W, T, 12) a share is within rounding of a step; (W, T).
 
     Parameters
     ----------
     largest
-        (W,) largest magnitude of a window's samples.
+        (W,) largest magnitude of each window's samples.
     """
     loudness = chroma.sum(axis=2)
     relative = largest[:, np.newaxis] / np.maximum(loudness, np.finfo(np.float32).tiny)
@@ -53,7 +53,7 @@ def near_ties(chroma: Floats, largest: Floats) -> NDArray[np.bool_]:
 
 
 def decided_onsets(envelope: Floats, rate: int, samples_of: Callable[[int], Floats]) -> NDArray[np.bool_]:
-    """Tell which frames of envelopes (W, T) are onsets; where that hangs on rounding, librosa's envelope decides.
+    """Return which frames of envelopes (W, T) are onsets; where rounding matters, librosa's envelope decides.
 
     `samples_of` is as for `decide_near_ties`.
     """
@@ -77,14 +77,14 @@ def librosa_envelope(samples: Floats, rate: int) -> Floats:
 def decide_near_ties(
     chroma: Floats, largest: Floats, tunings: Sequence[int], rate: int, samples_of: Callable[[int], Floats]
 ) -> None:
-    """Replace frames of chroma (W, T, 12) in which a share lies too near a step by librosa's own.
+    """Replace frames of chroma (W, T, 12) in which a share is too close to a step by librosa's.
 
     Parameters
     ----------
     largest, tunings
-        Each window's largest magnitude of a sample, and tuning.
+        Largest magnitude of each window's samples, and its tuning.
     samples_of
-        Gives the samples of a window, resampled by itself.
+        Returns the samples of a window, resampled by itself.
     """
     near = near_ties(chroma, largest)
     for window in np.flatnonzero(near.any(axis=1)).tolist():
@@ -100,7 +100,7 @@ def librosa_chroma(samples: Floats, frames: NDArray[np.int64], tuning: int, rate
     samples
         (n,) float32 at the features' rate.
     frames
-        (F,) numbers of frames.
+        (F,) indices of frames.
     """
     filters, lengths = sparse_filters(tuning, rate)
     magnitudes = np.zeros((N_OCTAVES * BINS_PER_OCTAVE, 1 + len(samples) // HOP), dtype=np.float32, order="F")
@@ -116,13 +116,13 @@ def librosa_chroma(samples: Floats, frames: NDArray[np.int64], tuning: int, rate
 
 
 def librosa_tuning(samples: Floats, rate: int) -> int:
-    """Return librosa's `estimate_tuning` of a signal (n,), as a number of the histogram's bar."""
+    """Return librosa's `estimate_tuning` of a signal (n,), as the index of the histogram's bar."""
     peaks = [find_peaks(np.abs(spectrum), rate, is_power=False) for spectrum in _librosa_spectra(samples)]
     return window_tuning(Peaks.concatenated(peaks), np.arange(1 + len(samples) // HOP))[0]
 
 
 def _librosa_spectra(samples: Floats) -> Iterator[NDArray[np.complex64]]:
-    """Yield librosa's `stft` of a signal (n,), some frames at a time, (F, 1025) each."""
+    """Yield librosa's `stft` of a signal (n,), several frames at a time, (F, 1025) each."""
     import scipy.fft
 
     n_frames = 1 + len(samples) // HOP

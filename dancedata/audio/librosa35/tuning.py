@@ -1,6 +1,6 @@
-"""How far a window's pitches lie off concert pitch: librosa's `estimate_tuning`, from peaks found once a row.
+"""Deviation of a window's pitches from concert pitch: librosa's `estimate_tuning`, from peaks found once per row.
 
-A window's own: the median and the histogram are over the peaks of the window's rows.
+The median and the histogram are those of the peaks in the window's rows.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 
 from dancedata.audio.librosa35.arrays import Floats
 
-# The resolution of the estimate: steps of a hundredth of a bin, 36 bins an octave.
+# The resolution of the estimate: steps of a hundredth of a bin, 36 bins per octave.
 N_TUNINGS = 100
 BINS_PER_OCTAVE = 36
 _MIN_HZ, _MAX_HZ = 150.0, 4000.0
 # Peaks below this part of the row's largest magnitude do not count.
 _THRESHOLD = np.float32(0.1)
 _A4_HZ = 440.0
-# What single precision may do to a magnitude, as a part of the row's largest.
+# Bound on the float32 rounding of a magnitude, as a part of the row's largest.
 _ROUNDING = np.float32(3e-6)
 
 
@@ -36,9 +36,9 @@ class Peaks:
     magnitude
         (P,) float32, interpolated.
     tuning
-        (P,) which of the `N_TUNINGS` deviations from the nearest bin a peak's frequency has.
+        (P,) index of the deviation from the nearest bin, of `N_TUNINGS`.
     is_vague
-        (P,) whether rounding may decide that it is a peak: it hardly stands out, as in the flat spectrum of a click.
+        (P,) whether rounding may decide that it is a peak: it barely stands out, as in the flat spectrum of a click.
     """
 
     first: NDArray[np.int64]
@@ -48,7 +48,7 @@ class Peaks:
 
     @classmethod
     def concatenated(cls, parts: Sequence[Peaks]) -> Peaks:
-        """Put the rows of the parts one after another."""
+        """Concatenate the rows of the parts."""
         counts = np.concatenate([np.diff(part.first) for part in parts])
         return cls(
             np.concatenate([[0], np.cumsum(counts)]),
@@ -67,12 +67,12 @@ def find_peaks(spectrum: Floats, rate: int, *, is_power: bool) -> Peaks:
     Parameters
     ----------
     is_power
-        The spectrum is one of power, and only its peaks' roots are taken; else of magnitude.
+        Whether the spectrum is one of power, whose peaks are turned into magnitudes, or of magnitude.
     """
     n_fft = 2 * (spectrum.shape[1] - 1)
     frequencies = np.fft.rfftfreq(n_fft, 1.0 / rate)
-    wanted = np.flatnonzero((frequencies >= _MIN_HZ) & (frequencies < min(_MAX_HZ, rate / 2)))
-    low, high = int(wanted[0]), int(wanted[-1]) + 1
+    in_range = np.flatnonzero((frequencies >= _MIN_HZ) & (frequencies < min(_MAX_HZ, rate / 2)))
+    low, high = int(in_range[0]), int(in_range[-1]) + 1
     largest = spectrum.max(axis=1)
     middle = spectrum[:, low:high]
     is_peak = middle > (_THRESHOLD**2 if is_power else _THRESHOLD) * largest[:, np.newaxis]
@@ -96,12 +96,12 @@ def find_peaks(spectrum: Floats, rate: int, *, is_power: bool) -> Peaks:
 
 
 def window_tuning(peaks: Peaks, rows: NDArray[np.int64]) -> tuple[int, bool]:
-    """Return which deviation is most frequent among the louder half of rows' peaks, and whether that is certain.
+    """Return the most frequent deviation among the louder half of the rows' peaks, and whether it is certain.
 
     Parameters
     ----------
     rows
-        (T,) rows of a window.
+        (T,) indices of a window's rows.
     """
     magnitude, tuning, n_vague = _of_rows(peaks, rows)
     count = len(magnitude)
@@ -116,7 +116,7 @@ def window_tuning(peaks: Peaks, rows: NDArray[np.int64]) -> tuple[int, bool]:
 
 
 def _of_rows(peaks: Peaks, rows: NDArray[np.int64]) -> tuple[Floats, NDArray[np.int64], int]:
-    """Return magnitudes and tunings of the peaks of some rows, and how many of them are vague."""
+    """Return magnitudes and tunings of the peaks of some rows, and the number of vague ones."""
     # Rows of a window come in few runs of neighbours: head, middle, tail.
     breaks = (np.flatnonzero(rows[1:] - rows[:-1] != 1) + 1).tolist()
     runs = zip([0, *breaks], [*breaks, len(rows)], strict=True)
@@ -133,7 +133,7 @@ def tuning_edges() -> NDArray[np.float64]:
 
 
 def _parabola_shift(below: Floats, peak: Floats, above: Floats) -> Floats:
-    """Return how far beside a local maximum the parabola through three points has its vertex, at most 1."""
+    """Return the distance of a parabola's vertex from the middle one of three points, at most 1."""
     curvature = (above + below) - 2.0 * peak.astype(np.float64)
     slope = (above - below) / 2.0
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -142,7 +142,7 @@ def _parabola_shift(below: Floats, peak: Floats, above: Floats) -> Floats:
 
 
 def _deviation(pitch: Floats) -> NDArray[np.int64]:
-    """Return in which bar of the histogram frequencies fall (librosa's `pitch_tuning`)."""
+    """Return the histogram bar of each frequency (librosa's `pitch_tuning`)."""
     octaves = np.log2(pitch / np.float32(_A4_HZ / 16))
     deviation = np.mod(np.float32(BINS_PER_OCTAVE) * octaves, np.float32(1.0))
     deviation[deviation >= 0.5] -= np.float32(1.0)

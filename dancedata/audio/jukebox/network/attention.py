@@ -1,8 +1,8 @@
-"""Factored attention of the 5b prior: three patterns over a sequence that is laid out in rows.
+"""Factored attention of the 5b prior: three patterns over a sequence that is arranged in rows.
 
 Sparse Transformer (Child et al. 2019) as Jukebox uses it: with rows of 64 codes, every third block attends within
-the row, within the column, or to the whole row before. The sequence is padded to full rows at its end; causality
-keeps the padding from being seen.
+the row, within the column, or to the previous row. The sequence is padded to full rows at its end; by causality, the
+padding has no effect.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ ROW, COLUMN, PREVIOUS_ROW = range(3)
 
 
 def factored_attention(qkv: torch.Tensor, kind: int, *, n_clips: int, heads: int, row_length: int) -> torch.Tensor:
-    """Attend within the row, the column, or to the row before.
+    """Attend within the row, within the column, or to the previous row.
 
     Parameters
     ----------
@@ -25,7 +25,7 @@ def factored_attention(qkv: torch.Tensor, kind: int, *, n_clips: int, heads: int
     heads
         Number of heads; head i has the i-th part of the S columns.
     row_length
-        Codes a row.
+        Codes per row.
 
     Returns
     -------
@@ -46,7 +46,7 @@ def factored_attention(qkv: torch.Tensor, kind: int, *, n_clips: int, heads: int
     attended = qkv.new_zeros(n_clips * n_rows, row_length, heads, width // heads)
     if n_clips * n_rows > 1:
         attended[1:] = _attend(q[1:], k[:-1], v[:-1], causal=False).transpose(1, 2)
-    # A clip's first row has none before it and attends to nothing; above, it saw the last row of another clip.
+    # The first row of a clip has no previous row; above, it attended to the last row of another clip.
     attended[::n_rows] = 0
     return attended.view(n_codes, width)
 
@@ -54,8 +54,8 @@ def factored_attention(qkv: torch.Tensor, kind: int, *, n_clips: int, heads: int
 def _attend(q: torch.Tensor, k: torch.Tensor, v: torch.Tensor, *, causal: bool) -> torch.Tensor:
     """Softmax(q k / sqrt(width)) v of (N, heads, length, width); the softmax in fp32.
 
-    The kernels scale before or within the product of q and k, in fp32: in fp16 the reference's order, product first,
-    can overflow.
+    The kernels scale before or within the product of q and k, in fp32; the reference's order, product first, can
+    overflow in fp16.
     """
     if q.device.type == "cpu" and q.dtype != torch.float32:
         return scaled_dot_product_attention(q.float(), k.float(), v.float(), is_causal=causal).to(q.dtype)

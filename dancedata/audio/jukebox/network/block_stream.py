@@ -1,4 +1,4 @@
-"""Runs the blocks in order, those that stay on the device and those that come from the host for their turn."""
+"""Running the blocks in order: those on the device, and those that are copied from the host when needed."""
 
 from __future__ import annotations
 
@@ -8,24 +8,24 @@ from typing import Any
 import torch
 from torch.func import functional_call
 
-from dancedata.audio.jukebox.memory import N_SLOTS
+from dancedata.audio.jukebox.network.memory import N_SLOTS
 from dancedata.audio.jukebox.network.transformer import Block
 
 
 class BlockStream:
-    """The blocks, and room on the device for two of those that are not there.
+    """The blocks, and device memory for two of those on the host.
 
-    A block's weights are copied while the block before computes. Accelerate's own offloading copies at the moment of
-    use, from memory that is not pinned, so that the device waits for every block.
+    The weights of a block are copied while the previous block computes. Accelerate's offloading copies at the moment
+    of use, from memory that is not pinned, so that the device waits for every block.
 
     Parameters
     ----------
     blocks
-        In order; the weights of a resident block on `device`, of another one on the host (pinned for CUDA).
+        In order; the weights of resident blocks are on `device`, those of the others on the host (pinned for CUDA).
     resident
         For each block, whether it is on the device.
     device
-        Where to compute.
+        The device to compute on.
     """
 
     def __init__(self, blocks: Sequence[Block], resident: Sequence[bool], device: torch.device) -> None:
@@ -44,10 +44,10 @@ class BlockStream:
         Yields
         ------
         layer, largest_key : tuple
-            After each block: its number from 1, and what `Block.forward` returned.
+            After each block: its number from 1, and the result of `Block.forward`.
         """
-        coming = iter(self._away)
-        for slot, index in zip(self._slots, coming, strict=False):
+        queue = iter(self._away)
+        for slot, index in zip(self._slots, queue, strict=False):
             self._fetch(slot, index)
         turn = 0
         for index, block in enumerate(self.blocks):
@@ -58,7 +58,7 @@ class BlockStream:
             slot.wait()
             largest = functional_call(block, slot.weights, (h, n_clips))
             slot.release()
-            following = next(coming, None)
+            following = next(queue, None)
             if following is not None:
                 self._fetch(slot, following)
             turn += 1
@@ -69,7 +69,7 @@ class BlockStream:
 
 
 class _Slot:
-    """Device memory for one block, and two events: its weights have arrived; nobody computes with them any more."""
+    """Device memory for one block, and two events: its weights are copied; no computation uses them any more."""
 
     def __init__(self, home: Mapping[str, torch.Tensor], device: torch.device) -> None:
         self.weights = {name: torch.empty_like(weight, device=device) for name, weight in home.items()}
@@ -93,11 +93,11 @@ class _Slot:
             weight.copy_(home[name], non_blocking=True)
 
     def wait(self) -> None:
-        """Let the computation begin only when the weights are there."""
+        """Delay the computation until the weights are copied."""
         if self._arrived is not None:
             torch.cuda.current_stream(self._device).wait_event(self._arrived)
 
     def release(self) -> None:
-        """Say that what was launched until now is the last to use these weights."""
+        """Record that all operations launched so far are the last to use these weights."""
         if self._arrived is not None:
             self._released = torch.cuda.current_stream(self._device).record_event()

@@ -1,4 +1,4 @@
-"""Which rows of the label tables a clip looks up: the same for every clip, for all begin at time 0.
+"""The rows of the label tables that clips look up: the same for every clip, as all begin at time 0.
 
 A label v in [low, high) falls into bin floor(bins * (v - low) / (high - low)).
 """
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def song_length_bin(config: JukeboxConfig) -> int:
-    """Bin of the song's stated length, on [min, max) duration."""
+    """Return the bin of the song's labelled length, on [min, max) duration."""
     low, high = config.min_duration_s * config.sample_rate, config.max_duration_s * config.sample_rate
     return int(config.time_bins * (config.total_length - low) / (high - low))
 

@@ -1,4 +1,4 @@
-"""The error for numbers that leave the range of their type."""
+"""The error for activations beyond the range of their type."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dancedata.core.errors import DanceDataError
 
 
 class JukeboxOverflowError(DanceDataError):
-    """An activation is no longer a finite number; what was computed is not to be used."""
+    """An activation is not a finite number; the results must not be used."""
 
 
 def overflow(layer: int, precision: str) -> JukeboxOverflowError:
@@ -14,7 +14,7 @@ def overflow(layer: int, precision: str) -> JukeboxOverflowError:
     return JukeboxOverflowError(
         f"jukebox: activations up to layer {layer} are not finite",
         found=f"infinity or NaN, in precision {precision}",
-        fix='start again with precision "bf16" (or "fp32"), for all clips: a dataset should hold one precision only'
+        fix='start again with precision "bf16" (or "fp32") for all clips: a dataset should have one precision only'
         if precision == "fp16"
         else "check the weights: values within the range of float32 do not overflow in this precision",
     )

@@ -1,4 +1,4 @@
-"""In what precision the transformer computes, and plain fp32 where fp32 is meant."""
+"""The precision of the transformer, and exact fp32 products."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from dancedata.core.errors import UsageError
 PrecisionName = Literal["auto", "fp32", "fp16", "bf16"]
 
 _DTYPES = {"fp32": torch.float32, "fp16": torch.float16, "bf16": torch.bfloat16}
-# cuBLAS may add up the parts of a long product in half precision unless it is told not to.
+# By default cuBLAS may add up the parts of a long product in half precision.
 _HALF_SUMS = {
     "allow_fp16_reduced_precision_reduction": False,
     "allow_bf16_reduced_precision_reduction": False,
@@ -31,16 +31,16 @@ def resolve_precision(name: str, device: torch.device) -> str:
 
 
 def compute_dtype(precision: str) -> torch.dtype:
-    """Type of what goes into and comes out of matrix products; sums, norms and softmax are always fp32."""
+    """Return the type of factors and results of matrix products; sums, norms and softmax are always fp32."""
     return _DTYPES[precision]
 
 
 @contextmanager
 def exact_float32() -> Iterator[None]:
-    """Compute fp32 products as fp32, and sum half-precision ones in fp32, whatever the program has set.
+    """Compute fp32 products in fp32, and sum half-precision ones in fp32, whatever the program's settings.
 
-    Its settings are put back afterwards. Convolutions use TF32 by default on recent cards, which moves the codes of
-    one clip in some hundred.
+    The settings are restored afterwards. Convolutions use TF32 by default on recent cards, which changes the codes of
+    about one clip in a hundred.
     """
     with ExitStack() as settings:
         matmul = torch.backends.cuda.matmul
@@ -57,7 +57,7 @@ def _exact_matmul() -> Iterator[None]:
     try:
         before = torch.get_float32_matmul_precision()
     except RuntimeError:
-        # torch >= 2.9, and the program set one of the newer, per-backend switches.
+        # torch >= 2.9, and the program has set one of the newer switches per backend.
         with _set(torch.backends.cuda.matmul, "fp32_precision", "ieee"):
             yield
         return
@@ -78,14 +78,14 @@ def _exact_convolutions() -> Iterator[None]:
         with cudnn.flags(enabled=cudnn.enabled, benchmark=False, deterministic=True, allow_tf32=False):
             yield
         return
-    # Not by `flags`: it leaves convolutions to the switch above it (torch.backends.fp32_precision), and cannot be
-    # entered where the program treats convolutions and RNNs differently.
+    # Not by `flags`: it leaves convolutions to the general switch (torch.backends.fp32_precision), and cannot be
+    # entered if the program's settings of convolutions and RNNs differ.
     with ExitStack() as settings:
         settings.enter_context(_set(cudnn, "benchmark", False))
         settings.enter_context(_set(cudnn, "deterministic", True))
-        with suppress(RuntimeError):  # the old switch cannot be read where a newer one says otherwise
+        with suppress(RuntimeError):  # the old switch cannot be read if a newer one differs
             settings.enter_context(_set(cudnn, "allow_tf32", False))
-        # mkldnn is what computes on a CPU; it would take bf16 there.
+        # mkldnn computes on a CPU and might use bf16.
         mkldnn: Any = torch.backends.mkldnn
         for kind in (cudnn.conv, cudnn.rnn, mkldnn.conv, mkldnn.matmul):
             settings.enter_context(_set(kind, "fp32_precision", "ieee"))
@@ -94,7 +94,7 @@ def _exact_convolutions() -> Iterator[None]:
 
 @contextmanager
 def _set(owner: Any, name: str, value: Any) -> Iterator[None]:
-    """Set one of torch's switches for a while."""
+    """Set one of torch's switches within the context."""
     before = getattr(owner, name)
     try:
         setattr(owner, name, value)
@@ -111,14 +111,13 @@ def product(x: torch.Tensor, weight: torch.Tensor, bias: torch.Tensor, *, alpha:
     x
         (N, in).
     weight
-        (in, out), of any floating type: weights that are stored in fp16 stay so in memory, and are cast a product
-        at a time.
+        (in, out), of any floating type: weights stored in fp16 stay in fp16 in memory, and are cast for each product.
     bias
         (out,).
     """
     if x.device.type == "cpu" and x.dtype != torch.float32:
-        # CPUs without half-precision units take 75 times as long; a product of exactly representable factors,
-        # summed in fp32 and rounded once, is also what a GPU's tensor cores give.
+        # CPUs without half-precision units take 75 times as long. The tensor cores of GPUs compute the same:
+        # products of exactly representable factors, summed in fp32 and rounded once.
         return torch.addmm(bias.float(), x.float(), weight.float(), alpha=alpha).to(x.dtype)
     return torch.addmm(bias, x, weight.to(x.dtype), alpha=alpha)
 
@@ -126,7 +125,7 @@ def product(x: torch.Tensor, weight: torch.Tensor, bias: torch.Tensor, *, alpha:
 def add_product(
     total: torch.Tensor, x: torch.Tensor, weight: torch.Tensor, bias: torch.Tensor, *, alpha: float = 1.0
 ) -> None:
-    """Add a linear layer to the fp32 residual stream `total` (N, out), in place; the rest as `product`."""
+    """Add a linear layer to the fp32 residual stream `total` (N, out), in place; otherwise as `product`."""
     if x.dtype == torch.float32:
         total.addmm_(x, weight.float(), alpha=alpha).add_(bias)
     else:

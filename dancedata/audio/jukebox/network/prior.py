@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import torch
 
 from dancedata.audio.jukebox.config import JukeboxConfig
-from dancedata.audio.jukebox.memory import padded_length
 from dancedata.audio.jukebox.network.block_stream import BlockStream
+from dancedata.audio.jukebox.network.memory import padded_length
 
 
 @dataclass(frozen=True)
@@ -37,8 +37,8 @@ class Prior:
         Parameters
         ----------
         codes
-            (B, T) int64 on the device; shorter clips are padded at their end with any code, which causality keeps
-            from being seen.
+            (B, T) int64 on the device; shorter clips are padded at their end with any code, which has no effect by
+            causality.
 
         Yields
         ------
@@ -53,7 +53,7 @@ class Prior:
             yield layer, h[:, :n_codes], largest
 
     def _embed(self, codes: torch.Tensor) -> torch.Tensor:
-        """(B, L, W) input of the first block, L whole rows: each position is given the code before it."""
+        """Return the input (B, L, W) of the first block, L whole rows: each position has the previous code."""
         n_clips, n_codes = codes.shape
         length = padded_length(self.config, n_codes)
         before = codes.new_zeros(n_clips, length)

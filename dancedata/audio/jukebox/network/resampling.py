@@ -1,4 +1,4 @@
-"""From codes to frames: Fourier resampling as a fixed matrix."""
+"""Resampling from codes to frames: Fourier resampling as a fixed matrix."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 
 
 def n_frames(n_codes: int, fps: float | Fraction, code_rate: float | Fraction) -> int:
-    """Count the frames that n_codes codes become: ceil(n * fps / rate), in librosa's own floating point."""
+    """Return the number of frames of n_codes codes: ceil(n * fps / rate), in librosa's own floating point."""
     return math.ceil(n_codes * (float(fps) / float(code_rate)))
 
 
 def resampling_matrix(n_in: int, n_out: int) -> NDArray[np.float32]:
-    """Matrix R of scipy.signal.resample along time: R @ x resamples x (n_in, D) to (n_out, D).
+    """Return the matrix R of scipy.signal.resample along time: R @ x resamples x (n_in, D) to (n_out, D).
 
-    That is: keep the lowest n_out // 2 + 1 bins of the real Fourier transform, transform back at the new length.
-    The clip counts as periodic, so its ends ring into each other; the reference's features are so.
+    It keeps the lowest n_out // 2 + 1 bins of the real Fourier transform and transforms back at the new length. The
+    clip is treated as periodic, so its ends ring into each other, as in the reference's features.
 
     Returns
     -------
@@ -27,7 +27,7 @@ def resampling_matrix(n_in: int, n_out: int) -> NDArray[np.float32]:
     """
     shorter = min(n_in, n_out)
     k = np.arange(shorter // 2 + 1)
-    # Bin k stands for +k and -k. Of an even length's last bin there is one; scipy doubles it on the way down.
+    # Bin k stands for +k and -k, except the last bin of an even length; scipy doubles it when downsampling.
     weight = np.where(k == 0, 1.0, 2.0)
     if shorter % 2 == 0 and n_out >= n_in:
         weight[-1] = 1.0

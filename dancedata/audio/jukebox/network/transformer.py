@@ -9,7 +9,7 @@ from torch.nn.functional import layer_norm, silu
 from dancedata.audio.jukebox.config import JukeboxConfig
 from dancedata.audio.jukebox.network.attention import factored_attention
 from dancedata.audio.jukebox.network.precision import add_product, product
-from dancedata.audio.jukebox.weights.names import BLOCKS, block_tensors
+from dancedata.audio.jukebox.network.tensors import BLOCKS, block_tensors
 
 # Jukebox's GELU is u * sigmoid(1.702 u) = silu(1.702 u) / 1.702. The factors go into the two products around it.
 GELU_SLOPE = 1.702
@@ -19,7 +19,7 @@ NORM_EPSILON = 1e-5
 class Block(nn.Module):
     """h <- h + a + m; a = attention of norm(h), m = MLP of norm(h + a).
 
-    Its parameters carry the names of the file, with "_" for ".": ``attn_c_attn_w`` and so on.
+    Its parameters have the names of the file, with "_" for ".": ``attn_c_attn_w`` and so on.
 
     Parameters
     ----------
@@ -28,8 +28,8 @@ class Block(nn.Module):
     index
         From 0; decides the attention pattern.
     precision
-        Type of the matrix products' factors. For fp32 weights keep their stored type, which is exact and half the
-        memory; biases and norms are fp32.
+        Type of the factors of matrix products. In fp32, weights keep their stored type, which is exact and takes half
+        the memory; biases and norms are fp32.
     """
 
     attn_c_attn_w: torch.Tensor
@@ -46,13 +46,14 @@ class Block(nn.Module):
         self.kind = index % 3
         self.heads, self.row_length = config.heads, config.row_length
         self.precision = precision
-        for spec in block_tensors(config, index):
+        self.specs = block_tensors(config, index)
+        for spec in self.specs:
             stored = getattr(torch, spec.dtype)
             empty = torch.empty(spec.shape, dtype=self.kept_dtype(spec.name, stored))
             self.register_parameter(parameter_name(spec.name), nn.Parameter(empty, requires_grad=False))
 
     def kept_dtype(self, name: str, stored: torch.dtype) -> torch.dtype:
-        """Type in which a tensor of the file is kept."""
+        """Return the type in memory of a tensor of the file."""
         if name.endswith(".w"):
             return stored if self.precision == torch.float32 else self.precision
         return self.precision if name.endswith(".b") else torch.float32
@@ -63,8 +64,8 @@ class Block(nn.Module):
         Returns
         -------
         torch.Tensor or None
-            In fp16, () float32: the largest key, infinite if keys overflowed. Any other overflow ends up in h; an
-            infinite key can hide behind a softmax weight of 0. In other types None: their range is that of h.
+            In fp16, () float32: the largest key, infinite if keys overflowed. Any other overflow reaches h, but a
+            softmax weight of 0 can hide an infinite key. In other types None: their range is that of h.
         """
         qkv = product(self._norm(h, "ln_0"), self.attn_c_attn_w, self.attn_c_attn_b)
         attended = factored_attention(qkv, self.kind, n_clips=n_clips, heads=self.heads, row_length=self.row_length)
@@ -93,6 +94,6 @@ def parameter_name(name: str) -> str:
 
 
 def prepared(name: str, tensor: torch.Tensor) -> torch.Tensor:
-    """Return a tensor of the file as a `Block` wants it."""
+    """Return a tensor of the file as a `Block` stores it."""
     # The bias is inside the GELU, so its factor applies.
     return tensor.float() * GELU_SLOPE if name.endswith("mlp.c_fc.b") else tensor

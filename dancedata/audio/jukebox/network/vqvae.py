@@ -9,9 +9,9 @@ from torch.nn.functional import conv1d, relu
 
 from dancedata.audio.jukebox.config import JukeboxConfig
 from dancedata.audio.jukebox.network.precision import exact_float32
-from dancedata.audio.jukebox.weights.names import CODEBOOK, ENCODER
+from dancedata.audio.jukebox.network.tensors import CODEBOOK, ENCODER
 
-# Distances to all code vectors of so many codes at a time: 17 MB at 2048 code vectors.
+# Codes at once whose distances to all code vectors are computed: 17 MB at 2048 code vectors.
 _CHUNK = 1024
 
 
@@ -69,9 +69,9 @@ class VqEncoder:
         return conv1d(x, weight, bias, stride=stride, padding=padding, dilation=dilation)
 
     def _nearest(self, vectors: torch.Tensor) -> torch.Tensor:
-        """(T,) nearest code vectors of (T, D) in Euclidean distance; of equals the first.
+        """Return the nearest code vectors (T,) of (T, D) in Euclidean distance; of equal ones the first.
 
-        In fp64: near-ties fall the same way whatever the device, and whatever is encoded beside them.
+        In fp64: near-ties are decided the same way on all devices, and whatever the other clips.
         """
         chunks = torch.split(vectors.double(), _CHUNK)
         return torch.cat([(self._squares - 2 * chunk @ self._codebook.T).argmin(1) for chunk in chunks])

@@ -1,4 +1,4 @@
-"""Gets OpenAI's two files from their server, a mirror or another folder. Downloads go on where they stopped."""
+"""Getting OpenAI's two files from their server, a mirror or another folder. Interrupted downloads are resumed."""
 
 from __future__ import annotations
 
@@ -14,13 +14,11 @@ from http.client import HTTPException, HTTPResponse
 from pathlib import Path
 from typing import Any
 
-from filelock import FileLock, Timeout
-
-from dancedata.audio.jukebox.weights.licence import LICENCE
-from dancedata.audio.jukebox.weights.names import PRIOR_FILE, VQVAE_FILE
+from dancedata.audio.jukebox.weights.files import LICENCE, PRIOR_FILE, VQVAE_FILE
 from dancedata.core.atomic import atomic_file
 from dancedata.core.errors import DanceDataError, SourceError, UsageError
 from dancedata.core.hashing import sha256_file
+from dancedata.core.locks import file_lock
 from dancedata.core.text import quoted, shown
 
 OPENAI_URL = "https://openaipublic.azureedge.net/jukebox/models/5b"
@@ -28,10 +26,10 @@ OPENAI_URL = "https://openaipublic.azureedge.net/jukebox/models/5b"
 _BLOCK = 1 << 20
 _TIMEOUT_S = 60
 _LENGTH = re.compile(r"[0-9]{1,15}")
-#: A strong entity tag (RFC 9110): only with one can a download go on. Some servers send what is none.
+#: A strong entity tag (RFC 9110), without which a download cannot be resumed. Some servers send invalid ones.
 _ETAG = re.compile(r'"[\x21\x23-\x7e]{1,200}"')
 _MAX_TAG = 300
-# Other OSErrors are of the disk.
+# Other OSErrors come from the disk.
 _NETWORK_ERRORS = (urllib.error.URLError, HTTPException, ConnectionError, TimeoutError, ssl.SSLError)
 
 
@@ -42,9 +40,9 @@ class RemoteFile:
     Attributes
     ----------
     name : file name, and the last part of its URL.
-    size : bytes; None where it is not known.
-    sha256 : hex; None where it is not known.
-    max_size : bytes; a server that sends more, where the size is not known, has another file.
+    size : bytes; None if unknown.
+    sha256 : hex; None if unknown.
+    max_size : bytes; limit where the size is unknown: a server that sends more has another file.
     """
 
     name: str
@@ -54,11 +52,11 @@ class RemoteFile:
 
     @property
     def limit(self) -> int:
-        """The most bytes that are taken from a server."""
+        """The most bytes that are accepted from a server."""
         return self.max_size if self.size is None else self.size
 
 
-# Sizes and hashes as other projects report them. The tensors of the small file have 7.5 MB.
+# Sizes and hashes as other projects report them. The tensors of the small file take 7.5 MB.
 FILES = (
     RemoteFile(VQVAE_FILE, None, "69745413a48e887f8a3fe91b972a6f7f434021a1ce911a99187b331eb48c059a", 1 << 24),
     RemoteFile(PRIOR_FILE, 10_288_727_721, "89a1dd14f5b2f9b16b3e73b53fa2138cc89fd96bb13249b4267fea471de92672"),
@@ -77,24 +75,24 @@ def fetch(
     attempts: int = 8,
     wait_s: float = 2.0,
 ) -> list[Path]:
-    """Get the files that are not there yet; size and SHA-256 are checked, files appear whole or not at all.
+    """Get the missing files; size and SHA-256 are checked, files appear complete or not at all.
 
     Parameters
     ----------
     out
-        Folder; is made.
+        Folder; created if it does not exist.
     source
-        URL of a folder with the files (OpenAI's, or a mirror's), or a local folder.
+        URL of a folder with the files (of OpenAI or a mirror), or a local folder.
     accept_licence
-        True if the user has agreed to the licence of the weights; or a function that shows its text and asks.
+        True if the user has accepted the licence of the weights; or a function that shows its text and asks.
     files
-        What to get; of a mirror with other files, their sizes and hashes (None: not checked).
+        Files to get; sizes and hashes that are None are not checked.
     progress
-        Called with file name, bytes so far, bytes in all or None.
+        Called with file name, bytes so far, total bytes or None.
     attempts
-        How often in a row a server may fail without sending anything new.
+        Limit of consecutive failures without any new data.
     wait_s
-        Pause after the first failure; it doubles with each further one.
+        Pause in seconds after the first failure; it doubles with each further one.
 
     Returns
     -------
@@ -104,20 +102,20 @@ def fetch(
     Raises
     ------
     UsageError
-        The licence was not agreed to, or `source` is neither http(s) nor a folder.
+        The licence was not accepted, or `source` is neither http(s) nor a folder.
     SourceError
-        A file is not there, has another size or hash, or the server keeps failing or does not speak HTTP; what was
-        downloaded stays, as "name.part", and the next call goes on from there. Of a file that is too large nothing
-        stays.
+        A file does not exist or has another size or hash, or the server keeps failing or its answer is not valid
+        HTTP. A partial download is kept as "name.part", and the next call resumes it; one that is too large is
+        removed.
     """
     agreed = accept_licence(LICENCE) if callable(accept_licence) else accept_licence
     if not agreed:
-        raise UsageError("jukebox: the licence of the weights was not agreed to", found=LICENCE)
+        raise UsageError("jukebox: the licence of the weights was not accepted", found=LICENCE)
     out, url = Path(out), str(source)
     remote = url.startswith(("http://", "https://"))
     if not remote and not Path(url).is_dir():
         raise UsageError(
-            "jukebox: nothing to fetch from", found=url, allowed="an http or https URL of a folder, or a local folder"
+            "jukebox: invalid source", found=url, allowed="an http or https URL of a folder, or a local folder"
         )
     out.mkdir(parents=True, exist_ok=True)
     report = progress or (lambda *_: None)
@@ -126,33 +124,33 @@ def fetch(
         path = out / file.name
         paths.append(path)
         try:
-            with FileLock(out / f".{file.name}.lock", timeout=0):
+            with file_lock(out / f".{file.name}.lock", wait=False) as locked:
+                if not locked:
+                    raise UsageError("jukebox: another program is fetching this file", where=path)
                 if path.exists():
                     _check(path, file, keep=True)
                 elif remote:
                     _Download(f"{url.rstrip('/')}/{file.name}", path, file, report).run(attempts, wait_s)
                 else:
                     _copy(Path(url) / file.name, path, file, report)
-        except Timeout as error:
-            raise UsageError("jukebox: another program is fetching this file", where=path) from error
         except OSError as error:
             raise DanceDataError(
                 "jukebox: the file cannot be written",
                 where=path,
                 found=f"{error}; {shutil.disk_usage(out).free / 1e9:.1f} GB are free",
-                fix="the two files need 10.3 GB",
+                fix="free 10.3 GB of disk space for the two files",
             ) from error
     return paths
 
 
 class _Download:
-    """One file, over as many connections as it takes."""
+    """The download of one file, over as many connections as needed."""
 
     def __init__(self, url: str, path: Path, file: RemoteFile, report: Progress) -> None:
         self._url = url
         self._path = path
         self._part = path.with_name(f"{path.name}.part")
-        # Which version of the file the part belongs to, as the server names it (ETag).
+        # The version of the file that the part belongs to, by the server's ETag.
         self._tag = path.with_name(f"{path.name}.part-etag")
         self._file = file
         self._report = report
@@ -177,7 +175,7 @@ class _Download:
             time.sleep(wait_s * 2 ** (failures - 1))
         _check(self._part, self._file, keep=False, tag=self._tag)
         with atomic_file(self._path) as temporary:
-            # Same folder: a rename, after which the part is on disk under its own name.
+            # In the same folder, so this is a rename; atomic_file then flushes it to disk and renames it again.
             self._part.replace(temporary)
         self._tag.unlink(missing_ok=True)
 
@@ -191,7 +189,7 @@ class _Download:
             request.add_header("Range", f"bytes={have}-")
             tag = self._tag.read_bytes()[:_MAX_TAG].decode("latin1") if self._tag.is_file() else ""
             if _ETAG.fullmatch(tag):
-                # Another version of the file is sent from its start.
+                # The server sends another version of the file from its start.
                 request.add_header("If-Range", tag)
         try:
             response = _opener().open(request, timeout=_TIMEOUT_S)
@@ -199,9 +197,9 @@ class _Download:
             error.close()
             if error.code != 416 or not have:
                 raise
-            # Nothing follows what is there: it is the whole file, or a part of another one, which the hash tells.
+            # The part has all bytes: of this file, or of another one, which the hash shows.
             return True
-        except ValueError as error:  # an invalid address, of a redirection for instance
+        except ValueError as error:  # an invalid address, for instance of a redirection
             raise self._no_answer(shown(error)) from error
         with response:
             resumed = response.status == 206
@@ -228,24 +226,23 @@ class _Download:
             while block := response.read1(_BLOCK):
                 have += len(block)
                 if have > self._file.limit:
-                    # No beginning of the right file either.
+                    # It is not the beginning of the right file.
                     self._part.unlink()
                     self._tag.unlink(missing_ok=True)
                     raise self._other_file("more than that")
                 part.write(block)
                 self._report(self._file.name, have, total)
-        # A server that states no length ends the file by closing: whether that was the end tells the known size, or
-        # else the hash.
-        wanted = total if total is not None else self._file.size
-        return wanted is None or have >= wanted
+        # A server that does not send the length ends the file by closing the connection: the known size, or else the
+        # hash, shows whether the file is complete.
+        expected = total if total is not None else self._file.size
+        return expected is None or have >= expected
 
     def _failed(self, error: Exception) -> SourceError:
         return SourceError(
             "jukebox: the download failed",
             where=self._url,
-            found=f"{shown(str(error))}; {self._have()} bytes are there",
-            fix="start again: it goes on from there. If the server is gone, give a mirror or a folder that has the "
-            "files",
+            found=f"{shown(str(error))}; {self._have()} bytes downloaded",
+            fix="run the same command again to resume, or choose a mirror or a folder that has the files",
         )
 
     def _other_file(self, found: str) -> SourceError:
@@ -255,7 +252,7 @@ class _Download:
             where=self._url,
             found=found,
             allowed=f"{at_most}{self._file.limit} bytes",
-            fix="give another mirror or folder",
+            fix="choose another mirror or folder",
         )
 
     def _no_answer(self, found: str) -> SourceError:
@@ -263,12 +260,12 @@ class _Download:
             "the server's answer is not valid HTTP",
             where=self._url,
             found=found,
-            fix="give another mirror or folder",
+            fix="choose another mirror or folder",
         )
 
 
 class _Redirection(urllib.request.HTTPRedirectHandler):
-    """Goes where a server sends the caller, and closes the connection to it where that is nowhere."""
+    """Follows redirections, and closes the connection if that fails."""
 
     def http_error_302(self, req: Any, fp: Any, code: int, msg: str, headers: Any) -> Any:
         try:
@@ -281,7 +278,7 @@ class _Redirection(urllib.request.HTTPRedirectHandler):
 
 
 def _opener() -> urllib.request.OpenerDirector:
-    """Return what opens http and https only: a server may not send the caller on to files or FTP."""
+    """Return an opener for http and https only: a server must not redirect to files or FTP."""
     opener = urllib.request.OpenerDirector()
     for handler in (
         urllib.request.ProxyHandler,
@@ -300,7 +297,7 @@ def _copy(source: Path, path: Path, file: RemoteFile, report: Progress) -> None:
     """Copy from another folder."""
     if not source.is_file():
         raise SourceError(
-            "the folder has no such file",
+            "the folder does not have the file",
             where=source,
             found=shown(sorted(p.name for p in source.parent.iterdir())),
             allowed=file.name,
@@ -314,9 +311,9 @@ def _copy(source: Path, path: Path, file: RemoteFile, report: Progress) -> None:
 
 
 def _check(path: Path, file: RemoteFile, *, keep: bool, tag: Path | None = None) -> None:
-    """Compare size and hash. A wrong download is removed, unless it is as long as it should be: then it is set aside.
+    """Compare size and hash. A wrong download is removed, or renamed if its size is right.
 
-    Ten gigabytes are not thrown away for a hash: who knows better may rename the file.
+    Ten gigabytes are not deleted because of a hash: the user can still inspect or rename the file.
     """
     size = path.stat().st_size
     aside = path.with_suffix(".mismatch")
@@ -333,11 +330,11 @@ def _check(path: Path, file: RemoteFile, *, keep: bool, tag: Path | None = None)
             fix = "it was removed; fetch again, or from another mirror or folder"
         else:
             path.replace(aside)
-            fix = f"it lies at {aside}; fetch again, or from another mirror or folder"
+            fix = f"it was renamed to {aside}; fetch again, or from another mirror or folder"
         if tag is not None:
             tag.unlink(missing_ok=True)
     raise SourceError(
-        f"jukebox: the file has another {what} than the checkpoint's",
+        f"jukebox: the {what} of the file differs from the checkpoint's",
         where=path,
         found=found,
         allowed=allowed,

@@ -1,11 +1,11 @@
 """Lazy reader of torch files from before the zip format (torch < 1.6), such as OpenAI's checkpoints.
 
-Such a file is five pickles back to back (magic number, protocol, type sizes, the object, the list of storage keys)
-and then, for each key in that list, an int64 element count and the raw little-endian elements. Only the pickles are
-read at first; tensors, or their leading rows, when they are asked for.
+Such a file is a sequence of five pickles (magic number, protocol, type sizes, the object, the list of storage keys)
+and then, for each key in that list, an int64 element count and the raw little-endian elements. Opening reads the
+pickles only; tensors, or their leading rows, are read on request.
 
-The pickles go through an unpickler that knows tensors and plain containers and nothing else. No code of the file,
-or of the package that wrote it, is run.
+The unpickler accepts tensors and plain containers and nothing else. No code of the file, or of the package that wrote
+it, is run.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from dancedata.formats.checked_unpickler import CheckedUnpickler, UnsafePickleEr
 MAGIC = 0x1950A86A20F9469CFC6C
 PROTOCOL = 1001
 MAX_DIMENSIONS = 32
-#: Of elements; in an int64 of the file.
+#: Limit of element counts, which are int64 in the file.
 MAX_NUMBER = 1 << 63
-# A prior of 872 tensors has 0.1 MB of pickles; what claims more is broken.
+# A prior of 872 tensors has 0.1 MB of pickles; a file with more is damaged.
 MAX_PICKLE_BYTES = 64 << 20
 
 _ITEM_BYTES = {
@@ -47,7 +47,7 @@ _ITEM_BYTES = {
 
 @dataclass(frozen=True)
 class _StorageType:
-    """Stands for a torch storage class in the pickle."""
+    """Replaces a torch storage class in the pickle."""
 
     dtype: str
     item_bytes: int
@@ -55,7 +55,7 @@ class _StorageType:
 
 @dataclass(frozen=True)
 class _Storage:
-    """A whole storage, or a stretch of one, by the key of the whole; counts are elements."""
+    """A whole storage, or a part of one, by the key of the whole; counts are elements."""
 
     key: str
     type: _StorageType
@@ -65,16 +65,16 @@ class _Storage:
 
 @dataclass(frozen=True)
 class LegacyTensor:
-    """Where a tensor lies.
+    """The place of a tensor in the file.
 
     Attributes
     ----------
     key : of its storage.
     dtype : "float32" and so on.
-    item_bytes : bytes an element.
+    item_bytes : bytes per element.
     offset : elements from the start of the storage.
     shape : sizes.
-    stride : elements from one index to the next, of each dimension.
+    stride : elements from one index to the next, per dimension.
     """
 
     key: str
@@ -85,31 +85,31 @@ class LegacyTensor:
     stride: tuple[int, ...]
 
     def span(self, rows: int) -> int:
-        """Elements of the storage from the first to the last of the leading rows."""
+        """Return the number of elements of the storage from the first to the last of the leading rows."""
         if 0 in (rows, *self.shape):
             return 0
         return 1 + sum((n - 1) * step for n, step in zip((rows, *self.shape[1:]), self.stride, strict=True))
 
 
 class _Ignored(dict[Any, Any]):
-    """Stands for what may lie beside the tensors (hyperparameters of OpenAI's class, numpy numbers); does nothing."""
+    """Replaces other objects beside the tensors (hyperparameters of OpenAI's class, numpy numbers); does nothing."""
 
     def __init__(self, *_: object) -> None:
         super().__init__()
 
 
 def _key(value: Any) -> str:
-    """Return the key of a storage, which torch writes as text."""
+    """Return the key of a storage as text, as torch writes it."""
     if type(value) is not str and not (type(value) is int and abs(value) < MAX_NUMBER):
         raise pickle.UnpicklingError(f"a storage named {shown(value)}")
     return str(value)
 
 
 def _tensor(storage: Any, offset: Any, shape: Any, stride: Any, *_: object) -> LegacyTensor:
-    """Take the place of torch._utils._rebuild_tensor and _rebuild_tensor_v2."""
+    """Replace torch._utils._rebuild_tensor and _rebuild_tensor_v2."""
     sizes = (offset, *shape, *stride)
     if not isinstance(storage, _Storage) or len(shape) != len(stride) or len(shape) > MAX_DIMENSIONS:
-        raise pickle.UnpicklingError("a tensor that is none")
+        raise pickle.UnpicklingError("an invalid tensor")
     if any(type(n) is not int or abs(n) >= MAX_NUMBER for n in sizes):
         raise pickle.UnpicklingError(f"a tensor of sizes {shown(sizes)}")
     start = offset + storage.offset
@@ -127,7 +127,7 @@ def _parameter(tensor: Any, *_: object) -> Any:
 
 
 def _new(unpickler: Any) -> None:
-    """Take the place of an object made by its class; those of OpenAI's package are made so."""
+    """Replace the creation of an object by its class, as for those of OpenAI's package."""
     unpickler.stack.pop()
     if unpickler.stack.pop() is not _Ignored:
         raise UnsafePickleError("an object of a class")
@@ -148,7 +148,7 @@ _ALLOWED: dict[tuple[str, str], Any] = {
 
 
 def _build(unpickler: Any) -> None:
-    # A state dict carries a _metadata attribute; it is dropped, and nothing else may have its state set.
+    # A state dict has a _metadata attribute; it is dropped, and no other object may have its state set.
     unpickler.stack.pop()
     if not isinstance(unpickler.stack[-1], dict):
         raise UnsafePickleError(f"the state of a {type(unpickler.stack[-1]).__name__}")
@@ -159,7 +159,7 @@ def _refuse(unpickler: Any) -> None:
 
 
 class _Unpickler(CheckedUnpickler):
-    """Knows tensors and plain containers; keeps the state that a pickle sets from it."""
+    """Accepts tensors and plain containers only; a pickle cannot set its state."""
 
     dispatch: ClassVar[dict[int, Any]] = {
         **CheckedUnpickler.dispatch,
@@ -170,7 +170,7 @@ class _Unpickler(CheckedUnpickler):
 
     def find_class(self, module: str, name: str) -> Callable[..., Any]:
         if module.split(".")[0] == "jukebox":
-            # A class of OpenAI's package, by its name alone: the package is not looked for.
+            # A class of OpenAI's package, by its name alone: the package is not imported.
             return _Ignored
         try:
             found: Callable[..., Any] = _ALLOWED[module, name]
@@ -190,15 +190,15 @@ class _Unpickler(CheckedUnpickler):
         what = (storage_type.item_bytes, whole)
         if self.storages.setdefault(_key(key), what) != what:
             raise pickle.UnpicklingError(f"two sizes of the storage {quoted(key)}")
-        # Storages that are stretches of others came with (own key, offset, size).
+        # The view of a storage that is a part of another one is (own key, offset, size).
         offset = 0 if view is None else view[1]
         if type(offset) is not int or abs(offset) >= MAX_NUMBER:
-            raise pickle.UnpicklingError(f"a stretch of a storage from {shown(offset)} on")
+            raise pickle.UnpicklingError(f"a part of a storage at offset {shown(offset)}")
         return _Storage(_key(key), storage_type, whole, offset)
 
 
 class _Limited:
-    """The head of a file; refuses to read more than there is, whatever size the pickle announces."""
+    """The head of a file; reading beyond its end raises EOFError, whatever size the pickle states."""
 
     def __init__(self, file: BufferedReader, limit: int) -> None:
         self._file = file
@@ -206,7 +206,7 @@ class _Limited:
 
     def _checked(self, n: int) -> int:
         if not 0 <= n <= self._limit - self._file.tell():
-            raise EOFError("the pickles do not end where they should")
+            raise EOFError("the pickles reach beyond the end of the file")
         return n
 
     def read(self, n: int) -> bytes:
@@ -219,7 +219,7 @@ class _Limited:
     def readline(self) -> bytes:
         line = self._file.readline(self._limit - self._file.tell())
         if not line.endswith(b"\n"):
-            # A name that is cut off must not be taken for another name.
+            # A truncated name must not be read as another name.
             raise EOFError("the pickles end within a line")
         return line
 
@@ -240,9 +240,9 @@ class LegacyFile:
     Raises
     ------
     SourceError
-        The file is no legacy torch file, or ends too early; the message names the first tensor that is cut off.
+        The file is not a legacy torch file, or is truncated; the message names the first incomplete tensor.
     DataError
-        "unsafe_pickle": the file wants to run foreign code. Nothing was run.
+        "unsafe_pickle": the file contains foreign code. Nothing was run.
     """
 
     def __init__(self, path: Path) -> None:
@@ -276,7 +276,7 @@ class LegacyFile:
                 f"the torch file is damaged at the tensor {shown(name)}",
                 where=self.path,
                 found=f"a storage of {stored} elements",
-                allowed=f"{n_elements}, as the head of the file says",
+                allowed=f"{n_elements}, as in the head of the file",
                 fix="get the file again",
             )
         self._file.seek(start + tensor.offset * tensor.item_bytes)
@@ -289,7 +289,7 @@ class LegacyFile:
         try:
             magic = _Unpickler(head).load()
             if type(magic) is not int or magic != MAGIC:
-                raise pickle.UnpicklingError("another magic number")
+                raise pickle.UnpicklingError("a wrong magic number")
             protocol, system = _Unpickler(head).load(), _Unpickler(head).load()
             if type(protocol) is not int or protocol != PROTOCOL or not system["little_endian"]:
                 raise pickle.UnpicklingError(f"protocol {shown(protocol)}, {shown(system)}")
@@ -297,19 +297,19 @@ class LegacyFile:
             obj = unpickler.load()
             keys = [_key(key) for key in _Unpickler(head).load()]
             if set(keys) != unpickler.storages.keys():
-                raise pickle.UnpicklingError("the list of storages does not fit the tensors")
+                raise pickle.UnpicklingError("the list of storages does not match the tensors")
         except UnsafePickleError as error:
             raise DataError(
-                "the torch file wants to run foreign code; nothing was run",
+                "the torch file contains foreign code; nothing was run",
                 reason="unsafe_pickle",
                 where=self.path,
                 found=str(error),
                 allowed="tensors and plain Python containers",
                 fix="get the file again from its publisher",
             ) from None
-        except Exception as error:  # a broken pickle can raise anything: its bytes are a program
+        except Exception as error:  # a damaged pickle can raise anything: its bytes are a program
             raise SourceError(
-                "this is no torch file, or a truncated one",
+                "not a torch file, or a truncated one",
                 where=self.path,
                 found=f"{self._size} bytes; {shown(error)}",
                 allowed="a file that torch.save wrote",
@@ -318,7 +318,7 @@ class LegacyFile:
         return obj, keys, unpickler.storages
 
     def _locate(self, keys: list[str], storages: dict[str, tuple[int, int]]) -> dict[str, tuple[int, int]]:
-        """Byte position and element count of every storage, by key."""
+        """Return the byte position and element count of every storage, by key."""
         names = _tensors(self.object)
         starts: dict[str, tuple[int, int]] = {}
         position = self._file.tell()
@@ -334,14 +334,14 @@ class LegacyFile:
         return SourceError(
             "the torch file is truncated",
             where=self.path,
-            found=f"{self._size} bytes, so the tensor {shown(name)} and all after it are not whole",
+            found=f"{self._size} bytes, so the tensor {shown(name)} and all after it are incomplete",
             allowed=f"at least {needed} bytes",
             fix="get the file again (a download can be resumed)",
         )
 
 
 def _tensors(obj: Any) -> dict[str, str]:
-    """Names of the tensors in nested dictionaries, the last key of each, by storage; each dictionary is seen once."""
+    """Return the names of the tensors in nested dictionaries (the last key), by storage; cycles are allowed."""
     found: dict[str, str] = {}
     seen: set[int] = set()
     level = [("", obj)]

@@ -1,4 +1,4 @@
-"""From files to a network: each tensor is read by itself, straight into its type and onto its device."""
+"""Loading a network from files: each tensor is read by itself, directly into its type and onto its device."""
 
 from __future__ import annotations
 
@@ -11,27 +11,28 @@ from accelerate import init_empty_weights  # type: ignore[import-untyped]
 from accelerate.utils import set_module_tensor_to_device  # type: ignore[import-untyped]
 
 from dancedata.audio.jukebox.config import JukeboxConfig
-from dancedata.audio.jukebox.memory import Placement, padded_length
+from dancedata.audio.jukebox.network import tensors
 from dancedata.audio.jukebox.network.block_stream import BlockStream
 from dancedata.audio.jukebox.network.conditioning import start_vector, time_conditioning
+from dancedata.audio.jukebox.network.memory import Placement, padded_length
 from dancedata.audio.jukebox.network.prior import Prior
 from dancedata.audio.jukebox.network.transformer import Block, parameter_name, prepared
 from dancedata.audio.jukebox.network.vqvae import VqEncoder
-from dancedata.audio.jukebox.weights import names
+from dancedata.audio.jukebox.weights.files import PRIOR_FILE, VQVAE_FILE
+from dancedata.audio.jukebox.weights.folder import refuse_hugging_face
 from dancedata.audio.jukebox.weights.sources import TensorSource, open_torch_file, require_tensors
 from dancedata.core.errors import SourceError
-from dancedata.core.strict_json import read_json
-from dancedata.core.text import listed, quoted
+from dancedata.core.text import listed
 
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """Open sources of the two networks; close them when everything is loaded.
+    """Open sources of the two networks; to be closed once everything is loaded.
 
     Attributes
     ----------
-    vqvae, prior : where their tensors come from (one and the same for a converted checkpoint).
-    trimmed : only the needed rows are there.
+    vqvae, prior : sources of their tensors (the same one for a converted checkpoint).
+    trimmed : whether the sources have only the needed rows.
     """
 
     vqvae: TensorSource
@@ -45,7 +46,7 @@ class Checkpoint:
 
 
 def open_openai(folder: Path, config: JukeboxConfig) -> Checkpoint:
-    """Open OpenAI's vqvae.pth.tar and prior_level_2.pth.tar, and check that they are of this network.
+    """Open OpenAI's vqvae.pth.tar and prior_level_2.pth.tar, and check that they belong to this network.
 
     Raises
     ------
@@ -55,18 +56,18 @@ def open_openai(folder: Path, config: JukeboxConfig) -> Checkpoint:
         "unsafe_pickle".
     """
     refuse_hugging_face(folder)
-    vqvae = open_torch_file(folder / names.VQVAE_FILE)
+    vqvae = open_torch_file(folder / VQVAE_FILE)
     try:
-        prior = open_torch_file(folder / names.PRIOR_FILE)
+        prior = open_torch_file(folder / PRIOR_FILE)
     except BaseException:
         vqvae.close()
         raise
     checkpoint = Checkpoint(vqvae, prior)
     try:
-        known = {spec.name for spec in names.vqvae_tensors(config)}
-        prefixes = (names.ENCODER.split(".level")[0] + ".", names.CODEBOOK)
+        known = {spec.name for spec in tensors.vqvae_tensors(config)}
+        prefixes = (tensors.ENCODER.split(".level")[0] + ".", tensors.CODEBOOK)
         _refuse_unknown(vqvae, (name for name in vqvae.shapes() if name.startswith(prefixes)), known)
-        _refuse_unknown(prior, prior.shapes(), names.all_prior_names(config))
+        _refuse_unknown(prior, prior.shapes(), tensors.all_prior_names(config))
     except BaseException:
         checkpoint.close()
         raise
@@ -75,7 +76,7 @@ def open_openai(folder: Path, config: JukeboxConfig) -> Checkpoint:
 
 def load_encoder(checkpoint: Checkpoint, config: JukeboxConfig, device: torch.device) -> VqEncoder:
     """Load the level-2 encoder and its codebook, as fp32."""
-    specs = names.vqvae_tensors(config)
+    specs = tensors.vqvae_tensors(config)
     source = checkpoint.vqvae
     require_tensors(source, specs, trimmed=checkpoint.trimmed)
     return VqEncoder(config, {s.name: source.read(s.name, s.rows).to(device, torch.float32) for s in specs})
@@ -90,16 +91,16 @@ def load_prior(
     precision: torch.dtype,
     device: torch.device,
 ) -> Prior:
-    """Load the prior up to as many blocks as `placement` knows, and tables for up to `max_codes` codes."""
+    """Load the blocks of `placement`, and tables for up to `max_codes` codes."""
     source, n_blocks, length = checkpoint.prior, len(placement.resident), padded_length(config, max_codes)
-    require_tensors(source, names.prior_tensors(config, n_blocks, length), trimmed=checkpoint.trimmed)
+    require_tensors(source, tensors.prior_tensors(config, n_blocks, length), trimmed=checkpoint.trimmed)
     start, positions = load_conditioning(source, config, length)
-    code_table = source.read(names.CODES, config.codebook_size).float()
+    code_table = source.read(tensors.CODES, config.codebook_size).float()
     blocks = []
     for index, here in enumerate(placement.resident):
         block = empty_block(config, index, precision)
         pinned = device.type == "cuda" and not here
-        fill_block(block, index, source, config, device if here else torch.device("cpu"), pinned=pinned)
+        fill_block(block, source, device if here else torch.device("cpu"), pinned=pinned)
         blocks.append(block)
     stream = BlockStream(blocks, placement.resident, device)
     return Prior(config, start.to(device), code_table.to(device), positions.to(device), stream)
@@ -107,28 +108,26 @@ def load_prior(
 
 def load_conditioning(source: TensorSource, config: JukeboxConfig, n_codes: int) -> tuple[torch.Tensor, torch.Tensor]:
     """Load y_cond (W,), and the position embedding plus x_cond (n_codes, W), both float32."""
-    rows = {spec.name: spec.rows for spec in names.table_tensors(config, n_codes)}
+    rows = {spec.name: spec.rows for spec in tensors.table_tensors(config, n_codes)}
 
     def read(name: str) -> torch.Tensor:
         return source.read(name, rows[name]).float()
 
     x_cond = time_conditioning(
-        config, read(names.SONG_LENGTH), read(names.SONG_POSITION), read(names.RELATIVE_POSITION), n_codes
+        config, read(tensors.SONG_LENGTH), read(tensors.SONG_POSITION), read(tensors.RELATIVE_POSITION), n_codes
     )
-    return start_vector(read(names.GENRES), read(names.ARTISTS)), x_cond.add_(read(names.POSITIONS))
+    return start_vector(read(tensors.GENRES), read(tensors.ARTISTS)), x_cond.add_(read(tensors.POSITIONS))
 
 
 def empty_block(config: JukeboxConfig, index: int, precision: torch.dtype) -> Block:
-    """Make a block without memory (meta device)."""
+    """Create a block without memory (meta device)."""
     with init_empty_weights():
         return Block(config, index, precision)
 
 
-def fill_block(
-    block: Block, index: int, source: TensorSource, config: JukeboxConfig, device: torch.device, *, pinned: bool
-) -> None:
-    """Give a block its weights, one tensor at a time."""
-    for spec in names.block_tensors(config, index):
+def fill_block(block: Block, source: TensorSource, device: torch.device, *, pinned: bool) -> None:
+    """Load the weights of a block, one tensor at a time."""
+    for spec in block.specs:
         stored = source.read(spec.name, spec.rows)
         value = prepared(spec.name, stored)
         dtype = block.kept_dtype(spec.name, stored.dtype)
@@ -141,27 +140,9 @@ def _refuse_unknown(source: TensorSource, found: Iterable[str], known: Iterable[
     unknown = sorted(set(found) - set(known))
     if unknown:
         raise SourceError(
-            "the checkpoint has tensors that this network has not: it is another network",
+            "the checkpoint has unknown tensors: it belongs to another network",
             where=source.path,
             found=listed(unknown),
-            allowed="the 5b model without lyrics (or what the JukeboxConfig describes)",
-            fix="dancedata jukebox fetch gets the right files",
-        )
-
-
-def refuse_hugging_face(folder: Path) -> None:
-    """Raise SourceError for a folder with one of the models that are on the Hugging Face hub."""
-    try:
-        description = read_json(folder / "config.json", names.MAX_JSON_BYTES)
-    except (OSError, ValueError):
-        return
-    kind = description.get("model_type") if isinstance(description, dict) else None
-    if isinstance(kind, str) and kind.startswith("jukebox"):
-        raise SourceError(
-            "this is a Jukebox model of the Hugging Face hub, which is another network: its prior was trained with "
-            "lyrics and attends to them in further blocks (5b: 79 instead of 72). Its activations are no substitute",
-            where=folder,
-            found=f"config.json with model_type {quoted(kind)}",
-            allowed=f"OpenAI's 5b model without lyrics: {names.VQVAE_FILE} and {names.PRIOR_FILE}",
-            fix="dancedata jukebox fetch gets it; the hub has no copy of it",
+            allowed="the 5b model without lyrics (or that of the JukeboxConfig)",
+            fix="get the right files with `dancedata jukebox fetch`",
         )

@@ -11,13 +11,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dancedata.audio.jukebox.config import JukeboxConfig
-from dancedata.audio.jukebox.weights import names
+from dancedata.audio.jukebox.network import tensors
+from dancedata.audio.jukebox.weights.files import PRIOR_FILE, VQVAE_FILE
 from dancedata.core.atomic import write_json
 
 if TYPE_CHECKING:
     import torch
 
-# As small as the layout allows: six blocks are two of each kind; context and label tables are the real ones.
+# As small as the layout allows: two blocks of each of the three kinds; context and label tables of the real size.
 TINY = JukeboxConfig(
     conv_width=8,
     code_width=16,
@@ -31,23 +32,23 @@ TINY = JukeboxConfig(
 
 
 class RandomSource:
-    """Random tensors by name, made when they are read: a `TensorSource` that needs neither disk nor memory.
+    """Random tensors by name, generated when they are read: a `TensorSource` without disk or memory.
 
     Parameters
     ----------
     config
         Sizes.
     layer
-        Has what this layer needs.
+        The source has the tensors that this layer needs.
     seed
-        Each tensor depends on it and on its own name.
+        Each tensor depends on the seed and its own name.
     """
 
     path = Path("random weights")
 
     def __init__(self, config: JukeboxConfig, layer: int, *, seed: int = 0) -> None:
         self.seed = seed
-        specs = (*names.vqvae_tensors(config), *names.prior_tensors(config, layer))
+        specs = (*tensors.vqvae_tensors(config), *tensors.prior_tensors(config, layer))
         self._specs = {spec.name: spec for spec in specs}
 
     def shapes(self) -> Mapping[str, tuple[int, ...]]:
@@ -62,7 +63,7 @@ class RandomSource:
         return dtype
 
     def read(self, name: str, rows: int) -> torch.Tensor:
-        """Make the leading rows of a tensor."""
+        """Generate the leading rows of a tensor."""
         import torch
 
         spec = self._specs[name]
@@ -75,19 +76,19 @@ class RandomSource:
         )
 
     def close(self) -> None:
-        """Nothing is open."""
+        """Do nothing: no file is open."""
 
 
-def _scale(spec: names.TensorSpec) -> float:
+def _scale(spec: tensors.TensorSpec) -> float:
     """Return a standard deviation with which activations neither vanish nor explode."""
-    if spec.name == names.CODEBOOK:
+    if spec.name == tensors.CODEBOOK:
         return 1.0
     if spec.name.endswith((".b", ".bias")) or ".ln_" in spec.name:
         return 0.1
     if spec.name.endswith(".w"):
         return float(spec.shape[0] ** -0.5)
     if len(spec.shape) == 3:
-        # Convolutions; those of kernel 1 close a residual unit, and 28 of these add up.
+        # Convolutions; those with kernel 1 end a residual unit, and 28 of these are added.
         gain = 0.3 if spec.shape[2] == 1 else 1.4
         return float(gain * math.prod(spec.shape[1:]) ** -0.5)
     return 0.5
@@ -99,12 +100,12 @@ def random_checkpoint(
     """Write vqvae.pth.tar and prior_level_2.pth.tar with random weights, and their sizes as hparams.json.
 
     As in the real files: torch's legacy format, storages tagged cuda:0, keys hps, model, opt and step, linear weights
-    fp16 and all else fp32, and tensors that inference does not need.
+    in fp16 and all others in fp32, and tensors that inference does not need.
 
     Parameters
     ----------
     folder
-        Is made.
+        Created if it does not exist.
     config
         Sizes.
     seed
@@ -113,25 +114,25 @@ def random_checkpoint(
     Returns
     -------
     dict
-        The tensors by name, by file name.
+        The tensors by name, for each file name.
     """
     import torch
 
     folder.mkdir(parents=True, exist_ok=True)
     source = RandomSource(config, config.depth, seed=seed)
 
-    def read(specs: tuple[names.TensorSpec, ...]) -> dict[str, torch.Tensor]:
+    def read(specs: tuple[tensors.TensorSpec, ...]) -> dict[str, torch.Tensor]:
         return {spec.name: source.read(spec.name, spec.shape[0]) for spec in specs}
 
     models = {
-        names.VQVAE_FILE: {
+        VQVAE_FILE: {
             "encoders.0.level_blocks.0.model.0.0.weight": torch.zeros(8, 1, 4),
-            **read(names.vqvae_tensors(config)),
+            **read(tensors.vqvae_tensors(config)),
             "decoders.0.out.weight": torch.zeros(1, 16, 3),
         },
-        names.PRIOR_FILE: {
-            **read(names.prior_tensors(config, config.depth)),
-            names.OUTPUT: torch.zeros(config.codebook_size, config.width),
+        PRIOR_FILE: {
+            **read(tensors.prior_tensors(config, config.depth)),
+            tensors.OUTPUT: torch.zeros(config.codebook_size, config.width),
         },
     }
     for file, model in models.items():
@@ -141,7 +142,7 @@ def random_checkpoint(
 
 
 def write_torch_file(path: Path, model: Mapping[str, torch.Tensor], *, legacy: bool = True) -> None:
-    """Write a checkpoint file with these tensors, in torch's legacy format (or the zip format of today)."""
+    """Write a checkpoint file with these tensors, in torch's legacy format (or the current zip format)."""
     import torch
 
     content = {"hps": {"level": 2, "name": "tiny"}, "model": OrderedDict(model), "opt": None, "step": 1}
@@ -150,5 +151,5 @@ def write_torch_file(path: Path, model: Mapping[str, torch.Tensor], *, legacy: b
         return
     buffer = io.BytesIO()
     torch.save(content, buffer, _use_new_zipfile_serialization=False)
-    # The pickle states the device once, as a string with its length; nothing in the file counts the pickle's bytes.
+    # The pickle has the device once, as a string with its length; nothing else depends on the pickle's length.
     path.write_bytes(buffer.getvalue().replace(b"X\x03\x00\x00\x00cpu", b"X\x06\x00\x00\x00cuda:0", 1))

@@ -1,4 +1,4 @@
-"""Where tensors come from: one interface over legacy torch files, zip torch files and safetensors folders."""
+"""Sources of tensors: one interface for legacy torch files, zip torch files and safetensors folders."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import Any, Protocol, Self
 
 import torch
 
+from dancedata.audio.jukebox.network.tensors import TensorSpec
 from dancedata.audio.jukebox.weights.legacy_file import LegacyFile, LegacyTensor
-from dancedata.audio.jukebox.weights.names import TensorSpec
 from dancedata.core.errors import SourceError
 from dancedata.core.text import shown
 
@@ -32,11 +32,11 @@ class TensorSource(Protocol):
         """Read the leading rows into memory of their own, on the CPU, in the stored type."""
 
     def close(self) -> None:
-        """Close what is open."""
+        """Close all open files."""
 
 
 class _Closing:
-    """Makes a source a context manager."""
+    """Base of sources: a context manager."""
 
     def __enter__(self) -> Self:
         return self
@@ -47,7 +47,7 @@ class _Closing:
         self.close()
 
     def close(self) -> None:
-        """Close what is open; by default nothing is."""
+        """Close all open files; by default there are none."""
 
 
 class LegacySource(_Closing):
@@ -96,12 +96,12 @@ class ZipSource(_Closing):
         self.path = path
         try:
             loaded = torch.load(path, map_location="cpu", weights_only=True, mmap=True)
-        except Exception as error:  # whatever a damaged file makes torch raise
+        except Exception as error:  # torch may raise anything for a damaged file
             raise SourceError(
                 "torch cannot read this file as weights",
                 where=path,
                 found=shown(error),
-                allowed="a whole file that torch.save wrote, of tensors and plain containers",
+                allowed="a complete file that torch.save wrote, of tensors and plain containers",
                 fix="get the file again",
             ) from error
         self._tensors: dict[str, torch.Tensor] = {
@@ -126,14 +126,14 @@ class ZipSource(_Closing):
 
 
 class SafetensorsSource(_Closing):
-    """Several safetensors files as one; one is open at a time, so that little of them is mapped.
+    """Several safetensors files as one source; one file is open at a time, so that little memory is mapped.
 
     Parameters
     ----------
     path
         The folder.
     files
-        Names in it.
+        File names in it.
     """
 
     def __init__(self, path: Path, files: Iterable[str]) -> None:
@@ -145,7 +145,7 @@ class SafetensorsSource(_Closing):
         self._open_file: Any = None
         for file in files:
             opened = self._opened(file)
-            # An open safetensors file is no dict.
+            # An open safetensors file is not a dict.
             for name in opened.keys():  # noqa: SIM118
                 part = opened.get_slice(name)
                 self._homes[name] = file
@@ -197,7 +197,7 @@ def open_torch_file(path: Path) -> LegacySource | ZipSource:
     Raises
     ------
     SourceError
-        There is no such file, it is of neither format, or it is damaged.
+        The file does not exist, is of neither format, or is damaged.
     DataError
         "unsafe_pickle".
     """
@@ -206,7 +206,7 @@ def open_torch_file(path: Path) -> LegacySource | ZipSource:
             "a file of the Jukebox checkpoint is missing",
             where=path,
             found=sorted(p.name for p in path.parent.iterdir())[:10] if path.parent.is_dir() else "no such folder",
-            fix="dancedata jukebox fetch gets it, from OpenAI, a mirror or another folder",
+            fix="get it with `dancedata jukebox fetch`, from OpenAI, a mirror or another folder",
         )
     with path.open("rb") as file:
         start = file.read(4)
@@ -214,11 +214,11 @@ def open_torch_file(path: Path) -> LegacySource | ZipSource:
 
 
 def _model(loaded: Any, path: Path) -> Mapping[str, Any]:
-    """Return the dictionary of tensors; names without the prefix that distributed training adds."""
+    """Return the dictionary of tensors, without the prefix that distributed training adds to their names."""
     model = loaded.get("model") if isinstance(loaded, dict) else None
     if not isinstance(model, dict):
         raise SourceError(
-            "the torch file is no Jukebox checkpoint",
+            "the torch file is not a Jukebox checkpoint",
             where=path,
             found=f"keys {shown(list(loaded))}" if isinstance(loaded, dict) else type(loaded).__name__,
             allowed="a dictionary with the key 'model'",
@@ -232,12 +232,12 @@ def require_tensors(source: TensorSource, specs: Iterable[TensorSpec], *, trimme
     Parameters
     ----------
     trimmed
-        The source holds the needed rows alone, as a converted checkpoint does. More rows than needed are fine.
+        The source has only the needed rows, as a converted checkpoint does. More rows than needed are accepted.
 
     Raises
     ------
     SourceError
-        Names the first ten tensors that are missing, or of another shape or no floating-point type.
+        Tensors are missing, or have another shape or a type that is not floating-point; the first ten are named.
     """
     shapes = source.shapes()
     problems = []
@@ -258,5 +258,5 @@ def require_tensors(source: TensorSource, specs: Iterable[TensorSpec], *, trimme
         raise SourceError(
             f"the tensors of this checkpoint do not fit the network:{listed}{more}\n",
             where=source.path,
-            fix="Is it the 5b model without lyrics, and whole? Another size needs its own JukeboxConfig",
+            fix="use the complete 5b model without lyrics, or the JukeboxConfig of another size",
         )

@@ -7,8 +7,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dancedata.core.columns import Columns, Group
 from dancedata.core.errors import UsageError
-from dancedata.core.movement import MIN_STD, Movement, movement_std
+from dancedata.core.grid import FrameGrid
+from dancedata.filters.movement import MIN_STD, Movement
+
+COLUMNS = Columns((Group("pose", 139, "1"),))
+
+
+def _keeps(rows: np.ndarray, **parameters: float) -> bool:
+    return Movement(**parameters).reject(rows, COLUMNS, FrameGrid.of(30)) is None  # type: ignore[arg-type]
 
 
 def _rows(std: float, width: int = 139, length: int = 256) -> np.ndarray:
@@ -20,8 +28,8 @@ def _rows(std: float, width: int = 139, length: int = 256) -> np.ndarray:
 @pytest.mark.parametrize("std", [0.0, 0.05, 0.0699, 0.06999, 0.07001, 0.0701, 0.2])
 def test_windows_about_the_limit_fall_on_the_references_side(std: float) -> None:
     rows = _rows(std)
-    assert Movement().keeps(movement_std(rows)) == bool(rows.std(axis=0).mean() > 0.07)
-    assert Movement().keeps(movement_std(rows)) == (std > 0.07)
+    assert _keeps(rows) == bool(rows.std(axis=0).mean() > 0.07)
+    assert _keeps(rows) == (std > 0.07)
 
 
 @pytest.mark.parametrize("steps", [-2, -1, 0, 1, 2])
@@ -31,26 +39,29 @@ def test_a_float32_step_from_the_limit(steps: int) -> None:
         std = np.nextafter(std, np.float32(np.sign(steps)))
     rows = _rows(float(std))
     # float32 sums round; what counts is that the reference's own sentence decides.
-    assert Movement().keeps(movement_std(rows)) == bool(rows.std(axis=0).mean() > 0.07)
+    assert _keeps(rows) == bool(rows.std(axis=0).mean() > 0.07)
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(2, 40), st.integers(1, 20), st.floats(0, 0.2))
 def test_any_rows(seed: int, length: int, width: int, scale: float) -> None:
     rows = np.random.default_rng(seed).normal(0, scale, (length, width)).astype(np.float32)
-    assert Movement().keeps(movement_std(rows)) == bool(rows.std(axis=0).mean() > 0.07)
+    assert _keeps(rows) == bool(rows.std(axis=0).mean() > 0.07)
 
 
 def test_a_still_stretch_is_left_out_and_the_dance_around_it_kept() -> None:
     rows = np.concatenate([_rows(0.3), np.zeros((600, 139), np.float32), _rows(0.3)])
-    kept = [k for k in range(0, len(rows) - 255, 32) if Movement().keeps(movement_std(rows[k : k + 256]))]
+    kept = [k for k in range(0, len(rows) - 255, 32) if _keeps(rows[k : k + 256])]
     wanted = [k for k in range(0, len(rows) - 255, 32) if rows[k : k + 256].std(axis=0).mean() > 0.07]
     assert kept == wanted
     assert 0 < len(kept) < len(range(0, len(rows) - 255, 32))
 
 
 def test_another_limit_and_the_reject() -> None:
-    assert not Movement(min_std=0.1).keeps(0.09)
-    reject = Movement().reject("001", 64, 0.01)
-    assert (reject.reason, reject.clip, reject.window, reject.numbers) == ("still", "001", 64, {"std": 0.01})
+    assert not _keeps(_rows(0.09), min_std=0.1)
+    reject = Movement().reject(_rows(0.01), COLUMNS, FrameGrid.of(30))
+    assert reject is not None
+    assert reject.reason == "still"
+    assert reject.detail == "lodge139 hardly moves: mean standard deviation 0.01, the limit is 0.07"
+    assert reject.numbers == {"std": pytest.approx(0.01)}
     with pytest.raises(UsageError, match="min_std"):
         Movement(min_std=-1)

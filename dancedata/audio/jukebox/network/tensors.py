@@ -1,4 +1,4 @@
-"""The tensors of OpenAI's two checkpoint files: names, shapes, types, and how much of each is needed."""
+"""The tensors of OpenAI's two checkpoint files: names, shapes, types, and the rows of each that are needed."""
 
 from __future__ import annotations
 
@@ -8,11 +8,6 @@ from dataclasses import dataclass
 
 from dancedata.audio.jukebox.config import JukeboxConfig
 from dancedata.audio.jukebox.network.conditioning import relative_bins, song_position_bins
-
-VQVAE_FILE = "vqvae.pth.tar"
-PRIOR_FILE = "prior_level_2.pth.tar"
-#: Descriptions beside the weights have some ten kilobytes.
-MAX_JSON_BYTES = 1 << 20
 
 ENCODER = "encoders.2.level_blocks"
 CODEBOOK = "bottleneck.level_blocks.2.k"
@@ -24,7 +19,7 @@ SONG_POSITION = "y_emb.absolute_pos_emb.emb.weight"
 RELATIVE_POSITION = "y_emb.relative_pos_emb.emb.weight"
 CODES = "prior.x_emb.weight"
 POSITIONS = "prior.pos_emb.pos_emb"
-# The output layer of the prior: in the file, not needed.
+# The output layer of the prior: in the file, but not needed.
 OUTPUT = "prior.x_out.weight"
 
 
@@ -61,7 +56,7 @@ def _spec(name: str, *shape: int, dtype: str = "float32", rows: int | None = Non
 
 
 def vqvae_tensors(config: JukeboxConfig) -> tuple[TensorSpec, ...]:
-    """Everything that the level-2 encoder and its codebook need of vqvae.pth.tar."""
+    """Return the tensors of vqvae.pth.tar that the level-2 encoder and its codebook need."""
     return (*_encoder_tensors(config), _spec(CODEBOOK, config.codebook_size, config.code_width))
 
 
@@ -82,7 +77,7 @@ def _encoder_tensors(config: JukeboxConfig) -> Iterator[TensorSpec]:
 
 
 def block_tensors(config: JukeboxConfig, index: int) -> tuple[TensorSpec, ...]:
-    """All 12 tensors of block `index` (from 0); linear weights are (in, out)."""
+    """Return all 12 tensors of block `index` (from 0); linear weights are (in, out)."""
     width, attn, mlp = config.width, config.attn_width, config.mlp_width
     prefix = f"{BLOCKS}.{index}"
 
@@ -102,7 +97,7 @@ def block_tensors(config: JukeboxConfig, index: int) -> tuple[TensorSpec, ...]:
 
 
 def table_tensors(config: JukeboxConfig, n_codes: int) -> tuple[TensorSpec, ...]:
-    """All 7 embedding tables, with the rows that sequences of up to `n_codes` codes look up."""
+    """Return all 7 embedding tables, with the rows that sequences of up to `n_codes` codes look up."""
     width, bins = config.width, config.time_bins
     # Every clip is labelled artist 0, genre 0, and begins at time 0.
     return (
@@ -117,12 +112,12 @@ def table_tensors(config: JukeboxConfig, n_codes: int) -> tuple[TensorSpec, ...]
 
 
 def prior_tensors(config: JukeboxConfig, layer: int, n_codes: int | None = None) -> tuple[TensorSpec, ...]:
-    """Everything that activations up to `layer` need of prior_level_2.pth.tar.
+    """Return the tensors of prior_level_2.pth.tar that activations up to `layer` need.
 
     Parameters
     ----------
     layer
-        The highest layer asked for, 1 to depth: blocks 0 to layer - 1 are needed.
+        The highest layer, 1 to depth: blocks 0 to layer - 1 are needed.
     n_codes
         The longest sequence; None: the whole context.
     """
@@ -131,5 +126,5 @@ def prior_tensors(config: JukeboxConfig, layer: int, n_codes: int | None = None)
 
 
 def all_prior_names(config: JukeboxConfig) -> frozenset[str]:
-    """Every name that a prior of this config has; any other name tells another network."""
+    """Return all names of the tensors of a prior of this config; a file with others belongs to another network."""
     return frozenset(spec.name for spec in prior_tensors(config, config.depth)) | {OUTPUT}

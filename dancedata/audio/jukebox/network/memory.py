@@ -1,4 +1,4 @@
-"""What goes where: device memory by accounting, and which blocks have to stay on the host."""
+"""Device memory by accounting, and the choice of the blocks that stay on the host."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import torch
 
 from dancedata.audio.jukebox.config import JukeboxConfig
-from dancedata.audio.jukebox.weights.names import TensorSpec, block_tensors, vqvae_tensors
+from dancedata.audio.jukebox.network.tensors import TensorSpec, block_tensors, vqvae_tensors
 from dancedata.core.errors import UsageError
 
-# Of what is free, this much is left to the allocator's rounding and the libraries' work space.
+# This much of the free memory is left for the allocator's rounding and the libraries' work space.
 RESERVE_BYTES = 512 << 20
-# What does not lie on the device is copied there into these, one in use, one being filled.
+# Blocks on the host are copied into these on the device: one is in use while the other is filled.
 N_SLOTS = 2
 MAX_BATCH = 32
 
@@ -24,8 +24,8 @@ class Placement:
 
     Attributes
     ----------
-    resident : for each block, whether it stays on the device; the others come for their turn.
-    weight_bytes : device memory of everything that stays, the slots for the others included.
+    resident : for each block, whether it stays on the device; the others are copied there when they are needed.
+    weight_bytes : device memory of all that stays there, including the slots for the other blocks.
     """
 
     resident: tuple[bool, ...]
@@ -38,7 +38,7 @@ def padded_length(config: JukeboxConfig, n_codes: int) -> int:
 
 
 def kept_bytes(spec: TensorSpec, precision: torch.dtype) -> int:
-    """Size of a block's tensor as `transformer.Block` keeps it."""
+    """Size of a block's tensor in `transformer.Block`."""
     stored = 2 if spec.name.endswith(".w") else 4
     half = precision != torch.float32 and spec.name.endswith((".w", ".b"))
     return math.prod(spec.shape) * (2 if half else stored)
@@ -50,7 +50,7 @@ def block_bytes(config: JukeboxConfig, precision: torch.dtype) -> int:
 
 
 def fixed_bytes(config: JukeboxConfig, precision: torch.dtype, max_codes: int) -> int:
-    """Size of what is always on the device: VQ-VAE, tables; in fp32 also one weight cast from fp16."""
+    """Size of the tensors that are always on the device: VQ-VAE, tables; in fp32 also one weight cast from fp16."""
     vqvae = sum(spec.needed_bytes for spec in vqvae_tensors(config))
     rows = config.codebook_size + padded_length(config, max_codes) + 1
     largest = max(math.prod(spec.shape) for spec in block_tensors(config, 0))
@@ -60,8 +60,8 @@ def fixed_bytes(config: JukeboxConfig, precision: torch.dtype, max_codes: int) -
 def clip_bytes(config: JukeboxConfig, precision: torch.dtype, n_codes: int) -> int:
     """Size of one clip's activations at their peak.
 
-    In a block: the residual stream, its norm and that norm's half-precision copy; in fp32 the stream, the norm and
-    the MLP's hidden layer. In the encoder: three tensors at half the samples' rate.
+    In a block: the residual stream, its norm and the half-precision copy of the norm; in fp32 the stream, the norm
+    and the MLP's hidden layer. In the encoder: three tensors at half the sample rate.
     """
     codes = padded_length(config, n_codes)
     peak_columns = 10 * config.width if precision != torch.float32 else 8 * config.width + 4 * config.mlp_width
@@ -77,18 +77,18 @@ def place(
     Parameters
     ----------
     n_blocks
-        Blocks that are needed.
+        Number of blocks of the network.
     precision
         Of the matrix products.
     max_codes
-        The longest clip; room is left for one of it.
+        Length of the longest clip; memory for one such clip is left.
     budget
-        Bytes on the device; None: as many as it takes.
+        Bytes on the device; None: no limit.
 
     Raises
     ------
     UsageError
-        Not even two blocks and one clip fit.
+        Two blocks and one clip do not fit.
     """
     block, fixed = block_bytes(config, precision), fixed_bytes(config, precision, max_codes)
     one_clip = clip_bytes(config, precision, max_codes)
@@ -100,9 +100,9 @@ def place(
             "jukebox: too little device memory, even with all blocks on the host",
             found=f"{budget / 1e9:.2f} GB",
             allowed=f"at least {(fixed + one_clip + N_SLOTS * block) / 1e9:.2f} GB",
-            fix="limit max_codes (a 5-s clip has 1722 codes), or compute on the CPU",
+            fix="lower max_codes (a 5-s clip has 1722 codes), or compute on the CPU",
         )
-    # Spread evenly: while resident blocks compute, the next of the others arrives.
+    # Spread evenly: the next of the other blocks is copied while resident blocks compute.
     n_away = n_blocks - n_resident
     away = {(2 * i + 1) * n_blocks // (2 * n_away) for i in range(n_away)}
     resident = tuple(index not in away for index in range(n_blocks))
@@ -110,23 +110,23 @@ def place(
 
 
 def free_memory(device: torch.device) -> int | None:
-    """Bytes that may be used on a CUDA device; None for other devices, whose memory is not counted."""
+    """Bytes that may be used on a CUDA device; None for other devices, whose memory is not accounted for."""
     if device.type != "cuda":
         return None
-    # What torch keeps of freed memory, such as that of an encoder before this one, does not count as free.
+    # The driver does not count memory that torch caches, such as that of an earlier encoder, as free.
     torch.cuda.empty_cache()
     free, _total = torch.cuda.mem_get_info(device)
     return max(0, free - RESERVE_BYTES)
 
 
 def batch_size(config: JukeboxConfig, precision: torch.dtype, n_codes: int, free: int | None) -> int:
-    """How many clips of `n_codes` codes to compute at once.
+    """Return the number of clips of `n_codes` codes to compute at once.
 
     Parameters
     ----------
     free
-        Bytes left on the device; None (CPU): one clip at a time, which is as fast there, and keeps every clip's
-        numbers independent of its neighbours to the bit.
+        Bytes left on the device; None (CPU): one clip at a time, which is as fast there and keeps the numbers of a
+        clip independent of the other clips to the bit.
     """
     if free is None:
         return 1

@@ -1,23 +1,28 @@
-"""The movement filter: windows in which hardly anything moves are left out of training."""
+"""The movement filter: windows in which hardly anything moves are left out."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.clip import Reject
+from dancedata.core.columns import Columns
 from dancedata.core.errors import UsageError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.plugins import Float32Array, WindowFilter
+from dancedata.core.registry import FILTERS
 
 #: Lodge's and FineDance's threshold.
 MIN_STD = 0.07
 _SPLITS = ("train", "val", "test", "all")
 
 
+@FILTERS.register("movement")
 @dataclass(frozen=True)
-class Movement:
+class Movement(WindowFilter):
     """Keeps a window if the mean over columns of their standard deviation in time is above a limit.
 
     As Lodge and FineDance choose training windows, on columns that are not normalised, contacts included;
@@ -33,6 +38,9 @@ class Movement:
         Splits that are filtered.
     """
 
+    version: ClassVar[int] = 1
+    reason: ClassVar[str] = "still"
+
     min_std: float = MIN_STD
     field: str = "lodge139"
     splits: tuple[Literal["train", "val", "test", "all"], ...] = ("train",)
@@ -45,14 +53,13 @@ class Movement:
         if isinstance(self.splits, str) or not set(self.splits) <= set(_SPLITS):
             raise UsageError("splits must be a list of splits", found=repr(self.splits), allowed=", ".join(_SPLITS))
 
-    def keeps(self, std: float) -> bool:
-        """Tell whether a window of this mean standard deviation is kept."""
-        return std > self.min_std
-
-    def reject(self, clip: str, start: int, std: float) -> Reject:
-        """Say that the window of a clip from frame `start` on is left out for want of movement."""
-        detail = f"{self.field} hardly moves: mean standard deviation {std:.5g}, wanted above {self.min_std:g}"
-        return Reject("still", clip, "", start, detail, {"std": std})
+    def reject(self, rows: Float32Array, columns: Columns, grid: FrameGrid) -> Reject | None:
+        """Return why a window (L, D) is left out: its mean standard deviation; None if it is kept."""
+        std = movement_std(rows)
+        if std > self.min_std:
+            return None
+        detail = f"{self.field} hardly moves: mean standard deviation {std:.5g}, the limit is {self.min_std:g}"
+        return Reject(self.reason, detail=detail, numbers={"std": std})
 
 
 def movement_std(rows: npt.NDArray[Any]) -> float:

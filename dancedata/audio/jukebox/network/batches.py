@@ -1,4 +1,4 @@
-"""Computes in batches, which become smaller when the device has too little memory for them."""
+"""Computing in batches, whose size is halved when the device runs out of memory."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Result = TypeVar("Result")
 
 
 class Batches:
-    """Remembers how many items the device was found to have room for."""
+    """Runs batches; keeps the largest size that the device has memory for."""
 
     def __init__(self) -> None:
         self.limit = sys.maxsize
@@ -23,7 +23,7 @@ class Batches:
     def run(
         self, items: Sequence[Item], size: int, compute: Callable[[Sequence[Item]], list[Result]]
     ) -> Iterator[list[Result]]:
-        """Compute items in order, `size` at once, half as many whenever the device runs out of memory.
+        """Compute items in order, `size` at once; the size is halved whenever the device runs out of memory.
 
         Yields
         ------
@@ -35,16 +35,16 @@ class Batches:
         UsageError
             `size` is below 1.
         DanceDataError
-            The memory is too little for a single item.
+            The memory is too small for a single item.
         """
         if size < 1:
-            raise UsageError("jukebox: bad batch_size", found=size, allowed="1 or more")
+            raise UsageError("jukebox: invalid value for batch_size", found=size, allowed="1 or more")
         start = 0
         while start < len(items):
             part = items[start : start + min(size, self.limit)]
             results = self._attempt(part, compute)
             if results is None:
-                # Not within the handling of the error, whose traceback holds the tensors of the batch.
+                # Outside of the except block: the traceback of the error references the tensors of the batch.
                 torch.cuda.empty_cache()
                 continue
             start += len(part)
@@ -53,7 +53,7 @@ class Batches:
     def _attempt(
         self, part: Sequence[Item], compute: Callable[[Sequence[Item]], list[Result]]
     ) -> list[Result] | None:
-        """Compute one batch; None, and a lower limit, if the device ran out of memory."""
+        """Compute one batch; if the device runs out of memory, lower the limit and return None."""
         try:
             return compute(part)
         except RuntimeError as error:
@@ -65,11 +65,11 @@ class Batches:
             raise DanceDataError(
                 "jukebox: the device has too little free memory for a single clip",
                 found=str(error).split(". ")[0],
-                fix="end other programs on the device, or load with a smaller memory_budget, which leaves blocks on "
+                fix="end other programs on the device, or load with a smaller memory_budget, which keeps blocks on "
                 "the host",
             ) from error
 
 
 def _is_out_of_memory(error: RuntimeError) -> bool:
-    """Tell torch's own error, and those of cuBLAS and cuDNN that could not get their workspace."""
+    """Whether it is torch's own error, or one of cuBLAS or cuDNN about their workspace."""
     return isinstance(error, torch.cuda.OutOfMemoryError) or "_STATUS_ALLOC_FAILED" in str(error)
