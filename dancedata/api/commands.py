@@ -180,7 +180,7 @@ def plan(
     asked = _Asked.of(recipe, source, out, overrides)
     shown = Progress(quiet=not progress)
     if not asked.source.exists() and asked.recipe.dataset.generates:
-        shown.say(f"the dataset {asked.recipe.dataset.name} writes its own source: {asked.source}")
+        shown.write(f"the dataset {asked.recipe.dataset.name} writes its own source: {asked.source}")
     return make_plan(asked.recipe, asked.source, jobs=_jobs(jobs), cache=_folder(cache), progress=shown)
 
 

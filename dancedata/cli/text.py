@@ -19,14 +19,17 @@ from dancedata.pipeline.left_out import left_out_lines
 from dancedata.pipeline.rejects import NOTED
 from dancedata.recipes.parse import load_recipe, recipe_names
 from dancedata.store import Problem, Store, open_store
+from dancedata.store.clip_columns import CLIP_COLUMNS
 
 _NAMED = 3
-#: Characters of a sentence or list from a dataset that are shown.
+#: Columns of the table of clips that come first; the others follow in the order of CLIP_COLUMNS.
+_FIRST_COLUMNS = ("clip", "split", "music", "frames", "windows")
+#: Most characters that are shown of a sentence or list from a dataset.
 _NOTE = 2000
 
 
 def store_json(path: Path) -> dict[str, Any]:
-    """Return what `info --json` prints of a built dataset."""
+    """Return the output of `info --json` for a built dataset."""
     with open_store(path) as store:
         keys = ("name", "scope", "fps", "windows", "counts", "rejects", "quality_flags", "licence", "citation")
         about = {key: store.meta[key] for key in keys if key in store.meta}
@@ -38,7 +41,7 @@ def store_json(path: Path) -> dict[str, Any]:
 
 
 def _sources_json(store: Store) -> dict[str, Any]:
-    """Return what the clips were: rates of their files, and how tall they came out."""
+    """Return facts about the source: frame rates of its files, and the range of heights."""
     heights = [c.height_m for c in store.clips if c.height_m is not None]
     return {
         "source_rates": dict(sorted(Counter(c.source_rate for c in store.clips if c.source_rate).items())),
@@ -59,7 +62,7 @@ def _field_json(store: Store, name: str) -> dict[str, Any]:
     }
 
 
-#: Until when a window needs music: the two scopes differ by a window where the music ends within its last frame.
+#: Where the music of a window has to end: the scopes differ where the music ends within the last frame of a window.
 _MUSIC_OF_WINDOWS = {
     "track": "a frame is an instant: a window has music up to its last frame, not up to the next one after it",
     "window": "a window has music for its whole length, in samples, as EDGE counts",
@@ -67,12 +70,12 @@ _MUSIC_OF_WINDOWS = {
 
 
 def describe_store(path: Path) -> str:
-    """Return what `info` prints of a built dataset."""
+    """Return the output of `info` for a built dataset."""
     about = store_json(path)
     windows = about["windows"]
     lines = [
         f"{shown(about.get('name', path.name))}: {shown(path)} ({size_text(about['bytes'])})",
-        f"  {about['scope']} scope, {shown(about['fps'])} frames a second, "
+        f"  {about['scope']} scope, {shown(about['fps'])} frames per second, "
         f"windows of {windows['length']} frames every {windows['stride']}",
         f"  {_MUSIC_OF_WINDOWS[about['scope']]}",
         *table(
@@ -87,7 +90,7 @@ def describe_store(path: Path) -> str:
         groups = shown(", ".join(map(shown, field["groups"])), _NOTE)
         axes = f"; {shown(field['axes'])}" if field["axes"] else ""
         lines.append(
-            f"  {name}: {field['columns']} columns ({groups}), {field['rate']} a second, {field['dtype']}{axes}"
+            f"  {name}: {field['columns']} columns ({groups}), {field['rate']} per second, {field['dtype']}{axes}"
         )
     lines += _describe_sources(about)
     with open_store(path) as store:
@@ -101,7 +104,7 @@ def describe_store(path: Path) -> str:
 def _describe_sources(about: Mapping[str, Any]) -> list[str]:
     lines = []
     if about["source_rates"]:
-        rates = ", ".join(f"{rate} a second: {n}" for rate, n in about["source_rates"].items())
+        rates = ", ".join(f"{rate} per second: {n}" for rate, n in about["source_rates"].items())
         lines.append(f"  clips by their source's frame rate: {shown(rates, _NOTE)}")
     if about["height_m"]:
         low, high = about["height_m"]["min"], about["height_m"]["max"]
@@ -143,27 +146,16 @@ def describe_clips(path: Path) -> str:
     with open_store(path) as store:
         counts: Counter[str] = Counter(w.clip for split in store.splits for w in store.windows(split))
         rows = [
-            [
-                c.id,
-                c.split,
-                c.music,
-                c.n_frames,
-                counts[c.id],
-                c.n_flags,
-                f"{c.tempo_bpm or 0:g}",
-                c.trim_start,
-                c.source_rate or "-",
-                "-" if c.height_m is None else f"{c.height_m:.2f}",
-                c.genre,
-            ]
-            for c in store.clips
+            {column.heading: column.show(getattr(clip, column.name)) for column in CLIP_COLUMNS if column.heading}
+            | {"split": clip.split, "windows": counts[clip.id]}
+            for clip in store.clips
         ]
-    head = ["clip", "split", "music", "frames", "windows", "flags", "bpm", "trim", "source fps", "height m", "genre"]
-    return "\n".join(table(head, rows))
+    head = list(dict.fromkeys([*_FIRST_COLUMNS, *(heading for row in rows[:1] for heading in row)]))
+    return "\n".join(table(head, [[row[heading] for heading in head] for row in rows]))
 
 
 def describe_problems(path: Path, problems: Sequence[Problem]) -> str:
-    """Return what `check` prints: every error; of files left out for one reason the first few, and how many more."""
+    """Return the output of `check`: every error; of notes with the same reason the first few, and a count."""
     errors = [p for p in problems if p.severity == "error"]
     lines = [str(p) for p in errors]
     kinds: dict[str, list[Problem]] = {}
@@ -179,7 +171,7 @@ def describe_problems(path: Path, problems: Sequence[Problem]) -> str:
 
 
 def catalogue() -> dict[str, Any]:
-    """Return all recipes and plug-ins with one line about each and their keys."""
+    """Return all recipes and plug-ins, each with one line of description and its keys."""
     recipes = {name: load_recipe(name).description for name in recipe_names()}
     found: dict[str, Any] = {"recipes": {name: {"about": about} for name, about in recipes.items()}}
     for kind, registry in REGISTRIES.items():
@@ -196,7 +188,7 @@ def _plugin_json(cls: type[Any]) -> dict[str, Any]:
 
 
 def describe_catalogue(found: Mapping[str, Any]) -> str:
-    """Return what `list` prints."""
+    """Return the output of `list`."""
     lines = []
     for kind, entries in found.items():
         lines.append(f"{kind}:")

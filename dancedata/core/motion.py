@@ -180,17 +180,17 @@ class Motion:
             return self
         step = self.grid.step_to(grid)
         if step is not None:
-            trim = min(self.grid.first_frame_from(self.trim_start, grid), (self.n_frames - 1) // step)
+            trim = min(self.grid.rows_up(self.trim_start, of=grid), (self.n_frames - 1) // step)
             return self._frames(slice(None, None, step), grid, trim)
         n = self.grid.resampled_length(self.n_frames, grid)
-        ratio = self.grid.rate / grid.rate
-        # Multiplied before divided: in floating point k * (2 / 3) can fall below an integer frame.
-        frames = np.arange(n, dtype=np.float64) * ratio.numerator / ratio.denominator
+        own, new = self.grid.common_period(grid)
+        # Whole numbers first: k * 2 / 3 in floating point can fall short of the frame that it should reach.
+        frames = np.arange(n, dtype=np.float64) * own / new
         lower = np.minimum(frames.astype(np.int64), max(self.n_frames - 2, 0))
         upper = np.minimum(lower + 1, self.n_frames - 1)
         share = (frames - lower)[:, None]
         translation = self.translation[lower] * (1 - share) + self.translation[upper] * share
-        trim = min(self.grid.first_frame_from(self.trim_start, grid), n - 1)
+        trim = min(self.grid.rows_up(self.trim_start, of=grid), n - 1)
         return Motion(translation, slerp(self.rotations, frames), grid, self.skeleton, trim)
 
     def joints(self, skeleton: Skeleton | None = None) -> Float64Array:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from fractions import Fraction
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +15,8 @@ import numpy.typing as npt
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.clip import Reject
 from dancedata.core.errors import DataError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.windows import WindowGrid
 from dancedata.execution.cache import Cache, CachedArray, package_version
 from dancedata.execution.reference_process import expected
 from dancedata.pipeline.read_ahead import decoded, read_ahead
@@ -47,6 +47,11 @@ class SignalId:
     sample_rate: int
     n_samples: int
 
+    @cached_property
+    def grid(self) -> FrameGrid:
+        """The grid of the samples."""
+        return FrameGrid.of(self.sample_rate)
+
 
 def window_samples(job: FeatureJob, n_samples: int, sample_rate: int) -> tuple[npt.NDArray[np.int64], int]:
     """Return the first samples (W,) of a signal's whole windows, and their length in samples.
@@ -55,16 +60,14 @@ def window_samples(job: FeatureJob, n_samples: int, sample_rate: int) -> tuple[n
     adds up a truncated stride, which is the same wherever a stride is a whole number of samples (0.5 s at any
     even rate).
     """
-    length, stride = job.window_length(sample_rate), job.window_stride(sample_rate)
+    samples = FrameGrid.of(sample_rate)
+    length = job.window_length(samples)
     if n_samples < length or length < 1:
         return np.empty(0, dtype=np.int64), length
-    # Start k is floor(k * stride), so the last k that fits is the last with k * stride < n - length + 1.
-    count = math.ceil((n_samples - length + 1) / stride)
-    return np.array([_start(k, stride) for k in range(count)], dtype=np.int64), length
-
-
-def _start(number: int, stride: Fraction) -> int:
-    return number * stride.numerator // stride.denominator
+    # A window fits if it begins at a frame whose sample, rounded down, is at most n_samples - length.
+    n_frames = samples.rows_up(n_samples - length + 1, of=job.window_spec.grid)
+    count = WindowGrid(1, job.window_spec.stride).count(n_frames)
+    return np.array([job.window_start(k, samples) for k in range(count)], dtype=np.int64), length
 
 
 def identify_audio(cache: Cache, path: Path) -> SignalId | Reject:
@@ -124,7 +127,6 @@ class FeatureKeys:
     def __init__(self, job: FeatureJob) -> None:
         self._job = job
         self._common: dict[float | None, str] = {}
-        self._strides: dict[int, Fraction] = {}
 
     def track(self, bpm: float | None, signal: str) -> str:
         """Return the key of a song's rows; `signal` is the hash of its samples."""
@@ -136,9 +138,7 @@ class FeatureKeys:
         The samples of the window alone are not enough. A feature may compute once what neighbouring windows share,
         so that equal windows of two songs differ by rounding.
         """
-        if signal.sample_rate not in self._strides:
-            self._strides[signal.sample_rate] = self._job.window_stride(signal.sample_rate)
-        start = _start(number, self._strides[signal.sample_rate])
+        start = self._job.window_start(number, signal.grid)
         rows = self._job.window_rows
         return Cache.key("window", common=self._of(bpm), signal=signal.sha256, start=start, rows=rows)
 

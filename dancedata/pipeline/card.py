@@ -43,7 +43,7 @@ def _splits_table(recipe: Recipe, clips: Sequence[StoredClip], splits: Sequence[
     rows = ["| split | clips | windows | songs | minutes |", "|---|---|---|---|---|"]
     for split in splits:
         mine = [c for c in clips if c.split == split]
-        minutes = float(sum(c.n_frames for c in mine) / recipe.fps / 60)
+        minutes = float(recipe.grid.seconds(sum(c.n_frames for c in mine)) / 60)
         songs = len({c.music for c in mine})
         rows.append(f"| {split} | {len(mine)} | {sum(len(c.starts) for c in mine)} | {songs} | {minutes:.1f} |")
     length_s, stride_s = recipe.windows.length_s, recipe.windows.stride_s

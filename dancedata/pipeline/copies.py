@@ -18,7 +18,7 @@ from dancedata.recipes.copies import CopySpec, is_copied
 from dancedata.recipes.fields import KeyMotionField, MotionField
 from dancedata.recipes.recipe import Recipe
 from dancedata.store import StoredClip
-from dancedata.store.schema import LazyArray
+from dancedata.store.stored_clip import LazyArray
 
 
 @dataclass(frozen=True)

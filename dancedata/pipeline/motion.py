@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -27,7 +26,6 @@ from dancedata.core.quality import (
     PLAUSIBLE_ROOT,
     quality_flags,
 )
-from dancedata.core.windows import count_windows
 from dancedata.execution.cache import Cache, CachedArray, package_version
 from dancedata.execution.reference_process import expected
 from dancedata.pipeline.rejects import BUILD_AGAIN, CHANGED, reject_of
@@ -176,7 +174,7 @@ def _result(recipe: Recipe, info: list[Any], arrays: dict[str, CachedArray | Non
     found = {name: array for name, array in arrays.items() if array is not None}
     grid = FrameGrid(rate)
     n_frames = grid.resampled_length(n_source, recipe.grid)
-    first = min(grid.first_frame_from(trim, recipe.grid), n_frames - 1)
+    first = min(grid.rows_up(trim, of=recipe.grid), n_frames - 1)
     return MotionResult(n_source, rate, n_frames, first, float(info[4]), tuple(info[2]), found)
 
 
@@ -222,8 +220,7 @@ def usable_frames(recipe: Recipe, n_source: int, source_rate: Fraction) -> int:
     frames = [source.resampled_length(n_source, recipe.grid)]
     for own in recipe.motion:
         if own.grid != recipe.grid:
-            ratio = recipe.fps / own.grid.rate
-            frames.append(math.floor(source.resampled_length(n_source, own.grid) * ratio))
+            frames.append(own.grid.rows_down(source.resampled_length(n_source, own.grid), of=recipe.grid))
     return min(frames)
 
 
@@ -233,29 +230,28 @@ def motion_window_count(recipe: Recipe, n_source: int, source_rate: Fraction) ->
     Track scope counts on the recipe's grid. Window scope counts as EDGE does, before decimation, where the
     source's rate is a whole multiple: 1,919 frames at 60 FPS have 54 windows there, 55 on the grid.
     """
-    length, stride = recipe.windows.length, recipe.windows.stride
     step = FrameGrid(source_rate).step_to(recipe.grid)
-    count = count_windows(usable_frames(recipe, n_source, source_rate), length, stride)
+    count = recipe.windows.count(usable_frames(recipe, n_source, source_rate))
     if recipe.scope == "window" and step is not None:
-        count = min(count, count_windows(n_source, length * step, stride * step))
+        count = min(count, recipe.windows.times(step).count(n_source))
     return count
 
 
 def _encode(recipe: Recipe, own: MotionField | KeyMotionField, motion: Motion) -> npt.NDArray[np.float32]:
     if recipe.scope == "track":
         return np.asarray(own.encode(motion.resampled(own.grid)))
-    length, stride = recipe.windows.length, recipe.windows.stride
+    length = recipe.windows.length
     count = motion_window_count(recipe, motion.n_frames, motion.grid.rate)
     # EDGE cuts at the source's rate and decimates after that; frames k * step are the same either way, but
     # where rates are not whole multiples, windows can only be cut on the new grid.
     whole = motion.grid.step_to(recipe.grid) is not None and motion.grid.step_to(own.grid) is not None
     source = motion if whole else motion.resampled(own.grid)
-    ratio = source.grid.rate / recipe.fps
-    windows = [
-        own.encode(source.part(int(k * stride * ratio), int((k * stride + length) * ratio)).resampled(own.grid))
-        for k in range(count)
+    spans = [
+        [recipe.grid.rows_down(frame, of=source.grid) for frame in (start, start + length)]
+        for start in recipe.windows.starts(count)
     ]
-    rows = int(length * own.grid.rate / recipe.fps)
+    windows = [own.encode(source.part(*span).resampled(own.grid)) for span in spans]
+    rows = recipe.grid.rows(length, of=own.grid)
     return np.stack(windows) if windows else np.empty((0, rows, own.columns.width), np.float32)
 
 

@@ -162,7 +162,7 @@ class Plan:
                 frames = sum(
                     (c.n_windows * length if by_window else c.n_frames) * self._copies(c.ref.split) for c in kept
                 )
-                rows = field.row_rate(self.recipe.fps).rows_up(frames)
+                rows = self.recipe.grid.rows_up(frames, of=field.grid)
             else:
                 index = [f.name for f in self.recipe.audio].index(field.name)
                 songs = {(c.ref.split, c.ref.audio_path): c.audio_rows[index] for c in kept}

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.errors import DataError
+from dancedata.core.grid import FrameGrid
 from dancedata.core.quality import IMPLAUSIBLE
 from dancedata.recipes.recipe import Recipe
 
@@ -43,7 +44,7 @@ def missing_music(ref: ClipRef) -> Reject:
 
 def too_short(recipe: Recipe, ref: ClipRef, n_frames: int, rate: Fraction) -> Reject:
     """Return the reject of a clip whose motion, of so many frames at its own rate, is shorter than a window."""
-    motion_s = float(n_frames / rate)
+    motion_s = float(FrameGrid(rate).seconds(n_frames))
     detail = (
         f"clip {ref.id} is shorter than a window: {n_frames} frames at {rate} per second "
         f"({motion_s:.2f} s); a window is {recipe.windows.length_s:g} s"

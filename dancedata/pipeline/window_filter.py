@@ -23,14 +23,14 @@ def filtered_windows(
         return starts, []
     rows = np.asarray(motion.arrays[chosen.field])
     field = next(own for own in recipe.clip_fields if own.name == chosen.field)
-    ratio = field.grid.rate / recipe.fps
-    length = int(recipe.windows.length * ratio)
+    length = recipe.grid.rows(recipe.windows.length, of=field.grid)
     kept, rejects = [], []
     for start in starts:
         if recipe.scope == "window":
-            window = rows[start // recipe.windows.stride]
+            window = rows[recipe.windows.number(start)]
         else:
-            window = rows[int(start * ratio) : int(start * ratio) + length]
+            first = recipe.grid.rows(start, of=field.grid)
+            window = rows[first : first + length]
         window.flags.writeable = False
         reject = chosen.reject(window, field.columns, field.grid)
         if reject is None:

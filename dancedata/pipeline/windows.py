@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from dancedata.core.clip import ClipRef, Reject
-from dancedata.core.windows import count_windows
 from dancedata.pipeline.audio import window_samples
 from dancedata.pipeline.encode import EncodedClip
 from dancedata.pipeline.motion import MotionResult, motion_window_count
@@ -41,13 +39,12 @@ def cut_windows(recipe: Recipe, clips: Sequence[EncodedClip]) -> tuple[list[Wind
 
 def audio_window_count(recipe: Recipe, n_samples: int, sample_rate: int) -> int:
     """Return how many windows a signal has: whole windows of samples, or of every feature's rows (track scope)."""
-    length, stride = recipe.windows.length, recipe.windows.stride
     if recipe.scope == "window":
         return len(window_samples(recipe.audio[0], n_samples, sample_rate)[0])
     counts = []
     for job in recipe.audio:
         rows = job.feature.n_rows(n_samples, sample_rate, job.grid)
-        counts.append(count_windows(math.floor(rows * recipe.fps / job.grid.rate), length, stride))
+        counts.append(recipe.windows.count(job.grid.rows_down(rows, of=recipe.grid)))
     return min(counts)
 
 
@@ -56,32 +53,32 @@ def _starts(recipe: Recipe, clip: SourceClip, motion: MotionResult) -> tuple[tup
 
     A clip without any window is left out: "too_short" if its motion is, "short_audio" if its music is.
     """
-    ref, stride = clip.ref, recipe.windows.stride
+    ref = clip.ref
     count = motion_window_count(recipe, motion.n_source, motion.source_rate)
     if not count:
         return (), [too_short(recipe, ref, motion.n_source, motion.source_rate)]
     rejects = _short_fields(recipe, ref, motion, count)
     signal = clip.signal
     if signal is None:
-        return tuple(k * stride for k in range(count)), rejects
+        return tuple(recipe.windows.starts(count)), rejects
     audio_s = round(signal.n_samples / signal.sample_rate, 3)
     with_music = audio_window_count(recipe, signal.n_samples, signal.sample_rate)
     if not with_music:
         return (), [*rejects, short_audio(recipe, ref, signal.path, audio_s)]
     for k in range(with_music, count):
         detail = f"window {k} reaches beyond the end of {signal.path.name}"
-        rejects.append(Reject("no_audio", ref.id, "", k * stride, detail, {"audio_s": audio_s}))
-    return tuple(k * stride for k in range(min(count, with_music))), rejects
+        rejects.append(Reject("no_audio", ref.id, "", recipe.windows.start(k), detail, {"audio_s": audio_s}))
+    return tuple(recipe.windows.starts(min(count, with_music))), rejects
 
 
 def _short_fields(recipe: Recipe, ref: ClipRef, motion: MotionResult, count: int) -> list[Reject]:
     """Say which windows of the recipe's grid are lost because a field of another rate ends before they do."""
-    without = count_windows(motion.n_frames, recipe.windows.length, recipe.windows.stride)
+    without = recipe.windows.count(motion.n_frames)
     if recipe.scope == "window":
         return []
     rates = sorted({str(field.grid) for field in recipe.motion})
     detail = f"fields at {' and '.join(rates)} rows per second do not all reach the end of the window"
     return [
-        Reject("short_field", ref.id, "", k * recipe.windows.stride, f"{detail}, number {k}")
+        Reject("short_field", ref.id, "", recipe.windows.start(k), f"{detail}, number {k}")
         for k in range(count, without)
     ]

@@ -1,7 +1,7 @@
 """Memory for batches.
 
-Most of the time that a loader spends goes into memory which it has never touched: the system clears every page of it.
-So memory of large batches is used again, as soon as no tensor refers to it any more.
+A loader that allocates new memory for every batch spends most of its time there: the system clears every new page.
+Therefore memory of large batches is reused as soon as no tensor refers to it.
 """
 
 from __future__ import annotations
@@ -16,35 +16,36 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-#: What is smaller comes from the allocator, which keeps small pieces by itself.
+#: Smaller arrays come from the allocator, which reuses small pieces itself.
 _LARGE = 1 << 20
 
 
-class Pool:
-    """Tensors whose memory is used again once they, and all tensors and arrays that share it, are gone.
+class MemoryPool:
+    """Tensors whose memory is reused once they, and all tensors and arrays that share it, are gone.
 
-    Safe under threads; a fork's child begins with what was idle in its parent.
+    Safe under threads; a forked child starts with the memory that was idle in its parent.
     """
 
     def __init__(self, kept: int = 8) -> None:
-        """Begin empty.
+        """Start empty.
 
         Parameters
         ----------
         kept
-            Pieces that are kept while nothing refers to them, the latest ones. Default: those of two batches of four
+            Most pieces that are kept while nothing refers to them, the latest ones. Default: two batches of four
             large fields.
         """
-        # Not a lock and a list: memory comes back whenever a tensor goes, in any thread, also in the midst of this.
+        # A deque, not a list with a lock: memory is returned whenever a tensor is freed, in any thread, even while
+        # this object is in use.
         self._idle: deque[npt.NDArray[np.uint8]] = deque(maxlen=kept)
 
     def tensor(self, shape: tuple[int, ...], dtype: np.dtype[Any]) -> torch.Tensor:
-        """Return a tensor of any content."""
+        """Return an uninitialised tensor."""
         n_bytes = math.prod(shape) * dtype.itemsize
         if n_bytes < _LARGE:
             return torch.from_numpy(np.empty(shape, dtype=dtype))
         memory = self._take(n_bytes)
-        # The tensor keeps this array alive, and nothing else does: when it goes, the memory is free.
+        # Only the tensor keeps this array alive: when it is freed, the memory is idle.
         array = memory.view(dtype).reshape(shape)
         weakref.finalize(array, self._idle.append, memory).atexit = False
         return torch.from_numpy(array)
@@ -63,10 +64,10 @@ class Pool:
 
 
 def shared_tensor(array: npt.NDArray[Any]) -> torch.Tensor:
-    """Return a copy of an array that a DataLoader's worker can send to the trainer without copying it once more.
+    """Return a copy of an array that a DataLoader's worker can send to the trainer without another copy.
 
-    Written to a file in memory instead of into mapped memory: the system then need not clear its pages first, which
-    takes more time than the copy. Where system or torch have no such thing, torch's own shared memory is taken.
+    It is written to a file in memory instead of to mapped memory: the system then does not clear the pages first,
+    which takes longer than the copy. Where system or torch do not support it, torch's own shared memory is used.
     """
     storage = _in_memory_file(array) if array.size else None
     if storage is None:
@@ -77,14 +78,14 @@ def shared_tensor(array: npt.NDArray[Any]) -> torch.Tensor:
 
 def _in_memory_file(array: npt.NDArray[Any]) -> torch.UntypedStorage | None:
     """Copy an array into a file in memory, mapped as torch shares memory; None where that is impossible."""
-    # What a process that receives a tensor calls; torch promises no one else that it stays.
+    # A private function of torch, which a process that receives a tensor calls; it may change.
     map_shared = getattr(torch.UntypedStorage, "_new_shared_fd_cpu", None)
     make_file = getattr(os, "memfd_create", None)
     if map_shared is None or make_file is None:
         return None
     try:
         descriptor = make_file("dancedata-batch")
-    except OSError:  # forbidden here, or no descriptor is left
+    except OSError:  # not allowed here, or no descriptor is left
         return None
     try:
         left = np.ascontiguousarray(array).reshape(-1).view(np.uint8).data

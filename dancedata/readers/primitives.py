@@ -1,4 +1,4 @@
-"""Lodge's primitives beside a window: which ones a sample gets."""
+"""Lodge's primitives as a part of samples."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ PRIMITIVES = "primitives"
 
 
 @dataclass(frozen=True)
-class Cues:
-    """How primitives are taken from the windows of a field.
+class PrimitiveSpec:
+    """How primitives are computed from the windows of a field.
 
     Attributes
     ----------
     field
-        Motion field whose rows they are.
+        Motion field that they are rows of.
     key_motion
-        Key motion field that holds the clip's minima; None for variant code, which looks at the window alone.
+        Key motion field that holds the clip's minima; None for variant "code", which uses only the window.
     n
-        Frames of a local segment. A window of n frames gets its 4 + 4 border frames, a longer one its hard
-        and soft cues.
+        Frames of a local segment. A window of n frames gets its 4 + 4 border frames, a longer one hard and
+        soft cues.
     """
 
     field: str
@@ -43,12 +43,12 @@ class Cues:
         if self.variant == "code" and length != self.n:
             raise UsageError(
                 "variant code makes the root relative to each piece's first frame, which cannot be normalised: the "
-                "scaler was fitted on places in the room",
+                "scaler was fitted on absolute positions",
                 fix="pass normalize=False and scale afterwards, or take primitive_variant='paper'",
             )
 
     def of(self, store: Store, window: Window, rows: npt.NDArray[Any], bias: int) -> dict[str, npt.NDArray[Any]]:
-        """Return what a sample holds of the primitives of a window's rows (N, D), mirrored but not normalised."""
+        """Return the primitives of a window's rows (N, D), mirrored but not normalised, as entries of a sample."""
         if window.length == self.n:
             return {PRIMITIVES: borders(rows)}
         if self.key_motion is None:
@@ -64,28 +64,28 @@ class Cues:
         }
 
 
-def cues_of(store: Store, fields: tuple[str, ...], length: int, n: int, variant: Variant) -> Cues:
-    """Find the fields that primitives need, and check the lengths.
+def primitive_spec(store: Store, fields: tuple[str, ...], length: int, n: int, variant: Variant) -> PrimitiveSpec:
+    """Return the fields and lengths for primitives, and check them.
 
     Raises
     ------
     UsageError
-        If no motion field at the store's rate is read, or the store holds no key motions.
+        If no motion field at the store's rate is read, or the store does not hold key motions.
     """
     motion = [f.name for f in map(store.field, fields) if f.kind == "motion" and f.rate == store.fps]
     if not motion:
         raise UsageError("primitives need a motion field beside them", found=", ".join(fields), fix="read lodge139")
     if length % n:
         raise UsageError(
-            "a window is no whole number of local segments",
+            "a window is not a whole number of local segments",
             found=f"windows of {length} frames, primitive_n={n}",
             fix="choose a primitive_n that divides the window's length",
         )
     names = [f.name for f in map(store.field, store.fields) if f.kind == "keymotion"]
     if variant == "paper" and length != n and not names:
         raise UsageError(
-            "the store holds no key motions",
+            "the store does not hold key motions",
             where=str(store.path),
             fix="build with keymotion: {lodge: {}}, or take primitive_variant='code'",
         )
-    return Cues(motion[0], names[0] if variant == "paper" and names else None, n, variant)
+    return PrimitiveSpec(motion[0], names[0] if variant == "paper" and names else None, n, variant)

@@ -10,7 +10,7 @@ from torch import distributed
 from torch.utils.data import Sampler
 
 from dancedata.core.errors import UsageError
-from dancedata.readers._checks import whole
+from dancedata.readers.arguments import whole
 
 #: Indices turned into Python ints at a time: a list of a million ints would take 36 MB.
 _CHUNK = 4096
@@ -221,7 +221,7 @@ class EpochSampler(Sampler[int]):
 
 
 def _rank_and_world_size(rank: int | None, world_size: int | None) -> tuple[int, int]:
-    """Fill in torch.distributed's numbers and check them."""
+    """BatchReader in torch.distributed's numbers and check them."""
     if (rank is None) != (world_size is None):
         raise UsageError(
             "rank and world_size belong together",

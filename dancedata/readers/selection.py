@@ -1,8 +1,8 @@
-"""Which windows of a store a reader gives: split, lists, trim, cut, filter; and what that leaves out."""
+"""Selects windows of a store by split, lists, trim, length and filter, and reports the ones left out."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Literal
 
@@ -21,26 +21,26 @@ from dancedata.store.window_list import WindowList
 
 @dataclass(frozen=True)
 class Choice:
-    """What is asked for.
+    """Criteria for windows.
 
     Attributes
     ----------
     fields
         Fields that windows must lie within.
-    cut
+    windows
         Length and stride as `Store.windows` takes them.
     trim
         Whether windows begin at their clip's trim_start.
     ignore
-        Lists whose clips are left out; with a protocol its own list, "ignored.<protocol>", as well.
+        Lists whose clips are left out; with a protocol also the list "ignored.<protocol>".
     protocol
-        Where clips are in lists "<protocol>.<split>", those say which clips a split has, else the stored splits do.
+        Name of lists "<protocol>.<split>" that define the clips of a split; without such lists the stored splits do.
     filter
         Which windows are kept.
     """
 
     fields: tuple[str, ...]
-    cut: Mapping[str, Any] = field(default_factory=dict)
+    windows: Mapping[str, Any] = field(default_factory=dict)
     trim: bool = False
     ignore: tuple[str, ...] = ()
     protocol: str | None = None
@@ -49,26 +49,26 @@ class Choice:
 
 @dataclass(frozen=True)
 class Selection:
-    """Windows in the store's order, and what was left out."""
+    """Windows in the store's order, and the clips and windows that were left out."""
 
     windows: WindowList
     rejects: tuple[Reject, ...]
 
 
 def select(store: Store, split: str, choice: Choice) -> Selection:
-    """Choose the windows of a split.
+    """Select the windows of a split.
 
     Raises
     ------
     UsageError
-        For a split that neither the lists nor the store know, or windows that the store cannot give.
+        For a split that neither the lists nor the store have, or windows that the store cannot provide.
     """
     clips = clips_of(store, split, choice.protocol)
     rejects = [_ignored(c, choice) for c in clips.values() if _is_ignored(c, choice)]
     rejects += _unlisted(store, split, choice.protocol)
     kept = {clip for clip, record in clips.items() if not _is_ignored(record, choice)}
     homes = sorted({record.split for record in clips.values()}, key=store.splits.index) or [split]
-    lists = [store.windows(home, fields=choice.fields, trim=choice.trim, **choice.cut) for home in homes]
+    lists = [store.windows(home, fields=choice.fields, trim=choice.trim, **choice.windows) for home in homes]
     windows = WindowList.joined(split, lists)
     windows = windows.take(np.isin(windows.clip, [k for k, clip in enumerate(windows.clip_ids) if clip in kept]))
     with_window = {windows.clip_ids[k] for k in np.unique(windows.clip)}
@@ -80,7 +80,7 @@ def select(store: Store, split: str, choice: Choice) -> Selection:
 
 
 def clips_of(store: Store, split: str, protocol: str | None) -> dict[str, ClipView]:
-    """Return the clips of a split by id: as the protocol's lists say, where the store has them."""
+    """Return the clips of a split by id: those of the protocol's lists, if the store has such lists."""
     prefix = f"{protocol}."
     listed = [c for c in store.clips if any(name.startswith(prefix) for name in c.lists)] if protocol else []
     if not listed:
@@ -92,7 +92,7 @@ def clips_of(store: Store, split: str, protocol: str | None) -> dict[str, ClipVi
             where=str(store.path),
             fix=did_you_mean(split, sorted(known)),
         )
-    # Mirrored copies are for training, whatever split they were stored for.
+    # Mirrored copies are for training only, independent of the split they are stored in.
     return {c.id: c for c in listed if prefix + split in c.lists and (split == "train" or not c.source)}
 
 
@@ -115,7 +115,7 @@ def require_protocol(store: Store, protocol: str) -> None:
 
 
 def _unlisted(store: Store, split: str, protocol: str | None) -> list[Reject]:
-    """Return the clips stored in a split that a protocol, which the store has lists of, does not name at all."""
+    """Return rejects for the clips of a stored split that are on none of the protocol's lists."""
     named = {c.id for c in store.clips if any(name.startswith(f"{protocol}.") for name in c.lists)}
     if protocol is None or not named:
         return []
@@ -138,7 +138,7 @@ def _ignored(record: ClipView, choice: Choice) -> Reject:
 
 def _too_short(record: ClipView, choice: Choice) -> Reject:
     trimmed = f", {record.trim_start} of them trimmed" if choice.trim and record.trim_start else ""
-    detail = f"{record.n_frames} frames{trimmed}: no whole window of fields {', '.join(choice.fields)}"
+    detail = f"{record.n_frames} frames{trimmed}: not long enough for a window of fields {', '.join(choice.fields)}"
     return Reject("too_short", record.id, detail=detail, numbers={"frames": record.n_frames})
 
 
@@ -157,6 +157,18 @@ def _filtered(store: Store, windows: WindowList, chosen: WindowFilter) -> tuple[
             kept[k] = False
             rejects.append(replace(reject, clip=window.clip, window=window.start))
     return kept, rejects
+
+
+def no_window_error(store: Store, split: str, rejects: Sequence[Reject]) -> UsageError:
+    """Return the error of a split in which no window is left."""
+    longest = max((c.n_frames for c in store.clips), default=0)
+    reasons = ", ".join(sorted({r.reason for r in rejects})) or "nothing"
+    return UsageError(
+        f"split {split!r} has no windows of that length",
+        where=str(store.path),
+        found=f"clips of at most {longest} frames at {store.fps} per second; left out: {reasons}",
+        fix="ask for shorter windows, or for fewer lists and filters",
+    )
 
 
 def window_filter(given: WindowFilter | Mapping[str, Any] | Literal[False] | None) -> WindowFilter | None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from fractions import Fraction
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -15,17 +14,16 @@ from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import AudioFeature, ContactRule, KeyMotionFinder, Representation, WindowFilter
+from dancedata.core.windows import WindowGrid
 from dancedata.recipes.documents import document_of
 
 Kind = Literal["motion", "keymotion", "audio"]
 
 
 @dataclass(frozen=True)
-class WindowSpec:
+class WindowSpec(WindowGrid):
     """Windows in frames of a grid; their order as in the store's format; which are kept."""
 
-    length: int
-    stride: int
     grid: FrameGrid
     order: Literal["time", "name"] = "time"
     filter: WindowFilter | None = None
@@ -33,16 +31,16 @@ class WindowSpec:
     @property
     def length_s(self) -> float:
         """Length in seconds."""
-        return float(self.length / self.grid.rate)
+        return float(self.grid.seconds(self.length))
 
     @property
     def stride_s(self) -> float:
         """Stride in seconds."""
-        return float(self.stride / self.grid.rate)
+        return float(self.grid.seconds(self.stride))
 
     def numbers(self, starts: tuple[int, ...]) -> tuple[int, ...]:
         """Return the numbers of windows among all those of their clip, from their first frames."""
-        return tuple(start // self.stride for start in starts)
+        return tuple(map(self.number, starts))
 
     def document(self) -> dict[str, Any]:
         """Return all keys, defaults included."""
@@ -89,12 +87,7 @@ class FieldSpec(ABC):
     def require_whole(self, windows: WindowSpec) -> None:
         """Raise UsageError unless windows begin and end at rows of the field."""
         for what, frames in (("length", windows.length), ("stride", windows.stride)):
-            if (frames * self.grid.rate / windows.grid.rate).denominator != 1:
-                raise UsageError(
-                    f"windows: the {what} is not a whole number of rows of {self.name}",
-                    found=f"{frames} frames at {windows.grid} per second, rows at {self.grid} per second",
-                    allowed="lengths and strides that are multiples of both periods",
-                )
+            windows.grid.rows(frames, of=self.grid, what=f"windows: the {what} for field {self.name}")
 
 
 @dataclass(frozen=True)
@@ -191,25 +184,24 @@ class FeatureJob(FieldSpec):
     @property
     def window_rows(self) -> int:
         """Rows of a window, in window scope."""
-        spec = self._spec()
-        return int(spec.length * self.grid.rate / spec.grid.rate)
+        return self.window_spec.grid.rows_down(self.window_spec.length, of=self.grid)
 
     def document(self) -> dict[str, Any]:
         """Return the feature's parameters, and the rate if it is the field's own."""
         document = document_of(self.feature)
         return {**document, "fps": str(self.grid)} if self.own_rate else document
 
-    def window_length(self, sample_rate: int) -> int:
+    def window_length(self, samples: FrameGrid) -> int:
         """Return the length of a window in samples, rounded down."""
-        spec = self._spec()
-        return int(spec.length / spec.grid.rate * sample_rate)
+        return self.window_spec.grid.rows_down(self.window_spec.length, of=samples)
 
-    def window_stride(self, sample_rate: int) -> Fraction:
-        """Return the exact distance of two windows in samples."""
-        spec = self._spec()
-        return spec.stride / spec.grid.rate * sample_rate
+    def window_start(self, number: int, samples: FrameGrid) -> int:
+        """Return the first sample of a window, rounded down."""
+        return self.window_spec.grid.rows_down(self.window_spec.start(number), of=samples)
 
-    def _spec(self) -> WindowSpec:
+    @property
+    def window_spec(self) -> WindowSpec:
+        """The windows of a field of window scope; UsageError in track scope."""
         if self.windows is None:
             raise UsageError("a field of track scope has no windows", where=self.name)
         return self.windows

@@ -1,4 +1,4 @@
-"""Decides, before anything is written, which clip goes into which shard and which rows it gets there."""
+"""Assigns clips to shards and rows, before anything is written."""
 
 from __future__ import annotations
 
@@ -11,17 +11,15 @@ import numpy.typing as npt
 
 from dancedata.core.errors import StoreError
 from dancedata.store.clip_check import check_clip
-from dancedata.store.order import window_order
 from dancedata.store.schema import (
-    AudioBlock,
-    LazyArray,
-    StoredClip,
     StoreHeader,
     check_name,
     shard_name,
     slice_name,
     sort_splits,
 )
+from dancedata.store.stored_clip import AudioBlock, LazyArray, StoredClip
+from dancedata.store.window_order import window_order
 
 IntArray = npt.NDArray[np.int64]
 
@@ -37,7 +35,7 @@ class Span:
 
 @dataclass
 class ShardPlan:
-    """One shard to be: its clips in order, and where everything goes. Filled clip by clip.
+    """One shard to be written: its clips in order, and their rows. Clips are added one by one.
 
     Attributes
     ----------
@@ -61,7 +59,7 @@ class ShardPlan:
     blocks: dict[str, dict[str, tuple[int, LazyArray]]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Begin with no rows in any field."""
+        """Start with no rows in any field."""
         for f in self.header.fields:
             self.rows[f.name] = 0
             if f.per_clip:
@@ -85,7 +83,7 @@ class ShardPlan:
         return total
 
     def add(self, clip: StoredClip) -> None:
-        """Give the clip its rows."""
+        """Add a clip, and assign its rows."""
         for name, spans in self.motion.items():
             n = _n_rows(clip.motion[name])
             spans.append(Span(self.rows[name], n))
@@ -106,14 +104,14 @@ class ShardPlan:
             return start
         if known[1].shape != block.array.shape:
             raise StoreError(
-                "two audio blocks of equal key differ in shape",
+                "two audio blocks with the same key have different shapes",
                 where=f"clip {clip}, field {name}, key {block.key}",
                 found=f"{known[1].shape} and {block.array.shape}",
             )
         return known[0]
 
     def window_table(self) -> WindowTable:
-        """List the windows of the shard, in the store's order."""
+        """Return the windows of the shard, in the store's order."""
         counts = [len(c.starts) for c in self.clips]
         clip = np.repeat(np.arange(len(self.clips), dtype=np.int64), counts)
         starts = [np.asarray(c.starts, dtype=np.int64) for c in self.clips]
@@ -126,7 +124,7 @@ class ShardPlan:
     def _window_rows(self, name: str, clip: IntArray, start: IntArray, index: IntArray) -> IntArray:
         """Find the first row of every window in a field."""
         f = next(f for f in self.header.fields if f.name == name)
-        rate = f.row_rate(self.header.fps)
+        grid = self.header.grid
         if self.header.scope == "window" and f.kind == "audio":
             blocks = self.blocks[name]
             flat = [blocks[b.key][0] + b.offset for c in self.clips for b in c.audio[name]]
@@ -134,8 +132,8 @@ class ShardPlan:
         spans = self.motion[name] if f.per_clip else self.audio[name]
         first = np.asarray([s.start + s.offset for s in spans], dtype=np.int64)
         if self.header.scope == "window":
-            return first[clip] + index * rate.rows(self.header.length)
-        return first[clip] + start * rate.num // rate.den
+            return first[clip] + index * grid.rows(self.header.length, of=f.grid)
+        return first[clip] + grid.rows_of_all(start, of=f.grid)[0]
 
 
 @dataclass(frozen=True)
@@ -149,7 +147,7 @@ class WindowTable:
 
 
 def plan_shards(header: StoreHeader, clips: Sequence[StoredClip], shard_bytes: int) -> list[ShardPlan]:
-    """Share the clips out among shards; loads no array.
+    """Distribute the clips among shards; loads no array.
 
     Parameters
     ----------
@@ -168,19 +166,19 @@ def plan_shards(header: StoreHeader, clips: Sequence[StoredClip], shard_bytes: i
     Raises
     ------
     StoreError
-        For clips that format 1 cannot hold, and if there is no window at all.
+        For clips that format 1 cannot hold, and if there are no windows.
     """
     header.check()
     if shard_bytes < 1:
-        raise StoreError("a shard's size is no positive number of bytes", found=shard_bytes)
+        raise StoreError("the size of a shard is not a positive number of bytes", found=shard_bytes)
     _check_ids(clips)
     for clip in clips:
         check_clip(header, clip)
     if not any(clip.starts for clip in clips):
         raise StoreError(
-            "there is no window to store",
+            "there are no windows to store",
             found=f"{len(clips)} clips, each shorter than a window of {header.length} frames",
-            fix="look into the rejects, or choose shorter windows",
+            fix="look at the rejects, or choose shorter windows",
         )
     plans: list[ShardPlan] = []
     for split in sort_splits({c.split for c in clips}):
@@ -190,7 +188,7 @@ def plan_shards(header: StoreHeader, clips: Sequence[StoredClip], shard_bytes: i
 
 
 def _plan_split(header: StoreHeader, split: str, clips: list[StoredClip], limit: int) -> list[ShardPlan]:
-    # In order "name", clips are dealt out by the name of their first window: shards keep that order.
+    # In order "name", clips are sorted by the name of their first window: shards keep that order.
     by_name = header.order == "name"
     ordered = sorted(clips, key=lambda c: slice_name(c.id, 0) if by_name else c.id)
     plans: list[ShardPlan] = []
@@ -212,6 +210,6 @@ def _check_ids(clips: Sequence[StoredClip]) -> None:
 
 
 def _n_rows(array: Any) -> int:
-    """Count rows of (T, D) or (W, L, D)."""
+    """Return the number of rows of (T, D) or (W, L, D)."""
     shape = array.shape
     return int(shape[0]) if len(shape) == 2 else int(shape[0] * shape[1])

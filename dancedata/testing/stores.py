@@ -13,8 +13,9 @@ import numpy.typing as npt
 
 from dancedata.core.columns import Columns, Group, Mirror
 from dancedata.core.skeleton import SMPL24
-from dancedata.core.windows import window_starts
-from dancedata.store.schema import AudioBlock, Field, Order, Scope, StoredClip, StoreHeader
+from dancedata.core.windows import WindowGrid
+from dancedata.store.schema import Field, Order, Scope, StoreHeader
+from dancedata.store.stored_clip import AudioBlock, StoredClip
 from dancedata.store.writer import write_store
 
 Array = npt.NDArray[Any]
@@ -57,8 +58,7 @@ class RandomStore:
         """
         clip = self.clip(clip_id)
         f = next(f for f in self.header.fields if f.name == field)
-        ratio = f.rate / self.header.fps
-        rows = slice(int(start * ratio), int((start + length) * ratio))
+        rows = slice(*(self.header.grid.rows_down(frame, of=f.grid) for frame in (start, start + length)))
         if self.header.scope == "window":
             k = clip.starts.index(start)
             array = clip.motion[field] if f.per_clip else clip.audio[field][k].array
@@ -171,8 +171,9 @@ def _song(
         if f.kind == "audio"
     }
     found: list[StoredClip] = []
+    windows = WindowGrid(header.length, header.stride)
     for number, (clip_id, n) in enumerate(lengths.items()):
-        starts = tuple(int(s) for s in window_starts(n, header.length, header.stride))
+        starts = tuple(windows.starts(windows.count(n)))
         found.append(
             StoredClip(
                 id=clip_id,
@@ -223,8 +224,7 @@ def _audio(
 
 
 def _rows(f: Field, header: StoreHeader, frames: int) -> int:
-    ratio = f.rate / header.fps
-    return -(-frames * ratio.numerator // ratio.denominator)
+    return header.grid.rows_up(frames, of=f.grid)
 
 
 def _random(rng: np.random.Generator, f: Field, shape: tuple[int, ...]) -> Array:

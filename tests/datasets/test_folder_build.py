@@ -66,8 +66,8 @@ def test_real_and_made_files_build(shared: Path, tmp_path: Path, scope: str) -> 
     # What a person sees: rates, axes, unit and height.
     about = describe_store(tmp_path / "out")
     for words in (
-        "100 a second: 1",
-        "120 a second: 1",
+        "100 per second: 1",
+        "120 per second: 1",
         "+Z up (declared in the manifest)",
         "GUESSED",
         "+Z up, metres",

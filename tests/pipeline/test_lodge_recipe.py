@@ -185,7 +185,7 @@ def test_windows_must_be_whole_rows_of_every_field() -> None:
         "windows": {"length_frames": 128, "stride_frames": 5},
         "motion": {"edge151": {}, "fact219": {}},
     }
-    with pytest.raises(RecipeError, match="not a whole number of rows of fact219"):
+    with pytest.raises(RecipeError, match="field fact219 is not a whole number of rows"):
         parse_recipe(document)
     document["windows"] = {"length_frames": 125, "stride_frames": 5}
     parse_recipe(document)

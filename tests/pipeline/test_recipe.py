@@ -91,11 +91,11 @@ def test_all_problems_are_listed_at_once():
         ({"motion": None}, "motion: name at least one representation"),
         ({"name": None}, "name: missing"),
         ({"recipe": 2}, "recipe: Input should be 1"),
-        ({"fps": "thirty"}, "rate is no number; found 'thirty'"),
+        ({"fps": "thirty"}, "rate is not a number; found 'thirty'"),
         ({"fps": 0}, "a frame rate must be above 0"),
         ({"windows": {"length_s": 5}}, "give one of stride_s and stride_frames; found neither"),
         ({"windows": {"length_frames": 150, "stride_s": 1, "stride_frames": 30}}, "found both"),
-        ({"windows": {"length_s": 5.01, "stride_s": 0.5}}, "windows.length_s is no whole number of frames"),
+        ({"windows": {"length_s": 5.01, "stride_s": 0.5}}, "windows.length_s is not a whole number of frames"),
         ({"windows": {"length_s": 0, "stride_s": 0.5}}, "the length must be above 0"),
         ({"dataset": {"aist++": {"ignore": "some"}}}, "dataset.aist++"),
         ({"audio": {"librosa35": {"tightness": "tight"}}}, "audio.librosa35.tightness"),
@@ -112,7 +112,7 @@ def test_windows_count_at_the_recipes_own_rate():
     frames = {"length_frames": 150, "stride_frames": 15}
     recipe = parse_recipe(document(fps="30000/1001", audio=None, windows=frames))
     assert recipe.document["fps"] == "30000/1001"
-    assert "windows.length_s is no whole number" in problem_of(fps="30000/1001", audio=None)
+    assert "windows.length_s is not a whole number" in problem_of(fps="30000/1001", audio=None)
 
 
 def test_a_rate_that_a_feature_cannot_do_is_said_before_any_work():

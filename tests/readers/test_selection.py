@@ -19,7 +19,8 @@ from dancedata.core.normalize import MinMax
 from dancedata.filters.movement import Movement
 from dancedata.readers import WindowDataset
 from dancedata.store import Store, open_store
-from dancedata.store.schema import Field, StoredClip
+from dancedata.store.schema import Field
+from dancedata.store.stored_clip import StoredClip
 from dancedata.store.writer import write_store
 from dancedata.testing.stores import random_fields, write_random_store
 
@@ -308,7 +309,7 @@ def test_what_primitives_need(store: Store, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="whole number of local segments"):
         WindowDataset(store, fields=("lodge139", "primitives"), primitive_n=100)
     made = write_random_store(tmp_path / "none", length=30)
-    with pytest.raises(UsageError, match="holds no key motions"):
+    with pytest.raises(UsageError, match="does not hold key motions"):
         WindowDataset(made.path, fields=("edge151", "primitives"), primitive_n=15)
 
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from fractions import Fraction
 
 from dancedata.core.errors import UsageError
+from dancedata.core.grid import FrameGrid
 
 #: Seconds at the end of a context whose rows come from the next one: Fourier resampling treats a context as periodic,
 #: so its ends ring into each other, and the last codes lack the samples that follow.
@@ -36,8 +36,7 @@ class Context:
 
 def unit_of(code_rate: Fraction, fps: Fraction) -> tuple[int, int]:
     """Return the least numbers of codes and of rows of equal duration: 735 and 64 at 30 rows per second."""
-    ratio = code_rate / fps
-    return ratio.numerator, ratio.denominator
+    return FrameGrid(code_rate).common_period(FrameGrid(fps))
 
 
 def contexts_of(
@@ -55,8 +54,9 @@ def contexts_of(
     """
     codes, rows = unit_of(code_rate, fps)
     per_context = n_ctx // codes
-    tail = math.ceil(TAIL_S * fps)
-    overlap = math.ceil(overlap_s * fps / rows)
+    grid = FrameGrid(fps)
+    tail = grid.frames_up(TAIL_S)
+    overlap = FrameGrid(fps / rows).frames_up(overlap_s)
     if per_context < 1:
         raise UsageError(
             "jukebox: contexts cannot overlap at this frame rate: codes and rows do not coincide within a context",
@@ -67,8 +67,9 @@ def contexts_of(
         raise UsageError(
             "jukebox: invalid value for overlap_s",
             found=f"{float(overlap_s):g} s at {fps} rows per second",
-            allowed=f"above {float(tail / fps):.2f} s and below {float((per_context - 1) * rows / fps):.2f} s, in a "
-            f"context of {float(per_context * rows / fps):.2f} s",
+            allowed=f"above {float(grid.seconds(tail)):.2f} s and below "
+            f"{float(grid.seconds((per_context - 1) * rows)):.2f} s, in a context of "
+            f"{float(grid.seconds(per_context * rows)):.2f} s",
         )
     found = []
     step = per_context - overlap
@@ -77,7 +78,7 @@ def contexts_of(
         begin = first * codes
         last = begin + per_context * codes >= n_codes
         length = min(per_context * codes, n_codes - begin)
-        n_rows = math.ceil(length * fps / code_rate)
+        n_rows = FrameGrid(code_rate).rows_up(length, of=grid)
         keep_from = 0 if first == 0 else overlap * rows - tail
         found.append(Context(begin, length, first * rows, keep_from, n_rows if last else n_rows - tail))
         if last:

@@ -224,7 +224,7 @@ def _log_once(message: str, reason: str) -> None:
 
 
 def _feature_rate(grid: FrameGrid) -> int:
-    rate = HOP * grid.rate
+    rate = grid.divided(HOP).rate
     if rate.denominator != 1 or rate < MIN_SAMPLE_RATE:
         raise UsageError(
             "librosa35 cannot be computed at this frame rate",

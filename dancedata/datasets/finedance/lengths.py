@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from dancedata.core.grid import FrameGrid
 from dancedata.core.regular_file import open_regular
 from dancedata.datasets.finedance.load import motion_length
 
@@ -22,7 +23,7 @@ def length_note(motion: Path, music: Path, frame_rate: int) -> str:
     if frames is None or not n_samples:
         return ""
     # The rows of audio features: one for every frame that begins within the audio.
-    rows = (n_samples * frame_rate - 1) // sample_rate + 1
+    rows = FrameGrid.of(sample_rate).rows_up(n_samples, of=FrameGrid.of(frame_rate))
     if abs(frames - rows) <= MAX_DIFFERENCE:
         return ""
     return f"motion {frames / frame_rate:.2f} s, music {n_samples / sample_rate:.2f} s"

@@ -8,7 +8,7 @@ from dancedata.core.errors import UsageError
 
 
 def whole(what: str, value: int) -> int:
-    """Return a whole number >= 0 as an int; numpy's and torch's integers are fine.
+    """Return a whole number >= 0 as an int; integers of numpy and torch are accepted.
 
     Raises
     ------
@@ -22,3 +22,10 @@ def whole(what: str, value: int) -> int:
     if number < 0:
         raise UsageError(f"{what} is negative", found=number, allowed="0 or more")
     return number
+
+
+def probability(what: str, value: float) -> float:
+    """Return a number in [0, 1]; UsageError for any other."""
+    if not isinstance(value, int | float) or not 0.0 <= value <= 1.0:
+        raise UsageError(f"{what} is a probability", found=value, allowed="0 to 1")
+    return float(value)

@@ -13,7 +13,7 @@ from dancedata.store.schema import slice_name
 def window_order(
     clip_ids: Sequence[str], clip: npt.NDArray[np.int64], index: npt.NDArray[np.int64], order: str
 ) -> npt.NDArray[np.int64]:
-    """Find the positions that bring windows into the store's order.
+    """Return the positions that sort windows into the store's order.
 
     Parameters
     ----------
@@ -22,7 +22,7 @@ def window_order(
     clip, index
         (W,) clip number of each window and its number in its clip; clip by clip, ascending.
     order
-        "time" keeps them. "name" is EDGE's: a plain string sort of ``<clip>_slice<k>``, so slice10 before
+        "time" keeps their order. "name" is EDGE's: a plain string sort of ``<clip>_slice<k>``, so slice10 before
         slice2.
 
     Returns

@@ -1,7 +1,6 @@
-"""Fill: windows copied into arrays of a batch, and mirrored, made relative and scaled there, in place.
+"""BatchReader: copies windows into the arrays of a batch, and mirrors and scales them there, in place.
 
-One window, the batch of a DataLoader and the batch of a BatchLoader all come from here, so they are equal bit for
-bit.
+One window, the batch of a DataLoader and the batch of a BatchLoader are all read here, so they are equal bit for bit.
 """
 
 from __future__ import annotations
@@ -17,23 +16,23 @@ import numpy.typing as npt
 from dancedata.core.clip import Window
 from dancedata.core.columns import Mirror
 from dancedata.core.normalize import MinMax
-from dancedata.readers.primitives import PRIMITIVES, Cues
+from dancedata.readers.primitives import PRIMITIVES, PrimitiveSpec
 from dancedata.store.dataset import Store
-from dancedata.store.mapped import WindowRows
+from dancedata.store.window_rows import WindowRows
 
 Array = npt.NDArray[Any]
 
 
 @dataclass(frozen=True)
 class Request:
-    """Which windows are read, and how.
+    """The windows of a batch.
 
     Attributes
     ----------
     places
         (B,) positions in the dataset's windows.
     mirrored
-        (B,) whether each is mirrored.
+        (B,) whether each of them is mirrored.
     epoch
         Epoch that decides the bias of primitives.
     """
@@ -48,7 +47,7 @@ class Request:
 
 
 @dataclass(frozen=True)
-class FieldFill:
+class FieldReader:
     """How one field is read.
 
     Attributes
@@ -69,7 +68,7 @@ class FieldFill:
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """Type that a batch has."""
+        """Type of the field in a batch."""
         return np.dtype(np.float32) if self.scaler is not None else self.rows.dtype
 
     def read(self, place: int, mirrored: bool, out: Array) -> None:
@@ -82,7 +81,7 @@ class FieldFill:
             if rows is None:
                 rows = np.empty_like(out)
                 self.rows.read_into(place, rows)
-            # Not mode "raise", which numpy carries out in a copy of `out`.
+            # With mode "raise" numpy would work on a copy of `out`.
             np.take(rows.reshape(-1), image[0], out=out, mode="clip")
             out *= image[1]
         if self.root is not None:
@@ -97,11 +96,11 @@ class FieldFill:
         rows += offset
         rows.clip(-1, 1, out=rows)
 
-    # What is done to a window column by column takes half the time with operands of a window's shape.
+    # Operations on columns take half the time where the operands have the shape of a window.
 
     @cached_property
     def _image(self) -> tuple[npt.NDArray[np.intp], Array] | None:
-        """Where each number of a mirrored window comes from in the window, and its sign, (rows, D) each."""
+        """Position in the window of each value of the mirrored window, and its sign, (rows, D) each."""
         if self.mirror is None:
             return None
         n_rows, width = self.rows.shape
@@ -120,27 +119,27 @@ class FieldFill:
         return scale, offset
 
 
-class Fill:
-    """Reads batches of windows into arrays. Holds no state that reading changes: any number of threads may use it."""
+class BatchReader:
+    """Reads batches of windows into arrays. Reading changes no state, so any number of threads may use it."""
 
     def __init__(
         self,
         store: Store,
         windows: Sequence[Window],
-        fields: Sequence[FieldFill],
-        cues: Cues | None,
+        fields: Sequence[FieldReader],
+        primitives: PrimitiveSpec | None,
         bias: Callable[[int, int], int],
     ) -> None:
         """Prepare.
 
         Parameters
         ----------
-        cues
-            How primitives are taken, if they are wanted.
+        primitives
+            How primitives are computed; None if they are not.
         bias
-            Shift of primitives from (place, epoch).
+            Returns the shift of primitives for (place, epoch).
         """
-        self._store, self._windows, self._cues, self._bias = store, windows, cues, bias
+        self._store, self._windows, self._primitives, self._bias = store, windows, primitives, bias
         self.fields = tuple(fields)
 
     @cached_property
@@ -148,19 +147,19 @@ class Fill:
         """Shape and type of every array of one sample, in a sample's order."""
         found: dict[str, tuple[tuple[int, ...], np.dtype[Any]]] = {}
         for field in self.fields:
-            if self._cues is not None and field.name == self._cues.field:
+            if self._primitives is not None and field.name == self._primitives.field:
                 rows = np.empty(field.rows.shape, dtype=field.rows.dtype)
                 field.read(0, False, rows)
-                cues = self._cues.of(self._store, self._windows[0], rows, 0)
-                found.update({name: (value.shape, value.dtype) for name, value in cues.items()})
-                found[PRIMITIVES] = cues[PRIMITIVES].shape, field.dtype
+                arrays = self._primitives.of(self._store, self._windows[0], rows, 0)
+                found.update({name: (value.shape, value.dtype) for name, value in arrays.items()})
+                found[PRIMITIVES] = arrays[PRIMITIVES].shape, field.dtype
             found[field.name] = field.rows.shape, field.dtype
         return found
 
     def __call__(self, request: Request, out: Mapping[str, Array]) -> None:
-        """Read windows into `out`: by name an array (B, *shape) as `layout` says.
+        """Read windows into `out`: an array (B, *shape) for each name in `layout`.
 
-        Windows are read in the order that they have in the files, whatever the order asked for.
+        Windows are read in the order of the files, independent of their order in the batch.
         """
         order = sorted(range(len(request)), key=request.places.__getitem__)
         for field in self.fields:
@@ -168,27 +167,29 @@ class Fill:
         for field in self.fields:
             target = out[field.name]
             for nth, rows in self._rows(field, request, order, target):
-                if self._cues is not None and field.name == self._cues.field:
-                    self._add_cues(field, request, nth, rows, out)
+                if self._primitives is not None and field.name == self._primitives.field:
+                    self._add_primitives(field, request, nth, rows, out)
                 field.scale(rows)
                 if target.dtype != rows.dtype:
                     target[nth] = rows
 
     def _rows(
-        self, field: FieldFill, request: Request, order: Sequence[int], target: Array
+        self, field: FieldReader, request: Request, order: Sequence[int], target: Array
     ) -> Iterator[tuple[int, Array]]:
-        """Read window after window, each into its row of `target`, or where that has another type into scratch."""
+        """Read window after window, each into its row of `target`, or into scratch memory if the types differ."""
         scratch = None if target.dtype == field.rows.dtype else np.empty(field.rows.shape, dtype=field.rows.dtype)
         for nth in order:
             rows = target[nth] if scratch is None else scratch
             field.read(request.places[nth], request.mirrored[nth], rows)
             yield nth, rows
 
-    def _add_cues(self, field: FieldFill, request: Request, nth: int, rows: Array, out: Mapping[str, Array]) -> None:
-        if self._cues is None:
+    def _add_primitives(
+        self, field: FieldReader, request: Request, nth: int, rows: Array, out: Mapping[str, Array]
+    ) -> None:
+        if self._primitives is None:
             return
         place = request.places[nth]
-        found = self._cues.of(self._store, self._windows[place], rows, self._bias(place, request.epoch))
+        found = self._primitives.of(self._store, self._windows[place], rows, self._bias(place, request.epoch))
         field.scale(found[PRIMITIVES])
         for name, value in found.items():
             out[name][nth] = value

@@ -1,4 +1,4 @@
-"""Files of an open dataset: whatever is opened later is the very file that dataset.json described."""
+"""Files of an open dataset: whatever is opened later is the very file that dataset.json listed_file."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from dancedata.core.errors import StoreError
-from dancedata.store import described
+from dancedata.store import listed_file
 from dancedata.store.dataset import Store, open_store
 from dancedata.testing.stores import random_fields
 
@@ -113,7 +113,7 @@ def test_a_shard_in_its_place_that_has_another_size(make_store: Any) -> None:
     store = open_store(make_store().path)
     (store.path / SHARD).rename(store.path / "aside")
     (store.path / SHARD).write_bytes((store.path / "aside").read_bytes() + b"\0" * 64)
-    with pytest.raises(StoreError, match=r"a shard has another size than dataset\.json says"):
+    with pytest.raises(StoreError, match=r"the size of a shard differs from dataset\.json"):
         read(store)
 
 
@@ -121,7 +121,7 @@ def test_a_shard_in_its_place_that_has_another_size(make_store: Any) -> None:
 def test_opening_while_a_dataset_is_replaced(make_store: Any, monkeypatch: pytest.MonkeyPatch, when: str) -> None:
     """Description and shards are of one and the same dataset."""
     made, other = make_store(), make_store(seed=1)
-    load = described.load_description
+    load = listed_file.load_description
     wanted = read(open_store(other.path))
     replaced = []
 
@@ -135,7 +135,7 @@ def test_opening_while_a_dataset_is_replaced(make_store: Any, monkeypatch: pytes
                 other.path.rename(made.path)
         return found
 
-    monkeypatch.setattr(described, "load_description", replacing)
+    monkeypatch.setattr(listed_file, "load_description", replacing)
     store = open_store(made.path)
     assert replaced
     np.testing.assert_array_equal(read(store), wanted)
@@ -143,13 +143,13 @@ def test_opening_while_a_dataset_is_replaced(make_store: Any, monkeypatch: pytes
 
 def test_a_dataset_that_never_comes_to_rest(make_store: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     made = make_store()
-    load = described.load_description
+    load = listed_file.load_description
 
     def touching(folder: Path) -> Any:
         found = load(folder)
         os.utime(folder / "dataset.json")
         return found
 
-    monkeypatch.setattr(described, "load_description", touching)
+    monkeypatch.setattr(listed_file, "load_description", touching)
     with pytest.raises(StoreError, match="is being replaced"):
         open_store(made.path)
