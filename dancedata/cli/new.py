@@ -160,8 +160,7 @@ def _check_name(made: NewPlugin) -> None:
     if name in registry.names():
         raise UsageError(
             f"the {registry.kind} {name!r} exists already",
-            found=f"known: {', '.join(registry.names())}",
-            fix="choose another name",
+            fix=f"choose another name; known: {', '.join(registry.names())}",
         )
     for path in (made.module, made.test):
         if path.exists() or path.is_symlink():

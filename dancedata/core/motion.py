@@ -184,7 +184,7 @@ class Motion:
             return self._frames(slice(None, None, step), grid, trim)
         n = self.grid.resampled_length(self.n_frames, grid)
         own, new = self.grid.common_period(grid)
-        # Whole numbers first: k * 2 / 3 in floating point can fall short of the frame that it should reach.
+        # Multiplied before divided: in floating point k * (2 / 3) can fall below an integer frame.
         frames = np.arange(n, dtype=np.float64) * own / new
         lower = np.minimum(frames.astype(np.int64), max(self.n_frames - 2, 0))
         upper = np.minimum(lower + 1, self.n_frames - 1)

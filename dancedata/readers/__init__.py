@@ -24,5 +24,5 @@ else:  # type checkers take the imports above, and so find misspelt names
             "EpochSampler": "dancedata.readers.sampler",
             "WindowDataset": "dancedata.readers.windows",
         },
-        torch="Reading with numpy alone is dancedata.open(path).",
+        without_torch="Reading with numpy alone is dancedata.open(path).",
     )

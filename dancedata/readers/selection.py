@@ -1,4 +1,4 @@
-"""Selects windows of a store by split, lists, trim, length and filter, and reports the ones left out."""
+"""Selects windows of a store by split, lists, trim, length and a filter, and reports the ones left out."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ import numpy.typing as npt
 
 from dancedata.core.clip import Reject
 from dancedata.core.errors import UsageError, did_you_mean
-from dancedata.core.grid import FrameGrid
 from dancedata.core.plugins import WindowFilter
 from dancedata.core.registry import FILTERS
 from dancedata.store.clip_view import ClipView
@@ -144,15 +143,14 @@ def _too_short(record: ClipView, choice: Choice) -> Reject:
 
 def _filtered(store: Store, windows: WindowList, chosen: WindowFilter) -> tuple[npt.NDArray[np.bool_], list[Reject]]:
     """Return which windows the filter keeps, (W,), and a reject for each of the others."""
-    looked_at = store.field(chosen.field)
-    grid = FrameGrid(looked_at.rate)
-    chosen.check(looked_at.columns)
+    own = store.field(chosen.field)
+    chosen.check(own.columns)
     kept = np.ones(len(windows), dtype=np.bool_)
     rejects: list[Reject] = []
     for k, window in enumerate(windows):
         rows = store.read(window, chosen.field)
         rows.flags.writeable = False
-        reject = chosen.reject(rows, looked_at.columns, grid)
+        reject = chosen.reject(rows, own.columns, own.grid)
         if reject is not None:
             kept[k] = False
             rejects.append(replace(reject, clip=window.clip, window=window.start))
@@ -172,7 +170,7 @@ def no_window_error(store: Store, split: str, rejects: Sequence[Reject]) -> Usag
 
 
 def window_filter(given: WindowFilter | Mapping[str, Any] | Literal[False] | None) -> WindowFilter | None:
-    """Make a filter of what a caller gave: one, or its name and parameters, as in a recipe.
+    """Return a window filter from a plug-in, or from its name and parameters, as in a recipe.
 
     Raises
     ------

@@ -221,7 +221,7 @@ def test_tensors_of_another_network(tiny: SimpleNamespace, broken: Callable[...,
 
 
 def test_other_config_than_the_files(tiny: SimpleNamespace) -> None:
-    with pytest.raises(SourceError, match=r"do not fit the network|another network"):
+    with pytest.raises(SourceError, match=r"do not match the network|another network"):
         JukeboxEncoder.from_openai(tiny.folder, layers=(66,), device="cpu")
 
 

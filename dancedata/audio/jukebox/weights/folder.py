@@ -1,4 +1,4 @@
-"""What a folder of weights contains, read without torch: the sizes of its network, its layers, its hashes."""
+"""Facts about a folder of weights, read without torch: the sizes of its network, its layers, its hashes."""
 
 from __future__ import annotations
 

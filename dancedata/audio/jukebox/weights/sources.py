@@ -12,7 +12,7 @@ import torch
 from dancedata.audio.jukebox.network.tensors import TensorSpec
 from dancedata.audio.jukebox.weights.legacy_file import LegacyFile, LegacyTensor
 from dancedata.core.errors import SourceError
-from dancedata.core.text import shown
+from dancedata.core.text import listed, shown
 
 _FLOATING = (torch.float16, torch.bfloat16, torch.float32)
 
@@ -253,10 +253,9 @@ def require_tensors(source: TensorSource, specs: Iterable[TensorSpec], *, trimme
         elif dtype not in _FLOATING:
             problems.append(f"{spec.name} is {dtype}, not {spec.dtype}")
     if problems:
-        listed = "".join(f"\n  {p}" for p in problems[:10])
-        more = f"\n  and {len(problems) - 10} more" if len(problems) > 10 else ""
         raise SourceError(
-            f"the tensors of this checkpoint do not fit the network:{listed}{more}\n",
+            "the tensors of the checkpoint do not match the network",
             where=source.path,
-            fix="use the complete 5b model without lyrics, or the JukeboxConfig of another size",
+            found=listed(problems, 10, lambda problem, _limit: str(problem)),
+            fix="use the complete 5b model without lyrics, or pass the JukeboxConfig of another size",
         )
