@@ -2,12 +2,27 @@
 
 from __future__ import annotations
 
+import os
+import sys
+
 from dancedata.cli.interrupts import run
 
 
 def main() -> None:
     """Run the command line."""
+    _open_streams()
     run(_command)
+
+
+def _open_streams() -> None:
+    """Open standard streams that were closed: a file opened later would get their number, and what is printed."""
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # gets the lowest number that is free
+    sys.stdout = sys.stdout or open(1, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
+    sys.stderr = sys.stderr or open(2, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
 
 
 def _command() -> None:

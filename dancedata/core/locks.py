@@ -41,8 +41,20 @@ def lock_file(fd: int, operation: int, *, unsure: bool | None = False) -> bool |
     return True
 
 
+def unlock(fd: int) -> None:
+    """Release a lock and close the file.
+
+    Closing alone is not enough: a process that was forked in between has the file open too, and with it the lock.
+    """
+    try:
+        with suppress(OSError):
+            fcntl.flock(fd, fcntl.LOCK_UN)
+    finally:
+        os.close(fd)
+
+
 def open_locked(path: Path, *, wait: bool = True) -> int | None:
-    """Open a file, made if it is missing, and lock it; returns its descriptor, which holds the lock until closed.
+    """Open a file, made if it is missing, and lock it; returns its descriptor, which holds the lock until `unlock`.
 
     Waits for a process that holds the lock; if not `wait`, returns None instead. Where the file system has no locks,
     every process gets it.
@@ -55,9 +67,9 @@ def open_locked(path: Path, *, wait: bool = True) -> int | None:
             if locked is not False and os.fstat(fd).st_nlink:
                 return fd
         except BaseException:
-            os.close(fd)
+            unlock(fd)
             raise
-        os.close(fd)
+        unlock(fd)
         if locked is False:
             return None
 
@@ -75,7 +87,7 @@ def file_lock(path: Path, *, wait: bool = True) -> Iterator[bool]:
         if fd is not None:
             with suppress(OSError):
                 path.unlink()  # while it is locked: a process that waits for it notices and makes a new one
-            os.close(fd)
+            unlock(fd)
 
 
 def is_abandoned(path: Path) -> bool:
@@ -87,7 +99,7 @@ def is_abandoned(path: Path) -> bool:
     try:
         return lock_abandoned(fd)
     finally:
-        os.close(fd)
+        unlock(fd)
 
 
 def lock_abandoned(fd: int) -> bool:
@@ -128,7 +140,7 @@ def writing_lock(folder: Path, what: str, *, wait: bool = False) -> Iterator[Non
                 # A file with content is not ours. Removed while it is locked: see file_lock.
                 if not os.fstat(fd).st_size:
                     path.unlink()
-        os.close(fd)
+        unlock(fd)
 
 
 def _open_regular(path: Path) -> int:
@@ -161,6 +173,6 @@ def _open_lock(folder: Path, operation: int, what: str) -> tuple[int, Path | Non
             if path is None or os.fstat(fd).st_nlink:
                 return fd, path
         except BaseException:
-            os.close(fd)
+            unlock(fd)
             raise
-        os.close(fd)
+        unlock(fd)

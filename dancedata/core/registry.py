@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import importlib
+import os
 import pkgutil
+import threading
 from collections.abc import Callable, Iterable
 from functools import lru_cache
 from importlib.metadata import entry_points
@@ -23,6 +25,11 @@ from dancedata.core.plugins import (
 
 P = TypeVar("P", bound=Plugin)
 C = TypeVar("C", bound=type[Plugin])
+
+#: Threads that ask while one loads plug-ins wait for all of them. One lock for all kinds: no two wait for each other.
+_loading = threading.RLock()
+# A process that is forked meanwhile would wait for a thread that it does not have.
+os.register_at_fork(before=_loading.acquire, after_in_parent=_loading.release, after_in_child=_loading.release)
 
 
 class Registry(Generic[P]):
@@ -47,7 +54,7 @@ class Registry(Generic[P]):
         self.package = package
         self.base = base
         self._classes: dict[str, type[P]] = {}
-        self._loaded = False
+        self._begun = self._loaded = False
 
     def register(self, name: str) -> Callable[[C], C]:
         """Return a decorator that registers a class under `name`, which becomes its attribute `name`.
@@ -107,13 +114,17 @@ class Registry(Generic[P]):
     def _load(self) -> None:
         if self._loaded:
             return
-        self._loaded = True
-        package = importlib.import_module(self.package)
-        for module in pkgutil.iter_modules(package.__path__):
-            if not module.name.startswith("_"):
-                importlib.import_module(f"{self.package}.{module.name}")
-        for entry in _installed().select(group=self.package):
-            entry.load()
+        with _loading:
+            if self._begun:  # by another thread, or further up: a plug-in's module may ask for another plug-in
+                return
+            self._begun = True
+            package = importlib.import_module(self.package)
+            for module in pkgutil.iter_modules(package.__path__):
+                if not module.name.startswith("_"):
+                    importlib.import_module(f"{self.package}.{module.name}")
+            for entry in _installed().select(group=self.package):
+                entry.load()
+            self._loaded = True
 
 
 @lru_cache(maxsize=1)

@@ -71,6 +71,8 @@ def adopted_by_children() -> Iterator[None]:
 def _changes() -> dict[str, str | None]:
     """Return the variables to set; None: to be removed."""
     changes: dict[str, str | None] = dict.fromkeys(_FOREIGN)
+    # Nor must a module of the working folder stand in for one that computes, as where Python is started with -m.
+    changes["PYTHONSAFEPATH"] = "1"
     tunables = os.environ.get(_TUNABLES, "").split(":")
     changes[_TUNABLES] = ":".join(tunable for tunable in tunables if not tunable.startswith(_TUNES_CODE)) or None
     if has_reference():

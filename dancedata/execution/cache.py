@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.errors import StoreError
+from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.hashing import json_sha256, sha256_file
 from dancedata.execution import cache_files as files
 
@@ -28,15 +28,25 @@ DURABLE_FROM_S = 0.5
 
 
 def default_cache() -> Path:
-    """Return $DANCEDATA_CACHE, else `user_cache`."""
+    """Return $DANCEDATA_CACHE, else `user_cache`; UsageError if the home folder that it begins with is unknown."""
     named = os.environ.get(ENVIRONMENT)
-    return Path(named) if named else user_cache()
+    return _expanded(Path(named)) if named else user_cache()
 
 
 def user_cache() -> Path:
-    """Return dancedata's folder in the user's cache folder."""
+    """Return dancedata's folder in the user's cache folder; UsageError if there is none."""
     # Not platformdirs: it ignores a relative $XDG_CACHE_HOME, which would move existing caches.
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "dancedata"
+    return _expanded(Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache") / "dancedata")
+
+
+def _expanded(path: Path) -> Path:
+    try:
+        # No shell has expanded it where a job script or a container sets it.
+        return path.expanduser()
+    except RuntimeError as error:
+        raise UsageError(
+            "the home folder of the cache is unknown", found=path, fix=f"set {ENVIRONMENT} to a folder, or --cache"
+        ) from error
 
 
 @lru_cache

@@ -29,7 +29,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.hashing import canonical_bytes
-from dancedata.core.locks import file_lock, is_abandoned, lock_abandoned, lock_file, open_locked
+from dancedata.core.locks import file_lock, is_abandoned, lock_abandoned, lock_file, open_locked, unlock
 
 #: Folders of the cache: entries by stage, files that are being written, and locks of units that are being computed.
 STAGES = ("features", "motion", "clips", "signals", "files")
@@ -158,7 +158,7 @@ def publish(root: Path, path: Path, parts: Sequence[bytes | memoryview], *, dura
             temporary.unlink()
         raise
     finally:
-        os.close(fd)
+        unlock(fd)
 
 
 def _write_all(fd: int, part: bytes | memoryview) -> None:
@@ -228,7 +228,7 @@ def remove_unused(path: Path, used: float) -> bool:
             return False
         path.unlink(missing_ok=True)
     finally:
-        os.close(fd)
+        unlock(fd)
     return True
 
 
@@ -312,7 +312,7 @@ def _remove_abandoned(path: Path) -> bool:
     except OSError:
         return False
     finally:
-        os.close(fd)
+        unlock(fd)
     return True
 
 

@@ -112,7 +112,9 @@ class ReferenceProcess:
 
     def _start(self) -> None:
         ours, theirs = Pipe()
-        command = [sys.executable, "-c", _START, str(theirs.fileno()), json.dumps(sys.path)]
+        # Only texts: Python ignores other entries. -P: no module of the working folder replaces one of Python's own.
+        folders = [folder for folder in sys.path if isinstance(folder, str)]
+        command = [sys.executable, "-P", "-c", _START, str(theirs.fileno()), json.dumps(folders)]
         with theirs, shielded():  # Ctrl-C is for the calling process
             # Nothing in the command comes from outside.
             self._process = subprocess.Popen(  # noqa: S603
@@ -124,6 +126,8 @@ class ReferenceProcess:
         """End the process, unless this is a fork of the process that started it."""
         if os.getpid() == self._owner:
             self._pipe.close()
+            # It would end by itself, but not before all processes that were forked since and hold the pipe, too.
+            self._process.kill()
             self._process.wait()
 
     def _receive(self) -> Any:

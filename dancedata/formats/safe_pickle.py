@@ -41,6 +41,8 @@ __all__ = ["MAX_DEPTH", "MAX_PICKLE_BYTES", "as_array", "load_pickle"]
 
 MAX_PICKLE_BYTES = 1 << 29
 MAX_DEPTH = 100
+#: Containers of one file: each takes a byte of it and up to 216 of memory.
+MAX_CONTAINERS = 100_000
 _MAX_DIMENSIONS = 32
 #: Calls may build this many times the size of the file, plus a constant. Protocol 2 stores the bytes of an array as
 #: text, which is encoded to bytes and then copied.
@@ -190,6 +192,25 @@ def _bytearray8(unpickler: Any) -> None:
     unpickler.append(bytearray(unpickler.read(size)))
 
 
+def _counted(code: bytes) -> Callable[[Any], None]:
+    """Return the checked form of an opcode that makes a container, or begins one."""
+    plain = CheckedUnpickler.dispatch[code[0]]
+
+    def load(unpickler: Any) -> None:
+        unpickler.n_containers += 1
+        if unpickler.n_containers > MAX_CONTAINERS:
+            raise invalid(f"more than {MAX_CONTAINERS:,} containers")
+        plain(unpickler)
+
+    return load
+
+
+_CONTAINERS = (
+    pickle.MARK, pickle.EMPTY_LIST, pickle.EMPTY_DICT, pickle.EMPTY_SET, pickle.EMPTY_TUPLE,
+    pickle.TUPLE1, pickle.TUPLE2, pickle.TUPLE3,
+)  # fmt: skip
+
+
 class _Unpickler(CheckedUnpickler):
     """Accepts numpy arrays and plain containers, and counts what calls build.
 
@@ -199,6 +220,8 @@ class _Unpickler(CheckedUnpickler):
         Bytes that calls may still build.
     unfinished
         Arrays whose state has not been set yet, by id.
+    n_containers
+        Containers that were begun; those that calls make have arguments, which are one each.
     """
 
     dispatch: ClassVar[dict[int, Any]] = {
@@ -206,6 +229,7 @@ class _Unpickler(CheckedUnpickler):
         pickle.REDUCE[0]: _call,
         pickle.BUILD[0]: _build,
         pickle.BYTEARRAY8[0]: _bytearray8,
+        **{code[0]: _counted(code) for code in _CONTAINERS},
     }
 
     def __init__(self, data: bytes) -> None:
@@ -213,6 +237,7 @@ class _Unpickler(CheckedUnpickler):
         super().__init__(io.BytesIO(data), encoding="latin1")
         self.left = _BUILT_FACTOR * len(data) + _BUILT_BYTES
         self.unfinished: dict[int, np.ndarray[Any, Any]] = {}
+        self.n_containers = 0
 
     def find_class(self, module: str, name: str) -> Callable[..., Any]:
         try:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
@@ -20,7 +21,8 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import json_sha256
 from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
-from dancedata.core.text import shown
+from dancedata.core.strict_json import read_json
+from dancedata.core.text import listed, shown
 from dancedata.execution.cache import Cache, default_cache
 from dancedata.execution.threads import exactly, on_one_thread
 from dancedata.pipeline.audio import window_samples
@@ -31,6 +33,8 @@ from dancedata.recipes.recipe import Recipe
 from dancedata.store import open_store
 from dancedata.store.schema import DATASET_FILE
 
+#: Of a .json beside features: the first frames of a day's windows.
+_MAX_ABOUT_BYTES = 1 << 26
 _MUSIC = (".wav", ".flac", ".mp3", ".ogg")
 
 
@@ -64,6 +68,7 @@ def write_features(
         fix = "without --bpm the tempo is estimated"
         raise UsageError("not a valid tempo; nothing was computed", found=bpm, allowed="--bpm above 0", fix=fix)
     _check_songs(songs)
+    _check_names(songs, out, jobs)
     # Only now: weights are ten gigabytes to hash.
     jobs = [replace(job, feature=_ready(job.feature, weights)) for job in jobs]
     _check_signals(songs, jobs)
@@ -73,7 +78,7 @@ def write_features(
             for song in songs:
                 signal = load_audio(song)
                 for job in jobs:
-                    path = out / f"{song.stem}.{job.name}.npy"
+                    path = _rows_file(out, song, job)
                     new.update(p for p in (path, path.with_suffix(".json")) if not p.exists())
                     compute = exactly if job.feature.exact else on_one_thread
                     computed = compute(_compute, job, signal, bpm, song)
@@ -98,6 +103,36 @@ def _check_songs(songs: Sequence[Path]) -> None:
     twice = sorted({n for n in names if names.count(n) > 1})
     if twice:
         raise UsageError("two songs would be written to one file", found=", ".join(twice), fix="rename one of them")
+
+
+def _check_names(songs: Sequence[Path], out: Path, jobs: Sequence[FeatureJob]) -> None:
+    """Raise UsageError if a file would be replaced that this command did not write."""
+    paths = [_rows_file(out, song, job) for song in songs for job in jobs]
+    foreign = [path for path in paths if not _is_free(path)]
+    if foreign:
+        raise UsageError(
+            "files would be replaced that are not known as features of dancedata; nothing was computed",
+            where=out,
+            found=listed(path.name for path in foreign),
+            allowed="no such files, or a .npy with the .json that was written beside it",
+            fix="choose another --out, or move them away",
+        )
+
+
+def _rows_file(out: Path, song: Path, job: FeatureJob) -> Path:
+    return out / f"{song.stem}.{job.name}.npy"
+
+
+def _is_free(path: Path) -> bool:
+    """Tell whether features may be written to a path: nothing is there, or features with what is said of them."""
+    about = path.with_suffix(".json")
+    if not os.path.lexists(about):
+        return not os.path.lexists(path)
+    try:
+        found = read_json(about, _MAX_ABOUT_BYTES)
+    except (OSError, ValueError):
+        return False
+    return isinstance(found, dict) and found.get("file") == path.name and "signal_sha256" in found
 
 
 def _not_a_song(folder: Path) -> UsageError:
@@ -224,7 +259,7 @@ def _recipe_like(like: str) -> Recipe:
     if not (folder / DATASET_FILE).exists():
         raise StoreError("the folder is not a dataset, so it has no feature parameters to use", where=folder)
     meta = open_store(folder).meta
-    document = json.loads(json.dumps(meta["recipe"]))
+    document = json.loads(json.dumps(meta.get("recipe", {})))
     recipe = parse_recipe(document, where=f"{folder}/{DATASET_FILE}")
     if json_sha256(recipe.document) != json_sha256(document):
         raise StoreError("the dataset's recipe reads differently in this version of dancedata", where=folder)

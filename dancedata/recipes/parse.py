@@ -38,6 +38,8 @@ T = TypeVar("T")
 
 #: Characters shown of a PyYAML error, which has several lines.
 _YAML_PROBLEM = 600
+#: Motion is brought to a recipe's rate however slowly it was captured: a billion a second would fill any memory.
+MAX_FPS = 1000
 
 
 def _number(value: Any) -> Any:
@@ -337,9 +339,14 @@ def _mapping(given: Any) -> dict[str, Any]:
 
 def _grid(fps: Any, key: str = "fps") -> FrameGrid:
     try:
-        return FrameGrid.of(_number(fps if fps is not None else ""))
+        grid = FrameGrid.of(_number(fps if fps is not None else ""))
     except (UsageError, ValueError) as error:
         raise UsageError(f"{key}: {error}") from error
+    if grid.rate > MAX_FPS:
+        raise UsageError(
+            f"{key} is too high", found=shown(str(grid), 40), allowed=f"at most {MAX_FPS:,} frames per second"
+        )
+    return grid
 
 
 def _window_keys(given: Any) -> _Windows | None:

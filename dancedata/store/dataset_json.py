@@ -202,7 +202,7 @@ def _check_about(document: Mapping[str, Any]) -> None:
             raise ValueError(f"{key} is a {type(document[key]).__name__}, not a {kind.__name__}")
     if len(canonical_json(document.get("recipe", {}))) > MAX_RECIPE:
         raise ValueError(f"a recipe of more than {MAX_RECIPE:,} characters")
-    for split, counts in document.get("counts", {}).items():
+    for split, counts in document["counts"].items():
         for name in ("clips", "windows", "frames", "songs"):
             _whole(counts[name])
         if not _is_number(counts["hours"]):

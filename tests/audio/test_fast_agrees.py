@@ -20,7 +20,9 @@ from numpy.typing import NDArray
 
 from dancedata.audio.librosa35 import fast
 from dancedata.audio.librosa35.feature import Librosa35, _log_once
+from dancedata.audio.librosa35.filters import filter_bank
 from dancedata.audio.librosa35.resample import MAX_PERIOD, period
+from dancedata.audio.librosa35.tuning import N_TUNINGS
 from dancedata.audio.signal import load_audio, pcm16
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.grid import FrameGrid
@@ -86,6 +88,24 @@ def test_without_a_tempo() -> None:
 def test_frame_rates(fps: int) -> None:
     signal, grid = AudioSignal(_song(44100), 44100), FrameGrid.of(fps)
     _assert_agree(FAST.extract(signal, grid, start_bpm=90.0), PLAIN.extract(signal, grid, start_bpm=90.0))
+
+
+@pytest.mark.parametrize("fps", [20, 40])
+def test_frame_rates_at_which_filters_are_half_as_long_for_some_tunings(fps: int) -> None:
+    rate, n_samples, grid = 16000, 120_000, FrameGrid.of(fps)
+    starts = np.arange(0, 9, 2) * rate
+    halves = {len(filter_bank(tuning, 512 * fps).even) for tuning in range(N_TUNINGS)}
+    assert len(halves) == 2
+    # The tuning rises from the one kind to the other.
+    cents = np.repeat(np.linspace(-45, 45, 16), rate)
+    tones = sum(np.sin(np.cumsum(2 * np.pi * hz / rate * 2 ** (cents / 1200))) for hz in (220.0, 277.18, 329.63))
+    signal = AudioSignal((0.2 * np.asarray(tones)).astype(np.float32), rate)
+    arguments = n_samples, grid, FAST.n_rows(n_samples, rate, grid)
+    found = FAST.extract_windows(signal, starts, *arguments, start_bpm=100.0)
+    _assert_agree(found, PLAIN.extract_windows(signal, starts, *arguments, start_bpm=100.0))
+    for k in (0, 2, 4):
+        alone = FAST.extract_windows(signal, starts[k : k + 1], *arguments, start_bpm=100.0)
+        np.testing.assert_array_equal(alone[0], found[k])
 
 
 def _trouble(kind: str, n: int, rate: int) -> NDArray[np.float32]:

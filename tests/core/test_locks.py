@@ -183,3 +183,48 @@ def test_nfs_has_no_locks_on_folders(tmp_path: Path, monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(locks.fcntl, "flock", flock)
     with writing_lock(tmp_path / "out", "build"), writing_lock(tmp_path / "out", "build"):
         pass
+
+
+def _hold_and_fork(folder: Path, ready: Any, go_on: Any, is_done: Any) -> None:
+    """Hold a lock, fork a process that lives on, and give the lock back."""
+    path = folder / "unit"
+    fd = locks.open_locked(path)
+    assert fd is not None
+    child = os.fork()
+    if child == 0:
+        is_done.wait(60)
+        os._exit(0)
+    ready.set()
+    go_on.wait(60)
+    path.unlink()
+    locks.unlock(fd)
+    os.waitpid(child, 0)
+
+
+@pytest.mark.parametrize("n_waiting", [1, 2])
+def test_a_process_forked_under_a_lock_does_not_keep_it(tmp_path: Path, n_waiting: int) -> None:
+    """As a worker of a DataLoader that is started while a thread computes a feature."""
+    ready, go_on, is_done = FORK.Event(), FORK.Event(), FORK.Event()
+    holder = FORK.Process(target=_hold_and_fork, args=(tmp_path, ready, go_on, is_done))
+    holder.start()
+    assert ready.wait(60)
+    found: list[int] = []
+    waiting = [
+        threading.Thread(target=lambda: found.append(locks.open_locked(tmp_path / "unit")), daemon=True)
+        for _ in range(n_waiting)
+    ]
+    for thread in waiting:
+        thread.start()
+    time.sleep(0.2)
+    go_on.set()
+    for n in range(n_waiting):
+        deadline = time.monotonic() + 20
+        while len(found) <= n and time.monotonic() < deadline:
+            time.sleep(0.01)
+        if len(found) > n:
+            (tmp_path / "unit").unlink()
+            locks.unlock(found[n])
+    n_found = len(found)
+    is_done.set()
+    holder.join(60)
+    assert n_found == n_waiting

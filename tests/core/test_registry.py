@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import pickle
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 
@@ -32,6 +33,26 @@ def test_plug_ins_are_found() -> None:
     assert "edge151" in REPRESENTATIONS.names()
     assert "velocity" in CONTACTS.names()
     assert "librosa35" in FEATURES.names()
+
+
+def test_threads_that_ask_while_one_loads_wait_for_all_plug_ins(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    package = tmp_path / "slow_plugins"
+    package.mkdir()
+    (package / "__init__.py").touch()
+    (package / "late.py").write_text(
+        "import time\ntime.sleep(0.5)\n"
+        "from dancedata.core import registry\n"
+        "assert registry.SLOW.names() == ()  # a plug-in that asks meanwhile gets what there is\n"
+        "registry.SLOW.register('late')(type('Late', (), {}))\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    slow = Registry("slow plug-in", "slow_plugins")
+    monkeypatch.setattr("dancedata.core.registry.SLOW", slow, raising=False)
+    with ThreadPoolExecutor(4) as pool:
+        found = list(pool.map(lambda _: slow.names(), range(4)))
+    assert found == [("late",)] * 4
 
 
 @pytest.mark.parametrize("registry", ALL, ids=lambda r: r.kind)

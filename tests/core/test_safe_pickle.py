@@ -275,6 +275,14 @@ def test_shapes_and_types_are_looked_at_before_numpy_sees_them(path: Path, value
     refused(path, pickle.dumps(value, 2), "broken_file")
 
 
+@pytest.mark.parametrize("code", [b"\x8f", b"]", b"}", b"(\x91", b")\x85", b"("], ids=repr)
+def test_containers_are_counted(path: Path, code: bytes) -> None:
+    """An empty set is one byte of a file and 216 of memory."""
+    path.write_bytes(b"\x80\x04](" + code * 200_000 + b"e.")
+    with pytest.raises(DataError, match="more than 100,000 containers"):
+        load_pickle(path)
+
+
 def test_a_pickle_builds_no_more_than_it_holds(path: Path) -> None:
     """One text of 100 kB, made to bytes a hundred times."""
     text = b"X" + struct.pack("<I", 100_000) + b"a" * 100_000 + b"q\x000"

@@ -242,6 +242,54 @@ def _ask(queue: Any) -> None:
     queue.put(reference_process.compute(os.getpid))
 
 
+def test_it_ends_with_its_owner_though_a_fork_lives_on() -> None:
+    """As with persistent workers of a DataLoader, which the interpreter ends only later."""
+    context = multiprocessing.get_context("fork")
+    started = ReferenceProcess()
+    lives = context.Event()
+    child = context.Process(target=lives.wait, args=(60,), daemon=True)
+    child.start()
+    try:
+        ending = threading.Thread(target=started.end, daemon=True)
+        ending.start()
+        ending.join(20)
+        assert not ending.is_alive()
+    finally:
+        lives.set()
+        child.join()
+
+
+def test_folders_of_modules_that_are_no_text_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "path", [*sys.path, Path("/somewhere")])
+    started = ReferenceProcess()
+    assert started.call(abs, (-2,)) == 2
+    started.end()
+
+
+#: Modules of Python's own that processes import when they start.
+IN_THE_WAY = ("json", "random", "queue", "struct", "signal", "multiprocessing", "numpy", "joblib")
+
+
+def test_modules_of_the_working_folder_do_not_stand_in_for_others(tmp_path: Path) -> None:
+    """Nothing in a folder of data runs because one stands in it."""
+    for name in IN_THE_WAY:
+        (tmp_path / f"{name}.py").write_text("open('ran', 'w').close()\nraise SystemExit('foreign code')\n")
+    script = tmp_path / "elsewhere" / "script.py"
+    script.parent.mkdir()
+    script.write_text(
+        "import os, sys\n"
+        "from dancedata.execution.progress import Progress\n"
+        "from dancedata.execution.units import run_units\n"
+        "from dancedata.execution.reference_process import ReferenceProcess\n"
+        "assert ReferenceProcess().call(abs, (-2,)) == 2\n"
+        "calls = [(n,) for n in (-2, -3)]\n"
+        "assert run_units(abs, calls, jobs=2, label='units', progress=Progress(quiet=True)) == [2, 3]\n"
+    )
+    done = subprocess.run([sys.executable, script], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert not (tmp_path / "ran").exists()
+
+
 def test_machines_without_the_level_keep_results_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
     """Whatever they compute with is in the keys, and nothing is chosen for them."""
     monkeypatch.setattr(arithmetic, "has_reference", lambda: False)

@@ -16,7 +16,7 @@ import pytest
 from dancedata.audio.signal import load_audio
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.clip import Reject
-from dancedata.core.errors import StoreError
+from dancedata.core.errors import StoreError, UsageError
 from dancedata.execution import cache as cache_module
 from dancedata.execution import cache_files
 from dancedata.execution.cache import Cache, CachedArray, EntryLostError
@@ -325,6 +325,15 @@ def test_the_cache_is_where_the_environment_says(tmp_path: Path, monkeypatch: py
     monkeypatch.delenv("DANCEDATA_CACHE")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     assert cache_module.default_cache() == tmp_path / "dancedata"
+
+
+def test_a_home_folder_that_no_shell_has_put_in_is_meant(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("DANCEDATA_CACHE", "~/cache")
+    assert cache_module.default_cache() == tmp_path / "cache"
+    monkeypatch.setenv("DANCEDATA_CACHE", "~nobody-has-this-name/cache")
+    with pytest.raises(UsageError, match=r"home folder.*Set DANCEDATA_CACHE"):
+        cache_module.default_cache()
 
 
 def test_a_song_is_known_by_its_samples_not_its_name(corpus: Path, own: Cache, tmp_path: Path):

@@ -62,3 +62,14 @@ def test_workers_import_neither_pydantic_nor_librosa(corpus: Path, tmp_path: Pat
     assert names & {"pydantic", "librosa", "numba", "h5py", "typer", "torch"} == set()
     assert isinstance(signal, SignalId)
     assert cache.array("features", "0" * 64) is not None
+
+
+@pytest.mark.parametrize("closed", [(2,), (1, 2), (0, 1, 2)])
+def test_a_command_runs_without_standard_streams(corpus: Path, cache: Path, tmp_path: Path, closed: tuple[int, ...]):
+    """As under some schedulers. A file of the dataset must not get a stream's number."""
+    command = [sys.executable, "-m", "dancedata", "build", "aist++", "--set", "audio={}", "--jobs", "1"]
+    command += ["--source", str(corpus), "--out", str(tmp_path / "out"), "--cache", str(cache)]
+    redirections = " ".join(f"{number}>&-" for number in closed)
+    done = subprocess.run(["sh", "-c", f'exec "$@" {redirections}', "sh", *command], check=False, capture_output=True)
+    assert done.returncode == 0
+    assert (tmp_path / "out" / "dataset.json").exists()

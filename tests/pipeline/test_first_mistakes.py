@@ -411,3 +411,36 @@ def test_a_folder_is_not_a_song(corpus: Path, tmp_path: Path):
     assert "2 audio files, such as mBR0.wav" in said
     assert f"dancedata features {corpus}/wavs/*.wav" in said
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("name", ["mBR0.librosa35.npy", "mBR0.librosa35.json"])
+def test_features_replace_no_file_of_others(corpus: Path, tmp_path: Path, name: str):
+    song, out = corpus / "wavs" / "mBR0.wav", tmp_path / "out"
+    out.mkdir()
+    (out / name).write_text('{"mine": 1}')
+    said = run("features", song, "--out", out, code=2).output
+    assert "mBR0.librosa35.npy" in said
+    assert "move them away" in said
+    assert [path.name for path in out.iterdir()] == [name]
+    assert (out / name).read_text() == '{"mine": 1}'
+    (out / name).unlink()
+    run("features", song, "--out", out, "--bpm", 100)
+    before = (out / "mBR0.librosa35.npy").read_bytes()
+    run("features", song, "--out", out, "--bpm", 160)
+    assert (out / "mBR0.librosa35.npy").read_bytes() != before
+
+
+@pytest.mark.parametrize("key", ["counts", "recipe"])
+def test_a_dataset_json_that_lacks_something_is_a_clear_error(
+    corpus: Path, built_copy: Path, tmp_path: Path, key: str
+):
+    path = built_copy / "dataset.json"
+    document = json.loads(path.read_text())
+    del document[key]
+    path.write_text(json.dumps(document))
+    if key == "counts":
+        assert key in run("info", built_copy, code=1).output
+    song = corpus / "wavs" / "mBR0.wav"
+    result = CliRunner().invoke(app, ["features", str(song), "--out", str(tmp_path), "--like", str(built_copy)])
+    assert result.exit_code in (1, 2)
+    assert result.output.startswith("error: ")

@@ -93,6 +93,7 @@ def test_all_problems_are_listed_at_once():
         ({"recipe": 2}, "recipe: Input should be 1"),
         ({"fps": "thirty"}, "rate is not a number; found 'thirty'"),
         ({"fps": 0}, "a frame rate must be above 0"),
+        ({"fps": 1e9}, "fps is too high; found 1000000000; allowed: at most 1,000"),
         ({"windows": {"length_s": 5}}, "give one of stride_s and stride_frames; found neither"),
         ({"windows": {"length_frames": 150, "stride_s": 1, "stride_frames": 30}}, "found both"),
         ({"windows": {"length_s": 5.01, "stride_s": 0.5}}, "windows.length_s is not a whole number of frames"),

@@ -56,12 +56,13 @@ def _add_octave(windows: Windows, hop: int, tunings: Sequence[int], rate: int, p
     if windows.is_whole:
         _add_track_pitches(windows.track, hop, filter_bank(tunings[0], rate), pitches[0])
         return
-    half = len(filter_bank(tunings[0], rate).even)
-    for first in range(0, len(pitches), _WINDOWS_AT_ONCE):
-        part = slice(first, first + _WINDOWS_AT_ONCE)
-        octave = _Octave(windows.some(part), hop, half, pitches.shape[1])
-        for tuning, run in _runs(tunings[part]):
-            octave.add_magnitudes(run, filter_bank(tuning, rate), pitches[part][run])
+    # At some rates, such as 20 and 40 frames a second, filters are half as long for some tunings as for others.
+    for half, alike in _runs([len(filter_bank(tuning, rate).even) for tuning in tunings]):
+        for first in range(alike.start, alike.stop, _WINDOWS_AT_ONCE):
+            part = slice(first, min(first + _WINDOWS_AT_ONCE, alike.stop))
+            octave = _Octave(windows.some(part), hop, half, pitches.shape[1])
+            for tuning, run in _runs(tunings[part]):
+                octave.add_magnitudes(run, filter_bank(tuning, rate), pitches[part][run])
 
 
 def _add_track_pitches(track: Floats, hop: int, bank: FilterBank, pitches: Floats) -> None:
@@ -82,7 +83,8 @@ class _Octave:
     """
 
     def __init__(self, windows: Windows, hop: int, half: int, n_frames: int) -> None:
-        self.n_end = -(-(windows.end + half) // hop)
+        # They hold all samples that are the window's own, also where frames are shorter than that.
+        self.n_end = max(-(-(windows.end + half) // hop), 1 - (half - windows.end) // hop)
         self.n_frames = n_frames
         self.first = windows.starts // hop + self.n_end
         n_middle = n_frames - 2 * self.n_end
@@ -121,12 +123,12 @@ class _Octave:
         pitches[:, self.n_frames - self.n_end :] += ends[:, self.n_end :]
 
 
-def _runs(tunings: Sequence[int]) -> Iterator[tuple[int, slice]]:
-    """Yield runs of adjacent windows with the same tuning."""
+def _runs(values: Sequence[int]) -> Iterator[tuple[int, slice]]:
+    """Yield runs of adjacent equal values, such as tunings."""
     start = 0
-    for tuning, run in groupby(tunings):
+    for value, run in groupby(values):
         stop = start + len(list(run))
-        yield tuning, slice(start, stop)
+        yield value, slice(start, stop)
         start = stop
 
 
