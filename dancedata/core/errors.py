@@ -96,7 +96,7 @@ class RecipeError(UsageError):
 
 
 class SourceError(DanceDataError):
-    """A source folder cannot be used at all."""
+    """The source folder as a whole is unusable."""
 
 
 class StoreError(DanceDataError):

@@ -1,7 +1,7 @@
 """Python's unpickler with a check of every opcode that creates, fills or calls anything.
 
-Subclasses decide by `find_class` which names a pickle may use. What comes out holds to this: keys and members of sets
-are texts and small integers. Others can have equal hashes, or hashes that take arbitrarily long to compute.
+Subclasses decide by `find_class` which names a pickle may use. In the result, keys and members of sets are texts and
+small integers: other values can have equal hashes, or hashes that take arbitrarily long to compute.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class UnsafePickleError(pickle.UnpicklingError):
 
 
 def invalid(problem: str) -> pickle.UnpicklingError:
-    """Return the error for a pickle that is malformed, or holds what no motion file needs."""
+    """Return the error for a malformed pickle, or for content that no motion file needs."""
     return pickle.UnpicklingError(problem)
 
 

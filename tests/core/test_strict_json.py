@@ -29,7 +29,7 @@ def test_nesting_is_bounded(depth: int) -> None:
 
 @pytest.mark.parametrize("text", ["NaN", "[-Infinity]", '{"a": 1e999}', "[1e-5, -1e400]"])
 def test_numbers_are_finite(text: str) -> None:
-    with pytest.raises(ValueError, match=r"is no JSON|larger than any number"):
+    with pytest.raises(ValueError, match=r"is not JSON|out of range"):
         parse_json(text)
 
 

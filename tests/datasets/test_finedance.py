@@ -113,7 +113,7 @@ def test_ids_in_two_lists(finedance: Any) -> None:
     assert "in cross_genre.test; the ignore list takes precedence" in detail(scan, "120")
     assert "In two lists: 120 (test) and ignored; the ignore list takes precedence" in notes(scan)
     assert "cross_genre has no val" in notes(scan)
-    assert "130 (test) stays; left out by the trainer in FineDance's repository" in notes(scan)
+    assert "130 (test) not ignored here; the trainer in FineDance's repository" in notes(scan)
     lists = {clip.id: clip.lists for clip in scan.clips}
     assert lists["130"] == ("cross_genre.test", "cross_dancer.test", "ignored.finenet")
     assert lists["159"] == ("cross_genre.train", "ignored.cross_dancer")

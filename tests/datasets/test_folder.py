@@ -157,7 +157,10 @@ ROW = "takes/a.npz,songs/a.wav,30\n"
         ("motoin,audio\n" + ROW, ["line 1", "'motoin'", "did you mean 'motion'"]),
         ("motion,audio,frames_per_second\n" + ROW, ["'frames_per_second'; known: id, motion"]),
         (ROW, ["line 1", "the first line contains no known column", "motion,audio,split"]),
-        ("motion,audio,split\ntakes/a.npz,songs/a.wav,Train\n", ["line 2", "'Train' differs from 'train' by case"]),
+        (
+            "motion,audio,split\ntakes/a.npz,songs/a.wav,Train\n",
+            ["line 2", "'Train' differs from 'train' only by case"],
+        ),
         ("motion,motion,fps\n" + ROW, ["duplicate column"]),
         ("audio,fps\nsongs/a.wav,30\n", ["column motion is missing"]),
         (HEAD + "takes/a.npz,songs/a.wav\n", ["line 2", "2 cells"]),

@@ -22,7 +22,7 @@ def test_the_example_says_what_it_is(tmp_path: Path) -> None:
     notes = "\n".join(scan.notes)
     for words in (
         "layout amass on smplh's 52 joints: 60 FPS (mocap_framerate); +Z up (AMASS's definition), rotated to +Y; m",
-        "BVH: 60 FPS (Frame Time: 0.016667); +Y up (BVH's convention, nothing was declared); cm (declared",
+        "BVH: 60 FPS (Frame Time: 0.016667); +Y up (BVH's convention, as nothing is declared); cm (declared",
         "pelvis = Hips, left_hip = LeftUpLeg",
         "layout smpl: 60 FPS (declared in the manifest)",
     ):

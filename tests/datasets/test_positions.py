@@ -100,7 +100,7 @@ def test_a_measured_root_in_disguise(dance: Motion) -> None:
     path = np.stack([0.4 * np.sin(3 * seconds), np.full_like(seconds, 0.9), 0.4 * np.cos(3 * seconds)], axis=1)
     vectors = dance.rotations.copy()
     vectors[:, 0] = path + rng.normal(0, 0.01, path.shape)
-    with pytest.raises(DataError, match="the first joint moves as the translation does"):
+    with pytest.raises(DataError, match="the first joint moves like the translation"):
         require_rotations(Path("x"), "poses", vectors, path, SMPL24.parents)
     # A root that turns as it rises follows the translation in one direction only: that is a dance.
     vectors[:, 0] = np.stack([0.1 * np.sin(5 * seconds), 2 * seconds, 0.1 * np.cos(3 * seconds)], axis=1)

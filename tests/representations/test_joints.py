@@ -105,7 +105,7 @@ def test_what_is_no_skeleton(body: Any, message: str) -> None:
 
 
 def test_what_cannot_be_encoded() -> None:
-    with pytest.raises(UsageError, match="animal cannot be put on smpl24"):
+    with pytest.raises(UsageError, match="animal cannot be transferred to smpl24"):
         Joints().encode(random_motion(ANIMAL))
     for made in (Joints(), Bailando72()):
         with pytest.raises(UsageError, match=f"{made.name} holds no contacts.*height"):

@@ -107,7 +107,7 @@ def _check_finite(path: Path, array: Floats) -> None:
         frame = int(bad.argmax())
         column = int(np.argmax(~np.isfinite(array[frame])))
         raise DataError(
-            "the motion holds values that are not finite",
+            "the motion contains values that are not finite",
             reason="nan",
             where=f"{path}, frame {frame}, column {column}",
             found=f"{int(bad.sum())} of {len(bad)} frames with NaN or infinity",
