@@ -45,10 +45,10 @@ def test_threads_that_ask_while_one_loads_wait_for_all_plug_ins(
         "import time\ntime.sleep(0.5)\n"
         "from dancedata.core import registry\n"
         "assert registry.SLOW.names() == ()  # a plug-in that asks meanwhile gets what there is\n"
-        "registry.SLOW.register('late')(type('Late', (), {}))\n"
+        "registry.SLOW.register('late')(type('Late', (registry.Plugin,), {'version': 1}))\n"
     )
     monkeypatch.syspath_prepend(str(tmp_path))
-    slow = Registry("slow plug-in", "slow_plugins")
+    slow = Registry("slow plug-in", "slow_plugins", Plugin)
     monkeypatch.setattr("dancedata.core.registry.SLOW", slow, raising=False)
     with ThreadPoolExecutor(4) as pool:
         found = list(pool.map(lambda _: slow.names(), range(4)))

@@ -141,7 +141,7 @@ def test_out_may_be_a_volume_of_its_own(corpus: Path, tmp_path: Path, whole: dic
         build(RECIPE, corpus, out, cache=tmp_path / "cache")
         assert hashes(out) == whole
         with pytest.raises(StoreError, match="the output folder cannot be written"):
-            build(replace(RECIPE, mirror=True), corpus, out, cache=tmp_path / "cache", overwrite=True)
+            build(replace(RECIPE, shard_mb=1), corpus, out, cache=tmp_path / "cache", overwrite=True)
         assert hashes(out) == whole
         assert [p.name for p in tmp_path.iterdir() if p.name.startswith(".")] == []
     finally:
@@ -343,7 +343,7 @@ def test_where_the_file_system_has_no_locks_builds_work_and_nobody_waits(
         raise OSError(errno.ENOSYS, "no locks")
 
     fcntl = locks.fcntl
-    without = SimpleNamespace(flock=none, LOCK_EX=fcntl.LOCK_EX, LOCK_NB=fcntl.LOCK_NB)
+    without = SimpleNamespace(flock=none, LOCK_EX=fcntl.LOCK_EX, LOCK_NB=fcntl.LOCK_NB, LOCK_UN=fcntl.LOCK_UN)
     monkeypatch.setattr(locks, "fcntl", without)
     run()
     assert hashes(out) == whole

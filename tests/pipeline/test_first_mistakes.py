@@ -56,7 +56,7 @@ def test_a_build_without_music_says_where_it_looked_and_what_to_do(larger: Path,
         "    song mHO3 is missing: 4 clips",
     ]
     notes = DATASETS.get("aist++")(split="all").scan(larger).notes
-    assert any("Looked in wavs/" in note and "AIST Dance Video Database" in note for note in notes)
+    assert any("Searched wavs/" in note and "AIST Dance Video Database" in note for note in notes)
     assert all(f"  - {note}" in lines for note in notes)
     assert f"dancedata check {larger}" in lines[-1]
     assert not out.exists()
@@ -137,7 +137,7 @@ def test_plan_names_weights_that_a_build_will_miss(larger: Path, monkeypatch: py
     pytest.importorskip("torch")
     monkeypatch.delenv("DANCEDATA_JUKEBOX", raising=False)
     said = run("plan", "aist++", "--source", larger, *ALL, "--set", "audio=jukebox").stdout
-    assert "note: a build here ends with: jukebox needs its weights" in said
+    assert "note: a build here ends with: jukebox: the folder of the weights is unknown" in said
     assert "a build here ends" not in run("plan", "aist++", "--source", larger, *ALL).stdout
 
 

@@ -97,7 +97,10 @@ def test_set_takes_the_longest_key() -> None:
         ({"audio": {"librosa35.60": {"fsp": 60}}}, r"audio.librosa35.60.fsp: unknown key; did you mean 'fps'"),
         ({"audio": {"librosa35.60": {"fps": "fast"}}}, r"audio.librosa35.60.fps"),
         ({"audio": {"librosa.60": {}}}, r"unknown audio feature 'librosa.60'.*Did you mean 'librosa35'"),
-        ({"audio": {"librosa35.60": {"fps": "1/7"}}}, r"the length is not a whole number of rows of librosa35.60"),
+        (
+            {"audio": {"librosa35.60": {"fps": "1/7"}}},
+            r"the length for field librosa35.60 is not a whole number of rows",
+        ),
         ({"dataset": {"aist++.mine": {}}}, r"unknown dataset 'aist\+\+.mine'"),
     ],
 )
