@@ -175,4 +175,5 @@ def _check_name(made: NewPlugin) -> None:
 def _class_name(name: str, template: str) -> str:
     """Return the name in CamelCase, with Plugin after it if the template uses that name for something else."""
     cls = "".join(part[:1].upper() + part[1:] for part in name.split("_"))
-    return f"{cls}Plugin" if re.search(rf"\b{cls}\b", template) else cls
+    taken = keyword.iskeyword(cls) or cls == "Path" or re.search(rf"\b{cls}\b", template)
+    return f"{cls}Plugin" if taken else cls

@@ -118,13 +118,20 @@ class Registry(Generic[P]):
             if self._begun:  # by another thread, or further up: a plug-in's module may ask for another plug-in
                 return
             self._begun = True
-            package = importlib.import_module(self.package)
-            for module in pkgutil.iter_modules(package.__path__):
-                if not module.name.startswith("_"):
-                    importlib.import_module(f"{self.package}.{module.name}")
-            for entry in _installed().select(group=self.package):
-                entry.load()
+            try:
+                self._import_all()
+            except BaseException:
+                self._begun = False  # the next one that asks gets the error too, not a part of the plug-ins
+                raise
             self._loaded = True
+
+    def _import_all(self) -> None:
+        package = importlib.import_module(self.package)
+        for module in pkgutil.iter_modules(package.__path__):
+            if not module.name.startswith("_"):
+                importlib.import_module(f"{self.package}.{module.name}")
+        for entry in _installed().select(group=self.package):
+            entry.load()
 
 
 @lru_cache(maxsize=1)

@@ -95,10 +95,10 @@ class ReferenceProcess:
         """Compute; one call at a time."""
         message = cloudpickle.dumps((function, args))
         with self._lock:
-            if self._process.poll() is not None:
-                self._start()
-                self._receive()
             try:
+                if self._process.poll() is not None:
+                    self._start()
+                    self._receive()
                 self._pipe.send_bytes(message)
                 is_error, found = self._receive()
             except BaseException:

@@ -200,7 +200,9 @@ def _compute(job: FeatureJob, signal: AudioSignal, bpm: float | None, song: Path
     starts, length = _windows(job, signal, song)
     rows = feature.extract_windows(signal, starts, length, job.grid, job.window_rows, start_bpm=bpm)
     tempos = feature.estimated_window_bpms(signal, starts, length, job.grid) if bpm is None else None
-    return _Computed(rows, list(job.windows.starts(len(starts))), tempos)
+    frames = job.windows.grid
+    first_rows = [frames.rows(start, of=job.grid) for start in job.windows.starts(len(starts))]
+    return _Computed(rows, first_rows, tempos)
 
 
 def _windows(job: FeatureJob, signal: AudioSignal, song: Path) -> tuple[npt.NDArray[np.int64], int]:

@@ -170,7 +170,9 @@ class Plan:
                 for c in kept:
                     key = c.ref.split, c.ref.audio_path
                     windows[key] = max(windows[key], c.n_windows * length)
-                rows = sum(windows.values() if by_window else songs.values())
+                rows = sum(songs.values())
+                if by_window:
+                    rows = sum(self.recipe.grid.rows_up(n, of=field.grid) for n in windows.values())
             total += rows * field.row_bytes
         return total
 

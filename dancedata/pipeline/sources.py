@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from dancedata.core.clip import ClipRef, Reject, Scan
+from dancedata.core.errors import SourceError
 from dancedata.core.hashing import json_sha256
 from dancedata.core.text import is_unicode, quoted
 from dancedata.execution.cache import Cache
@@ -76,7 +77,18 @@ class Sources:
 
 def scan_source(recipe: Recipe, source: Path) -> Scan:
     """List what the source holds. A dataset that writes its own source computes it as results are computed."""
-    return exactly(recipe.dataset.scan, source) if recipe.dataset.generates else recipe.dataset.scan(source)
+    scan = exactly(recipe.dataset.scan, source) if recipe.dataset.generates else recipe.dataset.scan(source)
+    known: dict[str, ClipRef] = {}
+    for ref in scan.clips:
+        other = known.setdefault(ref.id, ref)
+        if other is not ref:
+            raise SourceError(
+                "two clips have the same id",
+                where=f"dataset {recipe.dataset.name}, clip {ref.id}",
+                found=f"{other.motion_path} and {ref.motion_path}",
+                fix="rename one of them; clips of a dataset have different ids",
+            )
+    return scan
 
 
 def identify(cache: Cache, recipe: Recipe, scan: Scan, *, jobs: Jobs, progress: Progress) -> Sources:

@@ -221,7 +221,7 @@ class EpochSampler(Sampler[int]):
 
 
 def _rank_and_world_size(rank: int | None, world_size: int | None) -> tuple[int, int]:
-    """BatchReader in torch.distributed's numbers and check them."""
+    """Fill in torch.distributed's numbers and check them."""
     if (rank is None) != (world_size is None):
         raise UsageError(
             "rank and world_size belong together",

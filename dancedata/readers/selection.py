@@ -104,7 +104,7 @@ def require_protocol(store: Store, protocol: str) -> None:
         If no clip is in a list of it.
     """
     lists = {name for clip in store.clips for name in clip.lists if "." in name}
-    known = sorted({name.partition(".")[0] for name in lists} - {"ignored"})
+    known = sorted({name.rpartition(".")[0] for name in lists} - {"ignored"})
     if protocol not in known:
         raise UsageError(
             f"no clip of the store is in a list of the protocol {protocol!r}",

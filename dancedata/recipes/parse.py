@@ -309,7 +309,7 @@ def _feature_jobs(
         made = make_instance(FEATURES, "audio", name, own, problems, also=("fps",), beside=named)
         own_grid = grid if fps is None else _attempt(problems, partial(_grid, fps, f"audio.{name}.fps"))
         if made is not None and own_grid is not None:
-            jobs.append(FeatureJob(name, own_grid, made, windows, fps is not None))
+            jobs.append(FeatureJob(name, own_grid, made, windows, own_grid != grid))
     return _by_name(jobs)
 
 
@@ -334,7 +334,9 @@ def _by_name(fields: Sequence[F]) -> tuple[F, ...]:
 
 
 def _mapping(given: Any) -> dict[str, Any]:
-    return {given: {}} if isinstance(given, str) else dict(given) if isinstance(given, dict) else {str(given): {}}
+    if not isinstance(given, dict):
+        return {str(given): {}}
+    return {str(name): parameters for name, parameters in given.items()}  # in YAML a key may be a number
 
 
 def _grid(fps: Any, key: str = "fps") -> FrameGrid:

@@ -23,6 +23,7 @@ def copy_specs(given: Any, fields: Mapping[str, Columns], problems: list[str]) -
     problems
         What is wrong is added to it.
     """
+    given = {given: {}} if isinstance(given, str) else given
     if given is not None and not isinstance(given, dict):
         problems.append(f"augment: must be a mapping such as {{mirror: true}}; found {shown(repr(given))}")
         return ()

@@ -120,6 +120,8 @@ def _name_problem(value: Any) -> str:
 
 
 def _list_problem(value: Any) -> str:
+    if isinstance(value, str):
+        return "not a list of texts"
     return next(filter(None, map(_name_problem, value)), "")
 
 

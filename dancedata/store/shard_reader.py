@@ -163,7 +163,7 @@ class _File:
         self._descriptor = file.open()
 
     def read_into(self, view: memoryview, position: int) -> None:
-        """BatchReader `view` with the bytes from `position` on."""
+        """Fill `view` with the bytes from `position` on."""
         while view.nbytes:
             n = os.preadv(self._descriptor, [view], position)
             if n == 0:

@@ -92,9 +92,10 @@ class ShardTables:
             For columns that are missing or of another type, and clips whose rows lie outside their field.
         """
         columns = {column.name: self._values(column) for column in CLIP_COLUMNS}
-        shortest = min(columns["n_frames"], default=0)
-        if shortest < 0:
-            raise self._broken("clips/n_frames", "a clip has a negative number of frames", shortest)
+        for name in ("n_frames", "trim_start"):
+            least = min(columns[name], default=0)
+            if least < 0:
+                raise self._broken(f"clips/{name}", "a clip has a negative number of frames", least)
         records = tuple(
             ClipRecord(split=split, **dict(zip(columns, values, strict=True)))
             for values in zip(*columns.values(), strict=True)

@@ -85,7 +85,7 @@ def cut_windows(
             ends = [f.grid.rows_down(int(table.available[f.name][number]), of=description.grid) for f in fields]
             begin = -(-record.trim_start // period) * period if trim else 0
             count = windows.count(min([record.n_frames, *ends]) - begin)
-            starts.append(begin + np.asarray(windows.starts(count), dtype=np.int64))
+            starts.append(begin + np.arange(max(count, 0), dtype=np.int64) * windows.stride)
         counts = [len(s) for s in starts]
         clip = np.repeat(np.arange(len(counts), dtype=np.int64), counts)
         index = np.concatenate([*(np.arange(n, dtype=np.int64) for n in counts), np.empty(0, np.int64)])

@@ -55,6 +55,17 @@ def test_threads_that_ask_while_one_loads_wait_for_all_plug_ins(
     assert found == [("late",)] * 4
 
 
+def test_a_module_that_cannot_be_imported_is_an_error_every_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    make_package(tmp_path, "broken_plugins", broken="import no_such_module_here")
+    monkeypatch.syspath_prepend(tmp_path)
+    registry = Registry("thing", "broken_plugins", Plugin)
+    for _ in range(2):
+        with pytest.raises(ModuleNotFoundError):
+            registry.names()
+
+
 @pytest.mark.parametrize("registry", ALL, ids=lambda r: r.kind)
 def test_plug_ins_are_frozen_dataclasses_with_defaults(registry: Registry) -> None:
     for name in registry.names():

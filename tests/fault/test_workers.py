@@ -282,3 +282,87 @@ def exit_at_5(number: int) -> int:
     if number == 5:
         os._exit(1)
     return number
+
+
+RUN = """
+import multiprocessing, pathlib, signal, sys, time
+import loky
+from dancedata.execution.progress import Progress
+from dancedata.execution.units import run_units
+
+OPTIONS = {"jobs": 2, "label": "odd", "progress": Progress(quiet=True), "exact": False}
+"""
+
+
+def script(code: str, *args: Any) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-c", code, *map(str, args)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+
+
+INTERRUPTED = """
+def unit(folder, number):
+    time.sleep(0.1)
+    pathlib.Path(folder, str(number)).touch()
+
+plain = loky.get_reusable_executor
+
+def interrupted(*args, **options):
+    pool = plain(*args, **options)
+    signal.raise_signal(signal.SIGINT)
+    return pool
+
+loky.get_reusable_executor = interrupted
+try:
+    run_units(unit, [(sys.argv[1], n) for n in range(200)], **OPTIONS)
+except KeyboardInterrupt:
+    print("interrupted")
+"""
+
+
+def test_an_interrupt_while_workers_start_ends_them(tmp_path: Path) -> None:
+    """Else the interpreter would wait at its end until all units are computed."""
+    done = script(RUN + INTERRUPTED, tmp_path)
+    assert done.stdout == "interrupted\n", done.stderr
+    assert len(list(tmp_path.iterdir())) < 200
+
+
+DAEMON = """
+def daemon(answer):
+    answer.put(run_units(abs, [(-1,), (-2,)], **OPTIONS))
+
+context = multiprocessing.get_context("fork")
+answer = context.Queue()
+process = context.Process(target=daemon, args=(answer,), daemon=True)
+process.start()
+print(answer.get(timeout=60))
+process.join()
+"""
+
+
+def test_a_daemonic_process_computes_by_itself() -> None:
+    """As a worker of multiprocessing.Pool, which may not start processes."""
+    done = script(RUN + DAEMON)
+    assert done.stdout == "[1, 2]\n", done.stderr
+
+
+UNPICKLABLE = """
+from dancedata.core.errors import DanceDataError
+
+class TwoArgumentsError(Exception):
+    def __init__(self, first, second):
+        super().__init__(f"{first} {second}")
+
+def unit(number):
+    raise TwoArgumentsError("a", "b")
+
+try:
+    run_units(unit, [(1,), (2,)], **OPTIONS)
+except DanceDataError as error:
+    print(error)
+"""
+
+
+def test_an_error_that_does_not_unpickle_blames_no_file() -> None:
+    done = script(RUN + UNPICKLABLE)
+    assert "cannot be sent between processes during odd" in done.stdout, done.stderr
+    assert "missing 1 required positional argument" in done.stdout

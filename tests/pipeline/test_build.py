@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -383,3 +384,18 @@ def test_music_that_ends_within_the_last_frame_of_a_window(
     with dancedata.open(out) as ds:
         assert {len(ds.windows(split)) for split in ds.splits if ds.windows(split)} <= {windows, 2 * windows}
     assert "a window has music" in describe_store(out)
+
+
+def test_two_clips_of_one_id_are_named_before_anything_is_computed(
+    run_build: Any, corpus: Path, out: Path, monkeypatch: pytest.MonkeyPatch
+):
+    plain = AistPP.scan
+
+    def scan(self: AistPP, source: Path) -> Any:
+        found = plain(self, source)
+        first, second, *rest = found.clips
+        return replace(found, clips=(first, replace(second, id=first.id), *rest))
+
+    monkeypatch.setattr(AistPP, "scan", scan)
+    with pytest.raises(SourceError, match=r"two clips have the same id; found .*pkl and .*pkl"):
+        run_build(corpus, out)

@@ -15,6 +15,7 @@ from dancedata.core.hashing import sha256_file
 from dancedata.execution.cache import Cache
 from dancedata.pipeline.audio import FeatureKeys
 from dancedata.pipeline.build import build
+from dancedata.pipeline.plan import make_plan
 from dancedata.recipes.parse import apply_override, parse_recipe
 from dancedata.recipes.recipe import Recipe
 
@@ -41,6 +42,7 @@ def test_fields_documents_and_keys_carry_the_full_name() -> None:
     assert made.document["audio"]["librosa35.60"]["fps"] == "60"
     assert "fps" not in made.document["audio"]["librosa35"]
     assert parse_recipe(made.document).sha256 == made.sha256
+    assert recipe(audio={"librosa35": {"fps": 30}}).sha256 == recipe(audio={"librosa35": {}}).sha256
     plain, other = (FeatureKeys(job).track(100.0, "song") for job in made.audio)
     assert plain != other
     alone = recipe(audio={"librosa35": {}}, motion={"edge151": {}})
@@ -101,6 +103,8 @@ def test_set_takes_the_longest_key() -> None:
             {"audio": {"librosa35.60": {"fps": "1/7"}}},
             r"the length for field librosa35.60 is not a whole number of rows",
         ),
+        ({"audio": {35: {}}}, r"unknown audio feature '35'"),
+        ({"augment": "miror"}, r"unknown augmentation 'miror'"),
         ({"dataset": {"aist++.mine": {}}}, r"unknown dataset 'aist\+\+.mine'"),
     ],
 )
@@ -117,3 +121,12 @@ def test_a_song_gets_the_features_of_instances(corpus: Path, tmp_path: Path, run
     about = write_features([song], tmp_path / "mine", find_jobs(None, str(tmp_path / "out")), 100.0)
     assert [a["file"] for a in about] == [f"{song.stem}.librosa35.npy", f"{song.stem}.librosa35.60.npy"]
     assert about[1]["shape"][0] in (2 * about[0]["shape"][0], 2 * about[0]["shape"][0] - 1)
+
+
+def test_a_plan_counts_rows_at_the_rate_of_the_field(corpus: Path, tmp_path: Path) -> None:
+    sizes = {
+        fps: make_plan(recipe("scope=window", audio={"librosa35": {"fps": fps}}), corpus, cache=tmp_path).to_json()
+        for fps in (30, 60)
+    }
+    motion = make_plan(recipe("scope=window", audio={}), corpus, cache=tmp_path).to_json()["bytes"]
+    assert sizes[60]["bytes"] - motion == 2 * (sizes[30]["bytes"] - motion) > 0

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from dancedata.audio.librosa35.settings import HOP, N_COLUMNS, TEMPO_SAMPLE_RATE, Settings
 from dancedata.audio.signal import pcm16, resample
+from dancedata.core.errors import UsageError
 from dancedata.core.locks import file_lock
 from dancedata.execution.cache import user_cache
 
@@ -57,13 +58,13 @@ def compile_kernels() -> None:
 
 def _lock_file() -> Path:
     name = f"kernels-{hashlib.sha256(sys.prefix.encode()).hexdigest()[:16]}.lock"
-    folder = user_cache()
+    temporary = Path(tempfile.gettempdir())
     try:
+        folder = user_cache()
         folder.mkdir(parents=True, exist_ok=True)
-        writable = os.access(folder, os.W_OK)
-    except OSError:
-        writable = False
-    return (folder if writable else Path(tempfile.gettempdir())) / name
+    except (OSError, UsageError):
+        return temporary / name
+    return (folder if os.access(folder, os.W_OK) else temporary) / name
 
 
 def _compute(samples: NDArray[np.float32], settings: Settings) -> NDArray[np.float32]:

@@ -25,7 +25,7 @@ class TemplateName(Augmentation):
         Distance in metres.
     """
 
-    version: ClassVar[int] = 1  # raise it whenever the copies change: it is part of the cache key
+    version: ClassVar[int] = 1  # raise it whenever the copies change: it is part of the cache key of changed motion
 
     step_m: float = 0.5
 

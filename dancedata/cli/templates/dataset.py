@@ -16,7 +16,7 @@ from typing import ClassVar
 import numpy as np
 
 from dancedata.core.clip import ClipRef, Reject, Scan
-from dancedata.core.errors import DataError, SourceError
+from dancedata.core.errors import DataError, SourceError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import Dataset
@@ -61,7 +61,13 @@ class TemplateName(Dataset):
             raise DataError(
                 "a key is missing", reason="missing_key", where=ref.motion_path, found=str(error)
             ) from error
-        return Motion(trans, poses, FrameGrid.of(fps), SMPL24)
+        try:
+            grid = FrameGrid.of(fps)
+        except (UsageError, TypeError) as error:
+            raise DataError(
+                "fps is not a frame rate", reason="bad_rate", where=ref.motion_path, found=str(error)
+            ) from error
+        return Motion(trans, poses, grid, SMPL24)
 
     def make_example(self, folder: Path) -> None:
         """Write two clips of six seconds; the conformance suite builds from them."""
