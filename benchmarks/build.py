@@ -1,14 +1,15 @@
-"""What a build of many clips takes: wall and CPU time a clip, and the peak memory of every process.
+"""Cost of building many clips: wall and CPU time per clip, and the peak memory of every process.
 
     python benchmarks/build.py                   # 500, 1000 and 2000 clips, track scope, 2 jobs
     python benchmarks/build.py 2000 --scope window --jobs 1
 
-The corpus is synthetic, 40 clips a song, with the fields edge151 and librosa35; it is written before the clock
-starts. Clips are short (6 s, 3 windows each), so that fixed costs a clip show; each build starts with an empty cache.
+The corpus is synthetic, 40 clips per song, with the fields edge151 and librosa35; it is written before the clock
+starts. Clips are short (6 s, 3 windows each), so that fixed costs per clip show; each build starts with an empty
+cache.
 
-Memory is what /proc says (Linux): the peak resident set (VmHWM) of the process that builds and of each of its
-workers, looked at ten times a second. Pages of libraries and of mapped files that processes share count in each.
-`wait4` gives the largest peak of any of them, also between two looks; it is printed as "largest".
+Memory is read from /proc (Linux): the peak resident set (VmHWM) of the process that builds and of each of its
+workers, sampled ten times per second. Pages of libraries and of mapped files that processes share count in each.
+`wait4` returns the largest peak of all of them, also between two samples; it is printed as "largest".
 """
 
 from __future__ import annotations
@@ -25,8 +26,8 @@ from pathlib import Path
 
 from features import print_machine
 
-CLIPS_A_SONG = 40
-LOOK_EVERY_S = 0.1
+CLIPS_PER_SONG = 40
+SAMPLE_EVERY_S = 0.1
 RECIPE = """recipe: 1
 name: benchmark
 dataset: {{synthetic: {{songs: {songs}, clips_per_song: {clips}, clip_s: {clip_s}, split: all}}}}
@@ -40,14 +41,14 @@ audio: {{librosa35: {{}}}}
 
 @dataclass(frozen=True)
 class Spent:
-    """Seconds, and peak resident memory in MB, of a command.
+    """The cost of a command: seconds, and peak resident memory in MB.
 
     Attributes
     ----------
     parent_mb, workers_mb
-        Of the command itself and of each process below it, the largest first.
+        Of the command itself and of each of its descendants, the largest first.
     largest_mb
-        Of the largest of them all, as the kernel says when they have ended.
+        Of the largest of all processes, as the kernel reports it when they have ended.
     """
 
     wall_s: float
@@ -60,26 +61,26 @@ class Spent:
 def main() -> None:
     """Build corpora of growing size and print a row for each."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("clips", nargs="*", type=int, help=f"multiples of {CLIPS_A_SONG}, others are rounded")
+    parser.add_argument("clips", nargs="*", type=int, help=f"multiples of {CLIPS_PER_SONG}, others are rounded")
     parser.add_argument("--scope", choices=["track", "window"], default="track")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--clip-s", type=float, default=6.0)
     given = parser.parse_args()
     print_machine()
     print(f"{given.scope} scope, {given.jobs} jobs, clips of {given.clip_s:g} s")
-    for wanted in given.clips or (500, 1000, 2000):
+    for n_clips in given.clips or (500, 1000, 2000):
         with tempfile.TemporaryDirectory(prefix="build-") as name:
-            songs = max(2, round(wanted / CLIPS_A_SONG))
+            songs = max(2, round(n_clips / CLIPS_PER_SONG))
             spent = build(Path(name), songs, given.clip_s, given.scope, given.jobs)
-        print_row(songs * CLIPS_A_SONG, spent)
+        print_row(songs * CLIPS_PER_SONG, spent)
 
 
 def print_row(n_clips: int, spent: Spent) -> None:
-    """Print what a build of so many clips took."""
+    """Print the cost of a build of `n_clips`."""
     workers = ", ".join(f"{mb:.0f}" for mb in spent.workers_mb)
     print(
-        f"{n_clips:>6} clips  wall {spent.wall_s:7.1f} s, {1e3 * spent.wall_s / n_clips:6.1f} ms a clip  "
-        f"CPU {spent.cpu_s:7.1f} s, {1e3 * spent.cpu_s / n_clips:6.1f} ms a clip  "
+        f"{n_clips:>6} clips  wall {spent.wall_s:7.1f} s, {1e3 * spent.wall_s / n_clips:6.1f} ms per clip  "
+        f"CPU {spent.cpu_s:7.1f} s, {1e3 * spent.cpu_s / n_clips:6.1f} ms per clip  "
         f"peak MB: parent {spent.parent_mb:.0f}, workers {workers or 'none'}; largest {spent.largest_mb:.0f}  "
         f"(load {os.getloadavg()[0]:.1f})",
         flush=True,
@@ -87,9 +88,9 @@ def print_row(n_clips: int, spent: Spent) -> None:
 
 
 def build(folder: Path, songs: int, clip_s: float, scope: str, jobs: int) -> Spent:
-    """Write a corpus, build it with an empty cache from the shell, and return what that took."""
+    """Write a corpus, build it with an empty cache from the shell, and return the cost of the build."""
     recipe = folder / "recipe.yaml"
-    recipe.write_text(RECIPE.format(songs=songs, clips=CLIPS_A_SONG, clip_s=clip_s, scope=scope), encoding="utf-8")
+    recipe.write_text(RECIPE.format(songs=songs, clips=CLIPS_PER_SONG, clip_s=clip_s, scope=scope), encoding="utf-8")
     command = [sys.executable, "-m", "dancedata"]
     source = ["--source", str(folder / "source")]
     subprocess.run([*command, "plan", str(recipe), *source], check=True, capture_output=True)  # writes the corpus
@@ -102,7 +103,7 @@ def build(folder: Path, songs: int, clip_s: float, scope: str, jobs: int) -> Spe
 
 
 def watched(command: list[str], environment: dict[str, str]) -> Spent:
-    """Run a command and look at the memory of its processes until it ends."""
+    """Run a command and sample the memory of its processes until it ends."""
     begun = time.perf_counter()
     process = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     peaks: dict[int, float] = {}
@@ -111,7 +112,7 @@ def watched(command: list[str], environment: dict[str, str]) -> Spent:
         ended, status, usage = os.wait4(process.pid, os.WNOHANG)
         if ended:
             break
-        time.sleep(LOOK_EVERY_S)
+        time.sleep(SAMPLE_EVERY_S)
     wall_s = time.perf_counter() - begun
     process.returncode = os.waitstatus_to_exitcode(status)
     if process.returncode:
@@ -122,7 +123,7 @@ def watched(command: list[str], environment: dict[str, str]) -> Spent:
 
 
 def _peaks_mb(root: int) -> dict[int, float]:
-    """Return the peak resident memory so far of a process and all below it, by process id."""
+    """Return the peak resident memory so far of a process and its descendants, by process id."""
     parents, peaks = {}, {}
     for entry in Path("/proc").iterdir():
         if not entry.name.isdigit():
@@ -130,10 +131,10 @@ def _peaks_mb(root: int) -> dict[int, float]:
         try:
             lines = (entry / "status").read_text(encoding="utf-8").splitlines()
         except OSError:
-            continue  # it has ended meanwhile
+            continue  # it has ended in the meantime
         status = dict(line.split(":", 1) for line in lines if ":" in line)
         parents[int(entry.name)] = int(status["PPid"])
-        # A process that has ended and was not waited for yet has no memory.
+        # A zombie process has no memory.
         peaks[int(entry.name)] = int(status.get("VmHWM", "0 kB").split()[0]) / 1024
     family = {root}
     while below := {pid for pid, parent in parents.items() if parent in family} - family:

@@ -1,25 +1,25 @@
-"""How fast librosa35 is, against the plain loop of librosa calls, one window after another.
+"""Speed of librosa35, against the plain loop of librosa calls, one window after another.
 
     python benchmarks/features.py                # CPU time per window, one core, warm, interleaved
-    python benchmarks/features.py --native       # with whatever kernels this processor chooses by itself
+    python benchmarks/features.py --native       # with the kernels that numpy and BLAS choose by themselves
     python benchmarks/features.py --command      # `dancedata build` from the shell, start-up included, 2 jobs
 
-The corpus is synthetic: songs of 14.5 s, most at 48 kHz and stereo, 20 windows of 5 s each. The plain loop is
-what EDGE's `create_dataset` does for every window: load the window's own wav, and librosa for the rest.
+The corpus is synthetic: songs of 14.5 s, most at 48 kHz and stereo, 20 windows of 5 s each. The plain loop does the
+same as EDGE's `create_dataset` for every window: load the window's own wav, and librosa for the rest.
 
 - Window scope: features of every window by itself. Track scope: features of the songs, per window of output.
-- CPU time (`time.process_time`), BLAS on one thread, song by song: the versions take turns, in one order and then
-  in the other, and ratios are of one song's times, so that what slows the machine slows both. The median over
-  songs is printed with its quartiles. The plain loop does some windows of each song.
-- Kernels of BLAS and numpy are those that builds compute with (x86-64-v3), for both versions. What that costs is the
-  ratio of two runs, one with `--native`.
+- CPU time (`time.process_time`), BLAS on one thread, song by song: the versions alternate, in one order and then in
+  the other, and ratios are of the times of one song, so that other load on the machine slows both. The median over
+  songs is printed with its quartiles. The plain loop computes some windows of each song.
+- Kernels of BLAS and numpy are those of builds (x86-64-v3), for both versions. Their cost is the ratio of two runs,
+  one with `--native`.
 - With `--command`, wall time of the whole command with an empty cache, against the plain loop's wall time in one
   process after its start-up for as many windows as the dataset has; median of the rounds. Two corpora: "demo" is
   that of `dancedata build demo`, where four clips share a song, and so windows of music, which the plain loop
-  computes for every clip (AIST++ has 23 clips a song); "distinct" has one clip a song, and no window twice.
-  A third, "tiny", of clips with one window, shows what starting up takes. Python's compiled files (.pyc) are
-  there, as they are after an installation. As wall time is that of all that runs on the machine, the CPU time of
-  all processes is printed, too.
+  computes for every clip (AIST++ has 23 clips per song); "distinct" has one clip per song, and no window twice.
+  A third, "tiny", of clips with one window, shows the start-up time. Python's compiled files (.pyc) exist, as after
+  an installation. As wall time depends on the other load of the machine, the CPU time of all processes is printed,
+  too.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from dancedata.pipeline import arithmetic
+from dancedata.execution import arithmetic
 
 if "--native" not in sys.argv:
     arithmetic.adopt()  # before numpy is loaded
@@ -45,13 +45,13 @@ if "--native" not in sys.argv:
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from dancedata.audio.librosa35 import Librosa35
+from dancedata.audio.librosa35.feature import Librosa35
 from dancedata.audio.signal import load_audio
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.grid import FrameGrid
-from dancedata.datasets._synthetic_music import SyntheticSong
-from dancedata.datasets.synthetic import synthesise_song
 from dancedata.store import open_store
+from dancedata.synthetic import synthesise_song
+from dancedata.synthetic.music import SyntheticSong
 
 GRID = FrameGrid.of(30)
 N_ROWS = 150
@@ -69,11 +69,11 @@ audio: {{librosa35: {{}}}}
 
 
 def main() -> None:
-    """Run what is asked for."""
+    """Run the chosen benchmark."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--songs", type=int, default=40, help="2 to 60 (default 40)")
     parser.add_argument("--plain-windows", type=int, default=3, help="of each song, by the plain loop (default 3)")
-    parser.add_argument("--native", action="store_true", help="kernels of the processor's own choice")
+    parser.add_argument("--native", action="store_true", help="kernels that numpy and BLAS choose by themselves")
     parser.add_argument("--command", action="store_true", help="time `dancedata build` from the shell instead")
     parser.add_argument("--rounds", type=int, default=3, help="of --command (default 3)")
     parser.add_argument("--jobs", type=int, default=2, help="of --command (default 2)")
@@ -87,7 +87,7 @@ def main() -> None:
 
 
 def print_machine() -> None:
-    """Print what the numbers depend on."""
+    """Print the machine and the versions that the numbers depend on."""
     model = platform.processor() or platform.machine()
     cpuinfo = Path("/proc/cpuinfo")
     if cpuinfo.is_file():
@@ -100,7 +100,7 @@ def print_machine() -> None:
 
 
 def _load() -> str:
-    """Return how many processes want to run, a mean of the last minute."""
+    """Return the load, a mean of the last minute."""
     return f"{os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else "unknown"
 
 
@@ -112,7 +112,7 @@ def cpu_s(function: Callable[[], object]) -> float:
 
 
 def time_features(n_songs: int, n_plain: int) -> None:
-    """Time both versions in turns, song by song."""
+    """Time both versions alternately, song by song."""
     songs = [synthesise_song(f"{GENRES[k % 10]}{k // 10 % 6}", length_s=CLIP_S + 1) for k in range(n_songs)]
     _song_times(songs[0], n_plain, False)  # warm: kernels, filter banks, matrices of the window ends
     results = [_song_times(song, n_plain, bool(k % 2)) for k, song in enumerate(songs)]
@@ -120,18 +120,18 @@ def time_features(n_songs: int, n_plain: int) -> None:
     times = {name: [seconds[name] for _, seconds in results] for name in ("plain", "window", "track")}
     plain_ms = 1e3 * statistics.median(times["plain"])
     print(f"{n_windows} windows of {n_songs} songs; load {_load()} at the end")
-    print(f"plain loop: {plain_ms:.1f} ms a window (CPU, median of songs)")
+    print(f"plain loop: {plain_ms:.1f} ms per window (CPU, median of songs)")
     for name in ("window", "track"):
         ratios = sorted(p / f for p, f in zip(times["plain"], times[name], strict=True))
         low, _, high = statistics.quantiles(ratios, n=4)
         print(
-            f"{name} scope: {1e3 * statistics.median(times[name]):.2f} ms a window of output, "
+            f"{name} scope: {1e3 * statistics.median(times[name]):.2f} ms per window of output, "
             f"{statistics.median(ratios):.1f} x the plain loop (quartiles {low:.1f} .. {high:.1f})"
         )
 
 
 def _song_times(song: SyntheticSong, n_plain: int, plain_first: bool) -> tuple[int, dict[str, float]]:
-    """Return a song's number of windows, and CPU seconds a window of output for each version."""
+    """Return a song's number of windows, and CPU seconds per window of output for each version."""
     fast, plain = Librosa35(), Librosa35(method="librosa")
     signal, bpm = song.signal, song.tempo_bpm
     length = 5 * signal.sample_rate
@@ -147,7 +147,7 @@ def _song_times(song: SyntheticSong, n_plain: int, plain_first: bool) -> tuple[i
 
 
 def time_command(n_songs: int, rounds: int, jobs: int) -> None:
-    """Time `dancedata build` of both corpora in both scopes, and the plain loop in one process, in turns."""
+    """Time `dancedata build` of the corpora in both scopes, and the plain loop in one process, alternately."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         _write_corpora(folder, n_songs)
@@ -162,7 +162,7 @@ def time_command(n_songs: int, rounds: int, jobs: int) -> None:
                 with open_store(folder / "out") as store:
                     n_windows[case] = sum(len(store.windows(split)) for split in store.splits)
         wall, cpu = (1e3 * statistics.median(spent) for spent in zip(*plain, strict=True))
-        print(f"plain loop, features alone, one process: {wall:.0f} ms a window (CPU {cpu:.0f} ms)")
+        print(f"plain loop, features alone, one process: {wall:.0f} ms per window (CPU {cpu:.0f} ms)")
         for (corpus, scope), spent in times.items():
             n = n_windows[corpus, scope]
             ratio, cpu_ratio = (
@@ -206,9 +206,9 @@ def _build(folder: Path, corpus: str, scope: str, jobs: int) -> tuple[float, flo
 
 
 def _command(folder: Path, arguments: list[str]) -> tuple[float, float]:
-    """Return the wall and CPU seconds of a command, all its processes counted."""
+    """Return the wall and CPU seconds of a command and its descendants."""
     environment = {**os.environ, "DANCEDATA_CACHE": str(folder / "cache")}
-    # Compiled files in a folder of their own, where the environment forbids them beside the code.
+    # Compiled files in a folder of their own, if the environment forbids them beside the code.
     if environment.pop("PYTHONDONTWRITEBYTECODE", None):
         environment["PYTHONPYCACHEPREFIX"] = str(folder / "pyc")
     start, before = time.perf_counter(), os.times()
@@ -219,7 +219,7 @@ def _command(folder: Path, arguments: list[str]) -> tuple[float, float]:
 
 
 def _plain_window_s(source: Path, n_sampled: int = 40) -> tuple[float, float]:
-    """Return wall and CPU seconds of the plain loop for a window, a mean over windows of all songs, warm."""
+    """Return wall and CPU seconds of the plain loop per window, a mean over windows of all songs, warm."""
     plain = Librosa35(method="librosa")
     signals = [load_audio(path) for path in sorted((source / "wavs").glob("*.wav"))]
     windows = [(signal, start) for signal in signals for start in _starts(signal)]
@@ -234,7 +234,7 @@ def _plain_window_s(source: Path, n_sampled: int = 40) -> tuple[float, float]:
 
 
 def _starts(signal: AudioSignal) -> list[int]:
-    """Return the first samples of the windows that a clip of the corpus has."""
+    """Return the first samples of the windows of a clip of the corpus."""
     n_windows = int((CLIP_S - 5) / 0.5) + 1
     return [k * signal.sample_rate // 2 for k in range(n_windows)]
 

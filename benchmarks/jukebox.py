@@ -6,9 +6,8 @@
 
 The peer comparison uses a mid-size random model (width 1024, depth 24, layer 22, the real VQ-VAE) and a 5-s clip.
 Each run is a process of its own with one thread; runs of the two alternate. Time is the least CPU time of a clip over
-all runs, loading left out. Memory is the process's peak resident set minus its resident set after the imports,
-loading included. The peer is driven block by block with mask=True, because its own forward takes 8192 codes and
-nothing less.
+all runs, without loading. Memory is the process's peak resident set minus its resident set after the imports, with
+loading. The peer is run block by block with mask=True, because its own forward requires 8192 codes.
 """
 
 from __future__ import annotations
@@ -32,12 +31,12 @@ GATES = {"time": 0.55, "memory": 0.45, "share": 0.60, "device_gb": 10.0, "host_g
 
 
 def main() -> None:
-    """Run what the arguments ask for."""
+    """Run the chosen benchmark."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--peer", help="a Python with torch and transformers 4.57")
     parser.add_argument("--runs", type=int, default=4, help="processes of each of the two")
-    parser.add_argument("--repeats", type=int, default=2, help="clips a process")
-    parser.add_argument("--device", help="measure by itself on this device")
+    parser.add_argument("--repeats", type=int, default=2, help="clips per process")
+    parser.add_argument("--device", help="measure this package alone on the device")
     parser.add_argument("--size", choices=("real", "middle", "tiny"), default="real", help="with --device")
     parser.add_argument("--batches", type=int, nargs="+", default=[1, 8, 32], help="with --device")
     parser.add_argument("--work", type=Path, help="folder for random checkpoints; kept. Default: a temporary one")
@@ -59,7 +58,7 @@ def main() -> None:
 
 
 def print_machine() -> None:
-    """Print what a number without it is worth nothing."""
+    """Print the machine and the versions that the numbers depend on."""
     import torch
 
     lines = Path("/proc/cpuinfo").read_text().splitlines()
@@ -75,13 +74,13 @@ def resident_mb() -> float:
 
 def peak_mb() -> float:
     """Largest resident set since the program began or `reset_peak`, MB."""
-    # Not of getrusage: that one counts the parent's before exec.
+    # Not from getrusage, which includes the parent's before exec.
     line = next(x for x in Path("/proc/self/status").read_text().splitlines() if x.startswith("VmHWM"))
     return int(line.split()[1]) * 1024 / 1e6
 
 
 def reset_peak() -> None:
-    """Let the kernel count the peak of the resident set anew."""
+    """Reset the peak of the resident set in the kernel."""
     Path("/proc/self/clear_refs").write_text("5")
 
 
@@ -92,11 +91,12 @@ def print_accounting() -> None:
     """Print the real model's device memory, 5-s clips, by precision and batch size."""
     import torch
 
-    from dancedata.audio.jukebox import JukeboxConfig, memory
+    from dancedata.audio.jukebox import JukeboxConfig
+    from dancedata.audio.jukebox.network import memory
 
     config = JukeboxConfig()
     print("\nlayer 66 of 5b, 5-s clips, GB on the device by accounting (no allocator, no libraries)")
-    print(f"{'':6}{'weights':>9}{'a clip':>8}{'batch 1':>9}{'batch 8':>9}{'batch 32':>10}")
+    print(f"{'':6}{'weights':>9}{'clip':>8}{'batch 1':>9}{'batch 8':>9}{'batch 32':>10}")
     for name, dtype in (("fp16", torch.float16), ("bf16", torch.bfloat16), ("fp32", torch.float32)):
         weights = memory.place(config, 66, dtype, CODES, None).weight_bytes / 1e9
         clip = memory.clip_bytes(config, dtype, CODES) / 1e9
@@ -128,7 +128,7 @@ def against_peer(work: Path, peer: str, runs: int, repeats: int) -> None:
     print(f"{'':14}{'CPU s':>8}{'peak MB':>9}{'load s':>8}")
     best = {}
     for name, many in results.items():
-        # The least time and the largest peak: what the code takes, and what has to be there for it.
+        # The least time is the cost of the code, the largest peak is the memory that must be available.
         best[name] = (min(r["clip_s"] for r in many), max(r["peak_mb"] for r in many))
         load = min(r["load_s"] for r in many)
         print(f"{name:14}{best[name][0]:8.2f}{best[name][1]:9.0f}{load:8.2f}  {many[0]['versions']}")
@@ -223,7 +223,7 @@ def transformers(work: Path, repeats: int) -> dict[str, Any]:
 
 
 def convert_for_transformers(work: Path, _repeats: int) -> dict[str, Any]:
-    """Write the random checkpoint as transformers' own folders, with every block (it loads no fewer)."""
+    """Write the random checkpoint as transformers' own folders, with every block, as it loads all of them."""
     import torch
     from transformers.models.deprecated.jukebox import (
         JukeboxPrior,
@@ -295,7 +295,7 @@ def _prior_name(name: str) -> str:
     return name
 
 
-# A device by itself
+# A device, this package alone
 
 
 def on_device(work: Path, device: str, size: str, batches: list[int]) -> None:
@@ -315,7 +315,7 @@ def on_device(work: Path, device: str, size: str, batches: list[int]) -> None:
         torch.zeros(1, device=device)
         print(torch.cuda.get_device_name(device))
     base, start = resident_mb(), time.perf_counter()
-    # The peak so far is that of writing the random weights; what counts is how far loading goes beyond the present.
+    # The peak so far is that of writing the random weights; loading is measured from here.
     reset_peak()
     encoder = JukeboxEncoder.from_converted(folder, device=device, max_codes=CODES)
     load = time.perf_counter() - start
@@ -341,10 +341,10 @@ def _measure_batch(encoder: Any, batch: int, ideal_s: float, cuda: bool) -> None
     seconds = []
     for _ in range(4):
         start = time.perf_counter()
-        encoder.embed_batch(clips, 44100, batch_size=batch)  # the results are on the host: nothing is pending
+        encoder.embed_batch(clips, 44100, batch_size=batch)  # the results are on the host, so no operation is pending
         seconds.append((time.perf_counter() - start) / batch)
     share = ideal_s / min(seconds[1:])
-    print(f"batch {batch}: {1000 * min(seconds[1:]):.1f} ms a 5-s clip, {100 * share:.0f} % of the matmul rate")
+    print(f"batch {batch}: {1000 * min(seconds[1:]):.1f} ms per 5-s clip, {100 * share:.0f} % of the matmul rate")
     if not cuda:
         return
     gb = torch.cuda.max_memory_reserved() / 1e9
@@ -356,7 +356,7 @@ def _measure_batch(encoder: Any, batch: int, ideal_s: float, cuda: bool) -> None
 
 
 def _matmul_rate(device: Any, precision: str) -> float:
-    """Best FLOP/s of a large square product in the type that the model computes in there."""
+    """Return the best FLOP/s of a large square product in the type of the model on the device."""
     import torch
 
     on_cpu = device.type != "cuda"
@@ -378,7 +378,7 @@ def _matmul_rate(device: Any, precision: str) -> float:
 def _random_converted(folder: Path, config: Any, layer: int) -> None:
     """Write a converted checkpoint of random weights, one block in memory at a time."""
     from dancedata.audio.jukebox.conversion import write_converted
-    from dancedata.audio.jukebox.loading import Checkpoint
+    from dancedata.audio.jukebox.weights.loading import Checkpoint
     from dancedata.testing.jukebox import RandomSource
 
     source = RandomSource(config, layer)

@@ -6,19 +6,19 @@
     python benchmarks/reading.py --peers memmap     against fewer (always against np.load)
 
 A window is (150, 151) float32, (150, 35) float32 and (150, 4800) float16; batches of 64 in a random order, which is
-the same for all loaders that can be asked for a sample (WebDataset and LitData go through their files in order, which
-is their best case). Every loader gives dicts of the same three arrays; the first batch of each is compared with the
-source. Formats of others store every window by itself, this package stores 125 tracks of 24 overlapping windows.
+the same for all loaders with random access (WebDataset and LitData read their files in order, which is their best
+case). Every loader returns dicts of the same three arrays; the first batch of each is compared with the source. The
+other formats store every window by itself, this package stores 125 tracks of 24 overlapping windows.
 
-A measurement is one epoch of one loader, from iter() to the last batch, start of workers included; one number of each
-array of a batch is looked at. Before it, outside the clock, the loader's files are read once, so that they are in the
-page cache. Rounds are interleaved: each measures every loader once, in a new order, but for those that read the same
-files, which follow each other: all files together need not fit into memory. Medians over rounds.
+A measurement is one epoch of one loader, from iter() to the last batch, including the start of workers; one number of
+each array of a batch is read. Before it, outside the clock, the loader's files are read once, so that they are in the
+page cache. Rounds are interleaved: each measures every loader once, in a new order, except that loaders of the same
+files are consecutive: all files together need not fit into memory. Medians over rounds.
 
 The memory-copy rate is that of numpy copying 4.6 GB, batch by batch, from a large array in memory into one reused
-buffer a thread, with as many threads as the BatchLoader has; bytes copied a second, not read plus written.
+buffer per thread, with as many threads as the BatchLoader has; bytes copied per second, not read plus written.
 
-Peers that are not installed (webdataset, litdata, zarr) are named and left out.
+Peers that are not installed (webdataset, litdata, zarr) are named and skipped.
 """
 
 from __future__ import annotations
@@ -54,14 +54,14 @@ Measure = Callable[[], Iterable[dict[str, Any]]]
 
 
 def main() -> int:
-    """Write what is missing, measure, print."""
+    """Write the missing data, measure, print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="336 windows, 2 rounds")
     parser.add_argument("--rounds", type=int)
     parser.add_argument("--wide", type=int, default=4800, help="columns of the wide field; 0: without it")
     parser.add_argument("--peers", nargs="*", help="only peers whose name contains one of these")
     parser.add_argument("--work", type=Path, help="folder for the data; kept. Default: a temporary one")
-    parser.add_argument("--json", type=Path, help="write all measurements here as well")
+    parser.add_argument("--json", type=Path, help="file to write all measurements to, too")
     arguments = parser.parse_args()
     rounds = arguments.rounds or (2 if arguments.quick else 5)
     with tempfile.TemporaryDirectory() as temporary:
@@ -75,7 +75,7 @@ def main() -> int:
 
 
 def make_source(work: Path, n_windows: int, wide: int) -> Source:
-    """Write the store, or take the one that is there; the first `n_windows` of its train split are read."""
+    """Write the store unless it exists; the first `n_windows` of its train split are read."""
     folder = work / f"reading-{n_windows}-{wide}"
     n_clips = -(-n_windows // PER_CLIP)
     n_frames = LENGTH + STRIDE * (PER_CLIP - 1)
@@ -90,12 +90,12 @@ def make_source(work: Path, n_windows: int, wide: int) -> Source:
 
 
 def measures_of(source: Source, peers: Sequence[str] | None) -> dict[tuple[str, int], tuple[Measure, Path]]:
-    """Return what is measured by (name, workers): how to make the loader, and the folder that it reads."""
-    wanted = [k for k in PEERS if k is NpLoad or peers is None or any(p.lower() in k.name.lower() for p in peers)]
+    """Return by (name, workers) a function that makes the loader, and the folder that it reads."""
+    kinds = [k for k in PEERS if k is NpLoad or peers is None or any(p.lower() in k.name.lower() for p in peers)]
     dataset, store = source.dataset, source.dataset.store.path
     augmented = WindowDataset(store, fields=source.fields, mirror=0.5)
     found: dict[tuple[str, int], tuple[Measure, Path]] = {}
-    for kind in wanted:
+    for kind in kinds:
         if kind.package is not None and importlib.util.find_spec(kind.package) is None:
             print(f"{kind.name}: skipped, {kind.package} is not installed")
             continue
@@ -114,8 +114,8 @@ def measures_of(source: Source, peers: Sequence[str] | None) -> dict[tuple[str, 
     for workers in (0, 1, 2):
         found["dancedata, DataLoader", workers] = plain(dataset, workers), store
         found["dancedata, DataLoader, mirrored + normalised", workers] = plain(augmented, workers), store
-    kinds = (("dancedata, BatchLoader", dataset), ("dancedata, BatchLoader, mirrored + normalised", augmented))
-    for name, windows in kinds:
+    datasets = (("dancedata, BatchLoader", dataset), ("dancedata, BatchLoader, mirrored + normalised", augmented))
+    for name, windows in datasets:
         for threads in (1, 2):
             loader = BatchLoader(windows, BATCH, sampler=EpochSampler(windows), threads=threads)
             found[name, threads] = (lambda made=loader: from_the_start(made)), store
@@ -123,15 +123,15 @@ def measures_of(source: Source, peers: Sequence[str] | None) -> dict[tuple[str, 
 
 
 def from_the_start(loader: BatchLoader) -> BatchLoader:
-    """Return the loader, which keeps the memory that it has, at the start of epoch 0."""
+    """Return the loader, which keeps its memory, at the start of epoch 0."""
     loader.sampler.load_state_dict({"epoch": 0, "position": 0})
     return loader
 
 
 def check(source: Source, measures: dict[tuple[str, int], tuple[Measure, Path]]) -> None:
-    """Compare the first batch of every loader with the source; the augmented ones the tests compare.
+    """Compare the first batch of every loader with the source; the tests check the augmented ones.
 
-    A BatchLoader goes through an epoch as well: it lives as long as the training does, with the memory that it has.
+    A BatchLoader also runs an epoch, so that its memory is allocated, as in training.
     """
     in_order = {kind.name for kind in PEERS if kind.in_order}
     for (name, workers), (make, _) in measures.items():
@@ -142,18 +142,18 @@ def check(source: Source, measures: dict[tuple[str, int], tuple[Measure, Path]])
         order = [0] if name in in_order else EpochSampler(len(source), seed=0).order(0)[:BATCH].tolist()
         first = next(iter(make()))
         for field in source.fields:
-            wanted = np.stack([source.array(k, field) for k in order])
-            if not np.array_equal(np.asarray(first[field])[: len(order)], wanted):
-                raise SystemExit(f"{name} with {workers} gave another {field}")
+            expected = np.stack([source.array(k, field) for k in order])
+            if not np.array_equal(np.asarray(first[field])[: len(order)], expected):
+                raise SystemExit(f"{name} with {workers} workers returned a wrong {field}")
 
 
 def measure(
     source: Source, measures: dict[tuple[str, int], tuple[Measure, Path]], rounds: int, out: Path | None
 ) -> dict[tuple[str, int], list[float]]:
-    """Return bytes a second of every round, by (name, workers); written to `out` after each."""
+    """Return bytes per second of every round, by (name, workers); written to `out` after each."""
     copies = [("memory copy", 1), ("memory copy", 2)]
     found: dict[tuple[str, int], list[float]] = {name: [] for name in [*measures, *copies]}
-    # What is copied plainly is compared with what is read from the store.
+    # The memory copy is compared with reading from the store.
     groups = {folder: [name for name in measures if measures[name][1] == folder] for _, folder in measures.values()}
     groups[source.dataset.store.path] += copies
     big = np.ones(1 << 30, dtype=np.uint8)
@@ -188,7 +188,7 @@ def epoch(make: Measure, source: Source) -> float:
 
 
 def copy_rate(big: np.ndarray[Any, Any], n_bytes: int, threads: int) -> float:
-    """Return bytes a second of plain copies into reused memory."""
+    """Return bytes per second of plain copies into reused memory."""
     step = 96 << 20
     buffers = [np.ones(step, dtype=np.uint8) for _ in range(threads)]
     jobs = [k * step % (len(big) - step) for k in range(max(threads, n_bytes // step))]
@@ -204,7 +204,7 @@ def copy_rate(big: np.ndarray[Any, Any], n_bytes: int, threads: int) -> float:
 
 
 def warm(folder: Path) -> None:
-    """Read all files, so that they lie in the page cache."""
+    """Read all files, so that they are in the page cache."""
     buffer = bytearray(8 << 20)
     for path in sorted(folder.rglob("*")):
         if path.is_file():
@@ -219,7 +219,7 @@ def size_of(folder: Path) -> float:
 
 
 def machine(source: Source, rounds: int) -> str:
-    """Say what a number without it is worth nothing."""
+    """Return the machine and the versions that the numbers depend on."""
     lines = Path("/proc/cpuinfo").read_text().splitlines()
     cpu = next((line.split(": ")[1] for line in lines if line.startswith("model name")), "").strip()
     names = ["numpy", "torch", "h5py", *(kind.package for kind in PEERS if kind.package)]
@@ -246,7 +246,7 @@ def print_table(source: Source, found: dict[tuple[str, int], list[float]]) -> No
 
 
 def print_gates(found: dict[tuple[str, int], list[float]]) -> bool:
-    """Print the ratios that are promised, each the median over rounds; return whether all are kept."""
+    """Print the ratios with a gate, each the median over rounds; return whether all are met."""
 
     def ratio(one: Sequence[float], *others: Sequence[float]) -> float:
         return statistics.median(a / max(rest) for a, *rest in zip(one, *others, strict=True))
@@ -264,7 +264,7 @@ def print_gates(found: dict[tuple[str, int], list[float]]) -> bool:
         rows.append(("BatchLoader / memory copy", f"{threads} threads", ratio(ours, found["memory copy", threads])))
     print()
     for what, where, value in rows:
-        verdict = "kept" if value >= GATES[what] else "MISSED"
+        verdict = "met" if value >= GATES[what] else "MISSED"
         print(f"{what:28} {where:24} {value:6.2f}   at least {GATES[what]:g}: {verdict}")
     return all(value >= GATES[what] for what, _, value in rows)
 

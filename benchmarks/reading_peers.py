@@ -1,4 +1,4 @@
-"""The formats that benchmarks/reading.py compares with: how each is written, and how a sample is read."""
+"""The formats that benchmarks/reading.py compares with: writing each, and reading a sample."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Sample = dict[str, torch.Tensor]
 
 @dataclass(frozen=True)
 class Source:
-    """The windows that all formats hold, and a folder for them."""
+    """The windows that all formats store, and a folder for them."""
 
     folder: Path
     dataset: WindowDataset
@@ -47,12 +47,12 @@ class Source:
 
 
 class Peer(Dataset[Sample]):
-    """One format: how it is written, and how a sample is read."""
+    """One format: writing it, and reading a sample."""
 
     name: ClassVar[str] = ""
-    #: What has to be installed for it.
+    #: The package that it needs.
     package: ClassVar[str | None] = None
-    #: Whether windows come in the order of the files, not in the sampler's.
+    #: Whether windows are in the order of the files, not in the sampler's.
     in_order: ClassVar[bool] = False
 
     def __init__(self, source: Source) -> None:
@@ -105,14 +105,14 @@ class Memmap(Peer):
             out.flush()
 
     def __getitem__(self, index: int) -> Sample:
-        """Read one window; copy-on-write, as torch wants arrays that can be written to."""
+        """Read one window; copy-on-write, as torch needs writable arrays."""
         if not hasattr(self, "_maps"):
             self._maps = {name: np.load(self.folder / f"{name}.npy", mmap_mode="c") for name in self.fields}
         return {name: torch.from_numpy(np.asarray(rows[index])) for name, rows in self._maps.items()}
 
 
 class ChunkedH5(Peer):
-    """HDF5 by h5py, a chunk per window, gzip 4."""
+    """HDF5 by h5py, one chunk per window, gzip 4."""
 
     name = "h5py, chunked + gzip"
 
@@ -134,9 +134,9 @@ class ChunkedH5(Peer):
 
 
 class Zarr(Peer):
-    """zarr, a chunk per window, uncompressed, which is the fastest it can be."""
+    """zarr, one chunk per window, uncompressed, its fastest configuration."""
 
-    name = "zarr, a chunk a window"
+    name = "zarr, chunk per window"
     package = "zarr"
 
     def write(self, source: Source) -> None:

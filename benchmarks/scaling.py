@@ -1,10 +1,10 @@
-"""How builds scale: clips a second with 1 and 2 jobs, overhead of a unit of work, and a corpus of 100,000 clips.
+"""How builds scale: clips per second with 1 and 2 jobs, overhead per unit of work, and a corpus of 100,000 clips.
 
     python benchmarks/scaling.py throughput          # the demo's feature and representation
-    python benchmarks/scaling.py units               # what scheduling, cache and publishing cost a unit
+    python benchmarks/scaling.py units               # cost of scheduling, cache and publishing per unit
     python benchmarks/scaling.py corpus [N ...]      # default 1000 10000 100000 clips of four frames
 
-Nothing is asserted: it prints what it measured. Times of one machine are comparable with each other only.
+It prints measurements and asserts nothing. Only times of the same machine are comparable.
 """
 
 from __future__ import annotations
@@ -29,38 +29,41 @@ from dancedata.core.clip import ClipRef, Scan
 from dancedata.core.columns import Columns, Group
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
+from dancedata.core.plugins import AudioFeature, Dataset, Representation
 from dancedata.core.registry import DATASETS, FEATURES, REPRESENTATIONS
 from dancedata.core.skeleton import SMPL24, Skeleton
+from dancedata.execution.cache import Cache
+from dancedata.execution.progress import Progress
+from dancedata.execution.units import run_units
 from dancedata.pipeline.build import build
-from dancedata.pipeline.cache import Cache
-from dancedata.pipeline.execute import Progress, run_units
-from dancedata.pipeline.gather import gather, identify
+from dancedata.pipeline.clips import compute_clips
 from dancedata.pipeline.plan import make_plan
-from dancedata.pipeline.recipe import Recipe
-from dancedata.pipeline.recipe_file import load_recipe, parse_recipe
+from dancedata.pipeline.sources import identify
+from dancedata.recipes.parse import load_recipe, parse_recipe
+from dancedata.recipes.recipe import Recipe
 
-FRAMES, SAMPLE_RATE, CLIPS_A_SONG = 4, 8000, 100
+FRAMES, SAMPLE_RATE, CLIPS_PER_SONG = 4, 8000, 100
 
 
 @DATASETS.register("many")
 @dataclass(frozen=True)
-class Many:
-    """Clips of four frames, a file each, and a song for every hundred."""
+class Many(Dataset):
+    """Clips of four frames, one file per clip, and one song per hundred clips."""
 
     version: ClassVar[int] = 1
     licence: ClassVar[str] = "CC0-1.0"
     citation: ClassVar[str] = "made by a benchmark"
 
     def scan(self, source: Path) -> Scan:
-        """List what write_corpus wrote."""
+        """List the clips of write_corpus."""
         n = json.loads((source / "n.json").read_text())
         refs = tuple(
             ClipRef(
                 f"c{i:06d}",
                 source / f"{i // 1000:03d}" / f"{i:06d}.bin",
-                source / "music" / f"{i // CLIPS_A_SONG:04d}.wav",
+                source / "music" / f"{i // CLIPS_PER_SONG:04d}.wav",
                 "train",
-                music=f"s{i // CLIPS_A_SONG:04d}",
+                music=f"s{i // CLIPS_PER_SONG:04d}",
                 tempo_bpm=120.0,
             )
             for i in range(n)
@@ -80,15 +83,11 @@ class Many:
 
 @REPRESENTATIONS.register("place")
 @dataclass(frozen=True)
-class Place:
-    """Where the root is."""
+class Place(Representation):
+    """The position of the root."""
 
     version: ClassVar[int] = 1
-    default_contacts: ClassVar[None] = None
-    rate: ClassVar[None] = None
-    grounded: ClassVar[bool] = False
     axes: ClassVar[str] = "as given"
-    rotation_6d: ClassVar[None] = None
 
     @property
     def skeleton(self) -> Skeleton:
@@ -107,12 +106,11 @@ class Place:
 
 @FEATURES.register("level")
 @dataclass(frozen=True)
-class Level:
-    """One column of nothing much."""
+class Level(AudioFeature):
+    """One column with the mean level."""
 
     version: ClassVar[int] = 1
     packages: ClassVar[tuple[str, ...]] = ("numpy",)
-    dtype: ClassVar[str] = "float32"
 
     @property
     def columns(self) -> Columns:
@@ -127,6 +125,19 @@ class Level:
         """Return a constant."""
         rows = self.n_rows(signal.n_samples, signal.sample_rate, grid)
         return np.full((rows, 1), float(np.abs(signal.samples).mean()), np.float32)
+
+    def extract_windows(
+        self,
+        signal: Any,
+        starts: Any,
+        n_samples: int,
+        grid: FrameGrid,
+        n_rows: int,
+        *,
+        start_bpm: float | None = None,
+    ) -> Any:
+        """Return a constant for each window."""
+        return np.stack([self.extract(signal.part(s, s + n_samples), grid)[:n_rows] for s in starts.tolist()])
 
 
 RECIPE = {
@@ -146,8 +157,8 @@ def write_corpus(source: Path, n: int) -> Path:
         (source / f"{i // 1000:03d}").mkdir()
     for i in range(n):
         (source / f"{i // 1000:03d}" / f"{i:06d}.bin").write_bytes(str(i).encode())
-    for i in range(0, n, CLIPS_A_SONG):
-        with wave.open(str(source / "music" / f"{i // CLIPS_A_SONG:04d}.wav"), "wb") as file:
+    for i in range(0, n, CLIPS_PER_SONG):
+        with wave.open(str(source / "music" / f"{i // CLIPS_PER_SONG:04d}.wav"), "wb") as file:
             file.setnchannels(1)
             file.setsampwidth(2)
             file.setframerate(SAMPLE_RATE)
@@ -170,7 +181,7 @@ def corpus(n: int) -> None:
             result = call()
             spent, cpu = time.perf_counter() - begun, time.process_time() - begun_cpu
             print(
-                f"{n:>7} clips  {label:<30} {spent:8.2f} s, CPU {cpu:8.2f} s: {cpu / n * 1e3:7.3f} ms a clip  "
+                f"{n:>7} clips  {label:<30} {spent:8.2f} s, CPU {cpu:8.2f} s: {cpu / n * 1e3:7.3f} ms per clip  "
                 f"{_peak_mb():6.0f} MB",
                 flush=True,
             )
@@ -179,8 +190,8 @@ def corpus(n: int) -> None:
         scan = staged("scan", lambda: recipe.dataset.scan(source))
         staged("plan: lengths of all", lambda: make_plan(recipe, source))
         for turn in ("cold", "warm"):
-            gathered = staged(f"identify, {turn}", lambda: identify(cache, recipe, scan, jobs=1, progress=quiet))
-            staged(f"units, {turn}", lambda g=gathered: gather(cache, g, jobs=1, progress=quiet))
+            sources = staged(f"identify, {turn}", lambda: identify(cache, recipe, scan, jobs=1, progress=quiet))
+            staged(f"units, {turn}", lambda s=sources: compute_clips(cache, recipe, s, jobs=1, progress=quiet))
         options: dict[str, Any] = {"cache": folder / "cache"}
         staged("whole build from the cache", lambda: build(recipe, source, folder / "out", **options))
         staged("the same again: nothing to do", lambda: build(recipe, source, folder / "out", **options))
@@ -189,7 +200,7 @@ def corpus(n: int) -> None:
 
 
 def units(n: int = 2000) -> None:
-    """Show what a unit costs besides its work: with the pool, with the cache, publishing."""
+    """Print the overhead per unit: of the pool, of the cache, of publishing."""
     with tempfile.TemporaryDirectory(prefix="scaling-") as name:
         cache, quiet = Cache(Path(name)), Progress(quiet=True)
         row = np.zeros((150, 151), np.float32)
@@ -197,7 +208,7 @@ def units(n: int = 2000) -> None:
         def per_unit(label: str, call: Callable[[], Any]) -> None:
             begun = time.perf_counter()
             call()
-            print(f"{label:<58} {(time.perf_counter() - begun) / n * 1e6:8.1f} us a unit")
+            print(f"{label:<58} {(time.perf_counter() - begun) / n * 1e6:8.1f} us per unit")
 
         keys = [Cache.key("x", number=i) for i in range(n)]
         run_units(abs, [(1,)] * 20, jobs=2, label="", progress=quiet)  # starts the pool
@@ -208,10 +219,10 @@ def units(n: int = 2000) -> None:
                 lambda c=calls, j=jobs: run_units(abs, c, jobs=j, label="", progress=quiet),
             )
         per_unit("key", lambda: [Cache.key("x", number=i) for i in range(n)])
-        per_unit("looking for what is not there", lambda: [cache.array("a", k) for k in keys])
+        per_unit("looking up missing entries", lambda: [cache.array("a", k) for k in keys])
         per_unit("publishing 90 kB", lambda: [cache.put_array("a", k, row, durable=False) for k in keys])
-        per_unit("publishing 90 kB, lock and second look", lambda: [cache.once("b", k, lambda: row) for k in keys])
-        per_unit("looking for what is there", lambda: [cache.array("a", k) for k in keys])
+        per_unit("publishing 90 kB, lock and second lookup", lambda: [cache.once("b", k, lambda: row) for k in keys])
+        per_unit("looking up existing entries", lambda: [cache.array("a", k) for k in keys])
         per_unit("reading 90 kB, checksum compared", lambda: [np.asarray(cache.array("a", k)) for k in keys])
         per_unit("publishing JSON", lambda: [cache.put_json("j", k, [1, "30", []]) for k in keys])
         per_unit("reading JSON", lambda: [cache.json("j", k) for k in keys])
@@ -220,17 +231,17 @@ def units(n: int = 2000) -> None:
         for k in few:
             cache.put_array("d", k, row, durable=True)
         spent = (time.perf_counter() - begun) / len(few) * 1e6
-        print(f"{'publishing 90 kB, flushed to disk (units above 0.5 s)':<58} {spent:8.1f} us a unit")
+        print(f"{'publishing 90 kB, flushed to disk (units above 0.5 s)':<58} {spent:8.1f} us per unit")
 
 
 def throughput(songs: int = 20, clips: int = 8) -> None:
-    """Build a synthetic corpus with 1 and 2 jobs, and the second time from the cache."""
+    """Build a synthetic corpus with 1 and 2 jobs, and again from the cache."""
     settings = [f"dataset.synthetic.songs={songs}", f"dataset.synthetic.clips_per_song={clips}"]
     recipe: Recipe = load_recipe("demo", settings)
     total = songs * clips
     with tempfile.TemporaryDirectory(prefix="scaling-") as name:
         folder = Path(name)
-        # Workers start and librosa's kernels load before the clock does.
+        # Workers start and librosa's kernels load before the clock starts.
         build(recipe, folder / "source", folder / "out", jobs=2, cache=folder / "cache")
         rates = {}
         for jobs in (1, 2):
@@ -252,7 +263,7 @@ def _peak_mb() -> float:
 
 
 def main() -> None:
-    """Run what is asked for."""
+    """Run the chosen benchmark."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=["throughput", "units", "corpus"])
     parser.add_argument("n", nargs="*", type=int)

@@ -1,37 +1,57 @@
 """dancedata: the data layer of music-to-dance generation.
 
 Motion capture and music go in; what any trainer needs comes out, in one documented HDF5 dataset.
+
+The names in `__all__` are the public list. They are loaded when they are first used.
 """
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from dancedata.core.lazy import lazy_names
 from dancedata.core.version import __version__
 
+__all__ = [
+    "AudioSignal",
+    "FeatureCache",
+    "Motion",
+    "Skeleton",
+    "__version__",
+    "build",
+    "check",
+    "decode",
+    "diff",
+    "encode",
+    "extract",
+    "open",
+    "plan",
+]
+
 if TYPE_CHECKING:
-    from dancedata.pipeline.api import decode, encode, extract
+    from dancedata.api.arrays import decode, encode, extract
+    from dancedata.api.commands import build, check, plan
+    from dancedata.cache import FeatureCache
+    from dancedata.core.audio_signal import AudioSignal
+    from dancedata.core.motion import Motion
+    from dancedata.core.skeleton import Skeleton
+    from dancedata.pipeline.diff import diff
     from dancedata.store.dataset import open_store as open
-
-__all__ = ["__version__", "decode", "encode", "extract", "open"]
-
-#: Public name -> where it lives. Looked up on first use, so that `import dancedata` stays light.
-_LAZY = {
-    "open": ("dancedata.store.dataset", "open_store"),
-    "extract": ("dancedata.pipeline.api", "extract"),
-    "encode": ("dancedata.pipeline.api", "encode"),
-    "decode": ("dancedata.pipeline.api", "decode"),
-}
-
-
-def __getattr__(name: str) -> Any:
-    try:
-        module, attribute = _LAZY[name]
-    except KeyError:
-        raise AttributeError(f"module 'dancedata' has no attribute {name!r}") from None
-    return getattr(importlib.import_module(module), attribute)
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *_LAZY})
+else:  # type checkers take the imports above, and so find misspelt names
+    __getattr__, __dir__ = lazy_names(
+        __name__,
+        {
+            "AudioSignal": "dancedata.core.audio_signal",
+            "FeatureCache": "dancedata.cache",
+            "Motion": "dancedata.core.motion",
+            "Skeleton": "dancedata.core.skeleton",
+            "build": "dancedata.api.commands",
+            "check": "dancedata.api.commands",
+            "decode": "dancedata.api.arrays",
+            "diff": "dancedata.pipeline.diff",
+            "encode": "dancedata.api.arrays",
+            "extract": "dancedata.api.arrays",
+            "open": "dancedata.store.dataset:open_store",
+            "plan": "dancedata.api.commands",
+        },
+    )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 
-from dancedata.interrupts import run
+from dancedata.cli.interrupts import run
 
 
 def main() -> None:
@@ -27,7 +27,7 @@ def _open_streams() -> None:
 
 def _command() -> None:
     # Imported here, so that Ctrl-C is dealt with before anything takes time.
-    from dancedata.cli import main as command
+    from dancedata.cli.app import main as command
 
     command()
 

@@ -1,4 +1,4 @@
-"""FeatureCache: features of songs for a training job, each computed once whoever asks.
+"""FeatureCache: features of songs for a training job, each computed once for all processes.
 
 It is the cache that builds use, under the same keys: what a build computed is there for a training job, and the
 other way round.
@@ -21,23 +21,24 @@ import numpy.typing as npt
 from dancedata.core.clip import Reject
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid, Number
+from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
-from dancedata.pipeline.audio_units import (
+from dancedata.execution.cache import Cache, CachedArray, default_cache
+from dancedata.execution.lost_entries import with_lost_entries
+from dancedata.execution.progress import Progress
+from dancedata.execution.threads import exactly, on_one_thread
+from dancedata.pipeline.audio import (
     FeatureKeys,
     SignalId,
     extract_track,
     extract_windows,
     identify_audio,
-    is_exact,
     known_windows,
     window_samples,
     window_units,
 )
-from dancedata.pipeline.cache import Cache, CachedArray, default_cache
-from dancedata.pipeline.execute import Progress, exactly, on_one_thread
-from dancedata.pipeline.lost_entries import with_lost_entries
-from dancedata.pipeline.recipe import Recipe, WindowSpec, resolve_feature
-from dancedata.pipeline.slots import make_named
+from dancedata.recipes.fields import FeatureJob, WindowSpec
+from dancedata.recipes.plugins import make_named
 
 __all__ = ["FeatureCache"]
 
@@ -57,7 +58,7 @@ class FeatureCache:
     def __init__(self, root: str | Path | None = None) -> None:
         self.root = (Path(root).expanduser() if root is not None else default_cache()).absolute()
         self._compared: set[Path] = set()
-        self._features: dict[str, Any] = {}
+        self._features: dict[str, AudioFeature] = {}
 
     def __repr__(self) -> str:
         """Say where it is."""
@@ -99,15 +100,14 @@ class FeatureCache:
         UsageError
             For an unknown feature, an unknown parameter, or a file that is not there.
         """
-        recipe = self._recipe("track", FrameGrid.of(fps), WindowSpec(1, 1, "time"), feature, parameters)
-        plugin = recipe.audio[0]
+        job = FeatureJob(feature, FrameGrid.of(fps), self._feature(feature, parameters))
         signal = self._identify(song)
-        key = FeatureKeys(recipe, plugin).track(start_bpm, signal.sha256)
+        key = FeatureKeys(job).track(start_bpm, signal.sha256)
 
         def read(cache: Cache) -> npt.NDArray[Any]:
             found = cache.array("features", key)
             if found is None:
-                found = _computed(plugin, extract_track, cache, recipe, plugin, signal, start_bpm, key)
+                found = _computed(job, extract_track, cache, signal, start_bpm, key)
             return self._mapped(found)
 
         return with_lost_entries(Cache(self.root), read, Progress(quiet=True))
@@ -139,30 +139,29 @@ class FeatureCache:
         """
         if length_frames < 1 or stride_frames < 1:
             raise UsageError("windows have a length and a stride of at least 1", found=(length_frames, stride_frames))
-        spec = WindowSpec(length_frames, stride_frames, "time")
-        recipe = self._recipe("window", FrameGrid.of(fps), spec, feature, parameters)
-        plugin = recipe.audio[0]
+        grid = FrameGrid.of(fps)
+        windows = WindowSpec(length_frames, stride_frames, grid)
+        job = FeatureJob(feature, grid, self._feature(feature, parameters), windows)
         rows: list[npt.NDArray[Any]] = []
         signal = self._identify(song)
-        every = FeatureKeys(recipe, plugin)
-        count = len(window_samples(recipe, signal.n_samples, signal.sample_rate)[0])
+        every = FeatureKeys(job)
+        count = len(window_samples(job, signal.n_samples, signal.sample_rate)[0])
         keys = {number: every.window(start_bpm, signal, number) for number in range(count)}
         for unit in window_units(keys):
-            rows += self._unit(recipe, signal, start_bpm, unit)
+            rows += self._unit(job, signal, start_bpm, unit)
         if not rows:
-            return np.empty((0, length_frames, plugin.columns.width), plugin.dtype)
+            return np.empty((0, length_frames, job.columns.width), job.dtype)
         return np.stack(rows)
 
     def _unit(
-        self, recipe: Recipe, signal: SignalId, start_bpm: float | None, unit: dict[int, str]
+        self, job: FeatureJob, signal: SignalId, start_bpm: float | None, unit: dict[int, str]
     ) -> list[npt.NDArray[Any]]:
         """Return the rows of some windows, keys by number; those that are damaged in the cache are computed again."""
-        plugin = recipe.audio[0]
 
         def read(cache: Cache) -> list[npt.NDArray[Any]]:
             found = known_windows(cache, unit)
             if found is None:
-                found = _computed(plugin, extract_windows, cache, recipe, plugin, signal, start_bpm, unit)
+                found = _computed(job, extract_windows, cache, signal, start_bpm, unit)
             return [np.asarray(found[number]) for number in unit]
 
         return with_lost_entries(Cache(self.root), read, Progress(quiet=True))
@@ -170,7 +169,7 @@ class FeatureCache:
     def _identify(self, song: str | Path) -> SignalId:
         path = Path(song).expanduser().absolute()
         if not path.is_file():
-            raise UsageError("there is no such song", found=path)
+            raise UsageError("the song does not exist", found=path)
         signal: SignalId = _found(identify_audio(Cache(self.root), path))
         return signal
 
@@ -181,28 +180,19 @@ class FeatureCache:
             self._compared.add(array.path)
         return array.mapped()
 
-    def _recipe(
-        self, scope: Any, grid: FrameGrid, windows: WindowSpec, feature: str, parameters: dict[str, Any]
-    ) -> Recipe:
-        """Return as much of a recipe as the features' units of work look at."""
-        plugin = self._feature(feature, parameters)
-        return Recipe(
-            name="", description="", dataset=None, grid=grid, scope=scope, windows=windows, motion=(),
-            audio=(plugin,), keymotion=(), mirror=False, shard_mb=1,
-        )  # fmt: skip
-
-    def _feature(self, name: str, parameters: dict[str, Any]) -> Any:
+    def _feature(self, name: str, parameters: dict[str, Any]) -> AudioFeature:
         """Return a feature that is ready to compute, as a build makes it; made once by each object."""
         asked = repr((name, sorted(parameters.items())))
         if asked not in self._features:
             plugin = make_named(FEATURES, "audio", name, parameters)
-            self._features[asked] = resolve_feature(plugin, Cache(self.root).file_sha256)
+            self._features[asked] = plugin.resolved(Cache(self.root).file_sha256)
         return self._features[asked]
 
 
-def _computed(feature: Any, function: Callable[..., Any], *args: Any) -> Any:
+def _computed(job: FeatureJob, function: Callable[..., Any], cache: Cache, *args: Any) -> Any:
     """Run a unit of work as a build does."""
-    return _found((exactly if is_exact(feature) else on_one_thread)(function, *args))
+    compute = exactly if job.feature.exact else on_one_thread
+    return _found(compute(function, cache, job, *args))
 
 
 def _found(result: Any) -> Any:

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-from dancedata.pipeline import arithmetic
+from dancedata.execution import arithmetic
 
 # Machines that run tests are busy: how long an example takes says nothing.
 settings.register_profile("dancedata", deadline=None)

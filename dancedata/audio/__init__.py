@@ -1,1 +1,1 @@
-"""Audio: decoding and resampling (`signal`), and the features, one file each."""
+"""Audio: decoding and resampling (`signal`), and the features, one package each."""

@@ -1,7 +1,7 @@
 """Audio files in, mono float32 samples out: decode, average the channels, quantise, resample.
 
-Whatever libsndfile decodes is taken: wav (8 to 32 bit, float), flac, ogg, mp3. Samples keep the file's own
-rate; each feature resamples as it needs. Decoding and resampling do what `librosa.load` does, to the bit.
+All formats that libsndfile decodes are accepted: wav (8 to 32 bit, float), flac, ogg, mp3. Samples keep the rate of
+the file; each feature resamples as it needs. Decoding and resampling match `librosa.load` to the bit.
 """
 
 from __future__ import annotations
@@ -23,23 +23,23 @@ if TYPE_CHECKING:
 
     import soundfile
 
-# Undecoded rest of an mp3, as a part of the file, that tags (lyrics, pictures) at the end can explain.
+# Largest undecoded part of an mp3 file that tags (lyrics, pictures) at its end can explain.
 _MAX_UNREAD_MP3 = 0.2
 _COUNT_BLOCK = 1 << 18
-#: Most that is decoded (float32 samples of all channels), or that comes of resampling: three hours of stereo, six of
-#: mono at 48 kHz.
+#: Most bytes that are decoded (float32 samples of all channels) or that resampling may give: three hours of stereo at
+#: 48 kHz, six of mono.
 MAX_BYTES = 1 << 32
-#: Samples a second that are taken for real: telephones have 8,000, studios 192,000.
+#: Sample rates that are accepted, in Hz: telephones have 8,000, studios 192,000.
 MIN_RATE, MAX_RATE = 4_000, 400_000
-#: About the highest rate that features listen to: what a signal takes once resampled is bounded at this rate.
+#: About the highest rate of the features: the size of a resampled signal is bounded at this rate.
 FEATURE_RATE = 48_000
-#: Above BOMB_BYTES, decoding may enlarge a file this many times: speech in opus, 250-fold, is the most in real use.
+#: Above BOMB_BYTES, decoding may enlarge a file this many times; the most in real use is speech in opus, 250-fold.
 BOMB_BYTES = 1 << 26
 BOMB_RATIO = 1000
 
 
 def load_audio(path: Path | str) -> AudioSignal:
-    """Decode a file, whole, and average its channels.
+    """Decode a whole file and average its channels.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def load_audio(path: Path | str) -> AudioSignal:
     Returns
     -------
     AudioSignal
-        Samples (n,) float32 at the file's own rate. Float files may go beyond +-1.
+        Samples (n,) float32 at the file's rate. Samples of float files may exceed +-1.
 
     Raises
     ------
@@ -59,9 +59,9 @@ def load_audio(path: Path | str) -> AudioSignal:
 
     Notes
     -----
-    A wav, ogg or mp3 file that was cut off gives the samples it still has, a cut flac is broken. Of an mp3
-    without the usual length header (Xing, Info) libsndfile estimates the length, and decoding stops there:
-    if that leaves a good part of the file unread it is ``broken_audio``, never a silently shorter song.
+    A truncated wav, ogg or mp3 file gives the samples that it still has, a truncated flac file is ``broken_audio``.
+    libsndfile estimates the length of an mp3 file without the usual length header (Xing, Info) and stops decoding
+    there: if a large part of the file is left unread, it is ``broken_audio``, never a silently shorter song.
     """
     path = Path(path)
     samples, sample_rate = _decode(path)
@@ -69,20 +69,20 @@ def load_audio(path: Path | str) -> AudioSignal:
     bad = np.flatnonzero(~np.isfinite(mono))
     if bad.size:
         raise DataError(
-            "the audio has samples that are no numbers",
+            "the audio has samples that are not finite",
             reason="nan",
             where=str(path),
             found=f"{bad.size} NaN or infinite samples, the first at {bad[0] / sample_rate:.3f} s",
             allowed="finite samples",
-            fix="export the file again, as 16-bit wav for example",
+            fix="export the file again, for example as 16-bit wav",
         )
     return AudioSignal(np.ascontiguousarray(mono, dtype=np.float32), sample_rate)
 
 
 def _mean_of_channels(samples: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Average (n, channels) as numpy's mean does, to the bit; over so short an axis numpy takes six times as long."""
+    """Average (n, channels) as numpy's mean does, to the bit; on so short an axis numpy takes six times as long."""
     n_channels = samples.shape[1]
-    if n_channels >= 8:  # from here on numpy adds in another order
+    if n_channels >= 8:  # numpy adds these in another order
         return np.asarray(np.mean(samples.T, axis=0))
     total = samples[:, 0].copy()
     for channel in range(1, n_channels):
@@ -91,10 +91,10 @@ def _mean_of_channels(samples: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def audio_length(path: Path | str) -> tuple[int, int]:
-    """Length of a file without decoding it: exactly what `load_audio` would give.
+    """Length of a file without decoding it: exactly that of the signal of `load_audio`.
 
-    Only the header is read, save for mp3: there the header is an estimate (it was seen wrong by a factor
-    of 2.5), so the file is decoded block by block and counted.
+    Only the header is read, except for mp3: its header is an estimate (a factor of 2.5 off was seen), so the file is
+    decoded block by block and the samples are counted.
 
     Parameters
     ----------
@@ -104,12 +104,12 @@ def audio_length(path: Path | str) -> tuple[int, int]:
     Returns
     -------
     n_samples, sample_rate : tuple[int, int]
-        Samples a channel, samples a second.
+        Samples per channel, and the sample rate in Hz.
 
     Raises
     ------
     DataError
-        As `load_audio`, as far as the header shows it (a flac file cut short and NaN are found on decoding).
+        As `load_audio`, for what the header shows (a truncated flac file and NaN are only found by decoding).
     """
     path = Path(path)
     with _Opened(path) as sound:
@@ -123,9 +123,9 @@ def audio_length(path: Path | str) -> tuple[int, int]:
 def pcm16(samples: NDArray[np.float32]) -> NDArray[np.float32]:
     """Quantise as writing a 16-bit wav with soundfile and reading it again does.
 
-    libsndfile (with clipping on, as soundfile has it) scales to 32 bit, rounds there, and keeps the upper
-    16 bits: that is floor(x * 32768), except that a value less than half a 32-bit step below a 16-bit step
-    belongs to the step. EDGE's window wavs are made so; rounding to nearest instead moves MFCC by up to 0.26.
+    libsndfile (with clipping on, as in soundfile) scales to 32 bit, rounds, and keeps the upper 16 bits: that is
+    floor(x * 32768), except that a value less than half a 32-bit step below a 16-bit step is rounded up to it.
+    EDGE makes its window wavs this way; rounding to nearest instead changes MFCC by up to 0.26.
 
     Parameters
     ----------
@@ -152,7 +152,7 @@ def resample(samples: NDArray[np.float32], from_rate: int, to_rate: int) -> NDAr
     samples
         (n,) float32 at `from_rate`.
     from_rate, to_rate
-        Samples a second.
+        Sample rates in Hz.
 
     Returns
     -------
@@ -184,11 +184,11 @@ class _Opened:
         import soundfile
 
         try:
-            # By a Python file object: file names in any script work on any system, and its position is known.
+            # A Python file object: file names in any script work on any system, and its position can be read.
             self._file = open_regular(self._path)
         except (FileNotFoundError, NotADirectoryError, IsADirectoryError) as error:
             raise DataError(
-                "there is no such audio file",
+                "the audio file does not exist",
                 reason="missing_file",
                 where=str(self._path),
                 found="a folder" if isinstance(error, IsADirectoryError) else "nothing",
@@ -200,7 +200,7 @@ class _Opened:
             self._sound = soundfile.SoundFile(self._file)
         except (soundfile.LibsndfileError, TypeError) as error:
             self._file.close()
-            # soundfile wants to be told the rate of files without a header (.raw), by a TypeError.
+            # soundfile raises TypeError for files without a header (.raw), whose rate it needs as an argument.
             raise _broken(self._path, getattr(error, "error_string", str(error))) from error
         try:
             self._require_plausible()
@@ -225,16 +225,16 @@ class _Opened:
             self._file.close()
 
     def _require_plausible(self) -> None:
-        """Refuse a length or rate that the header only claims: room would be made for the samples before any is read.
+        """Refuse an implausible length or rate in the header: memory is allocated before any sample is read.
 
-        A low rate makes a small file long, and long means large once it is resampled to what features listen to.
+        A low rate makes a small file long, and so a large signal once it is resampled for the features.
         """
         rate, frames, channels = int(self._sound.samplerate), int(self._sound.frames), int(self._sound.channels)
         if not MIN_RATE <= rate <= MAX_RATE:
             raise _broken(
                 self._path,
-                f"{rate:,} samples a second",
-                allowed=f"{MIN_RATE:,} to {MAX_RATE:,} samples a second",
+                f"a sample rate of {rate:,} Hz",
+                allowed=f"{MIN_RATE:,} to {MAX_RATE:,} Hz",
                 fix="export the file again at 44100 or 48000 Hz",
             )
         decoded, resampled = 4 * frames * channels, 4 * frames * FEATURE_RATE // rate
@@ -243,8 +243,8 @@ class _Opened:
             what = "once decoded" if decoded >= resampled else f"once resampled to {FEATURE_RATE:,} Hz"
             raise _broken(
                 self._path,
-                f"a header that announces {frames:,} samples in {channels} channels at {rate:,} Hz, "
-                f"{max(decoded, resampled):,} bytes {what}, of a file of {size:,}",
+                f"a header with {frames:,} samples in {channels} channels at {rate:,} Hz, "
+                f"{max(decoded, resampled):,} bytes {what}, in a file of {size:,} bytes",
             )
 
     def _require_read_to_the_end(self) -> None:
@@ -253,7 +253,7 @@ class _Opened:
         if unread > _MAX_UNREAD_MP3 * size:
             raise _broken(
                 self._path,
-                f"the mp3 states a wrong length: decoding stopped with {unread} of {size} bytes unread",
+                f"an mp3 header with a wrong length: decoding stopped with {unread} of {size} bytes unread",
             )
 
 
@@ -262,9 +262,9 @@ def _decode(path: Path) -> tuple[NDArray[np.float32], int]:
     with _Opened(path) as sound:
         samples: NDArray[np.float32] = sound.read(dtype="float32", always_2d=True)
         sample_rate = int(sound.samplerate)
-        # Of mp3 the header is an estimate; elsewhere it is what `audio_length` has said.
+        # The header of mp3 is an estimate; in other formats `audio_length` has returned its length.
         if 0 < len(samples) != sound.frames and not _is_mp3(sound):
-            raise _broken(path, f"{len(samples):,} samples where the header announces {sound.frames:,}")
+            raise _broken(path, f"{len(samples):,} samples instead of the {sound.frames:,} in the header")
     if samples.shape[0] == 0:
         raise _empty(path)
     return samples, sample_rate
@@ -285,10 +285,10 @@ def _count_by_decoding(sound: soundfile.SoundFile) -> int:
 def _broken(
     path: Path,
     message: str,
-    allowed: str = "wav, flac, ogg or mp3, whole",
+    allowed: str = "a complete wav, flac, ogg or mp3 file",
     fix: str = "copy or export the file again, as wav if in doubt",
 ) -> DataError:
-    # Of an empty file libsndfile only says that it does not know the format, or that there is no file.
+    # For an empty file libsndfile only reports an unknown format or a missing file.
     found = message.strip() if path.stat().st_size or not path.is_file() else "a file of 0 bytes"
     return DataError(
         "the audio file cannot be decoded",

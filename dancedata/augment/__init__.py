@@ -1,1 +1,1 @@
-"""Copies of clips that a dance allows: its mirror image."""
+"""Copies of train clips: what they are changed by."""

@@ -1,46 +1,39 @@
-"""Mirrored copies of stored clips: every field's columns by its own signed permutation, music unchanged."""
+"""The mirror image of a clip: left and right swapped."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
+from typing import ClassVar, Literal
 
-import numpy as np
-import numpy.typing as npt
-
-from dancedata.core.columns import Mirror
-from dancedata.store import StoredClip
-from dancedata.store.schema import LazyArray
-
-#: What is added to a clip's id.
-SUFFIX = "__mirror"
+from dancedata.core.columns import Columns, Mirror
+from dancedata.core.errors import UsageError
+from dancedata.core.plugins import Augmentation, Float32Array
+from dancedata.core.registry import AUGMENTATIONS
 
 
+@AUGMENTATIONS.register("mirror")
 @dataclass(frozen=True)
-class MirroredArray:
-    """The mirror image of an array (..., D), made when numpy asks for it."""
+class MirrorImage(Augmentation):
+    """Mirror image: sides are swapped and the dance is reflected across the plane x = 0; the music is unchanged.
 
-    array: LazyArray
-    mirror: Mirror
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Shape of the array."""
-        return tuple(self.array.shape)
-
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> npt.NDArray[Any]:
-        """Load and mirror the array."""
-        return np.array(self.mirror.apply(np.asarray(self.array)), dtype=dtype)
-
-
-def mirrored_copy(clip: StoredClip, mirrors: Mapping[str, Mirror]) -> StoredClip:
-    """Return the mirror image of a clip under the id `<id>__mirror`; its `source` is the clip.
-
-    Parameters
-    ----------
-    mirrors
-        Of every motion and key motion field.
+    It is the signed permutation of columns that readers mirror with, on motion and on key motions. Contacts are
+    permuted, not labelled again.
     """
-    motion = {name: MirroredArray(array, mirrors[name]) for name, array in clip.motion.items()}
-    return replace(clip, id=clip.id + SUFFIX, source=clip.id, motion=motion)
+
+    version: ClassVar[int] = 1
+
+    def check(self, columns: Columns) -> None:
+        """Raise UsageError if the columns have no mirror image."""
+        _mirror_of(columns)
+
+    def change_rows(
+        self, rows: Float32Array, columns: Columns, *, kind: Literal["motion", "keymotion"], clip: str
+    ) -> Float32Array:
+        """Return the mirror image of rows (..., D)."""
+        return _mirror_of(columns).apply(rows)
+
+
+def _mirror_of(columns: Columns) -> Mirror:
+    if columns.mirror is None:
+        raise UsageError("its columns have no mirror image")
+    return columns.mirror

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
+from dancedata.core.plugins import ContactRule
 from dancedata.core.registry import CONTACTS
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import Skeleton
@@ -18,11 +19,11 @@ from dancedata.core.skeleton import Skeleton
 
 @CONTACTS.register("height")
 @dataclass(frozen=True)
-class Height:
+class Height(ContactRule):
     """A foot joint is in contact while it is lower than a limit, however fast it moves (Lodge, Li et al. 2024).
 
-    Heights count from y = 0 of the joints as they come: `lodge139` and `lodge319` ground the motion first. On
-    a representation that does not (`edge151`, `finedance319`) y = 0 is wherever the source has it.
+    Heights are those of the joints above y = 0. `lodge139` and `lodge319` ground the motion first; in representations
+    that do not (`edge151`, `finedance319`) y = 0 is that of the source.
 
     Attributes
     ----------

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
+from dancedata.core.plugins import ContactRule
 from dancedata.core.registry import CONTACTS
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import Skeleton
@@ -18,17 +19,17 @@ from dancedata.core.skeleton import Skeleton
 
 @CONTACTS.register("velocity")
 @dataclass(frozen=True)
-class Velocity:
+class Velocity(ContactRule):
     """A foot joint is in contact while it moves slower than a limit (EDGE, Tseng et al. 2023, section 3.2).
 
-    The speed of a frame is the 3-D displacement to the next one. The last frame has no next: its
-    displacement counts as 0 and its labels are always 1, as in EDGE. In window scope that is the last frame
-    of every window, in track scope the clip's.
+    The speed of a frame is the 3-D displacement to the next one. The last frame has no next one: its displacement is
+    taken as 0 and its labels are always 1, as in EDGE. In window scope that is the last frame of every window, in
+    track scope that of the clip.
 
     Attributes
     ----------
     max_speed_m_s
-        Limit in metres a second, exclusive. EDGE's 0.01 m a frame at 30 FPS is 0.3 m/s.
+        Limit in metres per second, exclusive. EDGE's 0.01 m per frame at 30 FPS is 0.3 m/s.
     """
 
     version: ClassVar[int] = 1
@@ -39,7 +40,7 @@ class Velocity:
         """Check the limit."""
         if not (self.max_speed_m_s > 0 and math.isfinite(self.max_speed_m_s)):
             raise UsageError(
-                "max_speed_m_s must be above 0", found=self.max_speed_m_s, allowed="metres a second, > 0"
+                "max_speed_m_s must be above 0", found=self.max_speed_m_s, allowed="metres per second, > 0"
             )
 
     def __call__(self, joints: Float64Array, grid: FrameGrid, skeleton: Skeleton) -> npt.NDArray[np.float32]:

@@ -1,1 +1,1 @@
-"""Core types and pure functions of arrays. Everything else is built on these; they import nothing of ours."""
+"""Core types and pure functions of arrays. All other packages build on these, which import none of them."""

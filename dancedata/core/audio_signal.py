@@ -21,7 +21,7 @@ class AudioSignal:
     samples
         (n,) float32, read-only, full scale is 1.
     sample_rate
-        Samples a second.
+        Samples per second.
 
     Raises
     ------
@@ -38,13 +38,13 @@ class AudioSignal:
         """Check and freeze the samples."""
         samples = np.array(self.samples, dtype=np.float32)
         if samples.ndim != 1:
-            raise UsageError("an AudioSignal is mono", found=f"shape {samples.shape}", allowed="(n,)")
+            raise UsageError("an AudioSignal must be mono", found=f"shape {samples.shape}", allowed="(n,)")
         if self.sample_rate < 1:
             raise UsageError("a sample rate must be above 0", found=self.sample_rate)
         bad = ~np.isfinite(samples)
         if bad.any():
             raise DataError(
-                "the audio holds NaN or infinity",
+                "the audio contains NaN or infinity",
                 reason="nan",
                 found=f"{int(bad.sum())} of {len(bad)} samples, the first at sample {int(np.argmax(bad))}",
             )
@@ -52,7 +52,7 @@ class AudioSignal:
         object.__setattr__(self, "samples", samples)
 
     def __repr__(self) -> str:
-        """Show length and rate; not the samples."""
+        """Show length and rate, without the samples."""
         seconds = self.n_samples / self.sample_rate
         return f"AudioSignal({self.n_samples} samples at {self.sample_rate} Hz, {seconds:.2f} s)"
 
@@ -63,9 +63,9 @@ class AudioSignal:
 
     @cached_property
     def sha256(self) -> str:
-        """Hash of the rate and the samples: what the signal is, whatever file or format it came from.
+        """Hash of sample rate and samples, independent of the file and its format.
 
-        It is the hash of the hashes of its quarters of a second.
+        It is the hash of the hashes of quarters of a second.
         """
         step = max(1, self.sample_rate // 4)
         quarters = [self.samples[k : k + step].astype("<f4", copy=False) for k in range(0, self.n_samples, step)]

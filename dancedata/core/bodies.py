@@ -1,4 +1,4 @@
-"""SMPL-X's skeleton and its parts, and carrying a motion over between the joint sets of one family of bodies."""
+"""SMPL-X's skeleton and its subsets, and transfer of motion between the skeletons of the SMPL family."""
 
 from __future__ import annotations
 
@@ -90,37 +90,37 @@ def _smplx55() -> Skeleton:
     return Skeleton("smplx55", joints, tuple(parents), offsets, tuple(pairs), SMPL24.feet)
 
 
-#: The neutral SMPL-X body, whose kinematics keep joint 0's rest position.
+#: The neutral SMPL-X body; kinematics add joint 0's rest position.
 SMPLX55 = _smplx55()
-#: The same without jaw and eyes: FineDance's 52 joints, SMPL-H's order.
+#: The same without jaw and eyes: FineDance's 52 joints, in SMPL-H's order.
 SMPLX52 = SMPLX55.subset("smplx52", (*BODY_JOINTS, *_HANDS))
 #: The body alone, as in Lodge's 139 columns.
 SMPLX22 = SMPLX55.subset("smplx22", BODY_JOINTS)
 
-#: Skeletons that come with the package, by name.
+#: The skeletons of the package, by name.
 SKELETONS = {s.name: s for s in (SMPL24, SMPL24_EDGE, SMPLX22, SMPLX52, SMPLX55)}
 
 
 def has_body(skeleton: Skeleton) -> bool:
-    """Tell whether a skeleton begins with the 22 body joints that SMPL, SMPL-H and SMPL-X share."""
+    """Return whether a skeleton begins with the 22 body joints that SMPL, SMPL-H and SMPL-X share."""
     return skeleton.joints[:22] == BODY_JOINTS
 
 
 def carried_over(motion: Motion, target: Skeleton) -> Motion:
-    """Put a motion on another body of the SMPL family: parameters are carried over, joint by joint.
+    """Transfer a motion to another body of the SMPL family: parameters are copied joint by joint.
 
-    Rotations go by name; a joint that the motion lacks does not turn, one that the target lacks is left out
-    (fingers on SMPL's 24 joints). The translation is kept as it is, as Lodge does with AIST++, so the
-    pelvis moves by the difference of the two bodies' rest positions. The bones are the target's, save where
+    Joints match by name; one that the motion lacks does not rotate, one that the target lacks is dropped
+    (fingers on SMPL's 24 joints). The translation is unchanged, as in Lodge's treatment of AIST++, so the
+    pelvis moves by the difference of the two bodies' rest positions. The bones are the target's, except where
     the motion's skeleton has all of the target's joints and is not SMPL's 24: then it keeps its own (a body
-    model with betas), as it does where the joints are the same.
+    model with betas), as it does where the joints are equal.
 
     Parameters
     ----------
     motion
         On a skeleton that begins with the 22 body joints, in their order.
     target
-        The skeleton whose joints are wanted.
+        The skeleton with the joints of the result.
 
     Returns
     -------
@@ -137,7 +137,7 @@ def carried_over(motion: Motion, target: Skeleton) -> Motion:
         return motion
     if not has_body(own) or not has_body(target):
         raise UsageError(
-            f"a motion on skeleton {own.name} cannot be put on {target.name}",
+            f"a motion on skeleton {own.name} cannot be transferred to {target.name}",
             found=f"joints {', '.join(own.joints[:4])}, ...",
             allowed=f"bodies of the SMPL family, whose first joints are {', '.join(BODY_JOINTS[:4])}, ...",
         )

@@ -1,4 +1,4 @@
-"""Clips, windows, and what a dataset reader says of a source folder."""
+"""Clips, windows, rejects, and the result of a dataset reader's scan."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 from dancedata.core.motion import Motion
 from dancedata.core.text import shown
 
-#: Characters that are kept of what is said of a file: of a name, of a path, and in words.
+#: Most characters of the texts of a reject: of names, of paths, and of sentences.
 _MAX_NAME, _MAX_PATH, _MAX_DETAIL = 300, 4400, 3000
 _LIMITS = {
     **dict.fromkeys(("reason", "clip", "music"), _MAX_NAME),
@@ -21,21 +21,21 @@ _LIMITS = {
 
 @dataclass(frozen=True)
 class ClipRef:
-    """A clip as it was found on disk, not loaded.
+    """A clip on disk, not loaded.
 
     Attributes
     ----------
     split
         "train", "val", "test", or "all" where the dataset is not split.
     tempo_bpm
-        Tempo as the dataset states it, beats a minute; None where it does not.
+        Tempo from the dataset in beats per minute; None if unknown.
     lists
-        Lists of the dataset (split files, say) that name the clip.
+        Lists of the dataset (such as split files) that contain the clip.
     declared
-        What the source says of how this file is to be read, apart from the dataset's parameters: (name, value),
-        such as ("fps", "120") from a manifest. It is for `load`, and part of the cache key.
+        Declarations of the source about this file, apart from the dataset's parameters: (name, value), such as
+        ("fps", "120") from a manifest. They are input of `load`, and part of the cache key.
     music_fix
-        Where there is no `audio_path`: what to do about it, such as which file to rename; "" if nothing is known.
+        The fix for a missing `audio_path`, such as a file to rename; "" if unknown.
     """
 
     id: str
@@ -67,7 +67,7 @@ class Clip:
 
     @classmethod
     def of(cls, ref: ClipRef, motion: Motion) -> Clip:
-        """Join what was found on disk and what was loaded."""
+        """Combine a clip on disk with its loaded motion."""
         return cls(ref.id, motion, ref.music, ref.tempo_bpm, ref.genre, ref.dancer, ref.split, ref.notes)
 
 
@@ -82,23 +82,23 @@ class Window:
 
 @dataclass(frozen=True)
 class Reject:
-    """Something that was left out of a build, and why.
+    """Something that was left out of a build, and the reason.
 
-    Its texts come from file names and files of others. They are cut, and what does not print is written as backslash
-    sequences: they can be printed and stored, whatever they were.
+    Its texts come from file names and untrusted files. They are truncated, and characters that do not print become
+    backslash sequences, so that they can be printed and stored.
 
     Attributes
     ----------
     reason
-        Code to count by: "ignored", "missing_music", "nan", ...
+        Code: "ignored", "missing_music", "nan", ...
     window
-        First frame of the window, where only a window was left out.
+        First frame of the window, if only a window was left out.
     numbers
-        What was measured.
+        Measured values.
     music
-        The song that is missing, where one is: clips are many, songs are few.
+        The missing song, if one is missing; several clips can share it.
     fix
-        What to do about it, where that is known.
+        What to do about it, if known.
     """
 
     reason: str
@@ -111,12 +111,12 @@ class Reject:
     fix: str = ""
 
     def __post_init__(self) -> None:
-        """Make the texts fit to be printed and stored."""
+        """Make the texts safe to print and store."""
         for name, limit in _LIMITS.items():
             object.__setattr__(self, name, shown(getattr(self, name), limit))
 
     def to_json(self) -> dict[str, Any]:
-        """Return plain JSON data, without what is empty."""
+        """Return plain JSON data, without empty entries."""
         row: dict[str, Any] = {"reason": self.reason}
         for name in ("clip", "file", "window", "detail", "music", "fix"):
             value = getattr(self, name)
@@ -128,26 +128,25 @@ class Reject:
 
     @classmethod
     def from_json(cls, row: Mapping[str, Any]) -> Reject:
-        """Read what `to_json` gave; keys that this version does not have are passed over."""
+        """Read the result of `to_json`; unknown keys are ignored."""
         texts = {name: str(row.get(name, "")) for name in ("clip", "file", "detail", "music", "fix")}
         return cls(str(row.get("reason", "")), window=row.get("window"), numbers=row.get("numbers", {}), **texts)
 
 
 @dataclass(frozen=True)
 class Scan:
-    """What a dataset reader found under a source folder.
+    """The result of a dataset reader's scan of a source folder.
 
     Attributes
     ----------
     layout
-        Which of the dataset's layouts it is.
+        Name of the recognised layout.
     clips
         Sorted by id.
     rejects
-        What was found but left out, and what was missing, by name.
+        Files that were found but left out, and missing ones, by name.
     notes
-        Sentences for the user: what was recognised, what was assumed. File names in them are made fit to be printed
-        and stored, as in a `Reject`.
+        Sentences for the user: what was recognised and assumed. They are safe to print and store, as in a `Reject`.
     """
 
     layout: str
@@ -156,10 +155,10 @@ class Scan:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Make the notes fit to be printed and stored."""
+        """Make the notes safe to print and store."""
         object.__setattr__(self, "notes", tuple(shown(note, _MAX_DETAIL) for note in self.notes))
 
     def __repr__(self) -> str:
-        """Show how much was found; `clips`, `rejects` and `notes` say what."""
+        """Show the numbers of clips, rejects and notes."""
         counts = f"{len(self.clips)} clips, {len(self.rejects)} rejects, {len(self.notes)} notes"
         return f"Scan(layout={self.layout!r}, {counts})"

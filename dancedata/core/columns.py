@@ -1,4 +1,4 @@
-"""What the columns of an array mean, and how mirroring permutes them."""
+"""The meaning of the columns of an array, and their permutation by mirroring."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from dancedata.core.errors import UsageError, did_you_mean
 
 @dataclass(frozen=True)
 class Mirror:
-    """Mirroring as a signed permutation: column j of the image is signs[j] * column permutation[j].
+    """Mirroring as a signed permutation: column j of the result is signs[j] * column permutation[j].
 
     It is its own inverse.
     """
@@ -23,7 +23,7 @@ class Mirror:
     signs: tuple[int, ...]
 
     def __repr__(self) -> str:
-        """Show how many columns change places, and how many their sign."""
+        """Show the numbers of swapped and of negated columns."""
         moved = sum(k != j for j, k in enumerate(self.permutation))
         return f"Mirror({len(self.permutation)} columns, {moved} swapped, {self.signs.count(-1)} negated)"
 
@@ -38,20 +38,20 @@ class Mirror:
 
     @classmethod
     def from_json(cls, obj: Mapping[str, Any]) -> Mirror:
-        """Read back what `to_json` gave."""
+        """Read the result of `to_json`."""
         return cls(tuple(obj["permutation"]), tuple(obj["signs"]))
 
 
 @dataclass(frozen=True)
 class Group:
-    """Neighbouring columns of one meaning.
+    """Adjacent columns that belong together.
 
     Attributes
     ----------
     unit
         "m", "rad", "1" for numbers without a unit, ...
     parts
-        Names of the columns, or () to number them.
+        Names of the columns; () for numbered columns.
     """
 
     name: str
@@ -64,10 +64,10 @@ class Group:
         return f"Group({self.name!r}, width={self.width}, unit={self.unit!r})"
 
     def __post_init__(self) -> None:
-        """Check that names and width agree."""
+        """Check that the number of names equals the width."""
         if self.width < 1 or (self.parts and len(self.parts) != self.width):
             raise UsageError(
-                f"column group {self.name!r}: width and names do not agree",
+                f"column group {self.name!r}: width and number of names differ",
                 found=f"width {self.width}, {len(self.parts)} names",
             )
 
@@ -84,11 +84,11 @@ class Columns:
         if self.mirror is None:
             return
         order, signs = self.mirror.permutation, self.mirror.signs
-        lengths = {len(order), len(signs)}  # before a width that a file states is counted up to
+        lengths = {len(order), len(signs)}  # checked first: a file may announce a huge width
         if lengths != {self.width} or sorted(order) != list(range(self.width)) or set(signs) - {1, -1}:
             raise UsageError("a mirror must be a signed permutation of the columns", found=f"{len(order)} entries")
         if any(order[order[j]] != j or signs[j] != signs[order[j]] for j in range(self.width)):
-            raise UsageError("mirroring twice must give back the columns")
+            raise UsageError("mirroring twice must restore the columns")
 
     def __repr__(self) -> str:
         """Show the groups with their widths."""
@@ -107,7 +107,7 @@ class Columns:
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """One name a column, such as "contact.left_ankle" or "mfcc.3"."""
+        """One name per column, such as "contact.left_ankle" or "mfcc.3"."""
         return tuple(
             g.name if g.width == 1 and not g.parts else f"{g.name}.{g.parts[k] if g.parts else k}"
             for g in self.groups
@@ -133,6 +133,6 @@ class Columns:
 
     @classmethod
     def from_json(cls, obj: Mapping[str, Any]) -> Columns:
-        """Read back what `to_json` gave."""
+        """Read the result of `to_json`."""
         groups = tuple(Group(g["name"], g["width"], g["unit"], tuple(g.get("parts", ()))) for g in obj["groups"])
         return cls(groups, Mirror.from_json(obj["mirror"]) if obj.get("mirror") else None)

@@ -1,4 +1,4 @@
-"""The errors of dancedata. Each says where, what was found, what is allowed and what to do about it."""
+"""The errors of dancedata. Each has a place, the found and the allowed values, and a fix."""
 
 from __future__ import annotations
 
@@ -6,32 +6,32 @@ from collections.abc import Iterable
 from typing import ClassVar
 
 from dancedata.core.nearest import closest
-from dancedata.core.text import printable, shown
+from dancedata.core.text import listed, printable, shown
 
-#: Characters of a path that a message shows: all that a file system takes.
+#: Most characters of a path in a message: the longest path of a file system.
 _MAX_WHERE = 4400
-#: Characters of every other part of a message: lists of all problems of a recipe are the longest.
+#: Most characters of every other part of a message; lists of all problems of a recipe are the longest.
 _MAX_PART = 20_000
-#: Known names that a message lists: all joints of a skeleton, not all clips of a dataset.
+#: Most known names in a message: all joints of a skeleton, but not all clips of a dataset.
 _LISTED = 60
 
 
 class DanceDataError(Exception):
-    """Base of all errors that dancedata raises on purpose.
+    """Base of all errors that dancedata raises.
 
     Parameters
     ----------
     problem
-        What is wrong, in one clause.
+        The problem, in one clause.
     where
-        File, clip, frame or key that it is about.
+        File, clip, frame or key with the problem.
     found, allowed
-        What was there and what may be there.
+        The actual and the allowed value.
     fix
         What to do about it.
     """
 
-    #: Characters of what was found that the text shows, and whether it may have several lines.
+    #: Most characters of the found value in the text, and whether it may have several lines.
     limit: ClassVar[int] = _MAX_PART
     lines: ClassVar[bool] = True
 
@@ -52,7 +52,7 @@ class DanceDataError(Exception):
         self.fix = fix
 
     def __str__(self) -> str:
-        """Join the parts into one readable text; what does not print is written as backslash sequences."""
+        """Join the parts into one text; characters that do not print become backslash sequences."""
         text = self._part(self.problem, _MAX_PART, lines=True)
         if self.where is not None:
             text = f"{shown(self.where, _MAX_WHERE)}: {text}"
@@ -62,10 +62,10 @@ class DanceDataError(Exception):
             text += f"; allowed: {self._part(self.allowed, self.limit, self.lines)}"
         if self.fix:
             fix = self._part(self.fix, _MAX_PART, self.lines)
-            # A sentence begins with a capital, a file name, key or command keeps its own.
+            # Capitalised as a sentence, unless it begins with a file name, key or command.
             first = fix.split(maxsplit=1)[0]
             fix = f"{fix[:1].upper()}{fix[1:]}" if first.rstrip(",:").isalpha() and first != "dancedata" else fix
-            # A list, one entry a line, is followed by a line of its own.
+            # After a list with one entry per line it has a line of its own.
             text += fix if text.endswith("\n") else f". {fix}"
         return text
 
@@ -76,7 +76,7 @@ class DanceDataError(Exception):
         return printable(value if len(value) <= limit else f"{value[:limit]}...", lines=lines)
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Pickle with all parts, so that errors survive the way back from a worker process."""
+        """Pickle all parts, so that errors can be returned from worker processes."""
         return _rebuild, (type(self), self.problem, dict(self.__dict__))
 
 
@@ -88,15 +88,15 @@ def _rebuild(cls: type[DanceDataError], problem: str, state: dict[str, object]) 
 
 
 class UsageError(DanceDataError):
-    """Something was asked for that does not exist or makes no sense (exit code 2)."""
+    """A request is invalid or refers to something that does not exist (exit code 2)."""
 
 
 class RecipeError(UsageError):
-    """A recipe is wrong; lists every problem at once."""
+    """A recipe is invalid; lists all its problems."""
 
 
 class SourceError(DanceDataError):
-    """A source folder as a whole cannot be used."""
+    """The source folder as a whole is unusable."""
 
 
 class StoreError(DanceDataError):
@@ -104,15 +104,15 @@ class StoreError(DanceDataError):
 
 
 class DataError(DanceDataError):
-    """One file or clip is bad. It is set aside and the build goes on.
+    """One file or clip is unusable. It is left out and the build continues.
 
     Parameters
     ----------
     reason
-        Code that rejects.jsonl counts by, such as "nan" or "broken_file".
+        Code in rejects.jsonl, such as "nan" or "broken_file".
     """
 
-    # It is about a file that others made, and becomes a line of rejects.jsonl.
+    # It concerns an untrusted file, and becomes a line of rejects.jsonl.
     limit = 600
     lines = False
 
@@ -136,10 +136,9 @@ def did_you_mean(name: str, known: Iterable[str], also: Iterable[str] = ()) -> s
     Parameters
     ----------
     also
-        Names that may be meant and are not listed.
+        Further candidates, which are not listed.
     """
     names = [shown(k) for k in known]
     close = closest(shown(name), [*names, *also])
-    more = f" and {len(names) - _LISTED:,} more" if len(names) > _LISTED else ""
-    listed = f"known: {', '.join(names[:_LISTED])}{more}" if names else "none is known"
-    return f"did you mean {close!r}? {listed}" if close is not None else listed
+    known_names = f"known: {listed(names, _LISTED)}" if names else "none is known"
+    return f"did you mean {close!r}? {known_names}" if close is not None else known_names

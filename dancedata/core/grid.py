@@ -1,16 +1,26 @@
-"""Frame rates and time. Every rounding between seconds and frames is here."""
+"""Frame rates and time. Every rounding between seconds, frames, rows and samples is here."""
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 from dancedata.core.errors import UsageError
 from dancedata.core.text import quoted
 
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    IntArray = npt.NDArray[np.int64]
+    BoolArray = npt.NDArray[np.bool_]
+
 Number = int | float | str | Fraction
-#: Short enough that no exponent asks for a number of a million digits, as "1e999999999" would.
+#: Limits the exponent: "1e999999999" would make a number of a billion digits.
 _NUMBER = re.compile(r"\s*[+-]?(\d{1,40}(\.\d{0,40})?|\.\d{1,40})([eE][+-]?\d{1,3}|/\d{1,40})?\s*")
 
 
@@ -20,7 +30,7 @@ def as_fraction(value: Number, what: str) -> Fraction:
     Raises
     ------
     UsageError
-        If `value` is no finite number.
+        If `value` is not a finite number.
     """
     try:
         if isinstance(value, str) and not _NUMBER.fullmatch(value):
@@ -28,7 +38,7 @@ def as_fraction(value: Number, what: str) -> Fraction:
         return Fraction(str(value)) if isinstance(value, float) else Fraction(value)
     except (ValueError, ZeroDivisionError, TypeError, OverflowError) as error:
         raise UsageError(
-            f"{what} is no number", found=quoted(value, 60), allowed="a number or a fraction such as 30000/1001"
+            f"{what} is not a number", found=quoted(value, 60), allowed="a number or a fraction such as 30000/1001"
         ) from error
 
 
@@ -42,7 +52,7 @@ def as_rate(value: Number) -> Fraction:
     """
     rate = as_fraction(value, "rate")
     if rate <= 0:
-        raise UsageError("a frame rate must be above 0", found=quoted(value, 60), allowed="frames a second, > 0")
+        raise UsageError("a frame rate must be above 0", found=quoted(value, 60), allowed="frames per second, > 0")
     return rate
 
 
@@ -50,10 +60,13 @@ def as_rate(value: Number) -> Fraction:
 class FrameGrid:
     """Frames at a constant, exact rate; frame k is the instant k / rate seconds.
 
+    Rows of a field, samples of music and frames of a motion are all frames of some grid. The methods that take `of`
+    convert between two grids that begin at the same instant: "rows" are frames of the other grid.
+
     Attributes
     ----------
     rate
-        Frames a second.
+        Frames per second.
     """
 
     rate: Fraction
@@ -63,69 +76,107 @@ class FrameGrid:
         """Make a grid from anything that `as_rate` takes."""
         return cls(as_rate(rate))
 
+    def divided(self, n: int) -> FrameGrid:
+        """Return the grid with `n` instants in each frame of this one, such as 512 samples per frame."""
+        return FrameGrid(n * self.rate)
+
     def frames(self, seconds: Number, what: str = "length") -> int:
         """Return how many frames `seconds` are, exactly.
 
         Raises
         ------
         UsageError
-            If it is no whole number of frames.
+            If `seconds` is not a whole number of frames.
         """
         exact = as_fraction(seconds, what) * self.rate
         if exact.denominator != 1:
             raise UsageError(
-                f"{what} is no whole number of frames",
-                found=f"{seconds} s = {float(exact):.6g} frames at {self.rate} a second",
+                f"{what} is not a whole number of frames",
+                found=f"{seconds} s = {float(exact):.6g} frames at {self.rate} per second",
                 allowed=f"multiples of {float(1 / self.rate):.6g} s",
                 fix=f"give it in frames, or choose {float(max(1, round(exact)) / self.rate):.6g} s",
             )
         return int(exact)
 
+    def frames_up(self, seconds: Fraction) -> int:
+        """Return how many frames `seconds` are, rounded up."""
+        return math.ceil(seconds * self.rate)
+
     def seconds(self, frames: int) -> Fraction:
         """Return the time of a frame, or the duration of `frames` frames, in seconds."""
         return frames / self.rate
 
+    def rows(self, frames: int, *, of: FrameGrid, what: str = "") -> int:
+        """Return how many rows of the grid `of` take exactly as long as `frames` frames of this one.
+
+        It is also the row at the same instant as frame `frames`.
+
+        Parameters
+        ----------
+        what
+            What is converted, for the message: "the length".
+
+        Raises
+        ------
+        UsageError
+            If it is not a whole number of rows.
+        """
+        if not self.is_whole(frames, of=of):
+            raise UsageError(
+                f"{what or 'a number of frames'} is not a whole number of rows",
+                found=f"{frames} frames at {self} per second, rows at {of} per second",
+                allowed=f"multiples of {self.common_period(of)[0]} frames",
+            )
+        return self.rows_down(frames, of=of)
+
+    def is_whole(self, frames: int, *, of: FrameGrid) -> bool:
+        """Whether `frames` frames are a whole number of rows of the grid `of`."""
+        here, there = self.common_period(of)
+        return frames * there % here == 0
+
+    def rows_down(self, frames: int, *, of: FrameGrid) -> int:
+        """Return how many rows of the grid `of` end within `frames` frames: rounded down."""
+        here, there = self.common_period(of)
+        return int(frames) * there // here
+
+    def rows_up(self, frames: int, *, of: FrameGrid) -> int:
+        """Return how many rows of the grid `of` begin within `frames` frames: rounded up.
+
+        It is also the first row that does not lie before frame `frames`.
+        """
+        here, there = self.common_period(of)
+        return -(-int(frames) * there // here)
+
+    def rows_of_all(self, frames: IntArray, *, of: FrameGrid) -> tuple[IntArray, BoolArray]:
+        """Return `rows_down` and `is_whole` of many numbers of frames, (N,) int64 each."""
+        here, there = self.common_period(of)
+        return frames * there // here, frames * there % here == 0
+
+    def common_period(self, of: FrameGrid) -> tuple[int, int]:
+        """Return the least number of frames of this grid, and of rows of the other, that take equally long."""
+        # Whole numbers: arithmetic with Fraction takes ten times as long.
+        (numerator, denominator), (other, below) = self._ratio, of._ratio
+        if numerator == other and denominator == below:
+            return 1, 1
+        frames, rows = numerator * below, other * denominator
+        divisor = math.gcd(frames, rows)
+        return frames // divisor, rows // divisor
+
+    @cached_property
+    def _ratio(self) -> tuple[int, int]:
+        return self.rate.numerator, self.rate.denominator
+
     def step_to(self, target: FrameGrid) -> int | None:
         """Return the step that decimates this grid to `target`, or None if the ratio is not whole."""
-        here, there = self._per(target)
-        return here // there if here % there == 0 else None
+        here, there = self.common_period(target)
+        return here if there == 1 else None
 
     def resampled_length(self, n_frames: int, target: FrameGrid) -> int:
         """Return how many frames of `target` lie within the span of `n_frames` frames, both ends included.
 
         A frame is an instant: 1,919 frames at 60 FPS span 0 .. 1918 / 60 s, that is 960 frames at 30 FPS.
         """
-        if n_frames <= 0:
-            return 0
-        here, there = self._per(target)
-        return (int(n_frames) - 1) * there // here + 1
-
-    def first_frame_from(self, frame: int, target: FrameGrid) -> int:
-        """Return the first frame of `target` that does not lie before `frame` of this grid."""
-        here, there = self._per(target)
-        return -(-int(frame) * there // here)
-
-    def _per(self, target: FrameGrid) -> tuple[int, int]:
-        """Return whole numbers that are to each other as the two rates: Fraction takes ten times as long."""
-        here, there = self.rate, target.rate
-        return here.numerator * there.denominator, there.numerator * here.denominator
-
-    def row(self, frame: int, other: FrameGrid) -> int:
-        """Return the row of `other` that lies at the same instant as `frame`.
-
-        Raises
-        ------
-        UsageError
-            If `other` has no row at that instant.
-        """
-        exact = frame * other.rate / self.rate
-        if exact.denominator != 1:
-            raise UsageError(
-                f"frame {frame} at {self.rate} a second lies between two rows at {other.rate} a second",
-                found=f"row {float(exact):.6g}",
-                allowed="frames at the same instant as a row",
-            )
-        return int(exact)
+        return self.rows_down(n_frames - 1, of=target) + 1 if n_frames > 0 else 0
 
     def __repr__(self) -> str:
         """Show what makes an equal grid: FrameGrid.of(30) or FrameGrid.of('30000/1001')."""

@@ -9,12 +9,12 @@ from dancedata.core.motion import Motion
 from dancedata.core.rotations import FloatArray
 from dancedata.core.skeleton import Skeleton
 
-#: Toes whose heights differ by less are taken to stand on one floor, metres (Lodge, `set_on_ground`).
+#: Toes with a smaller difference in height are both on the floor, metres (Lodge, `set_on_ground`).
 LEVEL_TOES_M = 0.02
 
 
 def ground_height(joints: FloatArray, skeleton: Skeleton, frame: int = 0) -> float:
-    """Return the height of the floor as Lodge finds it (Li et al., CVPR 2024; `set_on_ground` of its code).
+    """Return the height of the floor as estimated by Lodge (Li et al., CVPR 2024; `set_on_ground` of its code).
 
     The mean of the toes' heights in one frame if they differ by less than 2 cm, else the lower one.
 
@@ -23,9 +23,9 @@ def ground_height(joints: FloatArray, skeleton: Skeleton, frame: int = 0) -> flo
     joints
         (T, J, 3) positions, metres, +Y up.
     skeleton
-        Whose toes (`feet[2:]`) are looked at.
+        Defines the toes (`feet[2:]`).
     frame
-        The frame that is looked at. Lodge cuts a still beginning first, so this is the motion's `trim_start`.
+        The frame to use. Lodge first trims a still beginning, so this is the motion's `trim_start`.
 
     Returns
     -------
@@ -35,23 +35,23 @@ def ground_height(joints: FloatArray, skeleton: Skeleton, frame: int = 0) -> flo
     Raises
     ------
     UsageError
-        If there is no such frame.
+        If the frame does not exist.
     """
     if not 0 <= frame < len(joints):
-        raise UsageError("no such frame to find the floor in", found=f"frame {frame} of {len(joints)}")
+        raise UsageError("the frame for the floor height does not exist", found=f"frame {frame} of {len(joints)}")
     left, right = (float(joints[frame, toe, 1]) for toe in skeleton.feet[2:])
     return (left + right) / 2 if abs(left - right) < LEVEL_TOES_M else min(left, right)
 
 
 def grounded(motion: Motion, skeleton: Skeleton | None = None) -> Motion:
-    """Put a motion on the floor y = 0: every frame is lowered or raised by one height.
+    """Put a motion on the floor y = 0: all frames are shifted by one height.
 
     Parameters
     ----------
     motion
-        +Y up. The floor is where `ground_height` finds it in frame `motion.trim_start`.
+        +Y up. The height of the floor is that of `ground_height` in frame `motion.trim_start`.
     skeleton
-        Bones to find the toes with, of as many joints; default: the motion's own.
+        Bones for the positions of the toes, with as many joints; default: the motion's own.
 
     Returns
     -------

@@ -11,30 +11,30 @@ from dancedata.core.regular_file import open_regular
 
 
 def sha256_file(path: Path) -> str:
-    """Return the SHA-256 of a file's bytes, as hex; NotRegularError (an OSError) if it is no regular file."""
+    """Return the SHA-256 of a file's bytes, as hex; NotRegularError (an OSError) if it is not a regular file."""
     with open_regular(path) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def sha256_bytes(*parts: bytes | memoryview) -> str:
-    """Return the SHA-256 of the parts one after another, as hex."""
+    """Return the SHA-256 of the concatenated parts, as hex."""
     digest = hashlib.sha256()
     for part in parts:
         digest.update(part)
     return digest.hexdigest()
 
 
-#: Made once: json.dumps makes one for every call, which takes longer than the rest of a key.
+#: One encoder: json.dumps creates one for every call, which takes longer than the rest of a key.
 _canonical = json.JSONEncoder(sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
 
 
 def canonical_json(obj: Any) -> str:
-    """Return the one JSON text of `obj`: keys sorted, no spaces, no NaN."""
+    """Return the canonical JSON text of `obj`: keys sorted, no spaces, no NaN."""
     return _canonical.encode(obj)
 
 
 def canonical_bytes(obj: Any) -> bytes:
-    """Return `canonical_json` as UTF-8; file names that are not UTF-8, which Python holds as lone surrogates, too."""
+    """Return `canonical_json` as UTF-8, also of file names with lone surrogates for bytes that are not UTF-8."""
     return canonical_json(obj).encode("utf-8", "surrogatepass")
 
 

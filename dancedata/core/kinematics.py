@@ -43,7 +43,7 @@ def joint_positions(skeleton: Skeleton, world: Float64Array, translation: FloatA
     positions[:, 0] = skeleton.offsets[0] + translation
     for joint in range(1, skeleton.n_joints):
         parent = skeleton.parents[joint]
-        # Of so small matrices `@` takes four times as long.
+        # For matrices this small `@` takes four times as long.
         bone = np.einsum("tab,b->ta", world[:, parent], skeleton.offsets[joint])
         np.add(positions[:, parent], bone, out=positions[:, joint])
     return positions

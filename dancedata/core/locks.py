@@ -1,7 +1,7 @@
-"""Locks on files (flock) that the kernel gives back when their holder dies, however it dies.
+"""Locks on files (flock), for all of dancedata. The kernel releases them when their holder dies, however it dies.
 
-So "nobody holds it" tells what a killed process left from what a living one is using, on every machine that shares
-the folder, without clocks or process numbers.
+So a file that no process has locked is a leftover of a killed one, on every machine that shares the folder, without
+clocks or process numbers.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from stat import S_ISREG
 from dancedata.core.atomic import OWN
 from dancedata.core.errors import StoreError
 
-#: Where the file system knows no locks: what has not been touched for this long was left by a killed process.
+#: Where the file system has no locks: a file that was not changed for this long was left by a killed process.
 ABANDONED_S = 24 * 3600.0
 _NO_LOCKS = {errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK, errno.EINVAL}
 
 
 def lock_file(fd: int, operation: int, *, unsure: bool | None = False) -> bool | None:
-    """Lock an open file; False if another process holds it, None where the file system knows no locks.
+    """Lock an open file; False if another process holds it, None where the file system has no locks.
 
     NFS cannot tell whether another process holds a file, or a folder, that is open for reading only: `unsure` then.
     """
@@ -42,9 +42,9 @@ def lock_file(fd: int, operation: int, *, unsure: bool | None = False) -> bool |
 
 
 def unlock(fd: int) -> None:
-    """Give a lock back and close the file.
+    """Release a lock and close the file.
 
-    Closing alone is not enough: a process that was forked meanwhile holds the file, too, and with it the lock.
+    Closing alone is not enough: a process that was forked in between has the file open too, and with it the lock.
     """
     try:
         with suppress(OSError):
@@ -53,36 +53,57 @@ def unlock(fd: int) -> None:
         os.close(fd)
 
 
-def open_held(folder: Path, name: str) -> tuple[int, Path]:
-    """Open a file, made if it is missing, and lock it; waits for the process that holds it."""
-    path = folder / name
+def open_locked(path: Path, *, wait: bool = True) -> int | None:
+    """Open a file, made if it is missing, and lock it; returns its descriptor, which holds the lock until `unlock`.
+
+    Waits for a process that holds the lock; if not `wait`, returns None instead. Where the file system has no locks,
+    every process gets it.
+    """
     while True:
         fd = os.open(path, os.O_CREAT | os.O_RDWR | os.O_NOFOLLOW, 0o666)
         try:
-            lock_file(fd, fcntl.LOCK_EX)
-            # Its holder before may have removed it: that lock keeps nobody out.
-            if os.fstat(fd).st_nlink:
-                return fd, path
+            locked = lock_file(fd, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+            # The holder before may have removed it: a lock on a file without a name excludes nobody.
+            if locked is not False and os.fstat(fd).st_nlink:
+                return fd
         except BaseException:
             unlock(fd)
             raise
         unlock(fd)
+        if locked is False:
+            return None
 
 
-def left_behind(path: Path) -> bool:
-    """Tell whether a file is there and the process that held it is dead."""
+@contextmanager
+def file_lock(path: Path, *, wait: bool = True) -> Iterator[bool]:
+    """Hold a file and its lock within the context; it is removed afterwards. Gives False if another process has it.
+
+    With `wait` the context is entered once the lock is free.
+    """
+    fd = open_locked(path, wait=wait)
+    try:
+        yield fd is not None
+    finally:
+        if fd is not None:
+            with suppress(OSError):
+                path.unlink()  # while it is locked: a process that waits for it notices and makes a new one
+            unlock(fd)
+
+
+def is_abandoned(path: Path) -> bool:
+    """Tell whether a file exists that no living process has locked."""
     try:
         fd = os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK)
     except OSError:
         return False
     try:
-        return is_abandoned(fd)
+        return lock_abandoned(fd)
     finally:
         unlock(fd)
 
 
-def is_abandoned(fd: int) -> bool:
-    """Tell whether nobody holds an open file; if so, the caller holds it until it closes the file."""
+def lock_abandoned(fd: int) -> bool:
+    """Lock an open file if no living process has; tells whether none had. The lock is held until `fd` is closed."""
     locked = lock_file(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
     if locked is None:
         return time.time() - os.fstat(fd).st_mtime > ABANDONED_S
@@ -91,7 +112,7 @@ def is_abandoned(fd: int) -> bool:
 
 @contextmanager
 def writing_lock(folder: Path, what: str, *, wait: bool = False) -> Iterator[None]:
-    """Be the only one who writes a folder, within the context; the folder need not exist.
+    """Hold the lock of a folder that is written within the context; the folder need not exist.
 
     The lock is an empty file beside the folder, ``.dancedata-NAME.lock``, that is removed afterwards: a finished
     folder holds nothing of it. Where no file can be made there, the folder itself is locked.
@@ -99,7 +120,7 @@ def writing_lock(folder: Path, what: str, *, wait: bool = False) -> Iterator[Non
     Parameters
     ----------
     what
-        What the other one that has the lock is, for the error: "build".
+        What the process that has the lock is doing, for the error: "build".
     wait
         Wait for it instead.
 
@@ -116,7 +137,7 @@ def writing_lock(folder: Path, what: str, *, wait: bool = False) -> Iterator[Non
     finally:
         if path is not None:
             with suppress(OSError):
-                # One that holds something is not ours. Removed while it is held: see open_held.
+                # A file with content is not ours. Removed while it is locked: see file_lock.
                 if not os.fstat(fd).st_size:
                     path.unlink()
         unlock(fd)

@@ -14,15 +14,15 @@ from dancedata.core.skeleton import Skeleton
 
 
 @dataclass(frozen=True, eq=False)
-class _Known:
-    """What is computed once of a whole motion, for it and its parts.
+class _Poses:
+    """Matrices and joint positions of a whole motion, computed once for it and its parts.
 
     Attributes
     ----------
     local, world
         Rotations as matrices (T, J, 3, 3), relative to the parents and in the world.
     places
-        Joint positions (T, J, 3) by the bones they were asked for with.
+        Joint positions (T, J, 3) for each requested skeleton.
     """
 
     whole: Motion
@@ -31,7 +31,7 @@ class _Known:
     places: list[tuple[Skeleton, Float64Array]] = field(default_factory=list)
 
     @classmethod
-    def of(cls, whole: Motion) -> _Known:
+    def of(cls, whole: Motion) -> _Poses:
         local = whole.matrices
         world = world_matrices(whole.skeleton, local)
         for array in (local, world):
@@ -62,9 +62,8 @@ class Motion:
     skeleton
         J joints.
     trim_start
-        First frame that belongs to the dance, where the dataset says that earlier ones should be cut (a dancer
-        who stands and waits). They are kept: who trains on the motion skips them, and grounding looks at
-        this frame.
+        First frame of the dance, if the dataset recommends to trim earlier ones (a dancer who waits). They are
+        kept; windows skip them, and grounding uses this frame.
 
     Raises
     ------
@@ -77,9 +76,9 @@ class Motion:
     grid: FrameGrid
     skeleton: Skeleton
     trim_start: int = 0
-    # What is known of a whole motion, and which of its frames are these. No argument, so that `dataclasses.replace`
-    # makes a motion that knows nothing.
-    _known: tuple[_Known, slice] | None = field(default=None, init=False, repr=False)
+    # The poses of a whole motion, and the slice of its frames. Not an argument of the constructor, so that
+    # `dataclasses.replace` drops it.
+    _poses: tuple[_Poses, slice] | None = field(default=None, init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Check and freeze the arrays."""
@@ -88,7 +87,7 @@ class Motion:
         joints = self.skeleton.n_joints
         if rotations.ndim != 3 or rotations.shape[1:] != (joints, 3) or translation.shape != (len(rotations), 3):
             raise DataError(
-                "translation and rotations do not fit together",
+                "the shapes of translation and rotations do not match",
                 reason="bad_shape",
                 found=f"translation {translation.shape}, rotations {rotations.shape}",
                 allowed=f"(T, 3) and (T, {joints}, 3) for skeleton {self.skeleton.name}",
@@ -97,15 +96,15 @@ class Motion:
             raise DataError("the motion has no frames", reason="empty", found="0 frames")
         if not 0 <= self.trim_start < len(rotations):
             raise DataError(
-                "nothing is left of the motion once its beginning is cut",
+                "no frame of the motion is left after the trim",
                 reason="too_short",
-                found=f"{len(rotations)} frames, the first {self.trim_start} of them to be cut",
+                found=f"{len(rotations)} frames, the first {self.trim_start} of them to be trimmed",
             )
         for what, array in (("translation", translation), ("rotations", rotations)):
             bad = ~np.isfinite(array.reshape(len(array), -1)).all(axis=1)
             if bad.any():
                 raise DataError(
-                    f"{what} holds NaN or infinity",
+                    f"{what} contains NaN or infinity",
                     reason="nan",
                     found=f"{int(bad.sum())} of {len(array)} frames, the first at frame {int(np.argmax(bad))}",
                 )
@@ -119,79 +118,79 @@ class Motion:
         return len(self.rotations)
 
     def __repr__(self) -> str:
-        """Show length, rate and skeleton; not the arrays."""
+        """Show length, rate and skeleton, without the arrays."""
         length = f"{self.n_frames} frames at {self.grid} FPS, {float(self.grid.seconds(self.n_frames)):.2f} s"
         trimmed = f", trim_start {self.trim_start}" if self.trim_start else ""
         return f"Motion({length}, skeleton {self.skeleton.name}{trimmed})"
 
     def part(self, start: int, stop: int) -> Motion:
-        """Return frames start .. stop - 1. A part that lies before trim_start as a whole has none of its own."""
+        """Return frames start .. stop - 1. A part that ends before trim_start has none of its own."""
         trim = self.trim_start - start
         trim = trim if 0 < trim < min(stop, self.n_frames) - start else 0
         return self._frames(slice(start, stop), self.grid, trim)
 
     def _frames(self, frames: slice, grid: FrameGrid, trim_start: int) -> Motion:
-        """Return some of the frames as views: they were checked, and cannot change."""
-        made = object.__new__(Motion)
-        if self._known is not None:
-            known, mine = self._known
-            every = range(known.whole.n_frames)[mine][frames]
-            made.__dict__["_known"] = known, slice(every.start, every.stop, every.step)
-        made.__dict__.update(
+        """Return a slice of the frames as views: they are checked, and read-only."""
+        part = object.__new__(Motion)
+        if self._poses is not None:
+            poses, own = self._poses
+            indices = range(poses.whole.n_frames)[own][frames]
+            part.__dict__["_poses"] = poses, slice(indices.start, indices.stop, indices.step)
+        part.__dict__.update(
             translation=self.translation[frames],
             rotations=self.rotations[frames],
             grid=grid,
             skeleton=self.skeleton,
             trim_start=trim_start,
         )
-        if made.n_frames == 0:
+        if part.n_frames == 0:
             raise DataError("the motion has no frames", reason="empty", found="0 frames")
-        return made
+        return part
 
     def on(self, skeleton: Skeleton) -> Motion:
         """Return the same translation and rotations on another skeleton of as many joints."""
         return Motion(self.translation, self.rotations, self.grid, skeleton, self.trim_start)
 
-    def remembering(self) -> Motion:
-        """Return the same motion, which computes matrices and joint positions once for itself and all its parts.
+    def with_cache(self) -> Motion:
+        """Return the same motion with matrices and joint positions cached for itself and all its parts.
 
-        For motions of which many overlapping parts are encoded. It takes 144 bytes a joint and frame, and 24 for
-        each skeleton that joints are asked for with.
+        For motions with many overlapping parts to encode. The cache takes 144 bytes per joint and frame, and 24 for
+        each requested skeleton.
         """
-        made = self._frames(slice(None), self.grid, self.trim_start)
-        made.__dict__["_known"] = _Known.of(self), slice(None)
-        return made
+        motion = self._frames(slice(None), self.grid, self.trim_start)
+        motion.__dict__["_poses"] = _Poses.of(self), slice(None)
+        return motion
 
     @property
     def matrices(self) -> Float64Array:
-        """Rotations (T, J, 3, 3) relative to the parents; read-only where they are remembered."""
-        if self._known is None:
+        """Rotations (T, J, 3, 3) relative to the parents; read-only if they are cached."""
+        if self._poses is None:
             return matrix_from_rotvec(self.rotations)
-        known, mine = self._known
-        return known.local[mine]
+        poses, own = self._poses
+        return poses.local[own]
 
     def resampled(self, grid: FrameGrid) -> Motion:
         """Return the motion at another rate, from the same first frame.
 
-        A whole ratio keeps every n-th frame as it is (60 -> 30 takes frames 0, 2, 4, ...). Elsewhere rotations
-        are interpolated by slerp and the translation linearly, at the instants of the new frames; no frame is
-        made beyond the last one of the source.
+        An integer ratio keeps every n-th frame unchanged (60 -> 30 takes frames 0, 2, 4, ...). Otherwise rotations
+        are interpolated by slerp and the translation linearly, at the times of the new frames, none of which is
+        after the last frame of the source.
         """
         if grid == self.grid:
             return self
         step = self.grid.step_to(grid)
         if step is not None:
-            trim = min(self.grid.first_frame_from(self.trim_start, grid), (self.n_frames - 1) // step)
+            trim = min(self.grid.rows_up(self.trim_start, of=grid), (self.n_frames - 1) // step)
             return self._frames(slice(None, None, step), grid, trim)
         n = self.grid.resampled_length(self.n_frames, grid)
-        ratio = self.grid.rate / grid.rate
-        # Whole numbers first: k * 2 / 3 in floating point can fall short of a frame that it should hit.
-        frames = np.arange(n, dtype=np.float64) * ratio.numerator / ratio.denominator
+        own, new = self.grid.common_period(grid)
+        # Multiplied before divided: in floating point k * (2 / 3) can fall below an integer frame.
+        frames = np.arange(n, dtype=np.float64) * own / new
         lower = np.minimum(frames.astype(np.int64), max(self.n_frames - 2, 0))
         upper = np.minimum(lower + 1, self.n_frames - 1)
         share = (frames - lower)[:, None]
         translation = self.translation[lower] * (1 - share) + self.translation[upper] * share
-        trim = min(self.grid.first_frame_from(self.trim_start, grid), n - 1)
+        trim = min(self.grid.rows_up(self.trim_start, of=grid), n - 1)
         return Motion(translation, slerp(self.rotations, frames), grid, self.skeleton, trim)
 
     def joints(self, skeleton: Skeleton | None = None) -> Float64Array:
@@ -200,10 +199,10 @@ class Motion:
         Parameters
         ----------
         skeleton
-            Bones of as many joints with the same parents; default: the motion's own.
+            Bones with as many joints and the same parents; default: the motion's own.
         """
         bones = skeleton or self.skeleton
-        if self._known is None:
+        if self._poses is None:
             return joint_positions(bones, world_matrices(self.skeleton, self.matrices), self.translation)
-        known, mine = self._known
-        return known.joints(bones)[mine].copy()
+        poses, own = self._poses
+        return poses.joints(bones)[own].copy()

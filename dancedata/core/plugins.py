@@ -1,179 +1,212 @@
-"""What a plug-in of each kind has to offer."""
+"""The kinds of plug-ins: one abstract base class for each, with defaults for everything that is optional.
+
+A plug-in is a frozen dataclass, derived from one of these classes and registered under a name. Its fields are the
+keys that a recipe may set. It has to define the abstract members, and may replace the others.
+"""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
 from fractions import Fraction
 from pathlib import Path
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.audio_signal import AudioSignal
-from dancedata.core.clip import ClipRef, Scan
+from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.columns import Columns
+from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import Skeleton
 
+__all__ = [
+    "AudioFeature",
+    "Augmentation",
+    "ContactRule",
+    "Dataset",
+    "Float32Array",
+    "KeyMotionFinder",
+    "Plugin",
+    "Representation",
+    "WindowFilter",
+]
+
 Float32Array = npt.NDArray[np.float32]
 
 
-class Dataset(Protocol):
-    """Turns a folder of somebody's files into clips.
+class Plugin(ABC):
+    """Base of all plug-ins.
 
     Attributes
     ----------
+    name
+        What recipes call it; set by the registry.
     version
-        Raised by hand whenever `load` gives other numbers for the same file.
-    generates
-        Whether `scan` writes the source where there is none; False where it is left out.
-    generic
-        Whether it takes files of many layouts, so that `check` must not choose it by itself; False where it is
-        left out.
+        Raised by hand whenever the same input gives other numbers: it is part of the cache keys.
     """
 
     name: ClassVar[str]
     version: ClassVar[int]
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+
+class Dataset(Plugin):
+    """Reads a source folder: which clips there are, and the motion of each in canonical form.
+
+    Attributes
+    ----------
+    licence, citation
+        Text for the dataset card of whatever is built from it.
+    generates
+        Whether `scan` writes the source where there is none.
+    generic
+        Whether it takes files of many layouts, so that `check` does not choose it by itself.
+    genre_ids
+        The data set's own number for each genre, for trainers that use it.
+    """
+
     licence: ClassVar[str]
     citation: ClassVar[str]
+    generates: ClassVar[bool] = False
+    generic: ClassVar[bool] = False
 
+    @property
+    def genre_ids(self) -> Mapping[str, int]:
+        """Number of each genre; empty where the data set has none."""
+        return {}
+
+    @abstractmethod
     def scan(self, source: Path) -> Scan:
-        """List what is there. Reads no motion. SourceError if the folder as a whole cannot be used."""
-        ...
+        """List the clips. Reads no motion. SourceError if the folder as a whole cannot be used."""
 
+    @abstractmethod
     def load(self, ref: ClipRef) -> Motion:
         """Read one clip's motion into canonical form. DataError for anything wrong with it."""
-        ...
 
+    @abstractmethod
     def make_example(self, folder: Path) -> None:
-        """Write a tiny source in this dataset's layout: 2-4 clips of about 6 s, with music. For tests."""
-        ...
+        """Write a tiny source in this data set's layout: 2-4 clips of about 6 s, with music. For tests."""
 
 
-class ContactRule(Protocol):
+class ContactRule(Plugin):
     """Labels the ground contacts of the feet."""
 
-    name: ClassVar[str]
-    version: ClassVar[int]
-
+    @abstractmethod
     def __call__(self, joints: Float64Array, grid: FrameGrid, skeleton: Skeleton) -> Float32Array:
         """Return labels (T, 4), 0 or 1, for skeleton.feet from joint positions (T, J, 3), metres."""
-        ...
 
 
-class Representation(Protocol):
-    """Turns motion into a trainer's columns.
+class Representation(Plugin):
+    """Turns motion into the columns that a trainer reads.
 
     Attributes
     ----------
     default_contacts
         Contact rule where a recipe names none; None if the representation holds no contacts.
-    skeleton
-        Whose joints the columns hold. `encode` takes motions on any body of its family.
     rate
-        Frames a second of the columns, where it is the representation's own; None: the recipe's.
+        Frames per second of the columns, where it is the representation's own; None: the recipe's.
     grounded
-        Whether `encode` moves the dancer up or down to the ground, so that `decode` gives back the motion but
-        for a constant height.
+        Whether `encode` moves the dancer up or down to the ground, so that `decode` returns the motion except for a
+        constant height.
+    axes, rotation_6d
+        What dataset.json says of the columns' axes and of the 6D convention.
+    decodes
+        Whether the class has a `decode` of its own; set by itself.
     """
 
-    name: ClassVar[str]
-    version: ClassVar[int]
-    default_contacts: ClassVar[str | None]
-    rate: ClassVar[Fraction | None]
-    grounded: ClassVar[bool]
-    #: What dataset.json says of the columns' axes and of the 6D convention.
+    default_contacts: ClassVar[str | None] = None
+    rate: ClassVar[Fraction | None] = None
+    grounded: ClassVar[bool] = False
     axes: ClassVar[str]
-    rotation_6d: ClassVar[str | None]
+    rotation_6d: ClassVar[str | None] = None
+    decodes: ClassVar[bool] = False
 
     @property
+    @abstractmethod
     def skeleton(self) -> Skeleton:
-        """Whose joints the columns hold."""
-        ...
+        """Skeleton of the columns' joints. `encode` takes motions on any body of its family."""
 
     @property
+    @abstractmethod
     def columns(self) -> Columns:
         """The D columns of the array."""
-        ...
 
+    @abstractmethod
     def encode(self, motion: Motion, contacts: ContactRule | None = None) -> Float32Array:
         """Return (T, D) float32."""
-        ...
 
     def decode(self, array: npt.NDArray[Any], grid: FrameGrid) -> Motion:
-        """Return the motion of (T, D) columns at the rate of `grid`."""
-        ...
+        """Return the motion of (T, D) columns at the rate of `grid`. UsageError where that is not possible."""
+        raise UsageError(f"the representation {self.name} cannot be decoded", allowed="encoding")
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        cls.decodes = cls.decode is not Representation.decode
 
 
-class KeyMotionFinder(Protocol):
-    """Finds key motions of a clip: rows a frame that say where they are."""
-
-    name: ClassVar[str]
-    version: ClassVar[int]
+class KeyMotionFinder(Plugin):
+    """Finds the key motions of a clip, as rows per frame."""
 
     @property
+    @abstractmethod
     def columns(self) -> Columns:
         """The D columns."""
-        ...
 
+    @abstractmethod
     def analyse(self, motion: Motion) -> Float32Array:
         """Return (T, D) rows of a clip at the recipe's rate."""
-        ...
 
 
-class AudioFeature(Protocol):
+class AudioFeature(Plugin):
     """Turns a signal into feature rows.
 
     Attributes
     ----------
     packages
         Distributions whose version shapes the numbers; they are part of the cache key.
-    windows_a_call
-        Windows that `extract_windows` takes at once, after which they are published; all of a song where it is
-        left out.
-    resolved
-        ``resolved(hash_file) -> feature``, where a build has to fix something first, such as a precision or the hash
-        of weights. Left out by most.
-    workers
-        ``workers(jobs) -> int``: processes it is worth running in, if that is not `jobs`.
     exact
-        False if bits may differ between machines, within a tolerance, as those of a network on a GPU do; it is then
-        computed in whichever process asks. Else, and where it is left out, bits are the same on every machine.
+        Whether bits are the same on every machine. False for networks, whose bits differ within a tolerance; they are
+        computed in the calling process.
     uses_tempo
-        False if it makes nothing of `start_bpm`, which is then no part of the cache key.
-    estimated_bpm, estimated_window_bpms
-        ``estimated_bpm(signal, grid) -> float`` and ``estimated_window_bpms(signal, starts, n_samples, grid)``, a
-        list: the tempos that `extract` and `extract_windows` estimate where `start_bpm` is None, for people to see.
+        Whether `start_bpm` has an effect; if not, it is not part of the cache key.
     reads_ahead
-        True if it computes on a device, so that the next song may be decoded meanwhile.
-    make_example
-        ``make_example(folder) -> feature``, a class method for tests, where it needs files to run.
+        Whether it computes on a device, so that the next song may be decoded meanwhile.
     """
 
-    name: ClassVar[str]
-    version: ClassVar[int]
     packages: ClassVar[tuple[str, ...]]
+    exact: ClassVar[bool] = True
+    uses_tempo: ClassVar[bool] = True
+    reads_ahead: ClassVar[bool] = False
 
     @property
+    @abstractmethod
     def columns(self) -> Columns:
         """The D columns."""
-        ...
 
     @property
-    def dtype(self) -> str:
-        """Type on disk: "float32" or "float16"."""
-        ...
+    def dtype(self) -> Literal["float32", "float16"]:
+        """Type on disk."""
+        return "float32"
 
+    @property
+    def windows_a_call(self) -> int | None:
+        """Windows that `extract_windows` takes at once, after which they are published; None: all of a song."""
+        return None
+
+    @abstractmethod
     def n_rows(self, n_samples: int, sample_rate: int, grid: FrameGrid) -> int:
         """Return how many rows `extract` gives, without computing them."""
-        ...
 
+    @abstractmethod
     def extract(self, signal: AudioSignal, grid: FrameGrid, *, start_bpm: float | None = None) -> npt.NDArray[Any]:
         """Return (T, D) rows of a whole signal at the rate of `grid` (scope: track)."""
-        ...
 
+    @abstractmethod
     def extract_windows(
         self,
         signal: AudioSignal,
@@ -185,4 +218,124 @@ class AudioFeature(Protocol):
         start_bpm: float | None = None,
     ) -> npt.NDArray[Any]:
         """Return (W, n_rows, D): windows of `n_samples` samples, each by itself, as EDGE does (scope: window)."""
-        ...
+
+    def resolved(self, hash_file: Callable[[Path], str]) -> Self:
+        """Return the feature with everything fixed that depends on this machine, such as a precision.
+
+        Parameters
+        ----------
+        hash_file
+            Gives the SHA-256 of a file, such as one with weights.
+        """
+        return self
+
+    def with_weights(self, folder: Path) -> Self:
+        """Return the feature with the weights in a folder; one that has no weights stays as it is."""
+        return self
+
+    def workers(self, jobs: int) -> int:
+        """Return how many processes to run in, of `jobs`: one for each card, for example."""
+        return jobs
+
+    def estimated_bpm(self, signal: AudioSignal, grid: FrameGrid) -> float | None:
+        """Return the tempo that `extract` estimates where `start_bpm` is None; None if it estimates none."""
+        return None
+
+    def estimated_window_bpms(
+        self, signal: AudioSignal, starts: npt.NDArray[np.int64], n_samples: int, grid: FrameGrid
+    ) -> list[float] | None:
+        """Return the tempos that `extract_windows` estimates, one per window; None if it estimates none."""
+        return None
+
+    @classmethod
+    def make_example(cls, folder: Path) -> Self:
+        """Return the feature with its defaults, for tests; one that needs files writes small ones into the folder."""
+        return cls()
+
+
+class Augmentation(Plugin):
+    """Makes a copy of every train clip: from its motion before it is encoded, or from its encoded rows.
+
+    A plug-in defines `change_motion` or `change_rows`. A copy has the frames, windows and music of its clip.
+
+    Attributes
+    ----------
+    changes_motion
+        Whether the class defines `change_motion`, so that copies are encoded; set automatically.
+    """
+
+    changes_motion: ClassVar[bool] = False
+
+    def check(self, columns: Columns) -> None:
+        """Raise UsageError if copies of a motion or key motion field with these columns cannot be made."""
+        return
+
+    def change_motion(self, motion: Motion, clip: str) -> Motion:
+        """Return the motion of the copy: as many frames, the same rate and trim_start, a body of the same family.
+
+        Parameters
+        ----------
+        motion
+            The clip as the dataset loads it, at the rate of its source.
+        clip
+            Id of the clip, for what differs from clip to clip, such as a seed.
+        """
+        return motion
+
+    def change_rows(
+        self, rows: Float32Array, columns: Columns, *, kind: Literal["motion", "keymotion"], clip: str
+    ) -> Float32Array:
+        """Return the rows of the copy, in the shape and dtype of `rows`.
+
+        Parameters
+        ----------
+        rows
+            Read-only: (T, D) in track scope, (W, L, D) in window scope.
+        kind
+            Whether the field is a representation or holds key motions.
+        clip
+            Id of the clip.
+        """
+        return rows
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        cls.changes_motion = cls.change_motion is not Augmentation.change_motion
+
+
+class WindowFilter(Plugin):
+    """Decides which windows are kept, from the rows of one motion or key motion field.
+
+    Attributes
+    ----------
+    reason
+        Code of its rejects.
+    """
+
+    reason: ClassVar[str] = "filtered"
+
+    @property
+    @abstractmethod
+    def field(self) -> str:
+        """Name of the field that is looked at; usually a parameter."""
+
+    @property
+    def splits(self) -> tuple[str, ...]:
+        """Splits that are filtered; windows of the others are all kept."""
+        return ("train",)
+
+    def check(self, columns: Columns) -> None:
+        """Raise UsageError if windows of a field with these columns cannot be judged."""
+        return
+
+    @abstractmethod
+    def reject(self, rows: Float32Array, columns: Columns, grid: FrameGrid) -> Reject | None:
+        """Return why a window is left out, ``Reject(self.reason, detail=..., numbers=...)``; None if it is kept.
+
+        Parameters
+        ----------
+        rows
+            (L, D) rows of the window, not normalised, read-only.
+        columns, grid
+            Columns and rate of the rows.
+        """

@@ -1,4 +1,4 @@
-"""Quality flags: what looks wrong in a motion. It is flagged, never repaired."""
+"""Quality flags for suspicious motion. It is flagged, never repaired."""
 
 from __future__ import annotations
 
@@ -11,39 +11,39 @@ from dancedata.core.motion import Motion
 from dancedata.core.rotations import angles_between
 from dancedata.core.skeleton import Skeleton
 
-#: Faster than any joint of a dancer: 45 degrees in a frame at 60 FPS.
+#: Bound of the speed of a dancer's joints: 45 degrees per frame at 60 FPS.
 MAX_TURN_DEG_S = 2700.0
-#: Faster than any dancer's pelvis.
+#: Bound of the speed of a dancer's pelvis.
 MAX_ROOT_SPEED_M_S = 12.0
-#: Sizes of a body at rest, metres: from children to the tallest.
+#: Range of the size of a body at rest, metres, from children to the tallest adults.
 PLAUSIBLE_BODY_M = (1.0, 2.5)
-#: Flags of a whole clip, which is probably in another unit than was declared or read.
+#: Flags of a whole clip, whose unit is probably wrong.
 IMPLAUSIBLE = ("implausible_body", "implausible_root")
-#: How far the root rises and falls, as a multiple of what the pose asks for. Jumps add to it, and nothing takes from
-#: it: 0.9 to 9.6 in real and synthetic dances. Other usual units are at most 1/17 of a metre.
+#: Range of the vertical movement of the root, as a multiple of the movement implied by the pose. Jumps increase it:
+#: 0.9 to 9.6 in real and synthetic dances. A wrong usual unit changes it at least 17-fold.
 PLAUSIBLE_ROOT = (0.1, 10.0)
-#: Poses that ask for less than this, metres (standard deviation), say nothing about the root.
+#: Poses that imply a smaller movement, metres (standard deviation), are no evidence about the root.
 _LEAST_DROP_M = 0.005
-#: A root that stays within this range of heights, metres, is never too large: dancers climb stairs.
+#: A root within this range of heights, metres, is never too large: dancers climb stairs.
 _ROOM_M = 3.0
-#: A root that does not move at all was taken out on purpose.
+#: A root that does not move at all was removed on purpose.
 _STILL_M = 1e-6
 
 
 @dataclass(frozen=True)
 class Flag:
-    """Something suspicious about a clip, or between `frame` and the next one, at the source's frame rate.
+    """A suspicious value of a clip, or between `frame` and the next one, at the source's frame rate.
 
     Attributes
     ----------
     kind
-        "fast_turn": value is an angle, degrees. "root_jump": value is a distance, metres. Those in `IMPLAUSIBLE` are
-        of the whole clip. "implausible_body": value is the size of the skeleton, metres. "implausible_root": value is
-        how many times as far the root rises and falls as the pose asks for.
+        "fast_turn": value is an angle, degrees. "root_jump": value is a distance, metres. Those in `IMPLAUSIBLE`
+        concern the whole clip. "implausible_body": value is the size of the skeleton, metres. "implausible_root":
+        value is the ratio of the root's vertical movement to that implied by the pose.
     joint, frame
-        Empty and None for a flag of the whole clip.
+        "" and None for a flag of the whole clip.
     rate
-        Frames a second of `frame`, as text.
+        Frame rate of `frame`, frames per second, as text.
     """
 
     kind: str
@@ -59,10 +59,10 @@ class Flag:
 
 
 def implausible_flags(motion: Motion) -> list[Flag]:
-    """Find bodies and paths that no dancer has, as a wrong unit makes them.
+    """Find implausible bodies and root movements, which usually have a wrong unit.
 
-    Bodies are judged by their bones, because a dancer may lie on the floor. Where the bones are those of a body
-    model, the unit concerns the translation alone: it is judged by what keeps the lowest joint at one height.
+    Bodies are judged by their bones, because a dancer may lie on the floor. With the bones of a body model the unit
+    affects only the translation, which is judged by the movement that keeps the lowest joint at one height.
     """
     flags = []
     size = body_size(motion.skeleton)
@@ -75,7 +75,7 @@ def implausible_flags(motion: Motion) -> list[Flag]:
 
 
 def body_size(skeleton: Skeleton) -> float:
-    """Return the largest extent of a skeleton at rest along an axis, metres: the height, or the span of the arms."""
+    """Return the largest extent of a skeleton at rest along an axis, metres: the height or the arm span."""
     places = np.zeros((skeleton.n_joints, 3))
     for joint, parent in enumerate(skeleton.parents):
         if parent >= 0:
@@ -84,20 +84,20 @@ def body_size(skeleton: Skeleton) -> float:
 
 
 def _implausible_root(motion: Motion) -> float | None:
-    """Return how far the root rises and falls against how far the pose bends, if no dancer moves so."""
+    """Return the ratio of the root's vertical movement to that implied by the pose, if it is implausible."""
     height = motion.translation[:, 1]
     drop = motion.joints()[..., 1].min(axis=1) - height
-    moved, asked = float(height.std()), float(drop.std())
-    if asked < _LEAST_DROP_M or moved < _STILL_M:
+    moved, implied = float(height.std()), float(drop.std())
+    if implied < _LEAST_DROP_M or moved < _STILL_M:
         return None
-    ratio, (low, high) = moved / asked, PLAUSIBLE_ROOT
+    ratio, (low, high) = moved / implied, PLAUSIBLE_ROOT
     return ratio if ratio < low or (ratio > high and np.ptp(height) > _ROOM_M) else None
 
 
 def quality_flags(
     motion: Motion, max_turn_deg_s: float = MAX_TURN_DEG_S, max_root_speed_m_s: float = MAX_ROOT_SPEED_M_S
 ) -> list[Flag]:
-    """Find bodies that are implausible, joints that turn, and roots that move, faster than a dancer can.
+    """Find implausible bodies, and joints and roots that move faster than a dancer can.
 
     Flags of the whole clip come first, then those of frames, ordered by frame, then joint.
     """

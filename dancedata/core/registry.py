@@ -9,11 +9,22 @@ import threading
 from collections.abc import Callable, Iterable
 from functools import lru_cache
 from importlib.metadata import entry_points
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar
 
 from dancedata.core.errors import UsageError, did_you_mean
+from dancedata.core.plugins import (
+    AudioFeature,
+    Augmentation,
+    ContactRule,
+    Dataset,
+    KeyMotionFinder,
+    Plugin,
+    Representation,
+    WindowFilter,
+)
 
-T = TypeVar("T")
+P = TypeVar("P", bound=Plugin)
+C = TypeVar("C", bound=type[Plugin])
 
 #: Threads that ask while one loads plug-ins wait for all of them. One lock for all kinds: no two wait for each other.
 _loading = threading.RLock()
@@ -21,7 +32,7 @@ _loading = threading.RLock()
 os.register_at_fork(before=_loading.acquire, after_in_parent=_loading.release, after_in_child=_loading.release)
 
 
-class Registry:
+class Registry(Generic[P]):
     """Plug-in classes of one kind by name.
 
     Plug-ins are the modules of `package` (those whose names do not begin with "_"), and the entry points of
@@ -34,36 +45,65 @@ class Registry:
         What the plug-ins are, for messages: "dataset".
     package
         Where they live: "dancedata.datasets".
+    base
+        The class that all of them are derived from.
     """
 
-    def __init__(self, kind: str, package: str) -> None:
+    def __init__(self, kind: str, package: str, base: type[P]) -> None:
         self.kind = kind
         self.package = package
-        self._classes: dict[str, type[Any]] = {}
+        self.base = base
+        self._classes: dict[str, type[P]] = {}
         self._begun = self._loaded = False
 
-    def register(self, name: str) -> Callable[[type[T]], type[T]]:
-        """Return a decorator that registers a class under `name`, which becomes its attribute `name`."""
+    def register(self, name: str) -> Callable[[C], C]:
+        """Return a decorator that registers a class under `name`, which becomes its attribute `name`.
 
-        def decorate(cls: type[T]) -> type[T]:
+        Raises
+        ------
+        UsageError
+            When it is applied to a class that is not derived from `base` or lacks a member, or if another class has
+            the name.
+        """
+
+        def decorate(cls: C) -> C:
+            checked = self._checked(name, cls)
             known = self._classes.get(name)
             if known is not None and (known.__module__, known.__qualname__) != (cls.__module__, cls.__qualname__):
                 raise UsageError(
-                    f"two plug-ins want to be the {self.kind} {name!r}",
+                    f"two plug-ins are registered as the {self.kind} {name!r}",
                     found=f"{known.__module__}.{known.__qualname__} and {cls.__module__}.{cls.__qualname__}",
                 )
-            cls.name = name  # type: ignore[attr-defined]
-            self._classes[name] = cls
+            cls.name = name
+            self._classes[name] = checked
             return cls
 
         return decorate
+
+    def _checked(self, name: str, cls: type[Plugin]) -> type[P]:
+        where = f"{self.kind} {name!r}, {cls.__module__}.{cls.__qualname__}"
+        base = f"{self.base.__module__}.{self.base.__qualname__}"
+        if not issubclass(cls, self.base):
+            raise UsageError(
+                f"a plug-in of this kind is derived from {self.base.__name__}",
+                where=where,
+                found=", ".join(b.__qualname__ for b in cls.__bases__),
+                fix=f"derive the class from {base}",
+            )
+        missing = sorted(m for m in getattr(cls, "__abstractmethods__", ()))
+        missing += [] if hasattr(cls, "version") else ["version"]
+        if missing:
+            raise UsageError(
+                f"the plug-in lacks {', '.join(missing)}", where=where, fix=f"see the documentation of {base}"
+            )
+        return cls
 
     def names(self) -> tuple[str, ...]:
         """Return all names, sorted."""
         self._load()
         return tuple(sorted(self._classes))
 
-    def get(self, name: str, also: Iterable[str] = ()) -> type[Any]:
+    def get(self, name: str, also: Iterable[str] = ()) -> type[P]:
         """Return a plug-in class; UsageError with the closest known name, or of `also`, see `did_you_mean`."""
         self._load()
         try:
@@ -78,13 +118,20 @@ class Registry:
             if self._begun:  # by another thread, or further up: a plug-in's module may ask for another plug-in
                 return
             self._begun = True
-            package = importlib.import_module(self.package)
-            for module in pkgutil.iter_modules(package.__path__):
-                if not module.name.startswith("_"):
-                    importlib.import_module(f"{self.package}.{module.name}")
-            for entry in _installed().select(group=self.package):
-                entry.load()
+            try:
+                self._import_all()
+            except BaseException:
+                self._begun = False  # the next one that asks gets the error too, not a part of the plug-ins
+                raise
             self._loaded = True
+
+    def _import_all(self) -> None:
+        package = importlib.import_module(self.package)
+        for module in pkgutil.iter_modules(package.__path__):
+            if not module.name.startswith("_"):
+                importlib.import_module(f"{self.package}.{module.name}")
+        for entry in _installed().select(group=self.package):
+            entry.load()
 
 
 @lru_cache(maxsize=1)
@@ -93,8 +140,21 @@ def _installed() -> Any:
     return entry_points()
 
 
-DATASETS = Registry("dataset", "dancedata.datasets")
-REPRESENTATIONS = Registry("representation", "dancedata.representations")
-CONTACTS = Registry("contact rule", "dancedata.contacts")
-FEATURES = Registry("audio feature", "dancedata.audio")
-KEYMOTIONS = Registry("key motion", "dancedata.keymotion")
+DATASETS = Registry("dataset", "dancedata.datasets", Dataset)
+REPRESENTATIONS = Registry("representation", "dancedata.representations", Representation)
+CONTACTS = Registry("contact rule", "dancedata.contacts", ContactRule)
+FEATURES = Registry("audio feature", "dancedata.audio", AudioFeature)
+KEYMOTIONS = Registry("key motion", "dancedata.keymotion", KeyMotionFinder)
+AUGMENTATIONS = Registry("augmentation", "dancedata.augment", Augmentation)
+FILTERS = Registry("window filter", "dancedata.filters", WindowFilter)
+
+#: All of them, by what `dancedata list` calls them.
+REGISTRIES: dict[str, Registry[Any]] = {
+    "datasets": DATASETS,
+    "representations": REPRESENTATIONS,
+    "contacts": CONTACTS,
+    "audio features": FEATURES,
+    "key motions": KEYMOTIONS,
+    "augmentations": AUGMENTATIONS,
+    "window filters": FILTERS,
+}

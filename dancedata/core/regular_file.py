@@ -1,4 +1,4 @@
-"""Opens files of other people that have to be files: a named pipe in their place would be waited for without end."""
+"""Opens untrusted paths only if they are regular files: opening a named pipe could block forever."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ _KINDS = {
 
 
 class NotRegularError(OSError):
-    """A pipe, socket or device lies where a file should be."""
+    """The path is a pipe, socket or device instead of a regular file."""
 
 
 def open_regular(path: str | Path) -> BufferedReader:
-    """Open a regular file for reading bytes; links are followed. Returns at once, whatever lies there.
+    """Open a regular file for reading bytes; links are followed. Never blocks.
 
     Raises
     ------
     OSError
-        If it cannot be opened; NotRegularError if it is no regular file, IsADirectoryError if it is a folder.
+        If it cannot be opened; NotRegularError if it is not a regular file, IsADirectoryError if it is a folder.
     """
-    # Looked at before it is opened, for opening a device may already do something; and after, for it may be another.
+    # Checked before opening, because opening a device may have side effects, and after, because it may have changed.
     _require_regular(os.stat(path).st_mode, path)
-    file = open(path, "rb", opener=_without_waiting)  # noqa: SIM115 -- it is the caller's
+    file = open(path, "rb", opener=_open_nonblocking)  # noqa: SIM115 -- the caller closes it
     try:
         _require_regular(os.fstat(file.fileno()).st_mode, path)
     except BaseException:
@@ -41,18 +41,18 @@ def open_regular(path: str | Path) -> BufferedReader:
     return file
 
 
-def _without_waiting(path: str, flags: int) -> int:
+def _open_nonblocking(path: str, flags: int) -> int:
     return os.open(path, flags | os.O_NONBLOCK)
 
 
 def read_regular(path: str | Path, limit: int) -> bytes:
     """Read a regular file of at most `limit` bytes; OSError as `open_regular`, and if it is larger."""
     with open_regular(path) as file:
-        # Python makes room for all that is asked for.
+        # read() allocates the full requested size.
         size = os.fstat(file.fileno()).st_size
         data = file.read(min(size, limit) + 1)
     if max(size, len(data)) > limit:
-        raise OSError(f"it is bigger than {limit:,} bytes")
+        raise OSError(f"larger than {limit:,} bytes")
     return data
 
 
@@ -60,4 +60,4 @@ def _require_regular(mode: int, path: str | Path) -> None:
     if stat.S_ISDIR(mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
     if not stat.S_ISREG(mode):
-        raise NotRegularError(f"it is {_KINDS.get(stat.S_IFMT(mode), 'something else')}, not a regular file")
+        raise NotRegularError(f"it is {_KINDS.get(stat.S_IFMT(mode), 'another kind of entry')}, not a regular file")

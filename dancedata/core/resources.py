@@ -1,4 +1,4 @@
-"""Recipes and manifests that come with the package."""
+"""Recipes and manifests that are part of the package."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def resources(kind: str) -> tuple[str, ...]:
 
 
 def resource(kind: str, name: str) -> Path:
-    """Return the path of a file that comes with the package; UsageError with the closest name."""
+    """Return the path of a file of the package; for an unknown name UsageError with the closest one."""
     path = _folder(kind) / name
     if name not in resources(kind):
         raise UsageError(f"no {name!r} among the {kind}", fix=did_you_mean(name, resources(kind)))
@@ -23,7 +23,7 @@ def resource(kind: str, name: str) -> Path:
 
 
 def _folder(kind: str) -> Path:
-    # A wheel carries these folders inside the package; in a checkout they lie beside it.
+    # In a wheel these folders are inside the package, in a checkout next to it.
     for folder in (_PACKAGE / "_resources" / kind, _PACKAGE.parent / kind):
         if folder.is_dir():
             return folder

@@ -1,8 +1,7 @@
 """Rotations as arrays. Axis-angle vectors in radians; all in float64.
 
-What every build does for every frame, axis-angle to matrix and the angle between two rotations, is plain numpy:
-importing scipy's Rotation takes half a second in every worker. The rest is scipy's, which is also the oracle of the
-tests.
+The functions that every build needs, axis-angle to matrix and the angle between two rotations, are plain numpy:
+importing scipy's Rotation takes half a second in every worker. The others use scipy, the reference of the tests.
 """
 
 from __future__ import annotations
@@ -20,15 +19,15 @@ Float64Array = npt.NDArray[np.float64]
 
 
 def rotation(rotvec: FloatArray) -> Rotation:
-    """Return scipy's Rotation of axis-angle vectors (..., 3); lengths beyond pi are fine."""
+    """Return scipy's Rotation of axis-angle vectors (..., 3); lengths beyond pi are allowed."""
     from scipy.spatial.transform import Rotation
 
-    # A fresh array: scipy takes no read-only one.
+    # A copy: scipy does not accept read-only arrays.
     return Rotation.from_rotvec(np.array(rotvec, dtype=np.float64))
 
 
 def _quaternion(rotvec: FloatArray) -> Float64Array:
-    """Turn axis-angle vectors (..., 3) into unit quaternions (4, ...), the real part first."""
+    """Convert axis-angle vectors (..., 3) to unit quaternions (4, ...), real part first."""
     x, y, z = np.moveaxis(np.asarray(rotvec, dtype=np.float64), -1, 0)
     square = x * x + y * y + z * z
     angle = np.sqrt(square)
@@ -40,7 +39,7 @@ def _quaternion(rotvec: FloatArray) -> Float64Array:
 
 
 def matrix_from_rotvec(rotvec: FloatArray) -> Float64Array:
-    """Turn axis-angle vectors (..., 3) into matrices (..., 3, 3); lengths beyond pi are fine."""
+    """Convert axis-angle vectors (..., 3) to matrices (..., 3, 3); lengths beyond pi are allowed."""
     w, x, y, z = _quaternion(rotvec)
     xx, yy, zz = x * x, y * y, z * z
     xy, xz, yz, wx, wy, wz = x * y, x * z, y * z, w * x, w * y, w * z
@@ -52,32 +51,32 @@ def matrix_from_rotvec(rotvec: FloatArray) -> Float64Array:
 
 
 def angles_between(rotvecs: FloatArray) -> Float64Array:
-    """Return the angles, 0 to pi radians, of the turns from each frame to the next: (T, J, 3) to (T - 1, J)."""
+    """Return the angles, 0 to pi radians, of the rotations from each frame to the next: (T, J, 3) to (T - 1, J)."""
     quaternions = _quaternion(rotvecs)
-    (w, *here), (v, *there) = quaternions[:, :-1], quaternions[:, 1:]
-    real = w * v + sum(a * b for a, b in zip(here, there, strict=True))
-    turn = w * np.stack(there) - v * np.stack(here) - np.cross(here, there, axis=0)
-    # Not the arccosine of the real part, which has no digits left near 0.
+    (w, *start), (v, *end) = quaternions[:, :-1], quaternions[:, 1:]
+    real = w * v + sum(a * b for a, b in zip(start, end, strict=True))
+    turn = w * np.stack(end) - v * np.stack(start) - np.cross(start, end, axis=0)
+    # The arccosine of the real part would lose all precision near 0.
     return np.asarray(2 * np.arctan2(np.sqrt(np.sum(turn * turn, axis=0)), np.abs(real)))
 
 
 def rotvec_from_matrix(matrix: FloatArray) -> Float64Array:
-    """Turn matrices (..., 3, 3) into axis-angle vectors (..., 3) of length at most pi."""
+    """Convert matrices (..., 3, 3) to axis-angle vectors (..., 3) of length at most pi."""
     from scipy.spatial.transform import Rotation
 
     return np.asarray(Rotation.from_matrix(np.array(matrix, dtype=np.float64)).as_rotvec(), dtype=np.float64)
 
 
 def rotation_6d(matrix: FloatArray) -> FloatArray:
-    """Take the first two ROWS of matrices (..., 3, 3), flattened to (..., 6).
+    """Return the first two ROWS of matrices (..., 3, 3), flattened to (..., 6).
 
-    The convention of pytorch3d, EDGE and Lodge; Zhou et al., CVPR 2019, and HumanML3D take columns.
+    The convention of pytorch3d, EDGE and Lodge; Zhou et al., CVPR 2019, and HumanML3D use columns.
     """
     return matrix[..., :2, :].reshape(*matrix.shape[:-2], 6)
 
 
 def matrix_from_6d(rows: FloatArray) -> Float64Array:
-    """Turn 6D rotations (..., 6), two rows, into matrices (..., 3, 3) by Gram-Schmidt (Zhou et al. 2019, eq. 15)."""
+    """Convert 6D rotations (..., 6), two rows, to matrices (..., 3, 3) by Gram-Schmidt (Zhou et al. 2019, eq. 15)."""
     first, second = np.asarray(rows[..., :3], np.float64), np.asarray(rows[..., 3:], np.float64)
     a = first / np.linalg.norm(first, axis=-1, keepdims=True)
     b = second - np.sum(a * second, axis=-1, keepdims=True) * a

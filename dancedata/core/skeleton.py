@@ -23,8 +23,8 @@ class Skeleton:
     parents
         Index of each joint's parent, -1 for the root, which is joint 0.
     offsets
-        (J, 3) metres at rest: joint minus parent; the root's is its rest position, which kinematics adds to
-        the translation.
+        (J, 3) metres at rest, joint minus parent; the root's is its rest position, which is added to the
+        translation.
     pairs
         Left and right joints that mirroring swaps.
     feet
@@ -44,7 +44,7 @@ class Skeleton:
         n = len(self.joints)
         if len(self.parents) != n or offsets.shape != (n, 3):
             raise UsageError(
-                f"skeleton {self.name}: joints, parents and offsets differ in number",
+                f"skeleton {self.name}: joints, parents and offsets have different lengths",
                 found=f"{n}, {len(self.parents)}, {offsets.shape}",
             )
         if self.parents[0] != -1 or any(not 0 <= p < j for j, p in enumerate(self.parents) if j):
@@ -52,7 +52,7 @@ class Skeleton:
         paired = [j for pair in self.pairs for j in pair]
         if len(self.feet) != 4 or not {*paired, *self.feet} <= set(range(n)) or len(set(paired)) != len(paired):
             raise UsageError(
-                f"skeleton {self.name}: pairs and feet are joints, four feet, each joint in one pair at most",
+                f"skeleton {self.name}: requires four foot joints, and each joint in at most one pair",
                 found=f"pairs {self.pairs}, feet {self.feet}",
                 allowed=f"0 to {n - 1}",
             )
@@ -69,7 +69,7 @@ class Skeleton:
         return f"Skeleton({self.name!r}, {self.n_joints} joints)"
 
     def index(self, joint: str) -> int:
-        """Return the index of a joint by name; UsageError with the closest name."""
+        """Return the index of a joint by name; for an unknown name UsageError with the closest one."""
         try:
             return self.joints.index(joint)
         except ValueError:
@@ -84,18 +84,18 @@ class Skeleton:
         return replace(self, name=name, offsets=offsets)
 
     def subset(self, name: str, joints: tuple[str, ...]) -> Skeleton:
-        """Return the skeleton of some joints, in their order here: bones across those left out are joined.
+        """Return the skeleton of some joints, in the present order; bones across omitted joints are joined.
 
         Raises
         ------
         UsageError
-            For a joint that is not there, or if the root or a foot joint is left out.
+            For an unknown joint, or if the root or a foot joint is omitted.
         """
         kept = [self.index(joint) for joint in joints]
         needed = {0, *self.feet}
         if kept != sorted(kept) or not needed <= set(kept):
             raise UsageError(
-                f"a part of skeleton {self.name} keeps the order, the root and the feet",
+                f"a subset of skeleton {self.name} must keep the order, the root and the feet",
                 found=", ".join(joints[:6]),
                 allowed=", ".join(self.joints[j] for j in sorted(needed)) + " among them",
             )
@@ -131,7 +131,7 @@ class Skeleton:
 
     @classmethod
     def from_json(cls, obj: Mapping[str, Any]) -> Skeleton:
-        """Read back what `to_json` gave."""
+        """Read the result of `to_json`."""
         feet = obj["feet"]
         return cls(
             name=obj["name"],
@@ -190,5 +190,5 @@ SMPL24 = Skeleton(
     feet=(7, 8, 10, 11),
 )
 
-#: The same with EDGE's root: the pelvis lies at the translation itself (0.24 m too high in the room).
+#: The same with EDGE's root: the pelvis is at the translation itself (0.24 m too high).
 SMPL24_EDGE = SMPL24.with_root_offset("smpl24-edge", (0.0, 0.0, 0.0))

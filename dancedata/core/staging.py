@@ -21,6 +21,7 @@ from pathlib import Path
 
 from dancedata.core.atomic import OWN, is_temporary, sync_folder, write_bytes
 from dancedata.core.errors import StoreError
+from dancedata.core.text import listed
 
 #: The folder in which OUT is filled, and what proves that it, or another folder, is ours.
 STAGING = f"{OWN}unfinished"
@@ -175,10 +176,9 @@ def _finish(out: Path, layout: Layout) -> None:
 
 
 def _foreign(folder: Path, names: list[str]) -> StoreError:
-    shown = ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
     return StoreError(
         "the folder holds files that are not dancedata's",
         where=folder,
-        found=shown,
+        found=listed(names),
         fix="move them to another place, or choose another folder; they were left as they are",
     )

@@ -1,4 +1,4 @@
-"""JSON of other people: parsed within bounds, every failure a ValueError."""
+"""Parses untrusted JSON within bounds; every failure is a ValueError."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from dancedata.core.regular_file import read_regular
 
 __all__ = ["MAX_DEPTH", "parse_json", "read_json"]
 
-#: Nesting that any document of ours has, many times over. Code that walks through deeper ones runs out of stack.
+#: Far more than the nesting of any document of dancedata. Recursive code would exhaust the stack on deeper ones.
 MAX_DEPTH = 64
 
 
 def parse_json(text: str, pairs: Callable[[list[tuple[str, Any]]], Any] | None = None) -> Any:
-    """Parse a JSON document; `pairs` makes an object of its keys and values.
+    """Parse a JSON document; `pairs` creates an object from its keys and values.
 
     Raises
     ------
     ValueError
-        If it is not JSON, holds a number that is not finite, or is nested deeper than MAX_DEPTH.
+        If it is not JSON, contains a number that is not finite, or is nested deeper than MAX_DEPTH.
     """
     try:
         document = json.loads(text, object_pairs_hook=pairs, parse_constant=_no_constant, parse_float=_finite)
     except RecursionError as error:
-        raise ValueError("it is nested too deep") from error
+        raise ValueError("it is nested too deeply") from error
     level = [document]
     for _ in range(MAX_DEPTH + 1):
         level = [
@@ -43,13 +43,13 @@ def parse_json(text: str, pairs: Callable[[list[tuple[str, Any]]], Any] | None =
 
 
 def _no_constant(name: str) -> NoReturn:
-    raise ValueError(f"{name} is no JSON")
+    raise ValueError(f"{name} is not JSON")
 
 
 def _finite(text: str) -> float:
     number = float(text)
     if not math.isfinite(number):
-        raise ValueError(f"{text[:40]} is larger than any number")
+        raise ValueError(f"{text[:40]} is out of range")
     return number
 
 
@@ -59,7 +59,7 @@ def read_json(path: Path, limit: int) -> Any:
     Raises
     ------
     OSError
-        If it cannot be read, is no regular file, or is larger.
+        If it cannot be read, is not a regular file, or is larger.
     ValueError
         If it is not JSON in UTF-8, or nested deeper than MAX_DEPTH.
     """

@@ -1,6 +1,6 @@
-"""Text that comes from files, made fit to be shown: cut, and without characters that a terminal obeys.
+"""Makes untrusted text safe to print: truncated, and without control characters of terminals.
 
-Every string of a file, and every file name, that becomes part of a message, a note or a table goes through here.
+Every string of a file, and every file name, in a message, a note or a table goes through this module.
 """
 
 from __future__ import annotations
@@ -8,34 +8,36 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from fractions import Fraction
 from numbers import Integral, Real
 from typing import Any
 from unicodedata import category
 
-__all__ = ["MAX_SHOWN", "counted", "is_unicode", "json_text", "printable", "quoted", "shown"]
+__all__ = ["MAX_SHOWN", "counted", "is_unicode", "json_text", "listed", "printable", "quoted", "shown", "table"]
 
-#: Characters of a value that a message shows.
+#: Most characters of a value in a message.
 MAX_SHOWN = 200
-#: Entries of a list that a message shows, and characters of each.
+#: Most names of a list in a message, and characters of each: the longest file name.
+_NAMES, _NAME = 6, 255
+#: Most entries of a list value in a message, and characters of each.
 _ENTRIES, _ENTRY = 8, 40
-#: Larger whole numbers are shown by their size: writing them out takes time that grows with its square.
+#: Larger integers are shown by their size: writing them out takes quadratic time.
 _MAX_BITS = 128
 
 
 def printable(text: str, *, lines: bool = False) -> str:
-    r"""Write characters that do not print as backslash sequences: control and format characters, lone surrogates.
+    r"""Replace characters that do not print by backslash sequences: control and format characters, lone surrogates.
 
-    What comes out can be printed on any terminal and written as UTF-8. A byte of a file name that is not UTF-8,
-    which Python holds as a lone surrogate, becomes ``\udcff``.
+    The result can be printed on any terminal and written as UTF-8. A byte of a file name that is not UTF-8, in
+    Python a lone surrogate, becomes ``\udcff``.
 
     Parameters
     ----------
     text
         Any text.
     lines
-        Whether line breaks stay as they are.
+        Whether line breaks are kept.
     """
     if text.isprintable():
         return text
@@ -43,7 +45,7 @@ def printable(text: str, *, lines: bool = False) -> str:
 
 
 def _prints(character: str) -> bool:
-    # isprintable() takes all blanks but one for unprintable, also those of other scripts.
+    # isprintable() is false for all spaces except one, also those of other scripts.
     return character.isprintable() or category(character) == "Zs"
 
 
@@ -52,7 +54,7 @@ def _escaped(character: str) -> str:
 
 
 def is_unicode(text: str) -> bool:
-    """Tell whether a text can be written as UTF-8; one that Python made of a file name in another encoding cannot."""
+    """Return whether a text can be written as UTF-8; one from a file name in another encoding cannot."""
     try:
         text.encode()
     except UnicodeEncodeError:
@@ -61,17 +63,17 @@ def is_unicode(text: str) -> bool:
 
 
 def shown(value: object, limit: int = MAX_SHOWN) -> str:
-    """Return a short, printable text of any value, in a time that does not depend on what the value holds.
+    """Return a short, printable text for any value, in constant time.
 
-    Containers are not unfolded: what a file describes in a thousand bytes may be larger than any memory. Of lists
-    the first numbers and texts are shown, of other containers their type and length, of errors type and message.
+    Containers are not expanded: a file of a thousand bytes can describe one larger than any memory. Lists show their
+    first numbers and texts, other containers their type and length, errors their type and message.
 
     Parameters
     ----------
     value
-        Anything, from anywhere.
+        Any value, including untrusted ones.
     limit
-        Most characters that are shown; "..." follows where there are more.
+        Most characters; "..." follows if there are more.
     """
     if isinstance(value, str):
         text = value
@@ -86,7 +88,7 @@ def shown(value: object, limit: int = MAX_SHOWN) -> str:
 
 
 def quoted(value: object, limit: int = MAX_SHOWN) -> str:
-    """Return `shown`, text between quotation marks."""
+    """Return `shown`, with quotation marks around text."""
     return f"'{shown(value, limit)}'" if isinstance(value, str) else shown(value, limit)
 
 
@@ -95,7 +97,7 @@ def _scalar(value: object, limit: int) -> str:
         return str(value)
     if isinstance(value, Integral):
         bits = int(value).bit_length()
-        return str(int(value)) if bits <= _MAX_BITS else f"a whole number of {bits:,} bits"
+        return str(int(value)) if bits <= _MAX_BITS else f"an integer of {bits:,} bits"
     if isinstance(value, Fraction):
         return f"{_scalar(value.numerator, limit)}/{_scalar(value.denominator, limit)}".removesuffix("/1")
     if isinstance(value, Real):
@@ -112,7 +114,7 @@ def _scalar(value: object, limit: int) -> str:
 
 
 def _list(value: list[Any] | tuple[Any, ...]) -> str:
-    """First entries of a list, as Python writes them; lists within it by their type and length."""
+    """Return the first entries of a list, as Python writes them; nested lists by their type and length."""
     inner = [
         f"{type(v).__name__} of {len(v):,}" if isinstance(v, list | tuple) else quoted(v, _ENTRY)
         for v in value[:_ENTRIES]
@@ -124,7 +126,7 @@ def _list(value: list[Any] | tuple[Any, ...]) -> str:
 
 
 def _message(error: BaseException) -> str:
-    """Message of an error; of one that carries something from a file, such as a KeyError, only its texts."""
+    """Return the message of an error; with arguments from a file, as in a KeyError, only a text among them."""
     if all(_is_plain(argument) for argument in error.args):
         return str(error)
     return next((argument for argument in error.args if isinstance(argument, str)), "")
@@ -136,12 +138,22 @@ def _is_plain(value: object) -> bool:
     return value is None or isinstance(value, str | bytes | float)
 
 
-#: Characters that JSON leaves as they are and that a terminal may obey, or no file takes.
+def listed(names: Iterable[object], most: int = _NAMES, show: Callable[[object, int], str] = shown) -> str:
+    """Join the first names of a list, made printable by `show`, and the number of further ones.
+
+    "a, b, c and 12 more"; "" for an empty list.
+    """
+    names = list(names)
+    text = ", ".join(show(name, _NAME) for name in names[:most])
+    return text if len(names) <= most else f"{text} and {len(names) - most:,} more"
+
+
+#: Characters that JSON does not escape, but that may control a terminal or cannot be written as UTF-8.
 _UNPRINTABLE = re.compile(r"[\x7f-\xff\u0100-\U0010ffff]")
 
 
 def json_text(obj: Any) -> str:
-    """Return JSON for people and programs: indented, readable letters, all other characters as JSON's sequences."""
+    """Return indented JSON with printable characters as they are, and all others as JSON escape sequences."""
     text = json.dumps(obj, indent=1, ensure_ascii=False)
     if text.isascii() and "\x7f" not in text:
         return text
@@ -149,5 +161,16 @@ def json_text(obj: Any) -> str:
 
 
 def counted(n: int, noun: str) -> str:
-    """Return a number of things in words: "1 clip", "1,408 clips"."""
+    """Return a number with its noun: "1 clip", "1,408 clips"."""
     return f"{n:,} {noun}{'' if n == 1 else 's'}"
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> list[str]:
+    """Return the lines of a table, indented by two spaces: the first column to the left, the others to the right."""
+    cells = [[shown(cell) for cell in row] for row in [head, *rows]]
+    widths = [max(len(row[i]) for row in cells) for i in range(len(head))]
+    return [
+        "  "
+        + "  ".join(c.ljust(w) if i == 0 else c.rjust(w) for i, (c, w) in enumerate(zip(row, widths, strict=True)))
+        for row in cells
+    ]

@@ -1,28 +1,49 @@
-"""Window arithmetic: the one place that counts windows."""
+"""Windows of equal length at a constant stride: the one place that counts them."""
 
 from __future__ import annotations
 
-import numpy as np
-import numpy.typing as npt
+from dataclasses import dataclass
 
 from dancedata.core.errors import UsageError
 
 
-def count_windows(n_frames: int, length: int, stride: int) -> int:
-    """Return how many windows of `length` frames, `stride` apart, fit into `n_frames` frames.
+@dataclass(frozen=True)
+class WindowGrid:
+    """Windows of `length` frames, one every `stride` frames: window k begins at frame k * stride.
 
     Raises
     ------
     UsageError
         If length or stride is below one frame.
     """
-    if length < 1 or stride < 1:
-        raise UsageError(
-            "windows need a length and a stride of at least one frame", found=f"length {length}, stride {stride}"
-        )
-    return (n_frames - length) // stride + 1 if n_frames >= length else 0
 
+    length: int
+    stride: int
 
-def window_starts(n_frames: int, length: int, stride: int) -> npt.NDArray[np.int64]:
-    """Return the first frame of every window, shape (W,), ascending from 0."""
-    return np.arange(count_windows(n_frames, length, stride), dtype=np.int64) * stride
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        if self.length < 1 or self.stride < 1:
+            raise UsageError(
+                "windows need a length and a stride of at least one frame",
+                found=f"length {self.length}, stride {self.stride}",
+            )
+
+    def count(self, n_frames: int) -> int:
+        """Return how many windows fit into `n_frames` frames."""
+        return (n_frames - self.length) // self.stride + 1 if n_frames >= self.length else 0
+
+    def start(self, number: int) -> int:
+        """Return the first frame of a window."""
+        return number * self.stride
+
+    def number(self, start: int) -> int:
+        """Return the number of the window that begins at frame `start`."""
+        return start // self.stride
+
+    def starts(self, count: int) -> range:
+        """Return the first frames of the first `count` windows."""
+        return range(0, count * self.stride, self.stride)
+
+    def times(self, factor: int) -> WindowGrid:
+        """Return the same windows counted at `factor` times the frame rate."""
+        return WindowGrid(self.length * factor, self.stride * factor)

@@ -1,4 +1,4 @@
-"""Joint positions where rotations belong: found by what they do, and what to do about them."""
+"""Detects joint positions, or degrees, in arrays that should hold rotation vectors."""
 
 from __future__ import annotations
 
@@ -12,33 +12,33 @@ from dancedata.core.errors import DataError
 
 __all__ = ["POSITIONS", "require_rotations"]
 
-#: Part of every message about an array that may hold positions.
+#: Part of every message about an array that may contain positions.
 POSITIONS = (
-    "joint positions are not rotations, and dancedata does no inverse kinematics: export BVH from the capture "
-    "software, or fit SMPL to the positions with another tool and give its rotations"
+    "joint positions are not rotations, and dancedata has no inverse kinematics: export BVH from the capture "
+    "software, or fit SMPL to the positions with another tool and use its rotations"
 )
-#: Frames that are looked at.
-_LOOKED_AT = 300
+#: Largest number of frames that are examined.
+_MAX_FRAMES = 300
 _LEAST_FRAMES = 10
-#: Vectors from parent to child that move by more than this part of their length, and how many have to.
+#: A bone counts as moving if its vector moves by more than this fraction of its length; least number of such bones.
 _MOVES, _LEAST_BONES = 0.05, 6
-#: Median over bones of (change of length) / (change of the vector). Rotation vectors of real dances have 0.44 to
-#: 0.72; random ones at least 0.18 from ten frames on, 0.33 from sixty on. Positions of a body whose bones keep their
-#: length have 0, measured ones more: real dances with 1 cm of noise in each coordinate have 0.11 to 0.24.
+#: Thresholds of the median over bones of (change of length) / (change of vector): 0.44 to 0.72 for rotation vectors
+#: of real dances, for random ones at least 0.18 from ten frames on and 0.33 from sixty on, 0 for positions of a body
+#: with rigid bones, 0.11 to 0.24 for positions of real dances with 1 cm of noise in each coordinate.
 _MANY_FRAMES, _RIGID, _RIGID_OF_FEW_FRAMES = 60, 0.25, 0.1
-#: Half of all rotation vectors of a body are never longer than half a turn; real dances: 0.44 rad at most.
+#: Bound of the median length of the rotation vectors of a body; at most 0.44 rad in real dances.
 _LONGEST_MEDIAN = np.pi
-#: The translation is a multiple of the first joint, but for a constant, within this part of the movement in its
-#: second direction: a pelvis that was measured apart from the translation moves nearly as that does.
+#: The translation is an affine function of the first joint within this fraction of its movement in the second
+#: direction: a pelvis that was measured separately moves nearly like the translation.
 _SAME = 0.15
-#: A movement along a line has less than this in its second direction, and says nothing.
+#: A movement along a line has a smaller ratio of its second to its first extent, and is no evidence.
 _LINE = 0.02
 
 Floats = NDArray[np.float64]
 
 
 def require_rotations(path: Path, what: str, rotations: Floats, translation: Floats, parents: Sequence[int]) -> None:
-    """Check that axis-angle rotations are not something else: joint positions, or angles in degrees.
+    """Check that axis-angle rotations are not joint positions or angles in degrees.
 
     Parameters
     ----------
@@ -50,23 +50,23 @@ def require_rotations(path: Path, what: str, rotations: Floats, translation: Flo
     Raises
     ------
     DataError
-        ``not_rotations``, with what gives them away.
+        ``not_rotations``, with the evidence.
     """
-    step = max(1, len(rotations) // _LOOKED_AT)
+    step = max(1, len(rotations) // _MAX_FRAMES)
     points, root = rotations[::step], translation[::step]
-    with np.errstate(over="ignore", invalid="ignore"):  # of numbers near the end of their range
-        sign = _root_is_translation(points[:, 0], root) or _bones_keep_their_length(points, parents)
+    with np.errstate(over="ignore", invalid="ignore"):  # of numbers near the limits of their range
+        evidence = _root_is_translation(points[:, 0], root) or _bones_keep_their_length(points, parents)
         median = float(np.median(np.linalg.norm(points[:, 1:], axis=-1)))
-    if sign:
-        raise _not_rotations(path, f"{what} holds joint positions, not rotations", sign, POSITIONS)
+    if evidence:
+        raise _not_rotations(path, f"{what} contains joint positions, not rotations", evidence, POSITIONS)
     if median > _LONGEST_MEDIAN:
-        fix = f"convert degrees to radians. If these are positions: {POSITIONS}"
-        found = f"vectors as long as {median:.3g} (median over frames and joints without the first)"
-        raise _not_rotations(path, f"{what} holds no rotation vectors in radians", found, fix)
+        fix = f"convert degrees to radians. If they are positions: {POSITIONS}"
+        found = f"vectors of length {median:.3g} (median over frames and joints except the first)"
+        raise _not_rotations(path, f"{what} does not contain rotation vectors in radians", found, fix)
 
 
 def _root_is_translation(first: Floats, translation: Floats) -> str:
-    """Return what is found if the first joint moves as the translation does, whatever their units; else nothing."""
+    """Return the evidence if the first joint moves as the translation does, in any units; else ""."""
     first, translation = first - first.mean(axis=0), translation - translation.mean(axis=0)
     size = float((first**2).sum())
     if len(first) < _LEAST_FRAMES or not 1e-12 < size < np.inf:
@@ -77,11 +77,11 @@ def _root_is_translation(first: Floats, translation: Floats) -> str:
     extents = np.linalg.svd(factor * first, compute_uv=False)
     rest = float(np.sqrt(((translation - factor * first) ** 2).sum()))
     same = extents[1] > _LINE * extents[0] and rest <= _SAME * extents[1]
-    return "the first joint moves as the translation does" if same else ""
+    return "the first joint moves like the translation" if same else ""
 
 
 def _bones_keep_their_length(points: Floats, parents: Sequence[int]) -> str:
-    """Return what is found if the distances between joints and their parents are constant; else nothing."""
+    """Return the evidence if the distances between joints and their parents are constant; else ""."""
     bones = points[:, 1:] - points[:, list(parents[1:])]
     length = np.linalg.norm(bones, axis=-1)
     moves = np.linalg.norm(bones.std(axis=0), axis=-1)

@@ -1,9 +1,9 @@
-"""Splits by a rule: which split a clip is in follows from the name of its song (or dancer) and a seed, nothing else.
+"""Splits by a rule: the split of a clip depends only on the name of its song (or dancer) and a seed.
 
-The name, in Unicode's form NFC, gives a number from 0 up to 1: the first 8 bytes of the SHA-256 of the UTF-8 text
-``SEED``, a line break, ``NAME``, as a big-endian whole number, divided by 2**64. Below the fraction of test the clip
-is test, from 1 - the fraction of val on it is val, else train. No other clip has a say, so that a dataset that grows
-moves no clip; fractions are met as well as chance does.
+The name, in Unicode's normal form NFC, is hashed to a number in [0, 1): the first 8 bytes of the SHA-256 of the UTF-8
+text ``SEED``, a line break, ``NAME``, as a big-endian integer, divided by 2**64. Below the fraction of test the clip
+is test, from 1 - the fraction of val on it is val, else train. It does not depend on other clips, so no clip changes
+its split when the dataset grows; the fractions are met only on average.
 """
 
 from __future__ import annotations
@@ -19,31 +19,32 @@ from typing import Any
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import SourceError, UsageError, did_you_mean
 from dancedata.core.grid import as_fraction
-from dancedata.datasets._layout import counted, few
+from dancedata.core.text import counted, listed
 
 __all__ = ["SplitRule"]
 
-#: What groups are made of, and what they are called.
+#: The attributes that can define groups, and their nouns in messages.
 _NOUNS = {"music": "song", "dancer": "dancer", "genre": "genre", "clip": "clip"}
 _TRAIN, _VAL, _TEST = "train", "val", "test"
 _KEYS = (_VAL, _TEST, _TRAIN, "by", "seed")
 _FIX = "write it as {val: 0.1, test: 0.1, by: music}"
-#: Seeds that are looked at for one that comes closer to the fractions.
+#: Seeds that are tried to find one that comes closer to the fractions.
 _SEEDS_TRIED = 100
-#: A part that is off by more than this share of what was asked for is worth another seed.
+#: Relative deviation of a fraction from the requested one above which another seed is suggested.
 _CLOSE = Fraction(1, 4)
 
 
 @dataclass(frozen=True)
 class SplitRule:
-    """How clips are dealt out.
+    """How clips are assigned to splits.
 
     Attributes
     ----------
     val, test
-        Fractions of the groups, 0 up to 1; the rest is train.
+        Fractions of the groups, in [0, 1); the rest is train.
     by
-        What a group is: clips of one music, dancer or genre are in one split; "clip": each clip by itself.
+        The attribute that defines a group: all clips of one music, dancer or genre are in one split; "clip": each
+        clip is a group.
     """
 
     val: Fraction
@@ -53,26 +54,26 @@ class SplitRule:
 
     @classmethod
     def of(cls, given: Mapping[str, Any]) -> SplitRule:
-        """Read a rule as a recipe has it; UsageError with all that is wrong with it."""
+        """Parse a rule of a recipe; UsageError with all its problems."""
         problems = [f"unknown key {key!r}; {did_you_mean(str(key), _KEYS)}" for key in given if key not in _KEYS]
         parts = {name: _fraction(name, given.get(name, 0), problems) for name in (_VAL, _TEST)}
         by, seed = given.get("by"), given.get("seed", 0)
         if not isinstance(by, str) or by not in _NOUNS:
-            said = "missing" if by is None else f"{by!r}"
-            problems.append(f"by is {said}; allowed: {', '.join(_NOUNS)}")
+            found = "missing" if by is None else f"{by!r}"
+            problems.append(f"by is {found}; allowed: {', '.join(_NOUNS)}")
         if not isinstance(seed, int) or isinstance(seed, bool) or not 0 <= seed < 2**63:
-            problems.append(f"seed is {seed!r}; allowed: a whole number from 0 on")
+            problems.append(f"seed is {seed!r}; allowed: an integer from 0 on")
         rest = 1 - sum(parts.values())
         if not problems and not (0 < rest < 1):
-            problems.append(f"val and test are {float(1 - rest):g} together; allowed: above 0 and below 1")
+            problems.append(f"the sum of val and test is {float(1 - rest):g}; allowed: above 0 and below 1")
         if _TRAIN in given and not problems and _fraction(_TRAIN, given[_TRAIN], problems) != rest and not problems:
-            problems.append(f"train is what is left, {float(rest):g}; leave it out")
+            problems.append(f"train must be the remainder, {float(rest):g}; remove it")
         if problems:
-            raise UsageError("folder: the rule for splits cannot be used", found="; ".join(problems), fix=_FIX)
+            raise UsageError("folder: invalid rule for splits", found="; ".join(problems), fix=_FIX)
         return cls(parts[_VAL], parts[_TEST], str(by), seed)
 
     def document(self) -> dict[str, Any]:
-        """Return the rule as it stands in recipes: one text for each rule, however it was written."""
+        """Return the rule as stored in recipes; equal rules give equal documents, however they were written."""
         return {_VAL: str(self.val), _TEST: str(self.test), "by": self.by, "seed": self.seed}
 
     def split(self, group: str, seed: int | None = None) -> str:
@@ -83,58 +84,60 @@ class SplitRule:
         return _TEST if place < self.test else _VAL if place >= 1 - self.val else _TRAIN
 
     def group(self, clip: ClipRef) -> str:
-        """Return the name of a clip's group. A clip without music shares none: it is a group by itself."""
+        """Return the name of a clip's group; a clip without music is a group of its own."""
         name = {"music": clip.music, "dancer": clip.dancer, "genre": clip.genre, "clip": clip.id}[self.by]
         return name or (clip.id if self.by == "music" else "")
 
     def apply(self, clips: Sequence[ClipRef]) -> tuple[list[ClipRef], list[str]]:
-        """Return the clips, those without a split dealt out, and what to say of it.
+        """Return the clips, with a split assigned to those without one, and the notes.
 
-        A clip that has a split keeps it, and its group goes with it.
+        A clip with a split keeps it, and so does its whole group.
 
         Raises
         ------
         SourceError
-            If a clip has no group, a group was given two splits, or a split that was asked for stays empty.
+            If a clip has no group, a group has two splits, or a requested split is empty.
         """
         nameless = [clip.id for clip in clips if not self.group(clip)]
         if nameless:
             raise SourceError(
-                f"folder: splits by {self.by} need the {self.by} of every clip",
-                found=f"{counted(len(nameless), 'clip')} without: {few(nameless)}",
+                f"folder: splits by {self.by} require the {self.by} of every clip",
+                found=f"{counted(len(nameless), 'clip')} without: {listed(nameless)}",
                 fix=f"fill in the column {self.by} of the manifest, or split by music or clip",
             )
         given = self._given(clips)
-        made = [replace(clip, split=given.get(self.group(clip)) or self.split(self.group(clip))) for clip in clips]
+        assigned = [
+            replace(clip, split=given.get(self.group(clip)) or self.split(self.group(clip))) for clip in clips
+        ]
         closer = self._closer_seed(clips, given)
-        self._require_all(made, closer)
-        return made, [self._note(made, closer)]
+        self._require_all(assigned, closer)
+        return assigned, [self._note(assigned, closer)]
 
     def _given(self, clips: Iterable[ClipRef]) -> dict[str, str]:
-        """Return the splits that groups have because their clips' lines in the manifest name one."""
+        """Return the splits of groups with a split in the manifest."""
         given: dict[str, ClipRef] = {}
         for clip in clips:
             first = given.setdefault(self.group(clip), clip) if clip.split else clip
             if first.split != clip.split:
                 raise SourceError(
-                    f"folder: {self.by} {self.group(clip)!r} is in two splits, and the recipe splits by {self.by}",
+                    f"folder: {self.by} {self.group(clip)!r} is in two splits, but the recipe splits by {self.by}",
                     found=f"{first.id} in {first.split}, {clip.id} in {clip.split}",
-                    fix="give them one split in the manifest, or leave the column empty",
+                    fix="assign one split in the manifest, or leave the column empty",
                 )
         return {group: clip.split for group, clip in given.items()}
 
-    def _asked(self) -> dict[str, Fraction]:
-        asked = {_TRAIN: 1 - self.val - self.test, _VAL: self.val, _TEST: self.test}
-        return {name: part for name, part in asked.items() if part}
+    def _requested(self) -> dict[str, Fraction]:
+        requested = {_TRAIN: 1 - self.val - self.test, _VAL: self.val, _TEST: self.test}
+        return {name: part for name, part in requested.items() if part}
 
     def _off(self, splits: Mapping[str, int]) -> tuple[int, Fraction]:
-        """Return how many splits are empty, and how far the worst is off, as a share of what was asked for."""
-        n, asked = sum(splits.values()), self._asked()
-        off = max(abs(Fraction(splits.get(name, 0), n) - part) / part for name, part in asked.items())
-        return sum(not splits.get(name) for name in asked), off
+        """Return the number of empty splits, and the largest relative deviation from a requested fraction."""
+        n, requested = sum(splits.values()), self._requested()
+        off = max(abs(Fraction(splits.get(name, 0), n) - part) / part for name, part in requested.items())
+        return sum(not splits.get(name) for name in requested), off
 
     def _closer_seed(self, clips: Sequence[ClipRef], given: Mapping[str, str]) -> int | None:
-        """Return a seed that comes closer, and leaves no split empty, if this one is far off."""
+        """Return a seed that comes closer and leaves no split empty, if the present one deviates much."""
         sizes = Counter(self.group(clip) for clip in clips)
 
         def off(seed: int) -> tuple[int, Fraction]:
@@ -150,16 +153,14 @@ class SplitRule:
 
     def _require_all(self, clips: Sequence[ClipRef], closer: int | None) -> None:
         splits = Counter(clip.split for clip in clips)
-        empty = [name for name in self._asked() if not splits[name]]
+        empty = [name for name in self._requested() if not splits[name]]
         if not empty or not clips:
             return
-        seed = (
-            f"set seed: {closer}, which comes closest of 0 to {_SEEDS_TRIED - 1}; or " if closer is not None else ""
-        )
+        seed = f"set seed: {closer}, the best of 0 to {_SEEDS_TRIED - 1}; or " if closer is not None else ""
         raise SourceError(
             f"folder: no clip is in {' and '.join(empty)} by the rule {self.document()}",
             found=self._count(clips),
-            fix=f"{seed}ask for larger fractions, split by clip, or write splits into a manifest",
+            fix=f"{seed}use larger fractions, split by clip, or write splits into a manifest",
         )
 
     def _count(self, clips: Sequence[ClipRef]) -> str:
@@ -169,11 +170,11 @@ class SplitRule:
         return f"{text} of {counted(len({self.group(clip) for clip in clips}), _NOUNS[self.by])}"
 
     def _note(self, clips: Sequence[ClipRef], closer: int | None) -> str:
-        asked, parts = self._asked(), []
-        for name in [*asked, *sorted({clip.split for clip in clips} - set(asked))]:
+        requested, parts = self._requested(), []
+        for name in [*requested, *sorted({clip.split for clip in clips} - set(requested))]:
             own = [clip for clip in clips if clip.split == name]
-            wanted = f"asked {float(asked[name]):.1%}" if name in asked else "from the manifest"
-            parts.append(f"{name} {len(own) / max(1, len(clips)):.1%} ({wanted}; {self._count(own)})")
+            origin = f"requested {float(requested[name]):.1%}" if name in requested else "from the manifest"
+            parts.append(f"{name} {len(own) / max(1, len(clips)):.1%} ({origin}; {self._count(own)})")
         hint = f"; seed {closer} would come closer" if closer is not None else ""
         return f"Splits by {self.by}, seed {self.seed}: {', '.join(parts)}{hint}."
 
@@ -181,11 +182,11 @@ class SplitRule:
 def _fraction(name: str, value: Any, problems: list[str]) -> Fraction:
     try:
         if isinstance(value, bool):
-            raise UsageError("no number")
+            raise UsageError("not a number")
         part = as_fraction(value, name)
     except UsageError:
         part = Fraction(-1)
     if not 0 <= part < 1:
-        problems.append(f"{name} is {str(value)[:40]!r}; allowed: a fraction from 0 up to 1, such as 0.1")
+        problems.append(f"{name} is {str(value)[:40]!r}; allowed: a fraction in [0, 1), such as 0.1")
         return Fraction(0)
     return part

@@ -1,8 +1,8 @@
-"""Key motions: where a dance comes to rest for a moment. One file, one finder; and Lodge's primitives."""
+"""Key motions: instants at which a dance comes to rest. `lodge` is the plug-in, the rest pure functions."""
 
-from dancedata.core.choreography import PlacedCues, choreographic_augmentation
-from dancedata.core.key_motion import KeyMotion, key_motion, kinetic_curve
-from dancedata.core.primitives import Primitives, borders, primitives
+from dancedata.keymotion.characteristic_primitives import Primitives, borders, primitives
+from dancedata.keymotion.choreography import PlacedCues, choreographic_augmentation
+from dancedata.keymotion.minima import KeyMotion, key_motion, kinetic_curve
 
 __all__ = [
     "KeyMotion",

@@ -12,25 +12,26 @@ import numpy.typing as npt
 from dancedata.core.bodies import SMPLX22, SMPLX55, carried_over
 from dancedata.core.columns import Columns, Group, Mirror
 from dancedata.core.errors import UsageError
-from dancedata.core.key_motion import SIGMA_FRAMES, key_motion
 from dancedata.core.motion import Motion
+from dancedata.core.plugins import KeyMotionFinder
 from dancedata.core.registry import KEYMOTIONS
 from dancedata.core.skeleton import Skeleton
+from dancedata.keymotion.minima import SIGMA_FRAMES, key_motion
 
 
 @KEYMOTIONS.register("lodge")
 @dataclass(frozen=True)
-class Lodge:
+class Lodge(KeyMotionFinder):
     """Kinetic curve over SMPL-X's 55 joints, and its minima (Lodge, Li et al. 2024).
 
-    All 55 joints count, hands, jaw and eyes at rest, as in Lodge; but over the whole clip, frames before
-    `trim_start` included, where Lodge's code looks at each window alone. Columns: the smoothed curve in metres a
-    frame, 1 at a strict local minimum, the minimum's prominence. Mirroring leaves them as they are.
+    All 55 joints count, with hands, jaw and eyes at rest, as in Lodge; but the minima are those of the whole clip,
+    including frames before `trim_start`, whereas Lodge's code finds those of each window. Columns: the smoothed curve
+    in metres per frame, 1 at a strict local minimum, the prominence of the minimum. Mirroring does not change them.
 
     Attributes
     ----------
     sigma_frames
-        Of the Gaussian, in frames of the recipe; Lodge's 5 are meant at 30 frames a second.
+        Of the Gaussian, in frames of the recipe; Lodge's 5 are for 30 frames per second.
     """
 
     version: ClassVar[int] = 1
@@ -55,18 +56,18 @@ class Lodge:
         Parameters
         ----------
         motion
-            T frames on a body of the SMPL family; its 22 body joints are looked at.
+            T frames on a body of the SMPL family; its 22 body joints are used.
 
         Returns
         -------
         (T, 3) float32
-            Rows of `KeyMotion.to_rows`; `KeyMotion.from_rows` reads them back.
+            The result of `KeyMotion.to_rows`; `KeyMotion.from_rows` is its inverse.
 
         Raises
         ------
         UsageError
-            For another family of bodies.
+            The motion is on another family of bodies.
         """
-        # By way of the body alone: fingers, jaw and eyes come to rest.
+        # Through the 22 body joints, so that fingers, jaw and eyes are at rest.
         body = carried_over(carried_over(motion, SMPLX22), self.skeleton)
         return key_motion(body.joints(), self.sigma_frames).to_rows()

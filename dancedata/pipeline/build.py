@@ -14,45 +14,26 @@ from dancedata.core.clip import Reject, Scan
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.text import printable, shown
 from dancedata.core.version import __version__
-from dancedata.pipeline.audio_units import libsndfile_version
-from dancedata.pipeline.cache import Cache, default_cache, package_version
-from dancedata.pipeline.cache_files import running, sweep
+from dancedata.execution.cache import Cache, default_cache, package_version
+from dancedata.execution.cache_files import running, sweep
+from dancedata.execution.executors.base import Executor
+from dancedata.execution.lost_entries import with_lost_entries
+from dancedata.execution.progress import Progress
+from dancedata.execution.reference_process import expected
+from dancedata.execution.workers import check_backend, start_workers
+from dancedata.pipeline.audio import libsndfile_version
 from dancedata.pipeline.card import dataset_card
+from dancedata.pipeline.clips import ComputedClips, compute_clips
 from dancedata.pipeline.diff import document_differences, shaping
-from dancedata.pipeline.execute import Progress
-from dancedata.pipeline.gather import gather, identify, scan_source
-from dancedata.pipeline.gathered import Gathered
 from dancedata.pipeline.implausible import stop_if_implausible
 from dancedata.pipeline.left_out import nothing_left, stop_if_strict
-from dancedata.pipeline.lost_entries import with_lost_entries
 from dancedata.pipeline.out_folder import check_out, locked, new_dataset
-from dancedata.pipeline.recipe import Recipe, resolve
-from dancedata.pipeline.reference_process import expected
 from dancedata.pipeline.source_record import SourceRecord, source_differences
-from dancedata.pipeline.workers import Workers, check_backend, hired
-from dancedata.store import Field, StoredClip, StoreHeader, open_store, write_store
+from dancedata.pipeline.sources import Sources, identify, scan_source
+from dancedata.pipeline.summary import BuildResult
+from dancedata.recipes.recipe import Recipe, resolve
+from dancedata.store import Field, StoreHeader, open_store, write_store
 from dancedata.store.schema import DATASET_FILE
-
-
-@dataclass(frozen=True)
-class BuildResult:
-    """What a build did.
-
-    Attributes
-    ----------
-    built
-        False if the dataset was there already and nothing had to be done.
-    scan_notes
-        What the dataset reader had to say.
-    """
-
-    out: Path
-    built: bool
-    scan_notes: tuple[str, ...]
-
-    def __repr__(self) -> str:
-        """Show where the dataset is, and whether it was built now."""
-        return f"BuildResult({str(self.out)!r}, built={self.built}, {len(self.scan_notes)} notes)"
 
 
 def build(
@@ -97,28 +78,29 @@ def build(
     check_backend(backend, scheduler)
     if overwrite and Path.cwd().is_relative_to(out.resolve()):
         raise UsageError(
-            "a folder that one stands in cannot be swapped", where=out, fix="build from another working folder"
+            "cannot replace the current working directory", where=out, fix="build from another working folder"
         )
     header_of(recipe, {}).check()
-    source = source.absolute()  # so that it can be told from other text in what rejects say
+    source = source.absolute()  # so that it can be found in the text of rejects
     store_cache = Cache((cache or default_cache()).absolute())
     recipe = resolve(recipe, store_cache.file_sha256)
     with locked(out):
         check_out(out, overwrite=overwrite)
         scan = scan_source(recipe, source)
-        with hired_for(recipe, source, store_cache, jobs, backend, scheduler) as workers:
+        with workers_for(recipe, source, store_cache, jobs, backend, scheduler) as workers:
             made = _Build(recipe, source, out, scan, store_cache, workers, progress, overwrite, strict)
-            return BuildResult(out, built=made.run(), scan_notes=scan.notes)
+            return BuildResult.of(out, built=made.run())
 
 
 @contextmanager
-def hired_for(
+def workers_for(
     recipe: Recipe, source: Path, cache: Cache, jobs: int, backend: str = "loky", scheduler: str | None = None
-) -> Iterator[Workers]:
-    """Give workers for a recipe, see `hired`; what killed processes left in the cache is removed first."""
+) -> Iterator[Executor]:
+    """Give workers for a recipe, see `start_workers`; what killed processes left in the cache is removed first."""
     sweep(cache.root)
-    packages = {name for feature in recipe.audio for name in feature.packages}
-    with running(cache.root), hired(jobs, cache, source, packages, backend=backend, scheduler=scheduler) as workers:
+    packages = {name for job in recipe.audio for name in job.feature.packages}
+    started = start_workers(jobs, cache, source, packages, backend=backend, scheduler=scheduler)
+    with running(cache.root), started as workers:
         yield workers
 
 
@@ -131,7 +113,7 @@ class _Build:
     out: Path
     scan: Scan
     cache: Cache
-    workers: Workers
+    workers: Executor
     progress: Progress
     overwrite: bool
     strict: bool
@@ -141,68 +123,61 @@ class _Build:
         return with_lost_entries(self.cache, lambda cache: replace(self, cache=cache)._run(), self.progress)
 
     def _run(self) -> bool:
-        gathered = identify(self.cache, self.recipe, self.scan, jobs=self.workers, progress=self.progress)
-        inputs = gathered.source_sha256(), SourceRecord.of_source(gathered, self.source)
+        sources = identify(self.cache, self.recipe, self.scan, jobs=self.workers, progress=self.progress)
+        inputs = sources.sha256, SourceRecord.of_source(sources, self.source)
         if (self.out / DATASET_FILE).exists() and not self.overwrite:
             _require_same(self.out, self.recipe, *inputs)
             with open_store(self.out) as store:
                 stop_if_strict(self.strict, [Reject.from_json(row) for row in store.rejects], self.scan)
                 stop_if_implausible(self.strict, store.quality)
             return False
-        stop_if_strict(self.strict, [*gathered.rejects, *gathered.audio_problems.values()], self.scan)
-        clips = gather(self.cache, gathered, jobs=self.workers, progress=self.progress)
-        stop_if_strict(self.strict, gathered.rejects, self.scan)
-        stop_if_implausible(self.strict, gathered.quality)
-        gathered.rejects = [relative_to(r, self.source) for r in gathered.rejects]
-        if not clips:
-            raise nothing_left(self.source, self.recipe.dataset, self.scan, gathered.rejects)
+        stop_if_strict(self.strict, sources.rejects, self.scan)
+        found = compute_clips(self.cache, self.recipe, sources, jobs=self.workers, progress=self.progress)
+        stop_if_strict(self.strict, found.rejects, self.scan)
+        stop_if_implausible(self.strict, found.quality)
+        found = replace(found, rejects=tuple(relative_to(r, self.source) for r in found.rejects))
+        if not found.clips:
+            raise nothing_left(self.source, self.recipe.dataset, self.scan, found.rejects)
+        meta = {**_meta(self.recipe, sources, *inputs), "quality_flags": len(found.quality)}
         with new_dataset(self.out) as folder:
-            _write(folder, self.recipe, gathered, clips, _meta(self.recipe, gathered, *inputs), self.progress)
+            _write(folder, self.recipe, self.scan, found, meta, self.progress)
         return True
 
 
 def header_of(recipe: Recipe, meta: Mapping[str, Any]) -> StoreHeader:
     """Return what holds for the whole store."""
-    motion = [Field(s.name, "motion", s.representation.columns, recipe.grid_of(s).rate) for s in recipe.motion]
-    keymotion = [Field(k.name, "keymotion", k.columns, recipe.fps) for k in recipe.keymotion]
-    audio = [Field(f.name, "audio", f.columns, recipe.fps, f.dtype) for f in recipe.audio]
     return StoreHeader(
         scope=recipe.scope,
         fps=recipe.fps,
         length=recipe.windows.length,
         stride=recipe.windows.stride,
         order=recipe.windows.order,
-        fields=(*motion, *keymotion, *audio),
-        skeleton=max((s.representation.skeleton for s in recipe.motion), key=lambda s: s.n_joints),
+        fields=tuple(Field(f.name, f.kind, f.columns, f.grid.rate, f.dtype) for f in recipe.fields),
+        skeleton=max((own.representation.skeleton for own in recipe.motion), key=lambda s: s.n_joints),
         meta=meta,
     )
 
 
 def _write(
-    out: Path,
-    recipe: Recipe,
-    gathered: Gathered,
-    clips: list[StoredClip],
-    meta: Mapping[str, Any],
-    progress: Progress,
+    out: Path, recipe: Recipe, scan: Scan, found: ComputedClips, meta: Mapping[str, Any], progress: Progress
 ) -> None:
-    with progress.stage("writing", len(clips)) as advance:
+    with progress.stage("writing", len(found.clips)) as advance:
         write_store(
             out,
             header_of(recipe, meta),
-            clips,
-            rejects=sorted(gathered.rejects, key=_reject_order),
-            quality=gathered.quality,
+            found.clips,
+            rejects=sorted(found.rejects, key=_reject_order),
+            quality=found.quality,
             shard_bytes=recipe.shard_mb * 2**20,
-            card=dataset_card(recipe, gathered, clips),
+            card=dataset_card(recipe, scan, found),
             progress=lambda done, total: advance(1),
         )
 
 
-def _meta(recipe: Recipe, gathered: Gathered, source_sha256: str, record: SourceRecord) -> dict[str, Any]:
+def _meta(recipe: Recipe, sources: Sources, source_sha256: str, record: SourceRecord) -> dict[str, Any]:
     packages = {"numpy", "scipy", "h5py", "soundfile"}
     versions = {"libsndfile": libsndfile_version()}
-    packages.update(name for feature in recipe.audio for name in feature.packages)
+    packages.update(name for job in recipe.audio for name in job.feature.packages)
     return {
         "name": recipe.name,
         "dancedata": __version__,
@@ -210,21 +185,20 @@ def _meta(recipe: Recipe, gathered: Gathered, source_sha256: str, record: Source
         "recipe_sha256": recipe.sha256,
         "source_sha256": source_sha256,
         "source": {
-            "layout": gathered.scan.layout,
-            "notes": list(gathered.scan.notes),
+            "layout": sources.scan.layout,
+            "notes": list(sources.scan.notes),
             "clips": record.to_json(),
         },
         "dataset": recipe.dataset.name,
         "licence": recipe.dataset.licence,
         "citation": recipe.dataset.citation,
-        "axes": {slot.name: slot.representation.axes for slot in recipe.motion},
-        "rotation_6d": {slot.name: slot.representation.rotation_6d for slot in recipe.motion},
-        "skeletons": {slot.name: slot.representation.skeleton.name for slot in recipe.motion},
-        "genre_ids": dict(getattr(recipe.dataset, "genre_ids", {})),
-        "content": gathered.content,
+        "axes": {own.name: own.representation.axes for own in recipe.motion},
+        "rotation_6d": {own.name: own.representation.rotation_6d for own in recipe.motion},
+        "skeletons": {own.name: own.representation.skeleton.name for own in recipe.motion},
+        "genre_ids": dict(recipe.dataset.genre_ids),
+        "content": sources.content,
         "arithmetic": expected(),
         "packages": {**versions, **{name: package_version(name) for name in sorted(packages)}},
-        "quality_flags": len(gathered.quality),
     }
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from dancedata.core.atomic import OWN
 from dancedata.core.clip import ClipRef, Reject, Scan
@@ -11,9 +11,10 @@ from dancedata.core.errors import DataError, SourceError
 from dancedata.core.plugins import Dataset
 from dancedata.core.quality import implausible_flags
 from dancedata.core.registry import DATASETS
-from dancedata.pipeline.execute import Progress, run_units
+from dancedata.execution.crash_report import named_if_it_crashes
+from dancedata.execution.progress import Progress
+from dancedata.execution.units import run_units
 from dancedata.pipeline.implausible import implausible_problems
-from dancedata.pipeline.last_words import doing
 from dancedata.pipeline.rejects import NOTED, reject_of
 from dancedata.store import Problem, open_store, verify_store
 from dancedata.store.schema import DATASET_FILE, is_shard_name
@@ -42,7 +43,7 @@ def check(
         Of severity "error" or "note".
     """
     if dataset is None and path.is_dir() and any(_is_ours(p.name) for p in path.iterdir()):
-        with doing(f"checking, {path}"):
+        with named_if_it_crashes(f"checking, {path}"):
             problems = verify_store(path)
             if not any(p.severity == "error" for p in problems):
                 problems += _implausible(path)
@@ -68,10 +69,10 @@ def _is_ours(name: str) -> bool:
     return name == DATASET_FILE or is_shard_name(name) or name.startswith(OWN)
 
 
-def _scan(path: Path, dataset: str | Dataset | None) -> tuple[Any, Scan]:
+def _scan(path: Path, dataset: str | Dataset | None) -> tuple[Dataset, Scan]:
     if dataset is not None:
-        reader: Any = DATASETS.get(dataset)() if isinstance(dataset, str) else dataset
-        if getattr(reader, "generates", False) and not (path.is_dir() and any(path.iterdir())):
+        reader = DATASETS.get(dataset)() if isinstance(dataset, str) else dataset
+        if reader.generates and not (path.is_dir() and any(path.iterdir())):
             # Its scan would fill the folder.
             raise SourceError("there is nothing to check", where=path, found="no folder, or an empty one")
         return reader, reader.scan(path)
@@ -80,9 +81,9 @@ def _scan(path: Path, dataset: str | Dataset | None) -> tuple[Any, Scan]:
         cls = DATASETS.get(name)
         # One that writes its source by itself would fill this folder; one for any files would take a copy of a known
         # dataset that its own reader refuses.
-        if getattr(cls, "generates", False):
+        if cls.generates:
             continue
-        if getattr(cls, "generic", False):
+        if cls.generic:
             failures.append(f"  - {name}: takes many layouts, so it is asked for by name: --dataset {name}")
             continue
         reader = cls()
@@ -93,7 +94,7 @@ def _scan(path: Path, dataset: str | Dataset | None) -> tuple[Any, Scan]:
     raise SourceError("this is neither a built dataset nor a source folder of a known one:\n" + "\n".join(failures))
 
 
-def _check_clip(reader: Any, ref: ClipRef) -> list[Reject]:
+def _check_clip(reader: Dataset, ref: ClipRef) -> list[Reject]:
     from dancedata.audio.signal import load_audio
 
     found = []

@@ -1,11 +1,11 @@
-"""dancedata diff A B: in what two built datasets differ, from their recipes down to the values."""
+"""dancedata diff A B: differences between two built datasets, from their recipes to the values."""
 
 from __future__ import annotations
 
 import json
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -13,17 +13,17 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.errors import UsageError
-from dancedata.core.text import shown
+from dancedata.core.text import listed, shown
 from dancedata.pipeline.diff_rows import is_same_number, unmatched
 from dancedata.pipeline.source_record import SourceRecord, source_differences
 from dancedata.store import Store, open_store
+from dancedata.store.clip_columns import CLIP_COLUMNS
 from dancedata.store.clip_view import ClipView
-from dancedata.store.schema import ClipRecord
 
-#: Names, and characters of a message, shown in a line at most; JSON has all.
+#: Most names, and characters of a message, in a line; JSON has all of them.
 _SHOWN, _MESSAGE = 5, 600
 _ABOUT_STORE = ("format", "scope", "fps", "windows", "genre_ids", "licence", "citation")
-_ABOUT_CLIP = tuple(f.name for f in fields(ClipRecord) if f.name != "id")
+_ABOUT_CLIP = ("split", *(column.name for column in CLIP_COLUMNS if column.name != "id"))
 _NOTED = ("name", "dancedata", "packages")
 
 
@@ -34,12 +34,12 @@ class Difference:
     Attributes
     ----------
     kind
-        recipe, source, store, fields, clips, windows, values, rejects, quality; or note, for what shapes no byte
-        of the data: names and versions.
+        recipe, source, store, fields, clips, windows, values, rejects, quality; or note, for names and versions,
+        which do not change the data.
     message
-        What differs, A first.
+        The difference, A first.
     names
-        Clips or fields that it is about.
+        Clips or fields that differ.
     """
 
     kind: str
@@ -58,9 +58,8 @@ class Difference:
 
     def __str__(self) -> str:
         """Show the kind, the message and the first names."""
-        listed = ", ".join(map(shown, self.names[:_SHOWN]))
-        more = f" and {len(self.names) - _SHOWN} more" if len(self.names) > _SHOWN else ""
-        return f"{self.kind}: {shown(self.message, _MESSAGE)}{f': {listed}{more}' if listed else ''}"
+        names = f": {listed(self.names, _SHOWN)}" if self.names else ""
+        return f"{self.kind}: {shown(self.message, _MESSAGE)}{names}"
 
 
 def diff(a: str | Path, b: str | Path, *, atol: float | None = None) -> list[Difference]:
@@ -69,27 +68,33 @@ def diff(a: str | Path, b: str | Path, *, atol: float | None = None) -> list[Dif
     Parameters
     ----------
     a, b
-        Folders that `build` wrote. What is stored in them is compared, wherever shards begin and end; whether a
-        dataset is what its own dataset.json says is the question of `check`.
+        Folders that `build` wrote. Their content is compared, independent of the borders of shards; use `check` to
+        compare a dataset with its own dataset.json.
     atol
         Floating-point numbers that differ by no more than this are the same: values of fields, metadata of clips,
         numbers of rejects and quality flags. Whole numbers, texts and counts are compared exactly. A note says how
-        much each field differs. None: all is compared exactly.
+        much each field differs. None: everything is compared exactly.
 
     Returns
     -------
     list of Difference
-        Empty if they are the same; of kind "note" only, if names or versions differ and the data do not.
+        Empty if they are equal; only notes if names or versions differ and the data do not.
 
     Raises
     ------
     StoreError
-        If one of them is no finished dataset.
+        If one of them is not a finished dataset.
     UsageError
-        If `atol` is not a number from 0 on.
+        If `atol` is not a number >= 0.
+
+    Examples
+    --------
+    >>> import dancedata
+    >>> [str(found) for found in dancedata.diff("data/aistpp", "data/the-same-again")]
+    []
     """
     if atol is not None and not (math.isfinite(atol) and atol >= 0):
-        raise UsageError("not a valid tolerance", found=repr(atol), allowed="a number from 0 on, such as 0.001")
+        raise UsageError("not a valid tolerance", found=repr(atol), allowed="a number >= 0, such as 0.001")
     with open_store(a) as one, open_store(b) as two:
         if one.meta.get("self_sha256") == two.meta.get("self_sha256"):
             return []
@@ -103,7 +108,7 @@ def diff(a: str | Path, b: str | Path, *, atol: float | None = None) -> list[Dif
 
 
 def document_differences(old: Any, new: Any, at: str = "") -> Iterator[tuple[str, Any, Any]]:
-    """Give (key, old value, new value) for every key in which two JSON documents differ."""
+    """Yield (key, old value, new value) for every key in which two JSON documents differ."""
     if isinstance(old, Mapping) and isinstance(new, Mapping):
         for key in sorted({*old, *new}):
             yield from document_differences(old.get(key), new.get(key), f"{at}.{key}" if at else str(key))
@@ -112,7 +117,7 @@ def document_differences(old: Any, new: Any, at: str = "") -> Iterator[tuple[str
 
 
 def shaping(recipe: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the keys of a recipe that shape a dataset: not its name and description."""
+    """Return the keys of a recipe that affect a dataset: all except its name and description."""
     return {key: value for key, value in recipe.items() if key not in ("name", "description")}
 
 
@@ -124,7 +129,7 @@ def _recipes(one: Store, two: Store) -> Iterator[Difference]:
         hashes = [str(store.meta.get("source_sha256"))[:12] for store in (one, two)]
         yield Difference("source", f"built from other files, splits or metadata of clips: {hashes[0]}, {hashes[1]}")
         records = SourceRecord.of_store(one), SourceRecord.of_store(two)
-        # The metadata of clips are compared by themselves.
+        # The metadata of clips are compared separately.
         for found in source_differences(*records, "in A", "in B", about=False):
             yield Difference("source", found.message, found.names)
 
@@ -144,8 +149,8 @@ def _fields(one: Store, two: Store) -> Iterator[Difference]:
         mine, other = one.field(name).to_json(), two.field(name).to_json()
         for key, old, new in document_differences(mine, other):
             texts = [json.dumps(value) for value in (old, new)]
-            said = f"{texts[0]}, {texts[1]}" if max(map(len, texts)) < 60 else "differ"
-            yield Difference("fields", f"{key} {said}", (name,))
+            values = f"{texts[0]}, {texts[1]}" if max(map(len, texts)) < 60 else "differ"
+            yield Difference("fields", f"{key} {values}", (name,))
 
 
 def _common_fields(one: Store, two: Store, *, columns: bool) -> list[str]:
@@ -202,16 +207,16 @@ def _values(
             yield Difference("values", message, tuple(gap.other_shapes))
         if gap.clips:
             within = atol is not None and gap.worst <= atol
-            said = f"{name}: other values in {len(gap.clips)} of {len(common)} clips"
-            said += f", by {gap.worst:.3g} at most ({gap.where})" + (f", within {atol:g}" if within else "")
-            yield Difference("note" if within else "values", said, tuple(gap.clips), {"max_abs": gap.worst})
+            message = f"{name}: other values in {len(gap.clips)} of {len(common)} clips"
+            message += f", by at most {gap.worst:.3g} ({gap.where})" + (f", within {atol:g}" if within else "")
+            yield Difference("note" if within else "values", message, tuple(gap.clips), {"max_abs": gap.worst})
         elif atol is not None:
             yield Difference("note", f"{name}: the same values", numbers={"max_abs": 0.0})
 
 
 @dataclass
 class _Gap:
-    """How much a field differs: clips with other numbers of rows, with other values, by how much at most, where."""
+    """Differences of a field: clips with other numbers of rows, clips with other values, the largest gap."""
 
     other_shapes: dict[str, None] = field(default_factory=dict)
     clips: dict[str, None] = field(default_factory=dict)
@@ -237,7 +242,7 @@ def _gap(one: Store, two: Store, name: str, common: Sequence[tuple[ClipView, Cli
 def _pieces(
     one: Store, two: Store, name: str, common: Sequence[tuple[ClipView, ClipView]]
 ) -> Iterator[tuple[str, tuple[npt.NDArray[Any], npt.NDArray[Any]]]]:
-    """Give the rows of both stores: clip by clip, in window scope window by window."""
+    """Yield the rows of both stores: clip by clip, in window scope window by window."""
     if one.scope == "track":
         for clip, same in common:
             yield clip.id, (clip.read(name), same.read(name))
@@ -253,7 +258,7 @@ def _pieces(
 def _rows(
     kind: str, one: Sequence[Mapping[str, Any]], two: Sequence[Mapping[str, Any]], atol: float | None
 ) -> Iterator[Difference]:
-    """Compare what was left out, or flagged, line by line."""
+    """Compare the lines of rejects.jsonl or quality.jsonl."""
     for side, only in zip(("A", "B"), unmatched(one, two, atol), strict=True):
         if only:
             names = tuple(dict.fromkeys(str(row.get("clip") or row.get("file", "")) for row in only))

@@ -11,16 +11,16 @@ Row = Mapping[str, Any]
 
 
 def is_same_number(a: Any, b: Any, atol: float | None) -> bool:
-    """Tell whether two values are equal, floating-point numbers within the tolerance."""
+    """Whether two values are equal, floating-point numbers within the tolerance."""
     if atol is not None and isinstance(a, float) and isinstance(b, float):
         return abs(a - b) <= atol
     return bool(a == b)
 
 
 def unmatched(one: Sequence[Row], two: Sequence[Row], atol: float | None) -> tuple[list[Row], list[Row]]:
-    """Return the rows of either side that have no partner on the other, in order.
+    """Return the rows of each side without an equal row on the other side, in order.
 
-    Partners are equal in everything but floating-point numbers, and in those within the tolerance.
+    Rows are equal if floating-point numbers are equal within the tolerance, and all other values exactly.
     """
     sides = _by_text(one), _by_text(two)
     left: tuple[dict[int, Row], dict[int, Row]] = ({}, {})
@@ -61,7 +61,7 @@ def _without_floats(value: Any, numbers: list[float]) -> Any:
 def _pairs(
     mine: list[_Entry], other: list[_Entry], atol: float | None
 ) -> Iterator[tuple[_Entry | None, _Entry | None]]:
-    """Give entries without a partner; both lists are sorted by their numbers."""
+    """Yield entries without an equal one; both lists are sorted by their numbers."""
     i = j = 0
     while i < len(mine) and j < len(other):
         a, b = mine[i], other[j]

@@ -1,4 +1,4 @@
-"""Clips that are probably in another unit than was declared or read: what is said of them, and strict builds."""
+"""Clips whose unit is probably wrong: the lines of a summary, and the errors of strict builds."""
 
 from __future__ import annotations
 

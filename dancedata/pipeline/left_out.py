@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import shlex
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from dancedata.core.clip import Reject, Scan
 from dancedata.core.errors import DataError, StoreError
-from dancedata.core.text import counted, shown
+from dancedata.core.text import counted, listed, shown
 from dancedata.pipeline.rejects import BY_CHOICE
 
 #: Names that a line shows; reasons that a list shows.
@@ -58,7 +58,7 @@ def stop_if_strict(strict: bool, rejects: Sequence[Reject], scan: Scan) -> None:
     broken = [r for r in rejects if r.reason not in BY_CHOICE]
     if strict and broken:
         text = _report(f"{counted(len(broken), 'broken clip')} in a strict build", broken, scan)
-        fix = "mend or remove what is broken, or build without --strict to set it aside"
+        fix = "repair or remove the broken files, or build without --strict to leave their clips out"
         raise DataError(text, reason=broken[0].reason, fix=fix)
 
 
@@ -82,7 +82,7 @@ def _reason(reason: str, rejects: Sequence[Reject], details: bool) -> list[str]:
     if songs:
         return [f"{reason}: {counted(len(rejects), 'clip')}", *_songs(songs, rejects)]
     names = list(dict.fromkeys(r.clip or r.file for r in rejects))
-    line = f"{reason}: {len(rejects)} ({_few(names)})"
+    line = f"{reason}: {len(rejects)} ({listed(names, _NAMED)})"
     if details and rejects[0].detail:
         line += f": {rejects[0].detail}"
     fixes = dict.fromkeys(r.fix for r in rejects if r.fix)
@@ -100,14 +100,8 @@ def _songs(songs: Counter[str], rejects: Sequence[Reject]) -> list[str]:
     rest = ordered[_NAMED:]
     if rest:
         clips = counted(sum(songs[song] for song in rest), "clip")
-        lines.append(f"  {counted(len(rest), 'song')} more: {clips} ({_few(rest)})")
+        lines.append(f"  {counted(len(rest), 'song')} more: {clips} ({listed(rest, _NAMED)})")
     nameless = [r.clip for r in rejects if not r.music]
     if nameless:
-        lines.append(f"  no song is named: {counted(len(nameless), 'clip')} ({_few(nameless)})")
+        lines.append(f"  no song is named: {counted(len(nameless), 'clip')} ({listed(nameless, _NAMED)})")
     return lines
-
-
-def _few(names: Iterable[str]) -> str:
-    names = list(names)
-    more = f", ... {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-    return ", ".join(names[:_NAMED]) + more

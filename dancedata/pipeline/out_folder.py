@@ -25,6 +25,7 @@ from dancedata.core.hashing import sha256_file
 from dancedata.core.locks import writing_lock
 from dancedata.core.staging import MARKER, Layout, claim, discard, staged, tidy
 from dancedata.core.strict_json import read_json
+from dancedata.core.text import listed
 from dancedata.store.dataset_json import MAX_BYTES, Description, load_description, self_hash
 from dancedata.store.schema import (
     CARD_FILE,
@@ -95,12 +96,11 @@ def check_out(out: Path, *, overwrite: bool) -> None:
     own = set() if description is None else _files_of(description)
     foreign = [name for name in names if name not in own]
     if foreign:
-        shown = ", ".join(foreign[:5]) + (", ..." if len(foreign) > 5 else "")
         leftovers = "" if description is not None or not any(map(is_shard_name, foreign)) else _LEFTOVERS
         raise StoreError(
             "the output folder holds files that are not dancedata's",
             where=out,
-            found=shown,
+            found=listed(foreign),
             allowed="an empty folder, a new one, or a dataset built before",
             fix=f"choose another --out, or move them away; nothing was written{leftovers}",
         )

@@ -12,16 +12,21 @@ from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.quality import implausible_flags
+from dancedata.core.text import counted, shown, table
+from dancedata.execution.cache import Cache, default_cache
+from dancedata.execution.cache_admin import size_text
+from dancedata.execution.progress import Progress
+from dancedata.execution.units import run_units
 from dancedata.pipeline.build import header_of, relative_to
-from dancedata.pipeline.cache import Cache, default_cache
-from dancedata.pipeline.execute import Progress, run_units
-from dancedata.pipeline.gather import audio_window_count, scan_source
 from dancedata.pipeline.implausible import describe_implausible
-from dancedata.pipeline.left_out import nothing_left
-from dancedata.pipeline.motion_units import motion_window_count
+from dancedata.pipeline.left_out import left_out_lines, nothing_left
+from dancedata.pipeline.motion import motion_window_count
 from dancedata.pipeline.plan_cached import Cached, cached_units, not_ready
-from dancedata.pipeline.recipe import Recipe
 from dancedata.pipeline.rejects import missing_music, reject_of, short_audio, too_short
+from dancedata.pipeline.sources import scan_source
+from dancedata.pipeline.windows import audio_window_count
+from dancedata.recipes.copies import copies_per_clip
+from dancedata.recipes.recipe import Recipe
 from dancedata.store.schema import sort_splits
 
 
@@ -57,7 +62,7 @@ class Plan:
     cached: Mapping[str, Cached]
 
     def __repr__(self) -> str:
-        """Show how much would be built; `to_json` has the rest."""
+        """Show how much would be built; `summary` and `to_json` have the rest."""
         windows = sum(c.n_windows for c in self.clips)
         return f"Plan({self.recipe.name!r}, {sum(c.n_windows > 0 for c in self.clips)} clips, {windows} windows)"
 
@@ -101,15 +106,49 @@ class Plan:
             "left_out": {reason: n for reason, n in sorted(left_out.items()) if n},
         }
 
+    @property
+    def summary(self) -> str:
+        """The text that the command line prints."""
+        return self.describe()
+
+    def describe(self, out: Path | None = None) -> str:
+        """Return the plan as text; `out` is named in its first line."""
+        about = self.to_json()
+        windows = about["recipe"]["windows"]
+        into = "" if out is None else f" into {shown(out)}"
+        lines = [
+            f"{self.recipe.name}{into}: about {size_text(about['bytes'])}",
+            f"  {self.recipe.scope} scope, {self.recipe.grid} frames per second, "
+            f"windows of {windows['length_frames']} frames every {windows['stride_frames']}",
+            *table(
+                ["split", "clips", "windows", "frames", "songs"],
+                [[s, n["clips"], n["windows"], n["frames"], n["songs"]] for s, n in about["splits"].items()],
+            ),
+        ]
+        for name, field in about["fields"].items():
+            held = self.cached[name]
+            cached = f"in the cache: {held.cached} of {held.of} {held.unit}"
+            lines.append(f"  {name}: {field['columns']} columns, {field['dtype']}; {cached}")
+        lines += [line if line.startswith(" ") else f"  would leave out: {line}" for line in self._left_out()]
+        return "\n".join([*lines, *(f"  note: {note}" for note in about["notes"])])
+
+    def _left_out(self) -> list[str]:
+        windows = sum(clip.n_without_music for clip in self.clips)
+        lines = left_out_lines(self.rejects)
+        lines = [line.replace("  ", "    ", 1) if line.startswith(" ") else line for line in lines]
+        return [*lines, f"no_audio: {counted(windows, 'window')}"] if windows else lines
+
     def _copies(self, split: str) -> int:
-        return 2 if self.recipe.mirror and split == "train" else 1
+        return copies_per_clip(self.recipe.augment, split)
 
     def _notes(self) -> list[str]:
         notes = [line.strip() for line in describe_implausible(row for c in self.clips for row in c.implausible)]
         chosen = self.recipe.windows.filter
         if chosen is not None:
             where = ", ".join(chosen.splits)
-            notes.append(f"windows of {where} are counted before the movement filter, which looks at encoded motion")
+            notes.append(
+                f"windows of {where} are counted before the {chosen.name} filter, which reads encoded motion"
+            )
         # A note: where a cluster builds, the weights need not be on the node that plans.
         return notes + [f"a build here ends with: {why}" for why in map(not_ready, self.recipe.audio) if why]
 
@@ -123,7 +162,7 @@ class Plan:
                 frames = sum(
                     (c.n_windows * length if by_window else c.n_frames) * self._copies(c.ref.split) for c in kept
                 )
-                rows = field.row_rate(self.recipe.fps).rows_up(frames)
+                rows = self.recipe.grid.rows_up(frames, of=field.grid)
             else:
                 index = [f.name for f in self.recipe.audio].index(field.name)
                 songs = {(c.ref.split, c.ref.audio_path): c.audio_rows[index] for c in kept}
@@ -131,7 +170,9 @@ class Plan:
                 for c in kept:
                     key = c.ref.split, c.ref.audio_path
                     windows[key] = max(windows[key], c.n_windows * length)
-                rows = sum(windows.values() if by_window else songs.values())
+                rows = sum(songs.values())
+                if by_window:
+                    rows = sum(self.recipe.grid.rows_up(n, of=field.grid) for n in windows.values())
             total += rows * field.row_bytes
         return total
 
@@ -140,7 +181,7 @@ def make_plan(
     recipe: Recipe, source: Path, *, jobs: int = 1, cache: Path | None = None, progress: Progress | None = None
 ) -> Plan:
     """Find out what `build` would make of a source, and what of that is in the cache."""
-    source = source.absolute()  # as in a build, so that both say the same
+    source = source.absolute()  # as in a build, so that messages are the same
     scan = scan_source(recipe, source)
     progress = progress or Progress(quiet=True)
     songs: dict[Path | None, Any] = {}
@@ -177,7 +218,7 @@ def _clip_plan(recipe: Recipe, ref: ClipRef, samples: tuple[int, int] | Reject |
     if not kept:
         audio_s = round(samples[0] / samples[1], 3)
         return ClipPlan(ref, problems=(short_audio(recipe, ref, ref.audio_path or ref.motion_path, audio_s),))
-    rows = tuple(f.n_rows(*samples, recipe.grid) for f in recipe.audio)
+    rows = tuple(job.feature.n_rows(*samples, job.grid) for job in recipe.audio)
     return ClipPlan(ref, n_frames, kept, count - kept, rows, implausible=implausible)
 
 

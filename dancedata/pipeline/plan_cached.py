@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import SourceError, UsageError
-from dancedata.pipeline.audio_units import FeatureKeys, known_signal
-from dancedata.pipeline.cache import Cache
-from dancedata.pipeline.motion_units import MotionKeys, content_hashes
-from dancedata.pipeline.recipe import Recipe, resolve_feature
+from dancedata.execution.cache import Cache
+from dancedata.pipeline.audio import FeatureKeys, known_signal
+from dancedata.pipeline.motion import MotionKeys, content_hashes
+from dancedata.recipes.copies import is_copied
+from dancedata.recipes.fields import FeatureJob
+from dancedata.recipes.recipe import Recipe
 
 
 @dataclass(frozen=True)
@@ -23,8 +25,8 @@ class Cached:
     Attributes
     ----------
     unit
-        "clips" for motion; "songs" or "windows" for audio, as the scope is. What equals another counts once, as far
-        as the files were looked at before; other files count each.
+        "clips" for motion, with copies that are encoded; "songs" or "windows" for audio, as the scope is. What equals
+        another counts once, as far as the files were looked at before; other files count each.
     """
 
     unit: str
@@ -51,71 +53,79 @@ def cached_units(cache: Cache, recipe: Recipe, clips: Sequence[tuple[ClipRef, in
     """
     found = _motion(cache, recipe, [ref for ref, _ in clips])
     signals = {path: known_signal(cache, path) for path in {r.audio_path for r, _ in clips} if path is not None}
-    for feature in recipe.audio:
-        found[feature.name] = _audio(cache, recipe, feature, clips, signals)
+    for job in recipe.audio:
+        found[job.name] = _audio(cache, job, clips, signals)
     return found
 
 
 def _motion(cache: Cache, recipe: Recipe, refs: Sequence[ClipRef]) -> dict[str, Cached]:
-    names = [plugin.name for plugin in (*recipe.motion, *recipe.keymotion)]
+    names = [own.name for own in recipe.clip_fields]
     held = dict.fromkeys(names, 0)
+    encoded = [spec for spec in recipe.augment if spec.augmentation.changes_motion]
+    of = len(refs) + len(encoded) * sum(is_copied(ref.split) for ref in refs)
     try:
-        every = MotionKeys(recipe, content_hashes(recipe.dataset, _known(cache)))
+        content = content_hashes(recipe.dataset, _known(cache))
     except _UnknownError:
         # A body model that no build has read.
-        return {name: Cached("clips", 0, len(refs)) for name in names}
-    for ref in refs:
-        sha256 = cache.known_sha256(ref.motion_path)
-        if sha256 is None:
-            continue
-        keys = every.of(ref, sha256)
-        # A clip of which one thing is missing is loaded, and only that is made.
-        known = cache.holds("clips", keys.info, "json")
-        for name, key in keys.fields.items():
-            held[name] += known and cache.holds("motion", key)
-    return {name: Cached("clips", held[name], len(refs)) for name in names}
+        return {name: Cached("clips", 0, of) for name in names}
+    for spec in (None, *encoded):
+        every = MotionKeys(recipe, content, spec)
+        for ref in refs if spec is None else (ref for ref in refs if is_copied(ref.split)):
+            for name in _fields_held(cache, every, ref):
+                held[name] += 1
+    return {name: Cached("clips", held[name], of) for name in names}
+
+
+def _fields_held(cache: Cache, every: MotionKeys, ref: ClipRef) -> list[str]:
+    """Return the fields of a clip that a build would not compute."""
+    sha256 = cache.known_sha256(ref.motion_path)
+    if sha256 is None:
+        return []
+    keys = every.of(ref, sha256)
+    # A clip of which one thing is missing is loaded, and only that is made.
+    known = cache.holds("clips", keys.info, "json")
+    return [name for name, key in keys.fields.items() if known and cache.holds("motion", key)]
 
 
 def _audio(
     cache: Cache,
-    recipe: Recipe,
-    feature: Any,
+    job: FeatureJob,
     clips: Sequence[tuple[ClipRef, int]],
     signals: dict[Path, Any],
 ) -> Cached:
-    unit = "songs" if recipe.scope == "track" else "windows"
-    ready = _resolved(cache, feature)
+    unit = "songs" if job.windows is None else "windows"
+    ready = _resolved(cache, job)
     known: set[str] = set()
     unknown: set[tuple[Any, ...]] = set()
-    keys = FeatureKeys(recipe, ready)
+    keys = None if ready is None else FeatureKeys(ready)
     for ref, n_windows in clips:
         signal = None if ref.audio_path is None else signals[ref.audio_path]
-        numbers = [0] if recipe.scope == "track" else range(n_windows)
-        if signal is None or ready is None:
+        numbers = [0] if job.windows is None else range(n_windows)
+        if signal is None or keys is None:
             unknown.update((ref.audio_path, ref.tempo_bpm, number) for number in numbers)
-        elif recipe.scope == "track":
+        elif job.windows is None:
             known.add(keys.track(ref.tempo_bpm, signal.sha256))
         else:
             known.update(keys.window(ref.tempo_bpm, signal, number) for number in numbers)
     return Cached(unit, sum(cache.holds("features", key) for key in known), len(known) + len(unknown))
 
 
-def _resolved(cache: Cache, feature: Any) -> Any | None:
-    """Return a feature as a build computes it; None if that cannot be known here without reading weights."""
+def _resolved(cache: Cache, job: FeatureJob) -> FeatureJob | None:
+    """Return a field as a build computes it; None if that cannot be known here without reading weights."""
     # ImportError: a login node that plans, without the packages that compute.
     with suppress(_UnknownError, UsageError, SourceError, ImportError):
-        return resolve_feature(feature, _known(cache))
+        return replace(job, feature=job.feature.resolved(_known(cache)))
     return None
 
 
-def not_ready(feature: Any) -> str:
-    """Return what would end a build with this feature here, such as weights that are missing; "" if nothing would."""
+def not_ready(job: FeatureJob) -> str:
+    """Return what would end a build with this field here, such as weights that are missing; "" if nothing would."""
 
     def unread(path: Path) -> str:
         raise _UnknownError  # there are weights: a build reads them, a plan does not
 
     try:
-        resolve_feature(feature, unread)
+        job.feature.resolved(unread)
     except (UsageError, SourceError) as error:
         return str(error)
     except (_UnknownError, ImportError):

@@ -1,4 +1,4 @@
-"""What worker processes say of files that are broken, or change under a build."""
+"""Rejects: why clips and files are left out, as worker processes and stages report it."""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ from pathlib import Path
 
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.errors import DataError
+from dancedata.core.grid import FrameGrid
 from dancedata.core.quality import IMPLAUSIBLE
-from dancedata.pipeline.recipe import Recipe
+from dancedata.recipes.recipe import Recipe
 
 CHANGED = "the file changed while the build was running"
-BUILD_AGAIN = "run the build again when the source is at rest"
+BUILD_AGAIN = "run the build again once the source no longer changes"
 
 #: Reasons for which a clip is left out by choice; they do not stop a strict build.
 BY_CHOICE = {
@@ -22,6 +23,7 @@ BY_CHOICE = {
     "extra_file",
     "no_audio",
     "still",
+    "filtered",
     "short_field",
 }
 
@@ -30,7 +32,7 @@ NOTED = {*BY_CHOICE, *IMPLAUSIBLE}
 
 
 def reject_of(error: DataError, clip: str = "", file: Path | None = None) -> Reject:
-    """Say in rejects.jsonl what an error says."""
+    """Return the reject with the text of an error."""
     return Reject(reason=error.reason, clip=clip, file=str(file) if file else "", detail=str(error))
 
 
@@ -41,22 +43,18 @@ def missing_music(ref: ClipRef) -> Reject:
 
 
 def too_short(recipe: Recipe, ref: ClipRef, n_frames: int, rate: Fraction) -> Reject:
-    """Return the reject of a clip whose motion, of so many frames at its own rate, has no whole window."""
-    motion_s = float(n_frames / rate)
+    """Return the reject of a clip whose motion, of so many frames at its own rate, is shorter than a window."""
+    motion_s = float(FrameGrid(rate).seconds(n_frames))
     detail = (
-        f"clip {ref.id} has no whole window: {n_frames} frames at {rate} a second "
-        f"({motion_s:.2f} s); a window has {_window_s(recipe):g} s"
+        f"clip {ref.id} is shorter than a window: {n_frames} frames at {rate} per second "
+        f"({motion_s:.2f} s); a window is {recipe.windows.length_s:g} s"
     )
     numbers: dict[str, float | int] = {"motion_s": round(motion_s, 3)}
     return Reject("too_short", ref.id, str(ref.motion_path), detail=detail, numbers=numbers)
 
 
 def short_audio(recipe: Recipe, ref: ClipRef, path: Path, audio_s: float) -> Reject:
-    """Return the reject of a clip whose music has no whole window."""
-    detail = f"{path}: the music has no whole window: {audio_s} s; a window has {_window_s(recipe):g} s"
+    """Return the reject of a clip whose music is shorter than a window."""
+    detail = f"{path}: the music is shorter than a window: {audio_s} s; a window is {recipe.windows.length_s:g} s"
     numbers: dict[str, float | int] = {"audio_s": audio_s}
     return Reject("short_audio", ref.id, str(path), detail=detail, numbers=numbers)
-
-
-def _window_s(recipe: Recipe) -> float:
-    return float(recipe.windows.length / recipe.fps)

@@ -1,4 +1,4 @@
-"""What each clip of a dataset was built from, kept in dataset.json, to tell another source from it file by file."""
+"""The source of each clip, kept in dataset.json, so that a changed source can be described file by file."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from typing import Any
 
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.hashing import json_sha256
-from dancedata.core.text import counted, shown
-from dancedata.pipeline.gathered import Gathered
+from dancedata.core.text import counted, listed, shown
+from dancedata.pipeline.sources import Sources
 from dancedata.store import Store
 
 #: Digits of a hash that are kept: another file has the same ones once in 2.8e14 times.
@@ -49,15 +49,15 @@ class SourceRecord:
     files: Mapping[str, tuple[str, str]] = field(default_factory=dict)
 
     @classmethod
-    def of_source(cls, gathered: Gathered, source: Path) -> SourceRecord:
+    def of_source(cls, sources: Sources, source: Path) -> SourceRecord:
         """Return the record of a source that `identify` has looked at."""
-        refs = gathered.refs
+        refs = [clip.ref for clip in sources.clips]
         return cls(
-            clips={clip: _hashes(*inputs) for clip, inputs in gathered.inputs().items()},
-            left_out=[*gathered.rejects, *gathered.audio_problems.values()],
-            content=gathered.content,
-            about={clip: {name: getattr(ref, name) for name in _ABOUT} for clip, ref in refs.items()},
-            files={clip: _files(ref, source) for clip, ref in refs.items()},
+            clips={clip.ref.id: _hashes(*clip.inputs()) for clip in sources.clips},
+            left_out=sources.rejects,
+            content=sources.content,
+            about={ref.id: {name: getattr(ref, name) for name in _ABOUT} for ref in refs},
+            files={ref.id: _files(ref, source) for ref in refs},
         )
 
     @classmethod
@@ -92,8 +92,7 @@ class SourceDifference:
         message = shown(self.message, _MESSAGE)
         if not self.names:
             return message
-        more = f" and {len(self.names) - _SHOWN:,} more" if len(self.names) > _SHOWN else ""
-        return f"{message}: {', '.join(map(shown, self.names[:_SHOWN]))}{more}"
+        return f"{message}: {listed(self.names, _SHOWN)}"
 
 
 def source_differences(

@@ -1,19 +1,67 @@
-"""What a build says at its end: what was built, what was left out and why, what to do next; `info` shows the rest."""
+"""The summary at the end of a build: what was built, what was left out and why, what to do next."""
 
 from __future__ import annotations
 
 import shlex
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from dancedata.core.clip import Reject
 from dancedata.core.quality import IMPLAUSIBLE
 from dancedata.core.text import counted, shown
-from dancedata.pipeline.cache_admin import size_text
+from dancedata.execution.cache_admin import size_text
 from dancedata.pipeline.implausible import describe_implausible
 from dancedata.pipeline.left_out import left_out_lines
 from dancedata.store import Store, open_store
+
+
+@dataclass(frozen=True)
+class BuildResult:
+    """What a build did, as dataset.json has it.
+
+    Attributes
+    ----------
+    path
+        Folder of the dataset.
+    built
+        False if the dataset was there already and nothing had to be done.
+    counts
+        Per split the numbers of clips, windows and songs, and the hours of motion.
+    left_out
+        How many files, clips and windows were left out, by reason; rejects.jsonl lists each.
+    notes
+        What the dataset's reader found in the source.
+    summary
+        The text that the command line prints.
+    """
+
+    path: Path
+    built: bool
+    counts: Mapping[str, Mapping[str, Any]]
+    left_out: Mapping[str, int]
+    notes: tuple[str, ...]
+    summary: str
+
+    @classmethod
+    def of(cls, path: Path, built: bool) -> BuildResult:
+        """Describe a finished dataset."""
+        with open_store(path) as store:
+            counts, left_out = dict(store.meta["counts"]), dict(store.meta["rejects"])
+            notes = tuple(store.meta.get("source", {}).get("notes", ()))
+        summary = describe_built(path) if built else describe_unchanged(path)
+        return cls(path, built, counts, left_out, notes, summary)
+
+    def __repr__(self) -> str:
+        """Show where the dataset is and how large; `summary` has the rest."""
+        clips, windows = (sum(n[key] for n in self.counts.values()) for key in ("clips", "windows"))
+        size = f"{counted(clips, 'clip')}, {counted(windows, 'window')}, {sum(self.left_out.values()):,} left out"
+        return f"BuildResult({str(self.path)!r}, {size}, built={self.built})"
+
+    def open(self) -> Store:
+        """Open the dataset, as `dancedata.open` does."""
+        return open_store(self.path)
 
 
 def describe_built(path: Path) -> str:
@@ -34,10 +82,10 @@ def describe_built(path: Path) -> str:
 def describe_unchanged(path: Path) -> str:
     """Return what `build` prints if the dataset was there already: two lines."""
     with open_store(path) as store:
-        said = (
+        text = (
             f"nothing to do: {shown(path)} is this dataset already, from the same recipe and source ({_size(store)})"
         )
-    return f"{said}\n{next_steps(path)}"
+    return f"{text}\n{next_steps(path)}"
 
 
 def next_steps(path: Path) -> str:

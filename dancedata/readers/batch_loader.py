@@ -1,4 +1,4 @@
-"""BatchLoader: batches by threads, from mapped files straight into memory that is used again."""
+"""BatchLoader: threads read batches from mapped files directly into reused memory."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ import torch
 from torch.utils.data import BatchSampler, SequentialSampler, default_collate
 
 from dancedata.core.errors import UsageError
-from dancedata.readers._checks import whole
-from dancedata.readers.fill import Fill, Request
-from dancedata.readers.memory import Pool
+from dancedata.readers.arguments import whole
+from dancedata.readers.batch_memory import MemoryPool
+from dancedata.readers.batch_reader import BatchReader, Request
 from dancedata.readers.sampler import EpochSampler
 from dancedata.readers.windows import WindowDataset
 
@@ -31,17 +31,17 @@ Buffer = dict[str, torch.Tensor]
 class BatchLoader:
     """Batches of a `WindowDataset`, equal bit for bit to those of a DataLoader with the same sampler, and faster.
 
-    Threads copy windows from the mapped shards into batches, and mirror and normalise them there. Nothing goes
-    through another process, and the memory of a batch that nobody refers to any more becomes that of a later one,
-    so that after a few batches no memory is touched for the first time::
+    Threads copy windows from the mapped shards into batches, and mirror and normalise them there. Nothing passes
+    through another process, and the memory of a batch without references is reused for a later one, so that new
+    memory is allocated for the first few batches only::
 
         loader = BatchLoader(train, 64, sampler=EpochSampler(train, seed=0))
         for epoch in range(n):
             for batch in loader:
                 ...
 
-    A batch is a dict as torch's default collate makes it: a tensor (B, rows, D) per field, tensors and lists of what
-    else a sample says.
+    A batch is a dict as torch's default collate makes it: a tensor (B, rows, D) per field, tensors and lists of
+    the other values of a sample.
 
     Attributes
     ----------
@@ -52,24 +52,25 @@ class BatchLoader:
 
     Notes
     -----
-    *Batches are the caller's own.* They may be kept, written to and passed on; nothing is written into a batch while
-    any tensor or array that shares its memory lives. A loop that lets go of each batch has `prefetch` + 2 of them in
-    memory; one that keeps them all has them all. Only a bare address (``tensor.data_ptr()``) keeps nothing alive.
+    *Batches belong to the caller.* They may be kept, written to and passed on; the memory of a batch is not reused
+    while any tensor or array refers to it. A loop that drops each batch has `prefetch` + 2 of them in memory; one
+    that keeps them has all of them. A bare address (``tensor.data_ptr()``) does not keep memory alive.
 
-    *Copies to a GPU* with ``non_blocking=True`` need no care: torch hands pinned memory out again only after the
-    copies from it are done.
+    *Copies to a GPU* with ``non_blocking=True`` are safe: torch reuses pinned memory only after the copies
+    from it are done.
 
-    *Order and resuming* are the sampler's. Batches are asked of it `prefetch` ahead, as by a DataLoader with workers:
+    *Order and resuming* are the sampler's. It is read `prefetch` batches ahead, as by a DataLoader with workers:
     in the middle of an epoch the state is ``sampler.at(epoch, consumed)``.
 
-    *Ranks.* An `EpochSampler` gives each its share: `rank` and `world_size`, or torch.distributed's.
+    *Ranks.* An `EpochSampler` gives each rank its share: `rank` and `world_size`, or torch.distributed's.
 
-    *Threads and processes.* One iteration at a time: starting another ends the one before, which then raises an
-    error. Leaving a loop early stops the threads. An error in a thread is raised where the loop asks for that batch.
-    Threads do not live on in a forked process: iterate anew there. Pickling leaves memory and threads out.
+    *Threads and processes.* One iteration at a time: starting another ends the previous one, which
+    then raises an error. Leaving a loop early stops the threads. An error in a thread is raised when the loop asks
+    for that batch. A forked process does not have the threads: start a new iteration there. Pickling leaves memory
+    and threads out.
 
-    *Files that cannot be mapped* are read all the same, by the same threads; ``dataset.unmapped`` says why, and a
-    warning is logged.
+    *Files that cannot be mapped* are read by position, by the same threads; ``dataset.unmapped`` has the reason,
+    and a warning is logged.
     """
 
     def __init__(
@@ -84,26 +85,26 @@ class BatchLoader:
         prefetch: int = 2,
         pin_memory: bool = False,
     ) -> None:
-        """Prepare; nothing is read yet.
+        """Make the loader; nothing is read yet.
 
         Parameters
         ----------
         batch_size
-            Samples a batch.
+            Samples per batch.
         sampler
-            Indices of one epoch each time it is iterated. Default: all in order, from the start each time.
+            Indices of one epoch each time it is iterated. Default: all samples in order, from the start each time.
         shuffle
-            Instead of a sampler: an `EpochSampler` with the dataset's seed. Leaving an epoch early goes on with the
-            next one; to resume in the middle, give a sampler.
+            Instead of a sampler: an `EpochSampler` with the dataset's seed. After an epoch that was left early, the
+            next epoch follows; to resume in the middle, give a sampler.
         drop_last
             Whether a last batch of fewer samples is left out.
         threads
-            That fill batches, one batch each.
+            Number of threads; each reads one batch at a time.
         prefetch
-            Batches that are filled ahead of the one asked for.
+            Batches that are read ahead.
         pin_memory
-            Whether batches lie in pinned memory, for faster copies to a GPU. Without one this is logged and ignored,
-            as in a DataLoader.
+            Whether batches lie in pinned memory, for faster copies to a GPU. Without a GPU it is ignored, as in a
+            DataLoader, and a warning is logged.
 
         Raises
         ------
@@ -115,7 +116,8 @@ class BatchLoader:
         self.prefetch = _at_least_1(prefetch=prefetch)
         if sampler is not None and shuffle:
             raise UsageError(
-                "shuffle is for the default sampler", fix="leave it out, or give EpochSampler(..., shuffle=True)"
+                "shuffle cannot be combined with a sampler",
+                fix="leave it out, or give EpochSampler(..., shuffle=True)",
             )
         self._own = EpochSampler(dataset, seed=dataset.seed) if shuffle else None
         given: Iterable[int] = SequentialSampler(dataset) if sampler is None else sampler
@@ -124,68 +126,68 @@ class BatchLoader:
         self.pinned = bool(pin_memory) and torch.cuda.is_available()
         if pin_memory and not self.pinned:
             _log.warning("pin_memory=True, but torch finds no CUDA device: batches are not pinned")
-        self._walk: weakref.ref[_Walk] | None = None
+        self._iteration: weakref.ref[_Iteration] | None = None
         self._pool = self._new_pool()
 
     def __len__(self) -> int:
-        """Return the batches of a whole epoch, wherever the sampler stands."""
+        """Return the number of batches of a whole epoch, independent of the sampler's position."""
         return len(self._batches())
 
     def __repr__(self) -> str:
-        """Say what is read, and how."""
+        """Show dataset, batch size and threads."""
         return (
             f"BatchLoader({self.dataset!r}, batch_size={self.batch_size}, drop_last={self.drop_last}, "
             f"threads={self.threads}, prefetch={self.prefetch}, pinned={self.pinned})"
         )
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
-        """Go through one epoch, from the sampler's position on."""
-        before = self._walk() if self._walk is not None else None
-        if before is not None:
-            before.close()
+        """Iterate over one epoch, from the sampler's position on."""
+        previous = self._iteration() if self._iteration is not None else None
+        if previous is not None:
+            previous.close()
         if self._own is not None and self._own.position:
             self._own.set_epoch(self._own.epoch + 1)
-        walk = _Walk(self)
-        # The loop alone keeps an iteration alive, so that leaving it ends the threads.
-        self._walk = weakref.ref(walk)
-        return walk
+        iteration = _Iteration(self)
+        # Only the loop keeps an iteration alive, so that leaving the loop ends the threads.
+        self._iteration = weakref.ref(iteration)
+        return iteration
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave memory and threads out."""
-        return {**self.__dict__, "_walk": None, "_pool": self._new_pool()}
+        return {**self.__dict__, "_iteration": None, "_pool": self._new_pool()}
 
-    def _new_pool(self) -> Pool:
-        # At an epoch's end all batches that were under way are idle: every field, and primitives, of each.
-        return Pool(kept=(self.prefetch + 2) * (len(self.dataset.fields) + 1))
+    def _new_pool(self) -> MemoryPool:
+        # At the end of an epoch all prefetched batches are idle: every field, and primitives, of each.
+        return MemoryPool(kept=(self.prefetch + 2) * (len(self.dataset.fields) + 1))
 
     def _batches(self) -> BatchSampler:
         return BatchSampler(self.sampler, self.batch_size, self.drop_last)
 
-    def _memory(self, fill: Fill) -> Buffer:
-        """Return memory for a batch, of any content, that nothing else refers to."""
-        shapes = {name: ((self.batch_size, *shape), dtype) for name, (shape, dtype) in fill.layout.items()}
+    def _memory(self, reader: BatchReader) -> Buffer:
+        """Return uninitialised memory for a batch, to which nothing else refers."""
+        shapes = {name: ((self.batch_size, *shape), dtype) for name, (shape, dtype) in reader.layout.items()}
         if not self.pinned:
             return {name: self._pool.tensor(shape, dtype) for name, (shape, dtype) in shapes.items()}
-        # torch keeps pinned memory, and waits for copies to the device, before it hands it out again.
+        # torch manages pinned memory itself, and waits for copies to the device before it reuses it.
         return {
             name: torch.empty(shape, dtype=torch.from_numpy(np.empty(0, dtype)).dtype, pin_memory=True)
             for name, (shape, dtype) in shapes.items()
         }
 
 
-class _Walk(Iterator[dict[str, Any]]):
-    """One iteration: batches asked for, in order, and the threads that fill them."""
+class _Iteration(Iterator[dict[str, Any]]):
+    """One iteration: the requested batches, in order, and the threads that read them."""
 
     def __init__(self, loader: BatchLoader) -> None:
         self._process = os.getpid()
-        self._waiting: deque[tuple[Buffer, Future[dict[str, Any]]]] = deque()
+        self._pending: deque[tuple[Buffer, Future[dict[str, Any]]]] = deque()
         self._ended = False
-        self._known: set[int] = set()
+        self._thread_ids: set[int] = set()
         self._threads: ThreadPoolExecutor | None = ThreadPoolExecutor(
-            loader.threads, "BatchLoader", initializer=_introduce, initargs=(self._known,)
+            loader.threads, "BatchLoader", initializer=_register_thread, initargs=(self._thread_ids,)
         )
         self._loader = loader
-        self._fill = loader.dataset._fill()  # made here, not by several threads at once
+        self._reader = loader.dataset._batch_reader()  # made here, not by several threads at once
         self._indices = iter(loader._batches())
         for _ in range(loader.prefetch):
             self._submit()
@@ -194,52 +196,52 @@ class _Walk(Iterator[dict[str, Any]]):
         if self._ended:
             raise StopIteration
         if self._process != os.getpid():
-            raise UsageError("this iteration began in another process", fix="iterate over the loader anew")
+            raise UsageError("this iteration began in another process", fix="start a new iteration over the loader")
         if self._threads is None:
             raise UsageError("another iteration over this loader has begun", fix="use two loaders, or one at a time")
         try:
             self._submit()
-            if not self._waiting:
+            if not self._pending:
                 raise StopIteration
-            tensors, reading = self._waiting.popleft()
-            said = reading.result()
+            tensors, reading = self._pending.popleft()
+            about = reading.result()
         except BaseException:
             self._ended = True
             self.close()
             raise
-        return {**tensors, **said}
+        return {**tensors, **about}
 
     def close(self) -> None:
-        """Stop the threads, once they are through with the batch that each is at."""
+        """Stop the threads, once each of them has finished its batch."""
         threads, self._threads = self._threads, None
-        self._waiting.clear()
+        self._pending.clear()
         if threads is not None and self._process == os.getpid():
-            # The garbage collector may come here in one of them, which cannot wait for itself.
-            threads.shutdown(wait=threading.get_ident() not in self._known, cancel_futures=True)
+            # The garbage collector may call this in one of the threads, which cannot wait for itself.
+            threads.shutdown(wait=threading.get_ident() not in self._thread_ids, cancel_futures=True)
 
     def __del__(self) -> None:
         self.close()
 
     def _submit(self) -> None:
-        """Have the next batch read, if there is one."""
+        """Submit the next batch to the threads, if there is one."""
         indices = next(self._indices, None)
         if indices is None or self._threads is None:
             return
         request = self._loader.dataset._request(indices)
-        memory = self._loader._memory(self._fill)
+        memory = self._loader._memory(self._reader)
         tensors = {name: tensor[: len(request)] for name, tensor in memory.items()}
-        reading = self._threads.submit(_read, self._loader.dataset, self._fill, request, tensors)
-        self._waiting.append((tensors, reading))
+        reading = self._threads.submit(_read, self._loader.dataset, self._reader, request, tensors)
+        self._pending.append((tensors, reading))
 
 
-def _introduce(known: set[int]) -> None:
-    known.add(threading.get_ident())
+def _register_thread(thread_ids: set[int]) -> None:
+    thread_ids.add(threading.get_ident())
 
 
 # Not a method: a thread that holds the last reference to the iteration would end it.
-def _read(dataset: WindowDataset, fill: Fill, request: Request, tensors: Buffer) -> dict[str, Any]:
-    """Fill tensors, and return what the samples say beside them; in a thread."""
-    fill(request, {name: tensor.numpy() for name, tensor in tensors.items()})
+def _read(dataset: WindowDataset, reader: BatchReader, request: Request, tensors: Buffer) -> dict[str, Any]:
+    """Read a batch into tensors, and return the other values of its samples; in a thread."""
+    reader(request, {name: tensor.numpy() for name, tensor in tensors.items()})
     return {name: default_collate(values) for name, values in dataset._metadata(request).items()}
 
 

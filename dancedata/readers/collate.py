@@ -1,7 +1,7 @@
-"""Samples that are rows of one batch, and the collate function that knows them.
+"""Samples that are rows of one batch, and the collate function that recognises them.
 
-A collate function copies every sample into a new batch. Samples read together already lie in one; putting them
-together again is then a matter of finding that out.
+A collate function copies every sample into a new batch. Samples that were read together are rows of one batch
+already; then it is enough to return that batch.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ import torch
 from torch.utils.data import default_collate
 
 try:
-    # torch's documentation of default_collate has this as the way to add a type.
+    # The way to add a type that torch documents for default_collate.
     from torch.utils.data._utils.collate import default_collate_fn_map
 except ImportError:
-    # A torch without it stacks samples of ours like any others: slower, and no less right.
+    # Without it torch stacks these samples like any others: slower, with the same result.
     default_collate_fn_map = {}
 
 
@@ -31,7 +31,7 @@ class Batch:
 
     @classmethod
     def of(cls, size: int, tensors: Mapping[str, torch.Tensor]) -> Batch:
-        """Take the rows of tensors."""
+        """Make a batch of tensors."""
         return cls(size, tensors, {name: tensor.unbind(0) for name, tensor in tensors.items()})
 
 
@@ -53,15 +53,15 @@ class Sample(dict[str, Any]):
 def collate(samples: Sequence[Any], *, collate_fn_map: Any = None) -> Any:
     """Make a batch of samples, as torch's default_collate does, without a copy where they are rows of one.
 
-    Tensors are then the batch that the samples were read into: batch and samples share memory. What was put into a
-    sample since, and samples in another order or of several batches, are copied as ever.
+    Tensors are then the batch that the samples were read into: batch and samples share memory. Values that
+    were added to a sample, and samples in another order or of several batches, are copied.
 
     Parameters
     ----------
     samples
-        What a dataset's ``__getitems__`` gave, or any other list that default_collate takes.
+        The result of a dataset's ``__getitems__``, or any other list that default_collate takes.
     collate_fn_map
-        How torch passes its collate functions on; not looked at.
+        Passed by torch; not used.
     """
     batch = samples[0].batch if isinstance(samples[0], Sample) else None
     if batch is None or len(samples) != batch.size or not all(isinstance(s, Sample) for s in samples):

@@ -1,4 +1,4 @@
-"""What a sample says of its window beside the arrays."""
+"""The values of a sample beside its arrays."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from dancedata.store.window_list import WindowList
 def metadata(
     store: Store, windows: WindowList, split: str, places: Sequence[int], mirrored: Sequence[bool]
 ) -> dict[str, list[Any]]:
-    """Return by name what windows say, one entry a window, in a sample's order.
+    """Return lists of values by name, one entry per window, in the order of a sample's keys.
 
     Parameters
     ----------
     places, mirrored
-        (B,) positions in `windows`, and whether each is mirrored.
+        (B,) positions in `windows`, and whether each of them is mirrored.
     """
     chosen = np.asarray(places, dtype=np.int64)
     clips = [windows.clip_ids[number] for number in windows.clip[chosen].tolist()]
-    known = {clip: store.clip(clip).record for clip in set(clips)}
+    known = {clip: store.clip(clip) for clip in set(clips)}
     records = [known[clip] for clip in clips]
     numbers = store.meta.get("genre_ids", {})
     return {

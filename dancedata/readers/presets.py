@@ -1,4 +1,4 @@
-"""Presets: what one trainer reads, by its name."""
+"""Presets: fields, windows and options of published trainers, by name."""
 
 from __future__ import annotations
 
@@ -7,32 +7,35 @@ from dataclasses import dataclass
 from typing import Any
 
 from dancedata.core.errors import UsageError, did_you_mean
-from dancedata.core.movement import Movement
 from dancedata.core.resources import resource, resources
+from dancedata.filters.movement import Movement
+from dancedata.readers.primitives import PRIMITIVES
 from dancedata.store.dataset import Store
 
-#: In place of a preset's name: the fields are those that are read where neither fields nor a preset are named.
+#: Fields that are read by default.
+DEFAULT_FIELDS = ("edge151", "librosa35")
+#: In place of a preset's name: the fields are the default ones, named by neither the caller nor a preset.
 NO_FIELDS = ""
 
 
 @dataclass(frozen=True)
 class Preset:
-    """What one trainer reads.
+    """Fields, windows and options of one trainer.
 
     Attributes
     ----------
     fields, optional
-        Fields it cannot do without; fields it takes if they are stored.
+        Fields that it needs; fields that it reads if they are stored.
     fps
-        Frames a second of the store.
-    cut
+        Frames per second of the store.
+    windows
         Length and stride of windows, as `Store.windows` takes them.
     trim
-        Whether windows begin where the source says the dance does.
+        Whether windows begin at the trim_start of their clip.
     ignore
         Lists whose clips are left out.
     protocol
-        Of lists such as "cross_genre.train": these, and not the stored splits, then say which clips a split has.
+        Name of lists such as "cross_genre.train", which define the clips of a split instead of the stored splits.
     filter
         Which windows are kept.
     relative_root
@@ -44,7 +47,7 @@ class Preset:
     fields: tuple[str, ...]
     optional: tuple[str, ...]
     fps: int
-    cut: Mapping[str, Any]
+    windows: Mapping[str, Any]
     trim: bool = False
     ignore: tuple[str, ...] = ()
     protocol: str | None = None
@@ -54,12 +57,12 @@ class Preset:
 
 
 def _lodge(length: int, stride: int) -> Preset:
-    """Lodge (Li et al., CVPR 2024): trimmed tracks of the cross-genre split, still training windows left out."""
+    """Lodge (Li et al., CVPR 2024): trimmed tracks, cross-genre split, without training windows that stand still."""
     return Preset(
         fields=("lodge139",),
         optional=("librosa35",),
         fps=30,
-        cut={"length_frames": length, "stride_frames": stride},
+        windows={"length_frames": length, "stride_frames": stride},
         trim=True,
         ignore=("ignored",),
         protocol="cross_genre",
@@ -77,7 +80,7 @@ PRESETS = {
         fields=("finedance319",),
         optional=("librosa35",),
         fps=30,
-        cut={"length_frames": 120, "stride_frames": 12},
+        windows={"length_frames": 120, "stride_frames": 12},
         ignore=("ignored", "ignored.finenet"),
         protocol="cross_genre",
         filter=Movement(field="finedance319"),
@@ -93,15 +96,22 @@ def find_preset(store: Store, name: str | None) -> Preset | None:
         return None
     preset = PRESETS.get(name)
     if preset is None:
-        raise UsageError(f"there is no preset {name!r}", fix=did_you_mean(name, PRESETS))
+        raise UsageError(f"unknown preset {name!r}", fix=did_you_mean(name, PRESETS))
     if store.fps != preset.fps:
         raise UsageError(
-            f"preset {name!r} is for {preset.fps} frames a second",
+            f"preset {name!r} is for {preset.fps} frames per second",
             where=str(store.path),
-            found=f"{store.fps} frames a second",
+            found=f"{store.fps} frames per second",
             fix=f"build with fps: {preset.fps}, or name fields and windows instead of a preset",
         )
     return preset
+
+
+def given_or_preset(value: Any, preset: Preset | None, name: str, default: Any) -> Any:
+    """Return the caller's value, or the preset's where it is None, or the default without a preset."""
+    if value is not None:
+        return value
+    return default if preset is None else getattr(preset, name)
 
 
 def preset_fields(store: Store, preset: Preset) -> tuple[str, ...]:
@@ -109,10 +119,10 @@ def preset_fields(store: Store, preset: Preset) -> tuple[str, ...]:
     return (*preset.fields, *(field for field in preset.optional if field in store.fields))
 
 
-def preset_cut(preset: Preset | None, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return length and stride as given, and the preset's where they are not."""
+def preset_windows(preset: Preset | None, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return length and stride as given; where they are not, those of the preset."""
     filled = dict(given)
-    for key, value in (preset.cut if preset is not None else {}).items():
+    for key, value in (preset.windows if preset is not None else {}).items():
         what = key.split("_")[0]
         if given[f"{what}_s"] is None and given[f"{what}_frames"] is None:
             filled[key] = value
@@ -122,7 +132,7 @@ def preset_cut(preset: Preset | None, given: Mapping[str, Any]) -> dict[str, Any
 def field_names(store: Store, fields: Sequence[str] | str, preset: str | None = None) -> tuple[str, ...]:
     """Check that the store has the fields, each named once.
 
-    `preset` is the one that names them, or `NO_FIELDS` where neither the caller nor a preset does.
+    `preset` is the preset that names them, or `NO_FIELDS` where neither the caller nor a preset does.
     """
     names = (fields,) if isinstance(fields, str) else tuple(fields)
     if not names or len(set(names)) != len(names):
@@ -133,14 +143,26 @@ def field_names(store: Store, fields: Sequence[str] | str, preset: str | None = 
     return names
 
 
+def fields_to_read(
+    store: Store, preset: Preset | None, fields: Sequence[str] | None, preset_name: str | None
+) -> tuple[tuple[str, ...], bool]:
+    """Return the stored fields to read, and whether primitives are computed beside them."""
+    default = DEFAULT_FIELDS if preset is None else preset_fields(store, preset)
+    given = default if fields is None else (fields,) if isinstance(fields, str) else tuple(fields)
+    with_primitives = PRIMITIVES in given and PRIMITIVES not in store.fields
+    stored = tuple(name for name in given if not (with_primitives and name == PRIMITIVES))
+    named = (preset_name or NO_FIELDS) if fields is None or not stored else None
+    return field_names(store, stored or (preset.fields if preset is not None else stored), named), with_primitives
+
+
 def _missing_field(store: Store, name: str, preset: str | None) -> UsageError:
-    """Say where a field comes from that the dataset lacks: a recipe, if one that is shipped has it."""
+    """Return the error of a field that the dataset lacks; it names the shipped recipes that compute the field."""
     makers = recipes_with(name)
     build = f"build with a recipe that has it, such as {' or '.join(makers)}, or add it to a recipe of your own"
     if not makers:
         fix = did_you_mean(name, store.fields)
     else:
-        fix = build if preset else f"name fields that it has, or {build}"
+        fix = build if preset else f"name fields that the dataset has, or {build}"
     why = f", which the preset {preset!r} reads" if preset else ""
     if preset == NO_FIELDS:
         why = ", which is read where no fields are named"
@@ -154,7 +176,7 @@ def _missing_field(store: Store, name: str, preset: str | None) -> UsageError:
 
 
 def recipes_with(field: str) -> tuple[str, ...]:
-    """Return the names of the shipped recipes that make a field."""
+    """Return the names of the shipped recipes that compute a field."""
     import yaml
 
     found = []

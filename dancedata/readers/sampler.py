@@ -10,7 +10,7 @@ from torch import distributed
 from torch.utils.data import Sampler
 
 from dancedata.core.errors import UsageError
-from dancedata.readers._checks import whole
+from dancedata.readers.arguments import whole
 
 #: Indices turned into Python ints at a time: a list of a million ints would take 36 MB.
 _CHUNK = 4096

@@ -1,8 +1,8 @@
-"""Which fields a reader scales and mirrors, and with what."""
+"""The scalers and mirrors of the fields that a reader reads."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -33,7 +33,7 @@ def normalized_fields(store: Store, fields: tuple[str, ...], normalize: bool | S
 
 
 def mirrors_of(store: Store, fields: tuple[str, ...]) -> dict[str, Mirror]:
-    """Return the mirror of every motion field; audio has none and is left as it is."""
+    """Return the mirror of every motion field; audio has none and is not mirrored."""
     found: dict[str, Mirror] = {}
     for field in map(store.field, fields):
         if field.kind == "motion":
@@ -43,13 +43,37 @@ def mirrors_of(store: Store, fields: tuple[str, ...]) -> dict[str, Mirror]:
     return found
 
 
+def root_columns(store: Store, fields: tuple[str, ...], normalizers: Mapping[str, MinMax]) -> dict[str, slice]:
+    """Return the columns of the root's translation of every motion field.
+
+    Raises
+    ------
+    UsageError
+        For a field that has no translation, or is normalised.
+    """
+    found = {}
+    for name in fields:
+        if store.field(name).kind != "motion":
+            continue
+        if "translation" not in store.fields[name].names:
+            raise UsageError(f"field {name!r} has no translation to make relative", where=str(store.path))
+        if name in normalizers:
+            raise UsageError(
+                "a root that is relative to its window's first frame cannot be normalised: the scaler was fitted on "
+                "absolute positions",
+                fix="pass normalize=False, or relative_root=False",
+            )
+        found[name] = store.fields[name].slice("translation")
+    return found
+
+
 def scaler_of(store: Store, name: str, choice: Choice, *, covers_mirror: bool, over: str) -> MinMax:
     """Return the scaler of a field.
 
     Parameters
     ----------
     choice
-        Which windows are read: its protocol says what train is.
+        Which windows are read; its protocol defines the train split.
     covers_mirror
         Whether a motion field's range covers mirrored motion.
     over
@@ -76,13 +100,13 @@ def scaler_of(store: Store, name: str, choice: Choice, *, covers_mirror: bool, o
 
 
 def _other_train(store: Store, choice: Choice) -> Sequence[Window] | None:
-    """Return the train windows that are chosen, if those the stored statistics were taken from are of other clips.
+    """Return the train windows of a protocol, or None if they are of the same clips as the stored statistics.
 
-    As in stats.json they are whole clips' stored windows, neither trimmed nor filtered.
+    As in stats.json they are the stored windows of whole clips, neither trimmed nor filtered.
     """
     if choice.protocol is None:
         return None
-    windows = select(store, "train", replace(choice, cut={}, trim=False, filter=None)).windows
+    windows = select(store, "train", replace(choice, windows={}, trim=False, filter=None)).windows
     if "train" in store.splits and {w.clip for w in windows} == {w.clip for w in store.windows("train")}:
         return None
     return windows
@@ -94,9 +118,9 @@ def _all_rows(store: Store, name: str, trim: bool) -> Iterable[npt.NDArray[Any]]
             for window in store.windows(split):
                 yield store.read(window, name)
     if store.scope == "track":
-        rate = store.field(name).rate / store.fps
-        for record in store.clips:
-            yield store.read_clip(record.id, name)[int(record.trim_start * rate) if trim else 0 :]
+        for clip in store.clips:
+            first = store.grid.rows_down(clip.trim_start, of=store.field(name).grid) if trim else 0
+            yield clip.read(name)[first:]
 
 
 def _fit(pieces: Iterable[npt.NDArray[Any]], width: int) -> MinMax:
@@ -105,13 +129,13 @@ def _fit(pieces: Iterable[npt.NDArray[Any]], width: int) -> MinMax:
         if len(rows):
             low, high = np.minimum(low, rows.min(axis=0)), np.maximum(high, rows.max(axis=0))
     if not np.isfinite(low).all():
-        raise UsageError("there is nothing to fit a scaler on", found="no rows", fix="pass normalize=False")
+        raise UsageError("there are no rows to fit a scaler on", fix="pass normalize=False")
     return MinMax(low, high)
 
 
 def _no_mirror(store: Store, field: str) -> UsageError:
     return UsageError(
-        f"field {field!r} cannot be mirrored: its columns name no mirror image",
+        f"field {field!r} cannot be mirrored: its columns do not define a mirror image",
         where=str(store.path),
         fix="read it with mirror=0 (and normalizer_covers_mirror=False), or leave the field out",
     )

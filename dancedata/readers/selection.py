@@ -1,9 +1,9 @@
-"""Which windows of a store a reader gives: split, lists, trim, cut, movement; and what that leaves out."""
+"""Selects windows of a store by split, lists, trim, length and a filter, and reports the ones left out."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -11,7 +11,8 @@ import numpy.typing as npt
 
 from dancedata.core.clip import Reject
 from dancedata.core.errors import UsageError, did_you_mean
-from dancedata.core.movement import Movement, movement_std
+from dancedata.core.plugins import WindowFilter
+from dancedata.core.registry import FILTERS
 from dancedata.store.clip_view import ClipView
 from dancedata.store.dataset import Store
 from dancedata.store.window_list import WindowList
@@ -19,66 +20,66 @@ from dancedata.store.window_list import WindowList
 
 @dataclass(frozen=True)
 class Choice:
-    """What is asked for.
+    """Criteria for windows.
 
     Attributes
     ----------
     fields
         Fields that windows must lie within.
-    cut
+    windows
         Length and stride as `Store.windows` takes them.
     trim
         Whether windows begin at their clip's trim_start.
     ignore
-        Lists whose clips are left out; with a protocol its own list, "ignored.<protocol>", as well.
+        Lists whose clips are left out; with a protocol also the list "ignored.<protocol>".
     protocol
-        Where clips are in lists "<protocol>.<split>", those say which clips a split has, else the stored splits do.
+        Name of lists "<protocol>.<split>" that define the clips of a split; without such lists the stored splits do.
     filter
         Which windows are kept.
     """
 
     fields: tuple[str, ...]
-    cut: Mapping[str, Any] = field(default_factory=dict)
+    windows: Mapping[str, Any] = field(default_factory=dict)
     trim: bool = False
     ignore: tuple[str, ...] = ()
     protocol: str | None = None
-    filter: Movement | None = None
+    filter: WindowFilter | None = None
 
 
 @dataclass(frozen=True)
 class Selection:
-    """Windows in the store's order, and what was left out."""
+    """Windows in the store's order, and the clips and windows that were left out."""
 
     windows: WindowList
     rejects: tuple[Reject, ...]
 
 
 def select(store: Store, split: str, choice: Choice) -> Selection:
-    """Choose the windows of a split.
+    """Select the windows of a split.
 
     Raises
     ------
     UsageError
-        For a split that neither the lists nor the store know, or windows that the store cannot give.
+        For a split that neither the lists nor the store have, or windows that the store cannot provide.
     """
     clips = clips_of(store, split, choice.protocol)
     rejects = [_ignored(c, choice) for c in clips.values() if _is_ignored(c, choice)]
     rejects += _unlisted(store, split, choice.protocol)
     kept = {clip for clip, record in clips.items() if not _is_ignored(record, choice)}
     homes = sorted({record.split for record in clips.values()}, key=store.splits.index) or [split]
-    lists = [store.windows(home, fields=choice.fields, trim=choice.trim, **choice.cut) for home in homes]
+    lists = [store.windows(home, fields=choice.fields, trim=choice.trim, **choice.windows) for home in homes]
     windows = WindowList.joined(split, lists)
     windows = windows.take(np.isin(windows.clip, [k for k, clip in enumerate(windows.clip_ids) if clip in kept]))
     with_window = {windows.clip_ids[k] for k in np.unique(windows.clip)}
     rejects += [_too_short(clips[clip], choice) for clip in sorted(kept - with_window)]
     if choice.filter is not None and split in choice.filter.splits:
-        moving, still = _moving(store, windows, choice.filter)
-        windows, rejects = windows.take(moving), rejects + still
+        passing, filtered = _filtered(store, windows, choice.filter)
+        windows, rejects = windows.take(passing), rejects + filtered
     return Selection(windows, tuple(rejects))
 
 
 def clips_of(store: Store, split: str, protocol: str | None) -> dict[str, ClipView]:
-    """Return the clips of a split by id: as the protocol's lists say, where the store has them."""
+    """Return the clips of a split by id: those of the protocol's lists, if the store has such lists."""
     prefix = f"{protocol}."
     listed = [c for c in store.clips if any(name.startswith(prefix) for name in c.lists)] if protocol else []
     if not listed:
@@ -90,7 +91,7 @@ def clips_of(store: Store, split: str, protocol: str | None) -> dict[str, ClipVi
             where=str(store.path),
             fix=did_you_mean(split, sorted(known)),
         )
-    # Mirrored copies are for training, whatever split they were stored for.
+    # Mirrored copies are for training only, independent of the split they are stored in.
     return {c.id: c for c in listed if prefix + split in c.lists and (split == "train" or not c.source)}
 
 
@@ -103,7 +104,7 @@ def require_protocol(store: Store, protocol: str) -> None:
         If no clip is in a list of it.
     """
     lists = {name for clip in store.clips for name in clip.lists if "." in name}
-    known = sorted({name.partition(".")[0] for name in lists} - {"ignored"})
+    known = sorted({name.rpartition(".")[0] for name in lists} - {"ignored"})
     if protocol not in known:
         raise UsageError(
             f"no clip of the store is in a list of the protocol {protocol!r}",
@@ -113,7 +114,7 @@ def require_protocol(store: Store, protocol: str) -> None:
 
 
 def _unlisted(store: Store, split: str, protocol: str | None) -> list[Reject]:
-    """Return the clips stored in a split that a protocol, which the store has lists of, does not name at all."""
+    """Return rejects for the clips of a stored split that are on none of the protocol's lists."""
     named = {c.id for c in store.clips if any(name.startswith(f"{protocol}.") for name in c.lists)}
     if protocol is None or not named:
         return []
@@ -136,37 +137,59 @@ def _ignored(record: ClipView, choice: Choice) -> Reject:
 
 def _too_short(record: ClipView, choice: Choice) -> Reject:
     trimmed = f", {record.trim_start} of them trimmed" if choice.trim and record.trim_start else ""
-    detail = f"{record.n_frames} frames{trimmed}: no whole window of fields {', '.join(choice.fields)}"
+    detail = f"{record.n_frames} frames{trimmed}: not long enough for a window of fields {', '.join(choice.fields)}"
     return Reject("too_short", record.id, detail=detail, numbers={"frames": record.n_frames})
 
 
-def _moving(store: Store, windows: WindowList, chosen: Movement) -> tuple[npt.NDArray[np.bool_], list[Reject]]:
-    """Tell which windows move, (W,), and say why each of the others is left out."""
-    moving = np.ones(len(windows), dtype=np.bool_)
+def _filtered(store: Store, windows: WindowList, chosen: WindowFilter) -> tuple[npt.NDArray[np.bool_], list[Reject]]:
+    """Return which windows the filter keeps, (W,), and a reject for each of the others."""
+    own = store.field(chosen.field)
+    chosen.check(own.columns)
+    kept = np.ones(len(windows), dtype=np.bool_)
     rejects: list[Reject] = []
     for k, window in enumerate(windows):
-        std = movement_std(store.read(window, chosen.field))
-        if not chosen.keeps(std):
-            moving[k] = False
-            rejects.append(chosen.reject(window.clip, window.start, std))
-    return moving, rejects
+        rows = store.read(window, chosen.field)
+        rows.flags.writeable = False
+        reject = chosen.reject(rows, own.columns, own.grid)
+        if reject is not None:
+            kept[k] = False
+            rejects.append(replace(reject, clip=window.clip, window=window.start))
+    return kept, rejects
 
 
-def movement_filter(given: Movement | Mapping[str, Any] | Literal[False] | None) -> Movement | None:
-    """Make a filter of what a caller gave: one, or its parameters under "movement", as in a recipe."""
+def no_window_error(store: Store, split: str, rejects: Sequence[Reject]) -> UsageError:
+    """Return the error of a split in which no window is left."""
+    longest = max((c.n_frames for c in store.clips), default=0)
+    reasons = ", ".join(sorted({r.reason for r in rejects})) or "nothing"
+    return UsageError(
+        f"split {split!r} has no windows of that length",
+        where=str(store.path),
+        found=f"clips of at most {longest} frames at {store.fps} per second; left out: {reasons}",
+        fix="ask for shorter windows, or for fewer lists and filters",
+    )
+
+
+def window_filter(given: WindowFilter | Mapping[str, Any] | Literal[False] | None) -> WindowFilter | None:
+    """Return a window filter from a plug-in, or from its name and parameters, as in a recipe.
+
+    Raises
+    ------
+    UsageError
+        For an unknown filter or parameter.
+    """
     if given is None or given is False:
         return None
-    if isinstance(given, Movement):
+    if isinstance(given, WindowFilter):
         return given
-    if not isinstance(given, Mapping) or list(given) != ["movement"]:
-        raise UsageError("the filter is called movement", found=given, allowed='{"movement": {"min_std": 0.07}}')
-    parameters = dict(given["movement"] or {})
-    unknown = sorted(set(parameters) - set(Movement.__dataclass_fields__))
+    if not isinstance(given, Mapping) or len(given) != 1:
+        raise UsageError("filter must name one window filter", found=given, allowed='{"movement": {"min_std": 0.07}}')
+    ((name, parameters),) = given.items()
+    cls: type[Any] = FILTERS.get(name)
+    parameters = dict(parameters or {})
+    known = [f.name for f in fields(cls)]
+    unknown = sorted(set(parameters) - set(known))
     if unknown:
-        raise UsageError(
-            f"the movement filter has no parameter {unknown[0]!r}",
-            fix=did_you_mean(unknown[0], Movement.__dataclass_fields__),
-        )
-    if isinstance(parameters.get("splits"), list):
-        parameters["splits"] = tuple(parameters["splits"])
-    return Movement(**parameters)
+        raise UsageError(f"the {name} filter has no parameter {unknown[0]!r}", fix=did_you_mean(unknown[0], known))
+    # Lists, as JSON and YAML have them, are tuples in plug-ins.
+    made: WindowFilter = cls(**{k: tuple(v) if isinstance(v, list) else v for k, v in parameters.items()})
+    return made

@@ -1,1 +1,1 @@
-"""Representations: motion becomes a trainer's columns. One file, one representation."""
+"""Representations: they turn motion into the columns of a trainer. One file, one representation."""

@@ -1,4 +1,4 @@
-"""What representations are put together from: groups of columns that know their own mirror image."""
+"""The parts of representations: groups of columns, each with its mirror image."""
 
 from __future__ import annotations
 
@@ -56,9 +56,9 @@ def positions(skeleton: Skeleton) -> Part:
 
 
 def rotations(skeleton: Skeleton, n_rows: int) -> Part:
-    """Return the first rows of each joint's matrix, row after row: 2 rows are 6D, 3 the whole matrix.
+    """Return the first rows of each joint's matrix, row by row: 2 rows are 6D, 3 the whole matrix.
 
-    The mirror image of R is S R S, on the other side's joint (FACT; Lodge): entry (r, c) changes its sign if
+    The mirror image of R is S R S, on the joint of the other side (FACT; Lodge): entry (r, c) changes its sign if
     row or column is x, not if both are.
     """
     entries = [(r, c) for r in range(n_rows) for c in range(3)]
@@ -83,16 +83,16 @@ def packed_positions(motion: Motion) -> npt.NDArray[np.float32]:
 
 
 def required_rule(rule: ContactRule | None, name: str) -> ContactRule:
-    """Return the contact rule; UsageError if there is none."""
+    """Return the contact rule; UsageError if it is None."""
     if rule is None:
         raise UsageError(f"{name} needs a contact rule", allowed="a rule such as velocity")
     return rule
 
 
 def refuse_rule(rule: ContactRule | None, name: str) -> None:
-    """UsageError if a contact rule is given to a representation that holds no contacts."""
+    """Raise UsageError for a contact rule: the representation has no contacts."""
     if rule is not None:
-        raise UsageError(f"{name} holds no contacts", found=f"contact rule {rule.name}", fix="leave the rule out")
+        raise UsageError(f"{name} holds no contacts", found=f"contact rule {rule.name}", fix="omit the rule")
 
 
 def checked(array: npt.NDArray[Any], width: int, name: str, first: int = 0) -> Float64Array:
@@ -101,23 +101,23 @@ def checked(array: npt.NDArray[Any], width: int, name: str, first: int = 0) -> F
     Raises
     ------
     UsageError
-        For another shape.
+        The array has another shape.
     DataError
         "nan".
     """
     array = np.asarray(array)
     if array.ndim != 2 or array.shape[1] != width:
         raise UsageError(f"{name} decodes (T, {width})", found=f"shape {array.shape}")
-    # Before any arithmetic: infinity in it would warn first.
+    # Before any arithmetic, which would warn about infinity first.
     if not np.isfinite(array[:, first:]).all():
-        raise DataError("the columns hold NaN or infinity", reason="nan", where=name)
+        raise DataError("the columns have NaN or infinity", reason="nan", where=name)
     return array[:, first:].astype(np.float64)
 
 
 def refuse_rotations(
     bad: npt.NDArray[np.bool_], rows: Float64Array, problem: str, fix: str, name: str, skeleton: Skeleton
 ) -> None:
-    """DataError "bad_rotation" that names the first of the `bad` (T, J) rotations among `rows` (T, J, n)."""
+    """Raise DataError "bad_rotation" for the first of the `bad` (T, J) rotations among `rows` (T, J, n), if any."""
     if bad.any():
         frame, joint = np.argwhere(bad)[0]
         raise DataError(

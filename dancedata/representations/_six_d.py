@@ -14,7 +14,7 @@ from dancedata.core.columns import Columns
 from dancedata.core.grid import FrameGrid
 from dancedata.core.grounding import grounded
 from dancedata.core.motion import Motion
-from dancedata.core.plugins import ContactRule
+from dancedata.core.plugins import ContactRule, Representation
 from dancedata.core.rotations import (
     Float64Array,
     matrix_from_6d,
@@ -24,7 +24,7 @@ from dancedata.core.rotations import (
 from dancedata.core.skeleton import Skeleton
 from dancedata.representations import _columns as parts
 
-#: What dataset.json says of the 6D convention (Zhou et al. 2019, by rows as in pytorch3d).
+#: The 6D convention in dataset.json (Zhou et al. 2019, by rows as in pytorch3d).
 CONVENTION = "first two rows of the matrix, flattened (pytorch3d)"
 
 
@@ -35,7 +35,7 @@ class SixD:
     Attributes
     ----------
     name
-        Of the representation, for messages.
+        Name of the representation, for messages.
     skeleton
         J joints.
     """
@@ -68,21 +68,21 @@ class SixD:
     def unpack(self, array: npt.NDArray[Any]) -> tuple[Float64Array, Float64Array]:
         """Return translation (T, 3) and matrices (T, J, 3, 3) of (T, D) columns, not normalised.
 
-        Six columns need not be orthonormal: Gram-Schmidt makes a rotation of them.
+        Six columns need not be orthonormal: Gram-Schmidt turns them into a rotation.
 
         Raises
         ------
         UsageError
-            For another shape.
+            The array has another shape.
         DataError
-            "nan", or "bad_rotation" where six columns span no plane.
+            "nan", or "bad_rotation" where six columns do not span a plane.
         """
         numbers = parts.checked(array, self.width, self.name, first=4)
         rows = numbers[:, 3:].reshape(len(numbers), self.skeleton.n_joints, 6)
         parts.refuse_rotations(
             np.linalg.norm(np.cross(rows[..., :3], rows[..., 3:]), axis=-1) < 1e-6,
             rows,
-            "six rotation columns span no plane, so they are no rotation",
+            "not a valid 6D rotation: its two rows do not span a plane",
             "decode columns that are not normalised: call the normaliser's unnormalize first",
             self.name,
             self.skeleton,
@@ -90,20 +90,20 @@ class SixD:
         return numbers[:, :3], matrix_from_6d(rows)
 
     def encode(self, motion: Motion, rule: ContactRule) -> npt.NDArray[np.float32]:
-        """Encode a motion on the layout's joints as it is, +Y up; contacts from its own bones."""
+        """Encode a motion on the layout's joints, +Y up; contacts from its own bones."""
         labels = rule(motion.joints(), motion.grid, motion.skeleton)
         return self.pack(labels, motion.translation, motion.matrices)
 
     def decode(self, array: npt.NDArray[Any], grid: FrameGrid) -> Motion:
-        """Decode what `encode` gave; raises what `unpack` raises."""
+        """Decode columns of `encode`; raises the errors of `unpack`."""
         translation, matrices = self.unpack(array)
         return Motion(translation, rotvec_from_matrix(matrices), grid, self.skeleton)
 
 
-class SmplX6D:
-    """What Lodge's and FineDance's columns have in common: +Y up, on SMPL-X's joints, some of them grounded.
+class SmplX6D(Representation):
+    """Base of Lodge's and FineDance's columns: +Y up, on SMPL-X's joints, some of them grounded.
 
-    A class of this kind says its layout, `default_contacts`, `axes` and whether it is `grounded`.
+    Subclasses define their layout, `default_contacts`, `axes` and whether they are `grounded`.
     """
 
     layout: ClassVar[SixD]
@@ -127,9 +127,9 @@ class SmplX6D:
         ----------
         motion
             On a body of the SMPL family, +Y up. Joints that the layout lacks are left out; fingers that the motion
-            lacks do not turn.
+            lacks are at rest.
         contacts
-            Rule for the first four columns; it sees the joints as they are encoded, grounded or not.
+            Rule for the first four columns; its input are the joints as they are encoded, grounded or not.
 
         Returns
         -------
@@ -147,14 +147,14 @@ class SmplX6D:
     def decode(self, array: npt.NDArray[Any], grid: FrameGrid) -> Motion:
         """Decode columns (T, D), not normalised, into a motion at the rate of `grid`.
 
-        What is lost: contacts, `trim_start`, joints that the layout lacks and, where it is grounded, the source's own
-        height (one number). Axis-angle vectors come back with a length of at most pi.
+        Not restored are contacts, `trim_start`, joints that the layout lacks and, if it is grounded, the height of
+        the source (one number). Axis-angle vectors are returned with a length of at most pi.
 
         Raises
         ------
         UsageError
             For another shape.
         DataError
-            "nan", or "bad_rotation" where six columns span no plane.
+            "nan", or "bad_rotation" where six columns do not span a plane.
         """
         return self.layout.decode(array, grid)

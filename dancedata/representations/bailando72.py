@@ -12,7 +12,7 @@ import numpy.typing as npt
 from dancedata.core.bodies import carried_over
 from dancedata.core.columns import Columns
 from dancedata.core.motion import Motion
-from dancedata.core.plugins import ContactRule
+from dancedata.core.plugins import ContactRule, Representation
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.representations import _columns as parts
@@ -20,11 +20,11 @@ from dancedata.representations import _columns as parts
 
 @REPRESENTATIONS.register("bailando72")
 @dataclass(frozen=True)
-class Bailando72:
-    """Positions of SMPL's 24 joints, metres, +Y up, 60 a second (Bailando, Siyao et al. 2022).
+class Bailando72(Representation):
+    """Positions of SMPL's 24 joints, metres, +Y up, 60 per second (Bailando, Siyao et al. 2022).
 
-    The pelvis is SMPL's: its rest position plus the translation, not EDGE's. Nothing decodes them: positions do
-    not say how a bone turns about itself. Mirroring reflects across the plane x = 0.
+    The pelvis is SMPL's: its rest position plus the translation, unlike EDGE's. They cannot be decoded: positions do
+    not determine the rotation of a bone about its own axis. Mirroring reflects across the plane x = 0.
     """
 
     version: ClassVar[int] = 1
@@ -41,14 +41,14 @@ class Bailando72:
         return parts.columns_of(parts.positions(SMPL24))
 
     def encode(self, motion: Motion, contacts: ContactRule | None = None) -> npt.NDArray[np.float32]:
-        """Encode a motion, at the rate that it has.
+        """Encode a motion at its own rate.
 
         Parameters
         ----------
         motion
             On a body of the SMPL family, +Y up; joints beyond SMPL's 24 are left out.
         contacts
-            None: the columns hold no contacts.
+            None: the columns have no contacts.
 
         Returns
         -------

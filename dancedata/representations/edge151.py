@@ -13,7 +13,7 @@ from dancedata.core.bodies import carried_over
 from dancedata.core.columns import Columns
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
-from dancedata.core.plugins import ContactRule
+from dancedata.core.plugins import ContactRule, Representation
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.rotations import rotvec_from_matrix
 from dancedata.core.skeleton import SMPL24, SMPL24_EDGE, Skeleton
@@ -27,11 +27,11 @@ _LAYOUT = SixD("edge151", SMPL24)
 
 @REPRESENTATIONS.register("edge151")
 @dataclass(frozen=True)
-class Edge151:
+class Edge151(Representation):
     """Contacts 4, root translation 3, 24 joint rotations in 6D; the world turned to +Z up (EDGE, section 3.2).
 
-    The columns hold SMPL's translation, which EDGE takes for the pelvis: its forward kinematics, and so the
-    contacts, leave out the pelvis's rest position. That shifts all joints alike and changes no speed.
+    The columns have SMPL's translation, which EDGE uses as the position of the pelvis: its forward kinematics, and so
+    the contacts, omit the pelvis's rest position. That shifts all joints equally and does not change speeds.
     6D is the first two rows of each matrix. Mirroring reflects across the plane x = 0.
     """
 
@@ -69,7 +69,7 @@ class Edge151:
         """
         rule = required_rule(contacts, _LAYOUT.name)
         motion = carried_over(motion, self.skeleton)
-        # Contacts need no turning of the world: speeds do not depend on it.
+        # Contacts are computed before the world is turned: speeds do not depend on it.
         joints = motion.joints(SMPL24_EDGE)
         matrices = motion.matrices.copy()
         matrices[:, 0] = _Z_UP @ matrices[:, 0]
@@ -78,14 +78,14 @@ class Edge151:
     def decode(self, array: npt.NDArray[Any], grid: FrameGrid) -> Motion:
         """Decode columns (T, 151), not normalised, into a motion at the rate of `grid`, +Y up.
 
-        Axis-angle vectors come back with a length of at most pi. Contacts are not part of a motion.
+        Axis-angle vectors are returned with a length of at most pi. Contacts are not part of a motion.
 
         Raises
         ------
         UsageError
             For another shape.
         DataError
-            "nan", or "bad_rotation" where six columns span no plane.
+            "nan", or "bad_rotation" where six columns do not span a plane.
         """
         translation, matrices = _LAYOUT.unpack(array)
         matrices[:, 0] = _Z_UP.T @ matrices[:, 0]

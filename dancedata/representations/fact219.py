@@ -13,7 +13,7 @@ from dancedata.core.bodies import carried_over
 from dancedata.core.columns import Columns
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
-from dancedata.core.plugins import ContactRule
+from dancedata.core.plugins import ContactRule, Representation
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.rotations import rotvec_from_matrix
 from dancedata.core.skeleton import SMPL24, Skeleton
@@ -26,11 +26,11 @@ _TOLERANCE = 1e-4
 
 @REPRESENTATIONS.register("fact219")
 @dataclass(frozen=True)
-class Fact219:
-    """Root translation 3 and 24 rotation matrices, row by row, +Y up, 60 a second (FACT, Li et al. 2021).
+class Fact219(Representation):
+    """Root translation 3 and 24 rotation matrices, row by row, +Y up, 60 per second (FACT, Li et al. 2021).
 
-    The translation is SMPL's, in metres. FACT puts six zeros in front before it trains (225 columns); they are
-    left out here. Mirroring reflects across the plane x = 0.
+    The translation is SMPL's, in metres. FACT prepends six zeros for training (225 columns); they are
+    omitted here. Mirroring reflects across the plane x = 0.
     """
 
     version: ClassVar[int] = 1
@@ -47,14 +47,14 @@ class Fact219:
         return parts.columns_of(parts.translation(), parts.rotations(SMPL24, n_rows=3))
 
     def encode(self, motion: Motion, contacts: ContactRule | None = None) -> npt.NDArray[np.float32]:
-        """Encode a motion, at the rate that it has.
+        """Encode a motion at its own rate.
 
         Parameters
         ----------
         motion
             On a body of the SMPL family, +Y up; joints beyond SMPL's 24 are left out.
         contacts
-            None: the columns hold no contacts.
+            None: the columns have no contacts.
 
         Returns
         -------
@@ -75,15 +75,15 @@ class Fact219:
     def decode(self, array: npt.NDArray[Any], grid: FrameGrid) -> Motion:
         """Decode columns (T, 219), not normalised, into a motion at the rate of `grid`.
 
-        Axis-angle vectors come back with a length of at most pi. Matrices are taken as they are: what a network
-        makes has to be brought to the nearest rotations first, as FACT does it by singular value decomposition.
+        Axis-angle vectors are returned with a length of at most pi. Matrices are used as they are: the output of a
+        network must be projected to the nearest rotations first, as FACT does by singular value decomposition.
 
         Raises
         ------
         UsageError
             For another shape.
         DataError
-            "nan", or "bad_rotation" where nine columns are no rotation.
+            "nan", or "bad_rotation" where nine columns are not a rotation matrix.
         """
         numbers = parts.checked(array, _WIDTH, "fact219")
         rows = numbers[:, 3:].reshape(len(numbers), SMPL24.n_joints, 9)
@@ -92,8 +92,8 @@ class Fact219:
         parts.refuse_rotations(
             (off > _TOLERANCE) | (np.linalg.det(matrices) < 0),
             rows,
-            "nine rotation columns are no rotation matrix",
-            "decode columns that are not normalised, and bring a network's output to the nearest rotations first",
+            "not a valid rotation matrix",
+            "decode columns that are not normalised, and project a network's output to the nearest rotations first",
             "fact219",
             SMPL24,
         )

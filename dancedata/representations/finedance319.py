@@ -16,10 +16,9 @@ from dancedata.representations._six_d import SixD, SmplX6D
 class FineDance319(SmplX6D):
     """Contacts 4, root translation 3, 52 joint rotations in 6D, +Y up (FineDance, Li et al. 2023).
 
-    As wide as `lodge319` and laid out like it, but other numbers: the heights are the source's, and contacts
-    are speeds over the whole clip, on SMPL-X's joints. 6D is the first two rows of each matrix. FineDance passes
-    on the six numbers as its files have them: the same wherever those are orthonormal. Mirroring reflects across
-    the plane x = 0.
+    The layout is that of `lodge319`, but the numbers differ: the heights are the source's, and contacts are speeds
+    over the whole clip, on SMPL-X's joints. 6D is the first two rows of each matrix. FineDance copies the six numbers
+    from its files: the same where those are orthonormal. Mirroring reflects across the plane x = 0.
     """
 
     layout: ClassVar[SixD] = SixD("finedance319", SMPLX52)

@@ -14,7 +14,7 @@ from dancedata.core.bodies import SKELETONS, carried_over
 from dancedata.core.columns import Columns
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.motion import Motion
-from dancedata.core.plugins import ContactRule
+from dancedata.core.plugins import ContactRule, Representation
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.skeleton import Skeleton
 from dancedata.representations import _columns as parts
@@ -22,18 +22,17 @@ from dancedata.representations import _columns as parts
 
 @REPRESENTATIONS.register("joints")
 @dataclass(frozen=True)
-class Joints:
+class Joints(Representation):
     """Positions of a skeleton's joints, metres, +Y up.
 
-    They come from the motion's own bones where it has all of these joints (a body model with betas), else, and
-    where SMPL's 24 are put on SMPL-X, from those of the skeleton named here. Nothing decodes them: positions do
-    not say how a bone turns about itself. Mirroring reflects across the plane x = 0.
+    They come from the motion's own bones if it has all of these joints (a body model with betas); otherwise, and if
+    SMPL's 24 are transferred to SMPL-X, from those of the skeleton named here. They cannot be decoded: positions do
+    not determine the rotation of a bone about its own axis. Mirroring reflects across the plane x = 0.
 
     Attributes
     ----------
     body
-        Whose joints: the name of a skeleton that comes with the package, or one spelled out as `Skeleton.to_json`
-        gives it.
+        The skeleton: the name of one that comes with the package, or a mapping as `Skeleton.to_json` returns it.
     """
 
     version: ClassVar[int] = 1
@@ -57,18 +56,18 @@ class Joints:
 
     @property
     def columns(self) -> Columns:
-        """Three columns a joint."""
+        """Three columns per joint."""
         return parts.columns_of(parts.positions(self.skeleton))
 
     def encode(self, motion: Motion, contacts: ContactRule | None = None) -> npt.NDArray[np.float32]:
-        """Encode a motion, at the rate that it has.
+        """Encode a motion at its own rate.
 
         Parameters
         ----------
         motion
-            On the same joints, or, where both are of the SMPL family, on others of it.
+            On the same joints, or on others if both are of the SMPL family.
         contacts
-            None: the columns hold no contacts.
+            None: the columns have no contacts.
 
         Returns
         -------
@@ -86,13 +85,13 @@ class Joints:
 def _skeleton(body: str | Mapping[str, Any]) -> Skeleton:
     if isinstance(body, str):
         if body not in SKELETONS:
-            raise UsageError(f"no skeleton {body!r} comes with the package", fix=did_you_mean(body, SKELETONS))
+            raise UsageError(f"unknown skeleton {body!r}", fix=did_you_mean(body, SKELETONS))
         return SKELETONS[body]
     try:
         return Skeleton.from_json(body)
     except (LookupError, TypeError, ValueError) as error:
         raise UsageError(
-            "body is no skeleton",
+            "body is not a valid skeleton",
             found=f"{type(error).__name__}: {error}",
             allowed="a name, or a mapping with name, joints, parents, offsets, pairs and feet, as Skeleton.to_json",
         ) from error

@@ -16,10 +16,10 @@ from dancedata.representations._six_d import SixD, SmplX6D
 class Lodge139(SmplX6D):
     """Contacts 4, root translation 3, 22 joint rotations in 6D, +Y up, grounded (Lodge, Li et al. 2024).
 
-    The first 139 columns of `lodge319`. The motion is put on the floor y = 0 as it stands in its first frame that
-    belongs to the dance (`trim_start`); all frames are encoded, those before it too. Contacts are heights above
-    that floor. The translation is SMPL-X's: the pelvis lies at its rest position (y = -0.35 m) plus these columns.
-    6D is the first two rows of each matrix. Mirroring reflects across the plane x = 0.
+    The first 139 columns of `lodge319`. The motion is moved so that it stands on the floor y = 0 in the first frame
+    of the dance (`trim_start`); all frames are encoded, including those before it. Contacts are heights above that
+    floor. The translation is SMPL-X's: the pelvis is at its rest position (y = -0.35 m) plus these columns. 6D is the
+    first two rows of each matrix. Mirroring reflects across the plane x = 0.
     """
 
     layout: ClassVar[SixD] = SixD("lodge139", SMPLX22)

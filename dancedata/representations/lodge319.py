@@ -16,10 +16,10 @@ from dancedata.representations._six_d import SixD, SmplX6D
 class Lodge319(SmplX6D):
     """Contacts 4, root translation 3, 52 joint rotations in 6D, +Y up, grounded (Lodge, Li et al. 2024).
 
-    As wide as `finedance319` and laid out like it, but other numbers: the motion is put on the floor y = 0 as it
-    stands in its first frame that belongs to the dance (`trim_start`), and contacts are heights above that
-    floor. All frames are encoded, those before `trim_start` too. 6D is the first two rows of each matrix, made
-    orthonormal again. Mirroring reflects across the plane x = 0.
+    The layout is that of `finedance319`, but the numbers differ: the motion is moved so that it stands on the floor
+    y = 0 in the first frame of the dance (`trim_start`), and contacts are heights above that floor. All frames are
+    encoded, including those before `trim_start`. 6D is the first two rows of each matrix, made orthonormal again.
+    Mirroring reflects across the plane x = 0.
     """
 
     layout: ClassVar[SixD] = SixD("lodge319", SMPLX52)

@@ -1,9 +1,11 @@
-"""The HDF5 store, format 1: the only place that knows the file layout (docs/store-format.md)."""
+"""The HDF5 store, format 1: the only place that depends on the file layout (docs/store-format.md)."""
 
+from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.clip_view import Clips, ClipView
 from dancedata.store.dataset import Store, open_store
 from dancedata.store.problem import Problem
-from dancedata.store.schema import AudioBlock, ClipRecord, Field, LazyArray, StoredClip, StoreHeader
+from dancedata.store.schema import Field, StoreHeader
+from dancedata.store.stored_clip import AudioBlock, LazyArray, StoredClip
 from dancedata.store.verify import verify_store
 from dancedata.store.window_list import WindowList
 from dancedata.store.writer import write_store

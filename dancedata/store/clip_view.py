@@ -1,16 +1,16 @@
-"""Clips of a store: what is known of them, and their rows."""
+"""The clips of an open store, and their rows."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, overload
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any, Self, overload
 
 import numpy.typing as npt
 
 from dancedata.core.errors import UsageError
 from dancedata.core.text import quoted, shown
-from dancedata.store.schema import ClipRecord
+from dancedata.store.clip_columns import ClipRecord
 
 if TYPE_CHECKING:
     from dancedata.store.dataset import Store
@@ -19,83 +19,30 @@ if TYPE_CHECKING:
 _SHOWN = 3
 
 
-@dataclass(frozen=True, repr=False)
-class ClipView:
-    """One clip of a store: its row of the table /clips, and `read` for its arrays.
+@dataclass(frozen=True, repr=False, kw_only=True)
+class ClipView(ClipRecord):
+    """One clip of a store: the attributes of `ClipRecord`, and `read` for its arrays.
 
     Attributes
     ----------
-    record
-        The row alone, without the store.
+    store
+        The store that it is read from.
     """
 
     store: Store
-    record: ClipRecord
+
+    @classmethod
+    def of(cls, store: Store, record: ClipRecord) -> Self:
+        """Make the view of a row of the table /clips."""
+        # Not through __init__, which sets field by field: lists of clips are made for whole splits.
+        view = object.__new__(cls)
+        view.__dict__.update(vars(record), store=store)
+        return view
 
     @property
-    def id(self) -> str:
-        """Name of the clip."""
-        return self.record.id
-
-    @property
-    def split(self) -> str:
-        """Split the clip is in."""
-        return self.record.split
-
-    @property
-    def genre(self) -> str:
-        """Genre, as the dataset names it."""
-        return self.record.genre
-
-    @property
-    def music(self) -> str:
-        """Music id."""
-        return self.record.music
-
-    @property
-    def dancer(self) -> str:
-        """Dancer, as the dataset names them."""
-        return self.record.dancer
-
-    @property
-    def tempo_bpm(self) -> float | None:
-        """Tempo that the dataset states, beats per minute."""
-        return self.record.tempo_bpm
-
-    @property
-    def source(self) -> str:
-        """Id of the clip that this one is a mirrored copy of, else empty."""
-        return self.record.source
-
-    @property
-    def n_flags(self) -> int:
-        """Quality flags raised for the clip; `Store.quality` has them."""
-        return self.record.n_flags
-
-    @property
-    def trim_start(self) -> int:
-        """First frame, at the store's fps, that belongs to the dance."""
-        return self.record.trim_start
-
-    @property
-    def height_m(self) -> float | None:
-        """Vertical extent of the joints, median over frames, metres."""
-        return self.record.height_m
-
-    @property
-    def source_rate(self) -> str:
-        """Frames per second of the source, as text; empty if unknown."""
-        return self.record.source_rate
-
-    @property
-    def lists(self) -> tuple[str, ...]:
-        """Lists of the dataset that the clip is in."""
-        return self.record.lists
-
-    @property
-    def n_frames(self) -> int:
-        """Frames at the store's fps."""
-        return self.record.n_frames
+    def record(self) -> ClipRecord:
+        """The row of the table alone, without the store."""
+        return ClipRecord(**{f.name: getattr(self, f.name) for f in fields(ClipRecord)})
 
     def read(self, field: str) -> npt.NDArray[Any]:
         """Read all rows of a field that belong to the clip.
@@ -108,7 +55,7 @@ class ClipView:
         Returns
         -------
         ndarray
-            (T, D), fresh. Motion: every stored row. Audio: rows that begin within the clip, as far as the
+            (T, D), a new array. Motion: every stored row. Audio: rows that begin within the clip, as far as the
             music goes.
 
         Raises
@@ -116,18 +63,18 @@ class ClipView:
         StoreError
             In window scope, where clips are not stored whole.
         """
-        return self.store.read_clip(self.record.id, field)
+        return self.store.read_clip(self.id, field)
 
     def __repr__(self) -> str:
-        """Show id, length and what the dataset says of the clip."""
-        length = f"{self.n_frames} frames, {float(self.n_frames / self.store.fps):.2f} s"
+        """Show id, length, music and genre."""
+        length = f"{self.n_frames} frames, {float(self.store.grid.seconds(self.n_frames)):.2f} s"
         about = {"music": self.music, "genre": self.genre}
         known = "".join(f", {name} {shown(value)}" for name, value in about.items() if value)
         return f"ClipView({quoted(self.id)}, {self.split}, {length}{known})"
 
 
 class Clips(Sequence[ClipView]):
-    """The clips of a store, in stored order; each is made when asked for."""
+    """The clips of a store, in stored order; each view is made when it is asked for."""
 
     def __init__(self, store: Store, records: tuple[ClipRecord, ...]) -> None:
         self._store = store
@@ -144,15 +91,15 @@ class Clips(Sequence[ClipView]):
     def __getitem__(self, item: slice) -> Clips: ...
 
     def __getitem__(self, item: int | slice) -> ClipView | Clips:
-        """Return one clip, or some of them; by position, as `Store.clip` finds a clip by its id."""
+        """Return one clip, or a list of some, by position; `Store.clip` finds a clip by its id."""
         if isinstance(item, str):
             raise UsageError("clips are counted from 0", found=item, fix="get a clip by its id with ds.clip(ID)")
         if isinstance(item, slice):
             return Clips(self._store, self._records[item])
-        return ClipView(self._store, self._records[item])
+        return ClipView.of(self._store, self._records[item])
 
     def __eq__(self, other: object) -> bool:
-        """Tell whether both are the same clips of one store."""
+        """Whether both are the same clips of one store."""
         if not isinstance(other, Clips):
             return NotImplemented
         return self._store is other._store and self._records == other._records
@@ -160,6 +107,6 @@ class Clips(Sequence[ClipView]):
     __hash__ = None  # type: ignore[assignment]
 
     def __repr__(self) -> str:
-        """Say how many there are, and name the first."""
+        """Show the number of clips, and the first ids."""
         names = [repr(record.id) for record in self._records[:_SHOWN]]
         return f"Clips({len(self)}: {', '.join([*names, *['...'] * (len(self) > _SHOWN)])})"

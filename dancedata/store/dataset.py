@@ -17,36 +17,22 @@ from dancedata.core.columns import Columns
 from dancedata.core.errors import StoreError, UsageError, did_you_mean
 from dancedata.core.normalize import MinMax
 from dancedata.core.text import shown
+from dancedata.core.windows import WindowGrid
+from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.clip_view import Clips, ClipView
-from dancedata.store.dataset_json import (
-    MAX_BYTES,
-    MAX_LINES_BYTES,
-    REBUILD,
-    Description,
-    json_quality,
-    json_rejects,
-    json_stats,
-    self_hash,
-)
-from dancedata.store.described import DescribedFile, built_again, open_described, read_described
-from dancedata.store.locate import RowSpan, locate_stored, locate_view
-from dancedata.store.mapped import WindowRows, locate_windows
-from dancedata.store.rewindow import Cut, cut_windows, stored_windows, wanted_cut
-from dancedata.store.schema import (
-    QUALITY_FILE,
-    REJECTS_FILE,
-    STATS_FILE,
-    ClipRecord,
-    Field,
-    RowRate,
-    sort_splits,
-)
+from dancedata.store.dataset_json import Description, self_hash
+from dancedata.store.listed_file import ListedFile, open_listed, rebuilt_error
+from dancedata.store.locate import RowSpan, locate_stored, locate_view, locate_windows
+from dancedata.store.schema import Field, sort_splits
 from dancedata.store.shard_reader import ShardReader
+from dancedata.store.side_files import SideFiles
 from dancedata.store.window_list import WindowList
+from dancedata.store.window_rows import WindowRows
+from dancedata.store.windowing import cut_windows, requested_windows, stored_windows
 
 
 def open_store(path: str | Path) -> Store:
-    """Open a built dataset; reads dataset.json and looks at the sizes of the shards.
+    """Open a built dataset; reads dataset.json and checks the sizes of the shards.
 
     Parameters
     ----------
@@ -56,16 +42,23 @@ def open_store(path: str | Path) -> Store:
     Returns
     -------
     Store
-        Everything else is read when asked for.
+        Tables, rows and statistics are read when they are asked for.
 
     Raises
     ------
     StoreError
         If there is no finished dataset, it has another format version, or a shard is missing or of
         another size.
+
+    Examples
+    --------
+    >>> import dancedata
+    >>> ds = dancedata.open("data/aistpp")
+    >>> ds.read(ds.windows("train")[3], "edge151").shape
+    (150, 151)
     """
     folder = Path(path).expanduser().absolute()
-    return Store(folder, *open_described(folder))
+    return Store(folder, *open_listed(folder))
 
 
 class Store:
@@ -83,7 +76,9 @@ class Store:
     fields
         Columns of every field, by name.
     fps
-        Frames a second of window starts and lengths: int if whole, else Fraction.
+        Frames per second of window starts and lengths: int if whole, else Fraction.
+    grid
+        The same rate as a `FrameGrid`.
     scope
         "track": windows are views of clips. "window": each window has rows of its own.
     skeleton
@@ -92,7 +87,7 @@ class Store:
         dataset.json.
     """
 
-    def __init__(self, path: Path, description: Description, files: Mapping[str, DescribedFile]) -> None:
+    def __init__(self, path: Path, description: Description, files: Mapping[str, ListedFile]) -> None:
         """Use `open_store` instead."""
         self.path = path
         self._description = description
@@ -103,7 +98,8 @@ class Store:
         self.scope = description.scope
         self.skeleton = description.skeleton
         self.meta = description.meta
-        self._rates: dict[str, RowRate] = {f.name: f.row_rate(description.fps) for f in description.fields}
+        self.grid = description.grid
+        self._side_files = SideFiles(path, description)
         self._shards: dict[str, tuple[ShardReader, ...]] = {
             split: tuple(
                 ShardReader(files[s.file], s.split, description.fields, description.scope)
@@ -115,20 +111,20 @@ class Store:
         self._places: dict[str, dict[str, tuple[ShardReader, int]]] = {}
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle as a path: the other process opens the dataset again, and refuses one rebuilt meanwhile."""
+        """Pickle as a path: the other process opens the dataset again, and refuses one that was rebuilt since."""
         return reopen, self.reference
 
     @cached_property
     def reference(self) -> tuple[str, str]:
-        """What `reopen` takes: the path, and a hash of dataset.json."""
+        """Arguments for `reopen`: the path, and a hash of dataset.json."""
         return str(self.path), self_hash(self.meta)
 
     def __repr__(self) -> str:
-        """Say where it is and what it holds."""
+        """Show path, splits, fields and frame rate."""
         return f"Store({str(self.path)!r}, splits={self.splits}, fields={tuple(self.fields)}, fps={self.fps})"
 
     def __enter__(self) -> Self:
-        """Use as a context manager to give files back at the end."""
+        """Use as a context manager that closes the files at the end."""
         return self
 
     def __exit__(
@@ -138,7 +134,7 @@ class Store:
         self.close()
 
     def close(self) -> None:
-        """Give file descriptors back; a later read opens them again."""
+        """Close the files; a later read opens them again."""
         for shards in self._shards.values():
             for shard in shards:
                 shard.close()
@@ -151,7 +147,7 @@ class Store:
 
     @property
     def clips(self) -> Clips:
-        """All clips: split by split, in stored order. They are those that `clip` gives."""
+        """All clips: split by split, in stored order."""
         return Clips(self, self._records)
 
     @cached_property
@@ -161,7 +157,7 @@ class Store:
     def clip(self, clip_id: str) -> ClipView:
         """Return a clip by id; UsageError with the closest id if there is none."""
         shard, number = self._place(clip_id)
-        return ClipView(self, shard.clips.records[number])
+        return ClipView.of(self, shard.clips.records[number])
 
     def windows(
         self,
@@ -181,12 +177,12 @@ class Store:
         split
             One of `splits`.
         length_s, length_frames, stride_s, stride_frames
-            Other windows than the stored ones (track scope only): one of each; what is left out is as stored.
-            The stored length and stride give the stored windows.
+            Length and stride of the windows, at most one of each pair; default: as stored. Others than the stored
+            ones need a store of track scope.
         fields
-            Fields that the other windows must be whole rows of and lie within. Default: all.
+            Fields in which these windows have to begin and end at whole rows. Default: all.
         trim
-            Begin at every clip's trim_start: leave out what the source says should be cut (track scope only).
+            Begin at each clip's trim_start: skip the frames that the source says should be cut (track scope only).
 
         Returns
         -------
@@ -196,27 +192,27 @@ class Store:
         Raises
         ------
         UsageError
-            For an unknown split, two lengths or strides, or ones that are no whole number of frames and rows.
+            For an unknown split, two lengths or strides, or ones that are not a whole number of frames and rows.
         StoreError
             For another length or stride in window scope.
         """
         if split not in self._shards:
             raise UsageError(f"no split named {split!r}", where=str(self.path), fix=did_you_mean(split, self.splits))
-        cut = wanted_cut(self._description, length_s, length_frames, stride_s, stride_frames)
+        requested = requested_windows(self._description, length_s, length_frames, stride_s, stride_frames)
+        stored = WindowGrid(self._description.length, self._description.stride)
         shards = self._shards[split]
-        if cut is None and not trim:
+        if requested == stored and not trim:
             return stored_windows(split, shards)
-        cut = cut or Cut(self._description.length, self._description.stride)
         if self.scope == "window":
             raise StoreError(
-                "a store of window scope has no other windows than the stored ones",
+                "a store of window scope holds only the windows that were built",
                 where=str(self.path),
-                found=f"length {cut.length}, stride {cut.stride} frames" + (", trimmed" if trim else ""),
-                allowed=f"length {self._description.length}, stride {self._description.stride} frames",
+                found=f"length {requested.length}, stride {requested.stride} frames" + (", trimmed" if trim else ""),
+                allowed=f"length {stored.length}, stride {stored.stride} frames",
                 fix="build with scope: track",
             )
-        rates = {self.field(name).name: self._rates[name] for name in (fields or self._fields)}
-        return cut_windows(split, shards, self._description, cut, rates, trim)
+        own = [self.field(name) for name in fields or self._fields]
+        return cut_windows(split, shards, self._description, requested, own, trim)
 
     def read(self, window: Window, field: str) -> npt.NDArray[Any]:
         """Read a window's rows of a field.
@@ -224,14 +220,14 @@ class Store:
         Parameters
         ----------
         window
-            Of `windows`; in track scope any that lies within its clip.
+            One of `windows`; in track scope any window within its clip.
         field
             Name of a field.
 
         Returns
         -------
         ndarray
-            (length * rate / fps, D) in the field's dtype: fresh, writable.
+            (length * rate / fps, D) in the field's dtype: a new, writable array.
         """
         span = self.locate(window, field)
         f = self._fields[field]
@@ -242,9 +238,9 @@ class Store:
     def read_into(self, window: Window, field: str, out: npt.NDArray[Any]) -> None:
         """Read a window's rows of a field into `out`, (length * rate / fps, D), converting to its dtype."""
         span = self.locate(window, field)
-        wanted = (span.length, self._fields[field].columns.width)
-        if out.shape != wanted:
-            raise UsageError("the array to read into has the wrong shape", found=out.shape, allowed=wanted)
+        shape = (span.length, self._fields[field].columns.width)
+        if out.shape != shape:
+            raise UsageError("the array to read into has the wrong shape", found=out.shape, allowed=shape)
         span.shard.read_rows(field, span.first, out)
 
     def locate(self, window: Window, field: str) -> RowSpan:
@@ -253,23 +249,22 @@ class Store:
         Raises
         ------
         UsageError
-            For an unknown clip or field, or a window that is no whole number of rows or leaves its clip; for
-            anything but a Window.
+            For an unknown clip or field, a window that is not a whole number of rows or extends beyond its clip, and
+            anything except a Window.
         StoreError
             In window scope, for a window that is not stored.
         """
         if not isinstance(window, Window):
             raise UsageError(
-                "a window is asked for",
+                "not a window",
                 where=str(self.path),
                 found=shown(window),
                 fix='take one of ds.windows("train"); a whole clip is ds.clip(ID).read(FIELD)',
             )
-        f, rate = self.field(field), self._rates[field]
+        f = self.field(field)
         shard, number = self._place(window.clip)
-        if self.scope == "window":
-            return locate_stored(shard, number, window, f, rate)
-        return locate_view(shard, number, window, f, rate)
+        find = locate_stored if self.scope == "window" else locate_view
+        return find(shard, number, window, f, self.grid)
 
     def window_rows(self, windows: WindowList, field: str, *, mapped: bool = True) -> WindowRows:
         """Find a field's rows of many windows of equal length at once, for readers that copy from mapped files.
@@ -279,14 +274,15 @@ class Store:
         UsageError, StoreError
             As `locate`, for the first window that the store does not have; if there are no windows.
         """
-        f, rate = self.field(field), self._rates[field]
+        f = self.field(field)
         if not len(windows):
-            raise UsageError("there are no windows to find rows of", where=str(self.path), found=f"field {field}")
+            raise UsageError("there are no windows to read", where=str(self.path), found=f"field {field}")
         places = [self._place(clip) for clip in windows.clip_ids]
-        shards, shard, first, bad = locate_windows(windows, places, f, rate, self.scope)
+        shards, shard, first, bad = locate_windows(windows, places, f, self.grid, self.scope)
         if bad.any():
             self.locate(windows[int(np.argmax(bad))], field)
-        return WindowRows(field, shards, shard, first, rate.rows(int(windows.length[0])), mapped)
+        n_rows = self.grid.rows(int(windows.length[0]), of=f.grid)
+        return WindowRows(field, shards, shard, first, n_rows, mapped)
 
     def read_clip(self, clip_id: str, field: str) -> npt.NDArray[Any]:
         """Read all rows of a field that belong to a clip; see `ClipView.read`."""
@@ -301,13 +297,13 @@ class Store:
         table = shard.clips
         rows = int(table.available[field][number])
         if f.kind == "audio":
-            rows = max(0, min(rows, self._rates[field].rows_up(table.records[number].n_frames)))
+            rows = max(0, min(rows, self.grid.rows_up(table.records[number].n_frames, of=f.grid)))
         out = np.empty((rows, f.columns.width), dtype=f.disk_dtype)
         shard.read_rows(field, int(table.first[field][number]), out)
         return out
 
     def _place(self, clip_id: str) -> tuple[ShardReader, int]:
-        """Find a clip's shard and row, split by split: a train job never reads the tables of test."""
+        """Find a clip's shard and row, split by split: training does not read the tables of test."""
         for split in self.splits:
             if split in self._places and clip_id in self._places[split]:
                 return self._places[split][clip_id]
@@ -323,24 +319,23 @@ class Store:
         known = [clip for split in self.splits for clip in self._places[split]]
         raise UsageError(f"no clip named {clip_id!r}", where=str(self.path), fix=did_you_mean(clip_id, known))
 
-    @cached_property
+    @property
     def stats(self) -> dict[str, Any]:
         """stats.json: per field, over the rows that train windows cover."""
-        loaded: dict[str, Any] = self._load(STATS_FILE, json_stats, MAX_BYTES)
-        return loaded
+        return self._side_files.stats
 
-    @cached_property
+    @property
     def rejects(self) -> list[dict[str, Any]]:
-        """What was left out, and why: rejects.jsonl."""
-        return list(self._load(REJECTS_FILE, json_rejects, MAX_LINES_BYTES))
+        """rejects.jsonl: what the build left out, and why."""
+        return self._side_files.rejects
 
-    @cached_property
+    @property
     def quality(self) -> list[dict[str, Any]]:
-        """Quality flags: quality.jsonl."""
-        return list(self._load(QUALITY_FILE, json_quality, MAX_LINES_BYTES))
+        """quality.jsonl: quality flags."""
+        return self._side_files.quality
 
     def normalizer(self, field: str, mirror: bool = False) -> MinMax:
-        """Make EDGE's min-max scaler of a field, fitted on train.
+        """Return EDGE's min-max scaler of a field, fitted on train.
 
         Parameters
         ----------
@@ -357,43 +352,17 @@ class Store:
             If the field has no mirror.
         """
         f = self.field(field)
-        if field not in self.stats["fields"]:
-            raise StoreError(
-                "there is no scaler without train windows",
-                where=str(self.path),
-                found=f"splits {', '.join(self.splits)}",
-                fix="pass normalize=False, or build with a train split",
-            )
-        try:
-            plain = MinMax.from_state(self.stats["fields"][field]["scaler"])
-            found = f"{plain.width} columns"
-        except (KeyError, TypeError, ValueError, OverflowError, UsageError) as error:
-            plain, found = None, shown(error)
-        if plain is None or plain.width != f.columns.width:
-            raise StoreError(
-                f"the scaler of field {field} cannot be used",
-                where=str(self.path / STATS_FILE),
-                found=found,
-                allowed=f"data_min and data_max of {f.columns.width} columns",
-                fix=REBUILD,
-            )
+        scaler = self._side_files.scaler(f)
         if not mirror:
-            return plain
+            return scaler
         if f.columns.mirror is None:
             raise UsageError(f"field {field} cannot be mirrored", where=str(self.path))
-        return plain.with_mirror(f.columns.mirror)
-
-    def _load(self, name: str, parse: Any, limit: int) -> Any:
-        path = self.path / name
-        try:
-            return parse(read_described(self.path, self._description, name, limit))
-        except (OSError, ValueError) as error:
-            raise StoreError(f"{name} cannot be read", where=str(path), found=str(error), fix=REBUILD) from error
+        return scaler.with_mirror(f.columns.mirror)
 
 
 def reopen(path: str, sha256: str) -> Store:
-    """Open a dataset again, in another process; StoreError if another one is there by now."""
+    """Open a dataset again, in another process; StoreError if it was replaced in the meantime."""
     store = open_store(path)
     if store.reference[1] != sha256:
-        raise built_again(store.path, "another dataset.json than then")
+        raise rebuilt_error(store.path, "dataset.json has changed")
     return store

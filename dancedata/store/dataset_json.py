@@ -1,37 +1,38 @@
-"""Reads dataset.json and says clearly what is wrong with it."""
+"""Reads and checks dataset.json and the JSON files beside it."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from dancedata.core.atomic import OWN
 from dancedata.core.errors import DanceDataError, StoreError
-from dancedata.core.grid import as_rate
+from dancedata.core.grid import FrameGrid, as_rate
 from dancedata.core.hashing import canonical_json, json_sha256
 from dancedata.core.regular_file import read_regular
 from dancedata.core.skeleton import Skeleton
 from dancedata.core.strict_json import parse_json
-from dancedata.core.text import quoted, shown
+from dancedata.core.text import listed, quoted, shown
 from dancedata.store.schema import DATASET_FILE, FORMAT, Field, is_shard_name
 
 REBUILD = "build the dataset again"
-#: Larger descriptions are none, nor larger statistics.
+#: Largest dataset.json and stats.json, bytes.
 MAX_BYTES = 1 << 26
-#: Characters of a recipe with all its defaults.
+#: Largest recipe with all its defaults, characters.
 MAX_RECIPE = 1 << 17
-#: Larger numbers are none of a dataset's.
+#: Larger numbers are refused.
 _LARGE = 1e300
-#: Of lists with a line a reject or a flag.
+#: Largest rejects.jsonl and quality.jsonl, bytes.
 MAX_LINES_BYTES = 1 << 28
 
 
 @dataclass(frozen=True)
 class ShardEntry:
-    """What dataset.json says of a shard."""
+    """The entry of a shard in dataset.json."""
 
     file: str
     split: str
@@ -56,6 +57,11 @@ class Description:
     shards: tuple[ShardEntry, ...]
     files: Mapping[str, Mapping[str, Any]]
 
+    @cached_property
+    def grid(self) -> FrameGrid:
+        """The grid of the store's frames."""
+        return FrameGrid(self.fps)
+
 
 def load_description(folder: Path) -> Description:
     """Read ``folder / dataset.json``.
@@ -63,7 +69,7 @@ def load_description(folder: Path) -> Description:
     Raises
     ------
     StoreError
-        If there is none, saying what is there instead, if it is damaged, or of another format version.
+        If it is missing, damaged, or of another format version.
     """
     path = folder / DATASET_FILE
     try:
@@ -81,9 +87,9 @@ def load_description(folder: Path) -> Description:
     try:
         document = parse_json(text)
     except ValueError as error:
-        raise StoreError("dataset.json is no JSON", where=str(path), found=str(error), fix=REBUILD) from error
+        raise StoreError("dataset.json is not valid JSON", where=str(path), found=str(error), fix=REBUILD) from error
     if not isinstance(document, dict) or "format" not in document:
-        raise StoreError("dataset.json is not of a dancedata dataset", where=str(path), found="no key 'format'")
+        raise StoreError("dataset.json is not that of a dancedata dataset", where=str(path), found="no key 'format'")
     if document["format"] != FORMAT:
         raise StoreError(
             "the dataset has another format version",
@@ -96,7 +102,7 @@ def load_description(folder: Path) -> Description:
 
 
 def self_hash(document: Mapping[str, Any]) -> str:
-    """Hash dataset.json without the hash it holds."""
+    """Return the hash of dataset.json without its own key self_sha256."""
     return json_sha256({k: v for k, v in document.items() if k != "self_sha256"})
 
 
@@ -115,8 +121,8 @@ def json_quality(text: str) -> list[dict[str, Any]]:
 
 
 def _json_lines(text: str, needed: Sequence[str], types: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Parse one object a line; values that are there have to be of these types."""
-    # Not splitlines: it also splits at separators that may stand inside a JSON string.
+    """Parse one object per line; the values of these keys have to be of these types."""
+    # Not splitlines: it also splits at separators that are allowed inside a JSON string.
     rows = [_object(parse_json(line)) for line in text.split("\n") if line]
     for number, row in enumerate(rows, start=1):
         for key in {*needed, *(types.keys() & row)}:
@@ -140,7 +146,7 @@ def json_stats(text: str) -> dict[str, Any]:
 
 
 def describe_folder(folder: Path) -> str:
-    """Say in a few words what a folder holds, for error texts."""
+    """Describe the content of a folder in a few words, for error messages."""
     if not folder.exists():
         return "no such folder"
     if not folder.is_dir():
@@ -148,24 +154,24 @@ def describe_folder(folder: Path) -> str:
     names = sorted(p.name for p in folder.iterdir())
     if not names:
         return "an empty folder"
-    listed = ", ".join(map(shown, names[:8])) + (f" and {len(names) - 8} more" if len(names) > 8 else "")
+    text = listed(names, 8)
     if any(name.startswith(OWN) for name in names):
-        return listed + " (an unfinished build)"
-    return listed + (" (shards without dataset.json: an unfinished build)" if any(map(is_shard_name, names)) else "")
+        return text + " (an unfinished build)"
+    return text + (" (shards without dataset.json: an unfinished build)" if any(map(is_shard_name, names)) else "")
 
 
 def _parse(document: dict[str, Any], path: Path) -> Description:
     try:
         windows = document["windows"]
         if not document["fields"]:
-            raise ValueError("no field")
+            raise ValueError("there are no fields")
         _check_about(document)
         return Description(
             meta=document,
             scope=_one_of(document["scope"], ("track", "window")),
             fps=as_rate(document["fps"]),
-            length=_whole(windows["length"]),
-            stride=_whole(windows["stride"]),
+            length=_positive(windows["length"]),
+            stride=_positive(windows["stride"]),
             order=_one_of(windows["order"], ("time", "name")),
             fields=tuple(Field.from_json(f) for f in document["fields"]),
             skeleton=Skeleton.from_json(document["skeleton"]),
@@ -174,14 +180,14 @@ def _parse(document: dict[str, Any], path: Path) -> Description:
         )
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, DanceDataError) as error:
         raise StoreError(
-            "dataset.json lacks something or has something wrong",
+            "dataset.json is incomplete or has a wrong value",
             where=str(path),
             found=shown(error),
             fix=REBUILD,
         ) from error
 
 
-#: What commands show of a dataset, and of what type it is where it is there.
+#: Types of the keys that commands show; all but `counts` are optional.
 _ABOUT: dict[str, type] = {
     **dict.fromkeys(("name", "dataset", "licence", "citation", "recipe_sha256", "source_sha256", "self_sha256"), str),
     **dict.fromkeys(("recipe", "source", "counts", "rejects", "axes", "content", "genre_ids", "packages"), dict),
@@ -190,7 +196,7 @@ _ABOUT: dict[str, type] = {
 
 
 def _check_about(document: Mapping[str, Any]) -> None:
-    """Raise ValueError for a value of another type than a build writes, so that nobody has to look who shows it."""
+    """Raise ValueError for a value of another type than a build writes: code that shows it relies on the type."""
     for key, kind in _ABOUT.items():
         if not isinstance(document.get(key, kind()), kind):
             raise ValueError(f"{key} is a {type(document[key]).__name__}, not a {kind.__name__}")
@@ -209,23 +215,29 @@ def _check_about(document: Mapping[str, Any]) -> None:
 def _shard(entry: Mapping[str, Any]) -> ShardEntry:
     file = entry["file"]
     if not isinstance(file, str) or not is_shard_name(file) or Path(file).name != file:
-        raise ValueError(f"{quoted(file)} is no shard's name")
+        raise ValueError(f"{quoted(file)} is not the name of a shard")
     numbers = {name: _whole(entry[name]) for name in ("size", "clips", "windows")}
     return ShardEntry(file=file, split=str(entry["split"]), sha256=str(entry["sha256"]), **numbers)
 
 
 def _whole(value: Any) -> int:
     if not isinstance(value, int) or isinstance(value, bool) or value < 0:
-        raise ValueError(f"{quoted(value)} is no whole number")
+        raise ValueError(f"{quoted(value)} is not a whole number")
     return value
 
 
+def _positive(value: Any) -> int:
+    if not _whole(value):
+        raise ValueError("windows of 0 frames")
+    return int(value)
+
+
 def _is_number(value: Any) -> bool:
-    """Tell whether it is a number that a float can hold."""
+    """Whether it is a number that a float can hold."""
     return type(value) in (int, float) and abs(value) < _LARGE
 
 
 def _one_of(value: Any, allowed: tuple[str, ...]) -> str:
     if value not in allowed:
-        raise ValueError(f"{quoted(value)} is none of {', '.join(allowed)}")
+        raise ValueError(f"{quoted(value)} is not one of {', '.join(allowed)}")
     return str(value)

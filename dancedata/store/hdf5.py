@@ -1,4 +1,4 @@
-"""The one place that opens HDF5 files. h5py ships no types, so its objects are Any from here on."""
+"""Opens, reads and writes HDF5 files. h5py has no type annotations, so its objects are typed Any."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from dancedata.core.text import shown
 from dancedata.store.schema import ALIGNMENT
 from dancedata.store.sparse_file import SparseFile
 
-#: A dataset that somebody has compressed may be this large, or this many times what it takes in the file.
+#: A compressed dataset may have this many bytes, or this many times its bytes in the file.
 BOMB_BYTES = 1 << 26
 BOMB_RATIO = 100
 
 
 @contextmanager
 def create_file(target: SparseFile) -> Iterator[Any]:
-    """Make an HDF5 file whose bytes depend on its content only: pinned versions, no times, aligned data."""
+    """Create an HDF5 file whose bytes depend on its content only: fixed versions, no times, aligned data."""
     with h5py.File(
         target,
         "w",
@@ -44,12 +44,12 @@ def open_file(path: Path, require: Callable[[int], None] | None = None) -> Itera
     Parameters
     ----------
     require
-        Is given the open file's descriptor, and raises StoreError unless it is the file that is meant.
+        Called with the descriptor of the open file; raises StoreError for a wrong file.
 
     Raises
     ------
     StoreError
-        If it is no HDF5 file, or lacks something that is asked for.
+        If it is not a valid HDF5 file, or lacks a requested object.
     """
     try:
         with h5py.File(path, "r", locking=False) as file:
@@ -58,7 +58,7 @@ def open_file(path: Path, require: Callable[[int], None] | None = None) -> Itera
             yield file
     except FileNotFoundError as error:
         raise StoreError("a shard is missing", where=str(path), fix="build the dataset again") from error
-    except (OSError, KeyError, RuntimeError, TypeError, ValueError) as error:  # what h5py makes of a broken file
+    except (OSError, KeyError, RuntimeError, TypeError, ValueError) as error:  # raised by h5py for a damaged file
         raise StoreError(
             "a shard cannot be read",
             where=str(path),
@@ -68,13 +68,13 @@ def open_file(path: Path, require: Callable[[int], None] | None = None) -> Itera
 
 
 def find_dataset(file: Any, name: str) -> Any:
-    """Return a dataset of a shard, if it can be read without taking more memory than the file is worth.
+    """Return a dataset of a shard, if its size is plausible for the size of the file.
 
     Raises
     ------
     StoreError
-        If it is not there or no dataset, is reached by a link, lies in another file, holds anything but numbers
-        and fixed-length text, or announces more than the file holds.
+        If it is missing or not a dataset, is reached by a link, lies in another file, holds anything except numbers
+        and fixed-length text, or is larger than the file.
     """
     where = f"{file.filename}, /{name.strip('/')}"
     at = file
@@ -87,7 +87,7 @@ def find_dataset(file: Any, name: str) -> Any:
     if not isinstance(at, h5py.Dataset) or at.shape is None:
         raise _refused("a shard lacks a dataset", where, type(at).__name__, "a dataset")
     if at.dtype.kind not in "iufS" or at.dtype.subdtype is not None:
-        raise _refused("a dataset is of a type that no shard has", where, at.dtype, "numbers or fixed-length text")
+        raise _refused("a dataset has a type that shards do not use", where, at.dtype, "numbers or fixed-length text")
     if at.is_virtual or at.external:
         raise _refused("a dataset lies in another file", where, "virtual or external storage", "data in the shard")
     _check_size(at, where)
@@ -98,7 +98,7 @@ def _check_size(dataset: Any, where: str) -> None:
     n_bytes = math.prod(dataset.shape) * dataset.dtype.itemsize
     stored = dataset.id.get_storage_size()
     if dataset.chunks is None:
-        # What lies in the object's header, not at a place of its own, is at most 64 KiB.
+        # Data in the object's header, which has no offset, are at most 64 KiB.
         offset = dataset.id.get_offset()
         held = os.path.getsize(dataset.file.filename) - offset if offset is not None else 1 << 16
         if n_bytes > max(held, 0):
@@ -107,17 +107,19 @@ def _check_size(dataset: Any, where: str) -> None:
     chunk = math.prod(dataset.chunks) * dataset.dtype.itemsize
     if max(n_bytes, chunk) > max(BOMB_BYTES, BOMB_RATIO * stored):
         allowed = f"{BOMB_RATIO} times as many, or {BOMB_BYTES:,}"
-        raise _refused("a dataset is packed too tightly", where, f"{n_bytes:,} bytes in {stored:,}", allowed)
+        raise _refused(
+            "the compression ratio of a dataset is too high", where, f"{n_bytes:,} bytes in {stored:,}", allowed
+        )
 
 
 def _refused(problem: str, where: str, found: object, allowed: str) -> StoreError:
     return StoreError(
-        problem, where=where, found=str(found), allowed=allowed, fix="get the dataset again from who built it"
+        problem, where=where, found=str(found), allowed=allowed, fix="get the dataset again from its source"
     )
 
 
 def create_dataset(group: Any, name: str, shape: tuple[int, ...], dtype: Any) -> Any:
-    """Make a contiguous dataset whose place in the file is settled at once; nothing is written to it yet."""
+    """Create a contiguous dataset and allocate its place in the file; nothing is written to it yet."""
     options = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
     options.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
     options.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
@@ -148,5 +150,5 @@ def write_text_attribute(item: Any, name: str, text: str) -> None:
 
 
 def read_strings(dataset: Any) -> list[str]:
-    """Read what `write_strings` wrote."""
+    """Read texts that `write_strings` wrote."""
     return [raw.decode() for raw in dataset[...].tolist()]

@@ -1,13 +1,22 @@
-"""Where the rows of a window lie."""
+"""Finds the rows of windows: of one window, and of many at once."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
 
 from dancedata.core.clip import Window
 from dancedata.core.errors import StoreError, UsageError
-from dancedata.store.schema import Field, RowRate
+from dancedata.core.grid import FrameGrid
+from dancedata.store.schema import Field
 from dancedata.store.shard_reader import ShardReader
+from dancedata.store.window_list import IntArray, WindowList
+
+#: A clip's shard, and its row in /clips there.
+ClipPlace = tuple[ShardReader, int]
 
 
 @dataclass(frozen=True)
@@ -19,38 +28,38 @@ class RowSpan:
     length: int
 
 
-def locate_view(shard: ShardReader, number: int, window: Window, f: Field, rate: RowRate) -> RowSpan:
-    """Find a window's rows in track scope, where any window within its clip will do.
+def locate_view(shard: ShardReader, number: int, window: Window, f: Field, grid: FrameGrid) -> RowSpan:
+    """Find a window's rows in track scope, where any window within its clip is allowed.
 
     Parameters
     ----------
     shard, number
-        Where the clip is: its shard and its row in /clips.
-    f, rate
-        The field, and its rows a frame.
+        The clip's shard, and its row in /clips there.
+    f, grid
+        The field, and the grid of the store's frames.
 
     Raises
     ------
     UsageError
-        For a window that leaves its clip or the field's rows, or is no whole number of rows.
+        For a window that extends beyond its clip or the field's rows, or is not a whole number of rows.
     """
     table = shard.clips
     n_frames = table.records[number].n_frames
     if window.start < 0 or window.length < 1 or window.start + window.length > n_frames:
         raise UsageError(
-            "a window leaves its clip",
+            "a window extends beyond its clip",
             where=f"clip {window.clip}",
             found=f"frames {window.start} to {window.start + window.length}",
             allowed=f"0 to {n_frames}",
         )
-    if not (rate.is_whole(window.start) and rate.is_whole(window.length)):
+    if not (grid.is_whole(window.start, of=f.grid) and grid.is_whole(window.length, of=f.grid)):
         raise UsageError(
-            f"a window is no whole number of rows of field {f.name}",
+            f"a window is not a whole number of rows of field {f.name}",
             where=f"clip {window.clip}",
             found=f"start {window.start}, length {window.length} frames",
-            allowed=f"multiples of {rate.den} frames (rows at {f.rate} a second)",
+            allowed=f"multiples of {grid.common_period(f.grid)[0]} frames (rows at {f.rate} per second)",
         )
-    first, length = rate.rows(window.start), rate.rows(window.length)
+    first, length = grid.rows_down(window.start, of=f.grid), grid.rows_down(window.length, of=f.grid)
     available = int(table.available[f.name][number])
     if first + length > available:
         raise UsageError(
@@ -62,7 +71,7 @@ def locate_view(shard: ShardReader, number: int, window: Window, f: Field, rate:
     return RowSpan(shard, int(table.first[f.name][number]) + first, length)
 
 
-def locate_stored(shard: ShardReader, number: int, window: Window, f: Field, rate: RowRate) -> RowSpan:
+def locate_stored(shard: ShardReader, number: int, window: Window, f: Field, grid: FrameGrid) -> RowSpan:
     """Find a window's rows in window scope, where each stored window has rows of its own.
 
     Raises
@@ -75,10 +84,86 @@ def locate_stored(shard: ShardReader, number: int, window: Window, f: Field, rat
     if position is None or window.length != windows.length[position]:
         starts = windows.starts_of(number)
         raise StoreError(
-            "a store of window scope has no such window",
+            "a store of window scope does not hold this window",
             where=f"clip {window.clip}",
             found=f"start {window.start}, length {window.length}",
-            allowed=f"the {len(starts)} stored ones" + (f", starts {starts[0]} to {starts[-1]}" if starts else ""),
+            allowed=f"the {len(starts)} stored windows" + (f", starts {starts[0]} to {starts[-1]}" if starts else ""),
             fix="take windows from windows(split), or build with scope: track",
         )
-    return RowSpan(shard, int(windows.rows[f.name][position]), rate.rows(window.length))
+    return RowSpan(shard, int(windows.rows[f.name][position]), grid.rows_down(window.length, of=f.grid))
+
+
+def locate_windows(
+    windows: WindowList, places: Sequence[ClipPlace], f: Field, grid: FrameGrid, scope: str
+) -> tuple[tuple[ShardReader, ...], IntArray, IntArray, npt.NDArray[np.bool_]]:
+    """Find shard and first row of many windows, as `locate_view` and `locate_stored` do for one.
+
+    Parameters
+    ----------
+    windows
+        All of one length.
+    places
+        Where each of ``windows.clip_ids`` is; those without windows are not read.
+    f, grid
+        The field, and the grid of the store's frames.
+
+    Returns
+    -------
+    shards
+        The shards with at least one of the windows.
+    shard, first
+        (W,) number in `shards` and first row of each window.
+    bad
+        (W,) windows that the store does not have; their first row is undefined.
+    """
+    if len(windows) and (windows.length != windows.length[0]).any():
+        lengths = sorted({int(n) for n in windows.length})
+        raise StoreError(
+            "the windows of a split differ in length",
+            where=str(places[int(windows.clip[0])][0].path.parent),
+            found=lengths,
+            fix="run dancedata check on the dataset",
+        )
+    used = np.unique(windows.clip).tolist()
+    shards = tuple(dict.fromkeys(places[k][0] for k in used))
+    numbers = {id(shard): number for number, shard in enumerate(shards)}
+    shard_of, row_of = np.zeros((2, len(places)), dtype=np.int64)
+    for k in used:
+        shard_of[k], row_of[k] = numbers[id(places[k][0])], places[k][1]
+    shard, row = shard_of[windows.clip], row_of[windows.clip]
+    first, bad = np.zeros(len(windows), dtype=np.int64), np.zeros(len(windows), dtype=np.bool_)
+    find: Callable[..., tuple[IntArray, npt.NDArray[np.bool_]]] = _stored if scope == "window" else _views
+    for number, reader in enumerate(shards):
+        mine = np.flatnonzero(shard == number)
+        first[mine], bad[mine] = find(reader, row[mine], windows.start[mine], windows.length[mine], f, grid)
+    return shards, shard, first, bad
+
+
+def _views(
+    reader: ShardReader, row: IntArray, start: IntArray, length: IntArray, f: Field, grid: FrameGrid
+) -> tuple[IntArray, npt.NDArray[np.bool_]]:
+    """Find windows of clips that are stored whole."""
+    table = reader.clips
+    n_frames = np.array([record.n_frames for record in table.records], dtype=np.int64)
+    begin, begins_whole = grid.rows_of_all(start, of=f.grid)
+    n_rows, is_whole = grid.rows_of_all(length, of=f.grid)
+    bad = (start < 0) | (length < 1) | (start + length > n_frames[row])
+    bad |= ~begins_whole | ~is_whole
+    bad |= begin + n_rows > table.available[f.name][row]
+    return table.first[f.name][row] + begin, bad
+
+
+def _stored(
+    reader: ShardReader, row: IntArray, start: IntArray, length: IntArray, f: Field, grid: FrameGrid
+) -> tuple[IntArray, npt.NDArray[np.bool_]]:
+    """Find windows that have rows of their own."""
+    table = reader.windows
+    if not len(table.clip):
+        return np.zeros_like(start), np.ones(len(start), dtype=np.bool_)
+    # (clip, start) as one ascending number, so that one search finds all of them.
+    step = int(table.start.max(initial=0)) + 1
+    known = (table.clip * step + table.start)[table.by_start]
+    searched = row * step + start
+    place = table.by_start[np.searchsorted(known, searched).clip(max=len(known) - 1)]
+    bad = (start < 0) | (start >= step) | (table.clip[place] != row) | (table.start[place] != start)
+    return table.rows[f.name][place], bad | (table.length[place] != length)

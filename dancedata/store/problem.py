@@ -1,4 +1,4 @@
-"""What a check finds."""
+"""Problem: a finding of a check."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from typing import Literal
 
 from dancedata.core.text import shown
 
-#: Characters that are kept of a path and of a message.
+#: Most characters of a path and of a message.
 _MAX_WHERE, _MAX_MESSAGE = 4400, 3000
 
 
 @dataclass(frozen=True)
 class Problem:
-    """Something wrong ("error") or worth knowing ("note"), and the file or place it is about.
+    """An error or a note, and the file or place it is about.
 
-    Its texts come from files of others: they are cut, and what does not print is written as backslash sequences.
+    Its texts come from foreign files: they are cut, and characters that do not print become backslash sequences.
     """
 
     severity: Literal["error", "note"]
@@ -23,7 +23,7 @@ class Problem:
     message: str
 
     def __post_init__(self) -> None:
-        """Make the texts fit to be printed."""
+        """Make the texts printable."""
         object.__setattr__(self, "where", shown(self.where, _MAX_WHERE))
         object.__setattr__(self, "message", shown(self.message, _MAX_MESSAGE))
 

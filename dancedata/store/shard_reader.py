@@ -1,9 +1,9 @@
-"""Reads one shard: its tables once, through h5py; its rows straight from the file, by their position in it.
+"""Reads one shard: its tables once, through h5py; its rows directly from the file, by position.
 
 Fields are contiguous and uncompressed, so rows [a, b) are one piece of the file. Reading that piece by
 position, or from the mapped file, needs no HDF5 handle in the process, shares no file offset between
-processes, and lets threads read at once. A field that another tool has chunked or compressed is read through
-h5py, which opens the file for every read.
+processes, and allows threads to read at the same time. A field that another tool has chunked or compressed is
+read through h5py, which opens the file for every read.
 """
 
 from __future__ import annotations
@@ -22,10 +22,9 @@ import numpy.typing as npt
 
 from dancedata.core.errors import StoreError
 from dancedata.store import hdf5
-from dancedata.store.described import DescribedFile
-from dancedata.store.schema import LIST_SEPARATOR, ClipRecord, Field
-
-IntArray = npt.NDArray[np.int64]
+from dancedata.store.listed_file import ListedFile
+from dancedata.store.schema import Field
+from dancedata.store.shard_tables import ClipTable, ShardTables, StoredWindows
 
 
 @dataclass(frozen=True)
@@ -47,61 +46,16 @@ class FieldLayout:
         return self.width * self.dtype.itemsize
 
 
-@dataclass(frozen=True)
-class ClipTable:
-    """The table /clips of a shard.
-
-    Attributes
-    ----------
-    records
-        One a clip, in stored order.
-    first, available
-        Per field: row in the shard of each clip's frame 0, and rows from there to the end of the clip or
-        timeline. Audio fields of window scope have none.
-    """
-
-    records: tuple[ClipRecord, ...]
-    first: dict[str, IntArray]
-    available: dict[str, IntArray]
-
-
-@dataclass(frozen=True)
-class StoredWindows:
-    """The table /windows of a shard, and a lookup by clip and start. Arrays (W,)."""
-
-    clip: IntArray
-    start: IntArray
-    length: IntArray
-    index: IntArray
-    rows: dict[str, IntArray]
-    by_start: IntArray
-    clip_begin: IntArray
-
-    def starts_of(self, clip: int) -> list[int]:
-        """List the first frames of a clip's windows, ascending."""
-        begin, end = self.clip_begin[clip : clip + 2]
-        return [int(s) for s in self.start[self.by_start[begin:end]]]
-
-    def find(self, clip: int, start: int) -> int | None:
-        """Find the position in the table of the window of a clip that begins at a frame, or None."""
-        begin, end = self.clip_begin[clip : clip + 2]
-        positions = self.by_start[begin:end]
-        place = int(np.searchsorted(self.start[positions], start))
-        if place == len(positions) or self.start[positions[place]] != start:
-            return None
-        return int(positions[place])
-
-
 class ShardReader:
     """One shard of a store, safe under threads and fork; holds at most one file descriptor, opened late.
 
-    Every time that it is opened, it has to be the file that dataset.json described.
+    Whenever it is opened, it has to be the file that dataset.json listed when the store was opened.
     """
 
-    def __init__(self, file: DescribedFile, split: str, fields: tuple[Field, ...], scope: str) -> None:
+    def __init__(self, file: ListedFile, split: str, fields: tuple[Field, ...], scope: str) -> None:
         """Remember where the shard is; nothing is opened."""
         self.path = file.path
-        self._described = file
+        self._listed = file
         self.split = split
         self._fields = fields
         self._scope = scope
@@ -117,11 +71,8 @@ class ShardReader:
         if self._clips is None:
             with self._opened() as file:
                 self._layout = {f.name: _field_layout(file, f, self.path) for f in self._fields}
-                tables = _Tables(file, self.path)
-                clips = _read_clips(tables, self.split, self._fields, self._scope)
-                for name, first in clips.first.items():
-                    _check_spans(tables, self._layout[name], first, clips.available[name])
-                self._clips = clips
+                n_rows = {name: layout.n_rows for name, layout in self._layout.items()}
+                self._clips = ShardTables(file, self.path).clips(self.split, self._fields, self._scope, n_rows)
         return self._clips
 
     @property
@@ -130,11 +81,11 @@ class ShardReader:
         if self._windows is None:
             n_clips = len(self.clips.records)
             with self._opened() as file:
-                self._windows = _read_windows(_Tables(file, self.path), self._fields, n_clips)
+                self._windows = ShardTables(file, self.path).windows(self._fields, n_clips)
         return self._windows
 
     def layout(self, field: str) -> FieldLayout:
-        """Tell where a field's rows lie in the file."""
+        """Return where a field's rows lie in the file."""
         if not self._layout:
             _ = self.clips
         return self._layout[field]
@@ -162,50 +113,50 @@ class ShardReader:
     def mapped_rows(self, field: str) -> npt.NDArray[Any] | str:
         """Return all rows of a field, (n_rows, D), as a view of the mapped file that cannot be written to.
 
-        Where that is impossible, return why: rows that are no one piece of the file, or a file system that maps
-        no files. `read_rows` works all the same.
+        Where that is impossible, return why: rows that are not one piece of the file, or a file system that
+        cannot map files. `read_rows` works in either case.
         """
         layout = self.layout(field)
         if layout.offset is None:
             return f"{layout.name} of {self.path.name} is chunked or compressed"
         if self._map is None:
             try:
-                self._map = _Map(self._described)
+                self._map = _Map(self._listed)
             except (OSError, ValueError) as error:
                 return f"{self.path.name} cannot be mapped: {error}"
         return self._map.rows(layout)
 
     def read_ahead(self, field: str, first: int, n_rows: int) -> None:
-        """Tell the system that rows of a mapped field will be read soon; returns at once."""
+        """Ask the system to read rows of a mapped field from the disk; returns at once."""
         layout = self.layout(field)
         if self._map is not None and layout.offset is not None:
             self._map.read_ahead(layout.offset + first * layout.row_bytes, n_rows * layout.row_bytes)
 
     def close(self) -> None:
-        """Give file descriptor and mapping back; a later read opens the file again."""
+        """Release file descriptor and mapping; a later read opens the file again."""
         self._file = None
         self._map = None
 
     def _open(self) -> _File:
         file = self._file
-        # A forked child opens the file anew: what it inherited belongs to the parent.
+        # A forked child opens the file again: the inherited descriptor belongs to the parent.
         if file is None or file.pid != os.getpid():
-            file = _File(self._described)
+            file = _File(self._listed)
             self._file = file
         return file
 
     @contextmanager
     def _opened(self) -> Iterator[Any]:
         """Open the shard through h5py."""
-        self._described.require_there()
-        with hdf5.open_file(self.path, self._described.require) as file:
+        self._listed.require_there()
+        with hdf5.open_file(self.path, self._listed.require) as file:
             yield file
 
 
 class _File:
     """A file descriptor read by position."""
 
-    def __init__(self, file: DescribedFile) -> None:
+    def __init__(self, file: ListedFile) -> None:
         self.path = file.path
         self.pid = os.getpid()
         self._descriptor = -1
@@ -230,11 +181,11 @@ class _File:
 
 
 class _Map:
-    """A whole file mapped read-only. A forked child may go on using it; other processes share its memory."""
+    """A whole file mapped read-only. A forked child can use it; other processes share its memory."""
 
-    def __init__(self, described: DescribedFile) -> None:
-        self.path = described.path
-        descriptor = described.open()
+    def __init__(self, file: ListedFile) -> None:
+        self.path = file.path
+        descriptor = file.open()
         try:
             self._memory = mmap.mmap(descriptor, 0, flags=mmap.MAP_SHARED, prot=mmap.PROT_READ)
         finally:
@@ -259,11 +210,11 @@ class _Map:
 
 
 def _field_layout(file: Any, f: Field, path: Path) -> FieldLayout:
-    name = f"/{f.kind}/{f.name}"
+    name = f"/{f.path}"
     dataset = hdf5.find_dataset(file, name)
     if dataset.ndim != 2 or dataset.shape[1] != f.columns.width or dataset.dtype != f.disk_dtype:
         raise StoreError(
-            "a field has another shape or dtype than dataset.json says",
+            "the shape or dtype of a field differs from dataset.json",
             where=f"{path}, {name}",
             found=f"{dataset.shape} {dataset.dtype}",
             allowed=f"(rows, {f.columns.width}) {f.disk_dtype}",
@@ -272,98 +223,3 @@ def _field_layout(file: Any, f: Field, path: Path) -> FieldLayout:
     if not math.prod(dataset.shape):
         offset = 0
     return FieldLayout(offset, int(dataset.shape[0]), int(dataset.shape[1]), f.disk_dtype, name)
-
-
-class _Tables:
-    """The columns of a shard's tables, which have to be one value a row, all of one length."""
-
-    def __init__(self, file: Any, path: Path) -> None:
-        self._file, self._path = file, path
-        self._n_rows: dict[str, int] = {}
-
-    def whole(self, name: str) -> IntArray:
-        """Read a column of whole numbers."""
-        return np.asarray(self._column(name, "iu")[...], dtype=np.int64)
-
-    def numbers(self, name: str) -> list[float]:
-        """Read a column of numbers."""
-        found: list[float] = self._column(name, "f")[...].tolist()
-        return found
-
-    def texts(self, name: str) -> list[str]:
-        """Read a column of texts."""
-        return hdf5.read_strings(self._column(name, "S"))
-
-    def _column(self, name: str, kinds: str) -> Any:
-        column = hdf5.find_dataset(self._file, name)
-        table = name.partition("/")[0]
-        n_rows = self._n_rows.setdefault(table, column.shape[0] if column.ndim else 0)
-        if column.shape != (n_rows,) or column.dtype.kind not in kinds:
-            problem = "a column of a shard's table has another shape or type"
-            raise self.broken(name, problem, f"{column.shape} {column.dtype}", f"({n_rows},), one value a row")
-        return column
-
-    def broken(self, name: str, problem: str, found: object = None, allowed: str | None = None) -> StoreError:
-        """Return the error for a column."""
-        fix = "run dancedata check on the dataset"
-        return StoreError(problem, where=f"{self._path}, /{name}", found=found, allowed=allowed, fix=fix)
-
-
-def _read_clips(tables: _Tables, split: str, fields: tuple[Field, ...], scope: str) -> ClipTable:
-    names = ("id", "genre", "music", "dancer", "source", "source_rate", "lists")
-    texts = {name: tables.texts(f"clips/{name}") for name in names}
-    numbers = {name: tables.numbers(f"clips/{name}") for name in ("tempo_bpm", "height_m")}
-    counts = {name: tables.whole(f"clips/{name}").tolist() for name in ("n_flags", "trim_start", "n_frames")}
-    if min(counts["n_frames"], default=0) < 0:
-        raise tables.broken("clips/n_frames", "a clip has a negative number of frames", min(counts["n_frames"]))
-    records = tuple(
-        ClipRecord(
-            id=clip_id,
-            split=split,
-            genre=texts["genre"][i],
-            music=texts["music"][i],
-            dancer=texts["dancer"][i],
-            tempo_bpm=None if math.isnan(numbers["tempo_bpm"][i]) else numbers["tempo_bpm"][i],
-            source=texts["source"][i],
-            n_flags=counts["n_flags"][i],
-            trim_start=counts["trim_start"][i],
-            height_m=None if math.isnan(numbers["height_m"][i]) else numbers["height_m"][i],
-            source_rate=texts["source_rate"][i],
-            lists=tuple(filter(None, texts["lists"][i].split(LIST_SEPARATOR))),
-            n_frames=counts["n_frames"][i],
-        )
-        for i, clip_id in enumerate(texts["id"])
-    )
-    first: dict[str, IntArray] = {}
-    available: dict[str, IntArray] = {}
-    for f in fields:
-        if f.per_clip or scope == "track":
-            spans = f"clips/{f.kind}/{f.name}"
-            offset = tables.whole(f"{spans}/offset") if f.kind == "audio" else 0
-            first[f.name] = tables.whole(f"{spans}/start") + offset
-            available[f.name] = tables.whole(f"{spans}/length") - offset
-    return ClipTable(records, first, available)
-
-
-def _check_spans(tables: _Tables, layout: FieldLayout, first: IntArray, available: IntArray) -> None:
-    """Check that clips lie within the rows of a field: readers make room for as many as a clip has."""
-    bad = (first < 0) | (available < 0) | (first > layout.n_rows)
-    bad |= available > layout.n_rows - np.where(bad, 0, first)
-    if bad.any():
-        k = int(np.argmax(bad))
-        found = f"clip {k} from row {first[k]} on, {available[k]} rows"
-        raise tables.broken(
-            f"clips{layout.name}", "spans outside the rows of a field", found, f"{layout.n_rows} rows"
-        )
-
-
-def _read_windows(tables: _Tables, fields: tuple[Field, ...], n_clips: int) -> StoredWindows:
-    clip, start, length, index = (tables.whole(f"windows/{name}") for name in ("clip", "start", "length", "index"))
-    if ((clip < 0) | (clip >= n_clips)).any():
-        raise tables.broken(
-            "windows/clip", "windows of no such clip", f"{clip.min()} to {clip.max()}", f"0 to {n_clips - 1}"
-        )
-    by_start = np.lexsort((start, clip))
-    clip_begin = np.searchsorted(clip[by_start], np.arange(n_clips + 1))
-    rows = {f.name: tables.whole(f"windows/rows/{f.name}") for f in fields}
-    return StoredWindows(clip, start, length, index, rows, by_start, clip_begin)

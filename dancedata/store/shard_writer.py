@@ -12,9 +12,11 @@ import numpy.typing as npt
 from dancedata.core.atomic import atomic_file
 from dancedata.core.errors import StoreError
 from dancedata.store import hdf5
-from dancedata.store.plan import ShardPlan
-from dancedata.store.schema import FORMAT, LIST_SEPARATOR, Field, LazyArray
+from dancedata.store.clip_columns import CLIP_COLUMNS
+from dancedata.store.schema import FORMAT, Field
+from dancedata.store.shard_plan import ShardPlan
 from dancedata.store.sparse_file import SparseFile
+from dancedata.store.stored_clip import LazyArray
 
 #: Values converted and checked at a time.
 _CHUNK_VALUES = 1 << 21
@@ -58,21 +60,16 @@ def _write_attributes(file: Any, plan: ShardPlan) -> None:
 
 
 def _write_clips(group: Any, plan: ShardPlan) -> None:
-    clips = plan.clips
-    for name in ("id", "genre", "music", "dancer", "source", "source_rate"):
-        hdf5.write_strings(group, name, [getattr(c, name) for c in clips])
-    hdf5.write_strings(group, "lists", [LIST_SEPARATOR.join(c.lists) for c in clips])
-    for name in ("tempo_bpm", "height_m"):
-        known = [getattr(c, name) for c in clips]
-        hdf5.write_array(group, name, np.asarray([np.nan if v is None else v for v in known], dtype=np.float64))
-    for name in ("n_frames", "n_flags", "trim_start"):
-        hdf5.write_array(group, name, np.asarray([getattr(c, name) for c in clips], dtype=np.int64))
+    for column in CLIP_COLUMNS:
+        values = [column.type.encode(getattr(clip, column.name)) for clip in plan.clips]
+        if column.type.dtype is None:
+            hdf5.write_strings(group, column.name, values)
+        else:
+            hdf5.write_array(group, column.name, np.asarray(values, dtype=column.type.dtype))
     for f in plan.header.fields:
         spans = plan.motion[f.name] if f.per_clip else plan.audio[f.name]
-        for column in ("start", "length") if f.per_clip else ("start", "length", "offset"):
-            if spans:
-                values = np.asarray([getattr(s, column) for s in spans], dtype=np.int64)
-                hdf5.write_array(group, f"{f.kind}/{f.name}/{column}", values)
+        for name in f.span_columns if spans else ():
+            hdf5.write_array(group, f"{f.path}/{name}", np.asarray([getattr(s, name) for s in spans], dtype=np.int64))
 
 
 def _write_windows(group: Any, plan: ShardPlan) -> None:
@@ -86,8 +83,8 @@ def _write_windows(group: Any, plan: ShardPlan) -> None:
 
 
 def _make_field(file: Any, plan: ShardPlan, f: Field) -> int:
-    """Make a field's dataset and return its first byte in the file."""
-    dataset = hdf5.create_dataset(file, f"{f.kind}/{f.name}", (plan.rows[f.name], f.columns.width), f.disk_dtype)
+    """Create a field's dataset and return its first byte in the file."""
+    dataset = hdf5.create_dataset(file, f.path, (plan.rows[f.name], f.columns.width), f.disk_dtype)
     hdf5.write_text_attribute(dataset, "rate", str(f.rate))
     return int(dataset.id.get_offset() or 0)
 
@@ -117,14 +114,14 @@ def _write_fields(
 
 
 def _checked_rows(lazy: LazyArray, f: Field, where: str) -> Iterator[npt.NDArray[Any]]:
-    """Load an array and give its rows as they are to be stored, some at a time."""
+    """Load an array and yield its rows as they are stored, some at a time."""
     array = np.asarray(lazy)
     if array.shape != tuple(lazy.shape):
         raise StoreError(
-            "an array has another shape than announced", where=where, found=array.shape, allowed=lazy.shape
+            "an array does not have the shape that it reported", where=where, found=array.shape, allowed=lazy.shape
         )
     if array.dtype.kind not in "fiub":
-        raise StoreError("an array holds no real numbers", where=where, found=str(array.dtype))
+        raise StoreError("an array does not hold real numbers", where=where, found=str(array.dtype))
     rows = array.reshape(-1, f.columns.width)
     step = max(1, _CHUNK_VALUES // f.columns.width)
     for begin in range(0, len(rows), step):
@@ -148,4 +145,6 @@ def _raise_not_finite(chunk: npt.NDArray[Any], stored: npt.NDArray[Any], begin: 
             allowed=f"at most {float(np.finfo(f.dtype).max):g} in size",
             fix="store the field as float32" if f.dtype == "float16" else None,
         )
-    raise StoreError("a value is not finite", where=where, found=float(value), fix="set the clip aside")
+    raise StoreError(
+        "a value is not finite", where=where, found=float(value), fix="leave the clip out, or repair its file"
+    )

@@ -1,7 +1,7 @@
 """A file in memory that holds written pages only.
 
-HDF5 lays a shard out in it, and the bytes go to the disk by plain writes. HDF5 itself must never meet a full
-disk: when closing a file fails, it keeps a half-closed file inside the process and crashes with it at exit.
+HDF5 writes the layout of a shard into it, and plain writes copy the bytes to the disk. HDF5 itself must not write to
+a full disk: if closing a file fails, it keeps a half-closed file in the process and crashes at exit.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ _PAGE = 1 << 16
 
 
 class SparseFile(io.RawIOBase):
-    """A seekable file of any size; what was never written is zero and takes no memory."""
+    """A seekable file of any size; unwritten parts are zero and take no memory."""
 
     def __init__(self) -> None:
-        """Begin empty."""
+        """Start empty."""
         super().__init__()
         self._pages: dict[int, bytearray] = {}
         self._position = 0
@@ -45,7 +45,7 @@ class SparseFile(io.RawIOBase):
         return self._position
 
     def truncate(self, size: int | None = None) -> int:
-        """Set the size; HDF5 only ever cuts what it has not written."""
+        """Set the size; HDF5 cuts off only parts that it has not written."""
         self._size = self._position if size is None else size
         return self._size
 

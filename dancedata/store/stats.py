@@ -1,4 +1,4 @@
-"""stats.json: what the train windows' rows look like, per field and column, in bounded memory."""
+"""stats.json: statistics of the rows of train windows, per field and column, in bounded memory."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ import numpy.typing as npt
 
 from dancedata.core.normalize import MinMax
 from dancedata.store import hdf5
-from dancedata.store.plan import ShardPlan
 from dancedata.store.schema import Field, StoreHeader
+from dancedata.store.shard_plan import ShardPlan
 
 QUANTILES = (0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
 #: Values (float32) of a block of columns in memory; a field with more rows is read in several passes.
@@ -26,7 +26,7 @@ Counts = npt.NDArray[np.int64]
 
 @dataclass(frozen=True)
 class _Rows:
-    """Rows of a dataset in a shard, and how often each counts."""
+    """Rows of a dataset in a shard, and how many times each of them counts."""
 
     path: Path
     dataset: str
@@ -38,8 +38,7 @@ def compute_stats(
 ) -> dict[str, Any]:
     """Compute statistics over every row that a train window covers.
 
-    In track scope each row counts once, however many windows cover it and however many shards hold its
-    timeline.
+    In track scope each row counts once, even if several windows cover it or several shards hold its timeline.
     In window scope every window has rows of its own, so n is windows x rows, as in EDGE.
 
     Parameters
@@ -55,8 +54,8 @@ def compute_stats(
     -------
     dict
         stats.json: per field n and, per column, mean, std (ddof 0), min, max, quantiles (linear
-        interpolation) and EDGE's min-max scaler. No fields, and a note, where there are no train
-        windows.
+        interpolation) and EDGE's min-max scaler. Without train windows: no fields, and a
+        note.
     """
     train = [p for p in plans if p.split == "train" and any(c.starts for c in p.clips)]
     result: dict[str, Any] = {
@@ -75,9 +74,9 @@ def compute_stats(
 
 
 def _covered(out: Path, header: StoreHeader, f: Field, train: Sequence[ShardPlan]) -> Iterator[_Rows]:
-    """Find the train shards' rows and their counts; a timeline of several shards counts in the first."""
-    length = f.row_rate(header.fps).rows(header.length)
-    first_home: dict[str, tuple[Counts, int]] = {}
+    """Yield the rows of the train shards and their counts; a timeline of several shards counts in the first."""
+    length = header.grid.rows(header.length, of=f.grid)
+    first_shard: dict[str, tuple[Counts, int]] = {}
     found: list[_Rows] = []
     for plan in train:
         starts = plan.window_table().rows[f.name]
@@ -88,21 +87,21 @@ def _covered(out: Path, header: StoreHeader, f: Field, train: Sequence[ShardPlan
         if header.scope == "track":
             counts = np.minimum(counts, 1)
             if f.kind == "audio":
-                _move_to_first_home(plan, f.name, counts, first_home)
-        found.append(_Rows(out / plan.file, f"{f.kind}/{f.name}", counts))
+                _count_in_first_shard(plan, f.name, counts, first_shard)
+        found.append(_Rows(out / plan.file, f.path, counts))
     yield from found
 
 
-def _move_to_first_home(
-    plan: ShardPlan, name: str, counts: Counts, first_home: dict[str, tuple[Counts, int]]
+def _count_in_first_shard(
+    plan: ShardPlan, name: str, counts: Counts, first_shard: dict[str, tuple[Counts, int]]
 ) -> None:
     for key, (start, array) in plan.blocks[name].items():
         n = array.shape[0]
         here = counts[start : start + n]
-        if key not in first_home:
-            first_home[key] = (counts, start)
+        if key not in first_shard:
+            first_shard[key] = (counts, start)
             continue
-        home, home_start = first_home[key]
+        home, home_start = first_shard[key]
         np.maximum(home[home_start : home_start + n], here, out=home[home_start : home_start + n])
         here[:] = 0
 
@@ -114,18 +113,18 @@ def _field_stats(f: Field, sources: Sequence[_Rows], block_values: int) -> dict[
     summary: dict[str, list[Any]] = {k: [] for k in ("mean", "std", "min", "max")}
     quantiles: dict[str, list[float]] = {str(q): [] for q in QUANTILES}
     for begin in range(0, width, step):
-        block = _gather(sources, n, slice(begin, min(begin + step, width)))
+        block = _read_columns(sources, n, slice(begin, min(begin + step, width)))
         # Sorted columns make every number below independent of the order in which rows were stored.
         block.sort(axis=1)
         for column in block:
             _add_column(column, summary, quantiles)
-        # Else two blocks are in memory while the next one is read.
+        # Otherwise two blocks would be in memory while the next one is read.
         del block, column
     minimum, maximum = (np.asarray(summary[k], dtype=np.float32) for k in ("min", "max"))
     return {"n": n, **summary, "quantiles": quantiles, "scaler": _scaler(minimum, maximum)}
 
 
-def _gather(sources: Sequence[_Rows], n: int, columns: slice) -> npt.NDArray[np.float32]:
+def _read_columns(sources: Sequence[_Rows], n: int, columns: slice) -> npt.NDArray[np.float32]:
     """Read some columns of all counted rows, (columns, n), in runs of whole rows."""
     block = np.empty((columns.stop - columns.start, n), dtype=np.float32)
     filled = 0
@@ -140,7 +139,7 @@ def _gather(sources: Sequence[_Rows], n: int, columns: slice) -> npt.NDArray[np.
                     rows = dataset[begin : begin + len(counts)][:, columns]
                     block[:, filled : filled + total] = np.repeat(rows, counts, axis=0).T
                     filled += total
-    # Turns -0.0 into 0.0: the two are equal, so which one a sort puts first is left to the sort.
+    # Turns -0.0 into 0.0: the two are equal, so a sort may put either one first.
     block += np.float32(0)
     return block
 

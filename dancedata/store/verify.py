@@ -1,4 +1,4 @@
-"""verify_store: whether a built dataset is whole and sound."""
+"""verify_store: checks that a built dataset is complete and undamaged."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from dancedata.core.atomic import OWN
 from dancedata.core.errors import StoreError
 from dancedata.core.hashing import sha256_file
 from dancedata.core.regular_file import read_regular
-from dancedata.core.text import shown
+from dancedata.core.text import listed, shown
+from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.dataset_json import MAX_BYTES, Description, ShardEntry, json_stats, load_description, self_hash
 from dancedata.store.problem import Problem
 from dancedata.store.schema import (
@@ -21,7 +22,6 @@ from dancedata.store.schema import (
     QUALITY_FILE,
     REJECTS_FILE,
     STATS_FILE,
-    ClipRecord,
     is_shard_name,
     shard_name,
 )
@@ -29,16 +29,16 @@ from dancedata.store.verify_shard import verify_shard
 
 _SIDE_FILES = (STATS_FILE, REJECTS_FILE, QUALITY_FILE, CARD_FILE)
 _LEFTOVER = re.compile(r"\.tmp$|\.part$|~$")
-#: Named in one message at most.
+#: Most names in one message.
 _SHOWN = 10
 
 
 def verify_store(path: str | Path) -> list[Problem]:
-    """Check a built dataset, bounded in memory whatever its size.
+    """Check a built dataset in bounded memory, independent of its size.
 
-    Every file's size and sha256 come first: a shard that differs is not parsed. Then the layout (names,
-    dtypes, shapes, alignment), bounds of all rows and windows, finiteness of all values, counts, and what
-    splits share.
+    The size and sha256 of every file are checked first: a shard that differs is not parsed. Then the layout (names,
+    dtypes, shapes, alignment), bounds of all rows and windows, finiteness of all values, counts, and clips
+    or songs in several splits.
 
     Parameters
     ----------
@@ -48,8 +48,8 @@ def verify_store(path: str | Path) -> list[Problem]:
     Returns
     -------
     list of Problem
-        "error": the dataset is damaged, or train shares a clip or a song with val or test. "note": worth
-        knowing. Empty if all is well. Never raises for what is wrong with the dataset.
+        "error": the dataset is damaged, or train shares a clip or a song with val or test. "note": anything else
+        that should be known. Empty for a valid dataset. A damaged dataset never raises an error.
     """
     folder = Path(path).expanduser()
     try:
@@ -62,11 +62,11 @@ def verify_store(path: str | Path) -> list[Problem]:
         found, clips = _check_shard(folder, description, entry)
         problems += found
         records += clips
-    # Counts of a damaged dataset would only repeat what is wrong already.
+    # In a damaged dataset, counts would only repeat the same problems.
     if not any(p.severity == "error" for p in problems):
         problems += _check_counts(folder, description, records)
     problems += _check_splits(folder, records)
-    problems += _find_strangers(folder, description)
+    problems += _find_unlisted_files(folder, description)
     return problems
 
 
@@ -75,7 +75,7 @@ def _check_document(folder: Path, description: Description) -> Iterator[Problem]
     if description.meta.get("self_sha256") != self_hash(description.meta):
         yield Problem("error", where, "its content does not match self_sha256: it was changed after the build")
     if not description.shards:
-        yield Problem("error", where, "it lists no shard")
+        yield Problem("error", where, "it does not list any shards")
     for name in (f for f in _SIDE_FILES if f not in description.files):
         yield Problem("error", where, f"it does not list {name}")
     by_split: dict[str, list[str]] = defaultdict(list)
@@ -96,10 +96,10 @@ def _check_document(folder: Path, description: Description) -> Iterator[Problem]
 
 def _check_side_files(folder: Path, description: Description) -> Iterator[Problem]:
     for name, entry in description.files.items():
-        # People may well write into the card.
+        # The card may be edited by hand.
         severity: Literal["error", "note"] = "note" if name == CARD_FILE else "error"
         if Path(name).name != name:
-            yield Problem("error", str(folder / DATASET_FILE), f"{name!r} is no file of the dataset")
+            yield Problem("error", str(folder / DATASET_FILE), f"{name!r} is not a file of the dataset")
             continue
         message = _compare_file(folder / name, entry)
         if message:
@@ -121,19 +121,19 @@ def _check_stats(path: Path, description: Description) -> Iterator[Problem]:
 
 
 def _compare_file(path: Path, entry: Mapping[str, Any]) -> str:
-    """Say what is wrong with a file, by size first and then by hash; nothing if it is as listed."""
+    """Return in what a file differs from its entry, by size first and then by hash; "" if it does not."""
     if not path.is_file():
         return "it is missing"
     try:
         size = path.stat().st_size
         if size != entry["size"]:
-            return f"it has {size} bytes, dataset.json says {entry['size']}"
+            return f"it has {size} bytes, in dataset.json {entry['size']}"
         sha256 = sha256_file(path)
     except OSError as error:
         return f"it cannot be read: {error}"
     if sha256 != entry["sha256"]:
-        said = str(entry["sha256"])
-        return f"its sha256 is {sha256[:12]}..., dataset.json says {said[:12]}...: bytes have changed"
+        listed_sha256 = str(entry["sha256"])
+        return f"its sha256 is {sha256[:12]}..., in dataset.json {listed_sha256[:12]}...: bytes have changed"
     return ""
 
 
@@ -156,21 +156,21 @@ def _check_counts(folder: Path, description: Description, records: Sequence[Clip
             "clips": len(clips),
             "windows": sum(s.windows for s in description.shards if s.split == split),
             "frames": frames,
-            "hours": float(frames / description.fps / 3600),
+            "hours": float(description.grid.seconds(frames) / 3600),
             "songs": len({r.music for r in clips if r.music}),
         }
         for name, value in found.items():
-            said = counts.get(name) if isinstance(counts, dict) else None
-            if said != value:
-                yield Problem("error", where, f"counts: {split} has {value} {name}, not {said}")
+            stated = counts.get(name) if isinstance(counts, dict) else None
+            if stated != value:
+                yield Problem("error", where, f"counts: {split} has {value} {name}, not {stated}")
 
 
 def _check_splits(folder: Path, records: Sequence[ClipRecord]) -> Iterator[Problem]:
-    """Find clips that are there twice, and songs and sources that splits share."""
+    """Find clips that occur more than once, and songs and sources in several splits."""
     times = Counter(r.id for r in records)
     for clip in (c for c, n in times.items() if n > 1):
         splits = sorted({r.split for r in records if r.id == clip})
-        yield Problem("error", str(folder), f"clip {clip} is there {times[clip]} times, in {', '.join(splits)}")
+        yield Problem("error", str(folder), f"clip {clip} occurs {times[clip]} times, in {', '.join(splits)}")
     split_of = {r.id: r.split for r in records}
     for record in records:
         origin = split_of.get(record.source, record.split)
@@ -193,15 +193,14 @@ def _check_splits(folder: Path, records: Sequence[ClipRecord]) -> Iterator[Probl
         yield Problem("note", str(folder), f"val and test share songs: {_list(shared)}")
 
 
-def _find_strangers(folder: Path, description: Description) -> Iterator[Problem]:
+def _find_unlisted_files(folder: Path, description: Description) -> Iterator[Problem]:
     known = {s.file for s in description.shards}
     for path in sorted(folder.iterdir()):
         if path.name in known:
             continue
         if is_shard_name(path.name) or path.name.startswith(OWN) or _LEFTOVER.search(path.name):
-            yield Problem("note", str(path), "a file that dataset.json does not list; no reader looks at it")
+            yield Problem("note", str(path), "a file that dataset.json does not list; readers ignore it")
 
 
 def _list(names: Sequence[str]) -> str:
-    listed = ", ".join(map(shown, names[:_SHOWN])) or "none"
-    return listed + (f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else "")
+    return listed(names, _SHOWN) or "none"

@@ -1,4 +1,4 @@
-"""Checks of one shard whose bytes are those that dataset.json names: layout, bounds, finiteness."""
+"""Checks of one shard whose bytes match dataset.json: layout, bounds, finiteness."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from typing import Any
 import numpy as np
 
 from dancedata.core.errors import StoreError
+from dancedata.core.text import listed
 from dancedata.store import hdf5
+from dancedata.store.clip_columns import CLIP_COLUMNS, ClipRecord
 from dancedata.store.dataset_json import Description, ShardEntry
-from dancedata.store.described import DescribedFile
+from dancedata.store.listed_file import ListedFile
 from dancedata.store.problem import Problem
-from dancedata.store.schema import ALIGNMENT, FORMAT, ClipRecord, Field
-from dancedata.store.shard_reader import ClipTable, ShardReader, StoredWindows
+from dancedata.store.schema import ALIGNMENT, FORMAT, Field
+from dancedata.store.shard_reader import ShardReader
+from dancedata.store.shard_tables import ClipTable, StoredWindows
 
-#: Values looked at at a time.
+#: Values checked at a time.
 _CHUNK_VALUES = 1 << 20
 #: Rows of a table named in one message at most.
 _SHOWN = 5
-
-_TEXTS = ("id", "genre", "music", "dancer", "source", "source_rate", "lists")
-_WHOLE = ("n_frames", "n_flags", "trim_start")
 
 
 def verify_shard(
@@ -34,16 +34,16 @@ def verify_shard(
     Returns
     -------
     problems, records
-        What is wrong, and the clips as far as they could be read.
+        The problems found, and the clips as far as they could be read.
     """
     try:
         with hdf5.open_file(path) as file:
             messages = list(_check_layout(file, description, entry))
-        # Before the tables are read: the reader stops at the first span that is wrong, and says less.
+        # Before the tables are read: the reader stops at the first wrong span, with a less detailed message.
         messages = messages or list(_check_spans(path, description))
         if messages:
             return [Problem("error", str(path), m) for m in messages], ()
-        file = DescribedFile(path, entry.size, entry.sha256, os.stat(path))
+        file = ListedFile(path, entry.size, entry.sha256, os.stat(path))
         reader = ShardReader(file, entry.split, description.fields, description.scope)
         clips, windows = reader.clips, reader.windows
         messages = [*_check_clips(clips)]
@@ -73,31 +73,32 @@ def _check_layout(file: Any, description: Description, entry: ShardEntry) -> Ite
         if dataset.size and offset is None:
             yield f"/{path} is not contiguous"
         elif dataset.size and offset % ALIGNMENT:
-            yield f"/{path} begins at byte {offset}, no multiple of {ALIGNMENT}"
+            yield f"/{path} begins at byte {offset}, not a multiple of {ALIGNMENT}"
         elif not wrong:
             hdf5.find_dataset(file, path)
 
 
 def _expected(description: Description, entry: ShardEntry) -> dict[str, tuple[Any, int | None]]:
-    """List per dataset its dtype (None: text) and number of rows (None: any)."""
+    """Return for each dataset its dtype (None: text) and number of rows (None: any)."""
     whole = np.dtype("<i8")
-    found: dict[str, tuple[Any, int | None]] = {f"clips/{n}": (None, entry.clips) for n in _TEXTS}
-    found |= {f"clips/{n}": (whole, entry.clips) for n in _WHOLE}
-    found |= {f"clips/{n}": (np.dtype("<f8"), entry.clips) for n in ("tempo_bpm", "height_m")}
+    found: dict[str, tuple[Any, int | None]] = {
+        f"clips/{column.name}": (column.type.dtype, entry.clips) for column in CLIP_COLUMNS
+    }
     found |= {f"windows/{n}": (whole, entry.windows) for n in ("clip", "start", "length", "index")}
     for f in description.fields:
-        found[f"{f.kind}/{f.name}"] = (f.disk_dtype, None)
+        found[f.path] = (f.disk_dtype, None)
         found[f"windows/rows/{f.name}"] = (whole, entry.windows)
         if f.per_clip or description.scope == "track":
-            columns = ("start", "length", "offset") if f.kind == "audio" else ("start", "length")
-            found |= {f"clips/{f.kind}/{f.name}/{c}": (whole, entry.clips) for c in columns}
+            found |= {f"clips/{f.path}/{name}": (whole, entry.clips) for name in f.span_columns}
     return found
 
 
 def _check_clips(clips: ClipTable) -> Iterator[str]:
-    for record in clips.records:
-        if not record.id or record.n_frames < 1 or record.n_flags < 0 or record.trim_start < 0:
-            yield f"/clips: clip {record.id!r} has no id, no frames, or a negative number"
+    for column in CLIP_COLUMNS:
+        for record in clips.records:
+            problem = column.type.problem(getattr(record, column.name))
+            if problem:
+                yield f"/clips/{column.name} of clip {record.id!r}: {problem}"
 
 
 def _check_spans(path: Path, description: Description) -> Iterator[str]:
@@ -106,9 +107,9 @@ def _check_spans(path: Path, description: Description) -> Iterator[str]:
         for f in description.fields:
             if f.kind == "audio" and description.scope == "window":
                 continue
-            name = f"/clips/{f.kind}/{f.name}"
+            name = f"/clips/{f.path}"
             start, length = (file[f"{name}/{c}"][...] for c in ("start", "length"))
-            n_rows = file[f"{f.kind}/{f.name}"].shape[0]
+            n_rows = file[f.path].shape[0]
             if f.per_clip:
                 ends = np.cumsum(length)
                 if (length < 0).any() or (start != ends - length).any() or ends[-1] != n_rows:
@@ -125,7 +126,7 @@ def _check_windows(
 ) -> Iterator[str]:
     bad = (windows.clip < 0) | (windows.clip >= len(clips.records))
     if bad.any():
-        yield f"/windows/clip: no such clip, in windows {_some(bad)}"
+        yield f"/windows/clip: clips that do not exist, in windows {_some(bad)}"
         return
     n_frames = np.asarray([r.n_frames for r in clips.records], dtype=np.int64)[windows.clip]
     bad = (windows.start < 0) | (windows.start + windows.length > n_frames)
@@ -148,16 +149,14 @@ def _check_windows(
 def _check_rows(
     reader: ShardReader, clips: ClipTable, windows: StoredWindows, f: Field, description: Description
 ) -> str:
-    """Check the first rows of all windows: where the clip's span says, and within the field."""
-    rate = f.row_rate(description.fps)
-    length = rate.rows(description.length)
+    """Check the first rows of all windows: inside the clip's span and the field."""
+    length = description.grid.rows_down(description.length, of=f.grid)
     rows = windows.rows[f.name]
     if f.name not in clips.first:
         bad = (rows < 0) | (rows + length > reader.layout(f.name).n_rows)
     elif description.scope == "track":
-        inside = windows.start * rate.num // rate.den
-        bad = (windows.start * rate.num) % rate.den != 0
-        bad |= rows != clips.first[f.name][windows.clip] + inside
+        inside, whole = description.grid.rows_of_all(windows.start, of=f.grid)
+        bad = ~whole | (rows != clips.first[f.name][windows.clip] + inside)
         bad |= inside + length > clips.available[f.name][windows.clip]
     else:
         bad = rows != clips.first[f.name][windows.clip] + windows.index * length
@@ -176,7 +175,7 @@ def _check_values(reader: ShardReader, clips: ClipTable, f: Field) -> Iterator[s
         if not finite.all():
             row, column = (int(i) for i in np.argwhere(~finite)[0])
             yield (
-                f"/{f.kind}/{f.name}: {int((~finite).sum())} values are not finite, first row {begin + row}"
+                f"/{f.path}: {int((~finite).sum())} values are not finite, first row {begin + row}"
                 f"{_clip_of(clips, f, begin + row)}, column {f.columns.labels[column]}"
             )
             return
@@ -190,7 +189,4 @@ def _clip_of(clips: ClipTable, f: Field, row: int) -> str:
 
 
 def _some(bad: Any) -> str:
-    numbers = np.flatnonzero(bad)
-    return ", ".join(map(str, numbers[:_SHOWN])) + (
-        f" and {len(numbers) - _SHOWN} more" if len(numbers) > _SHOWN else ""
-    )
+    return listed(np.flatnonzero(bad), _SHOWN)

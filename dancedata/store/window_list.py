@@ -16,7 +16,7 @@ IntArray = npt.NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class WindowList(Sequence[Window]):
-    """Windows as a sequence; each is made when asked for, so a million of them are four arrays.
+    """Windows as a sequence; each is made when it is asked for, so that a million of them take four arrays.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ class WindowList(Sequence[Window]):
         )
 
     def __eq__(self, other: object) -> bool:
-        """Tell whether both hold the same windows in the same order."""
+        """Whether both hold the same windows in the same order."""
         if not isinstance(other, WindowList):
             return NotImplemented
         return self.split == other.split and list(self) == list(other)
@@ -89,5 +89,5 @@ class WindowList(Sequence[Window]):
     __hash__ = None  # type: ignore[assignment]
 
     def __repr__(self) -> str:
-        """Say how many there are."""
+        """Show the number of windows and clips."""
         return f"WindowList({len(self)} windows of {len(self.clip_ids)} clips, split {self.split!r})"

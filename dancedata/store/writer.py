@@ -14,7 +14,6 @@ from dancedata.core.atomic import write_text
 from dancedata.core.clip import Reject
 from dancedata.core.errors import StoreError
 from dancedata.core.hashing import json_sha256, sha256_file
-from dancedata.store.plan import ShardPlan, plan_shards
 from dancedata.store.schema import (
     CARD_FILE,
     DATASET_FILE,
@@ -22,11 +21,12 @@ from dancedata.store.schema import (
     QUALITY_FILE,
     REJECTS_FILE,
     STATS_FILE,
-    StoredClip,
     StoreHeader,
 )
+from dancedata.store.shard_plan import ShardPlan, plan_shards
 from dancedata.store.shard_writer import write_shard
 from dancedata.store.stats import compute_stats
+from dancedata.store.stored_clip import StoredClip
 
 
 def write_store(
@@ -45,9 +45,9 @@ def write_store(
     Parameters
     ----------
     out
-        Folder, which exists and holds no finished dataset. What a killed run left there is overwritten.
+        Existing folder without a finished dataset. Files that an interrupted run left there are overwritten.
     header
-        What holds for the whole store.
+        Fields, windows and frame rate of the store.
     clips
         In any order. Their arrays are loaded one at a time.
     rejects, quality
@@ -57,12 +57,12 @@ def write_store(
     card
         Text of README.md.
     progress
-        Called with (clips written, clips in all) after each clip.
+        Called with (clips written, number of clips) after each clip.
 
     Raises
     ------
     StoreError
-        For input that format 1 cannot hold, values that are not finite, and where nothing can be written.
+        For input that format 1 cannot hold, values that are not finite, and a folder that cannot be written to.
     """
     _check_folder(out)
     plans = plan_shards(header, clips, shard_bytes)
@@ -74,15 +74,15 @@ def write_store(
             progress(next(done), len(clips))
 
     try:
-        with ThreadPoolExecutor(max_workers=1, thread_name_prefix="hashing") as beside:
-            # A shard is hashed while the next one, or the statistics, are worked on; no two wait for it.
-            described: list[Future[dict[str, Any]]] = []
+        with ThreadPoolExecutor(max_workers=1, thread_name_prefix="hashing") as hashing:
+            # A shard is hashed while the next one is written, or the statistics are computed; at most one waits.
+            entries: list[Future[dict[str, Any]]] = []
             for plan in plans:
                 write_shard(out, plan, advance)
-                wait(described)
-                described.append(beside.submit(_describe_shard, out, plan))
+                wait(entries)
+                entries.append(hashing.submit(_describe_shard, out, plan))
             stats = compute_stats(out, header, plans)
-            document["shards"] = [shard.result() for shard in described]
+            document["shards"] = [shard.result() for shard in entries]
         write_text(out / STATS_FILE, dump_json(stats))
         write_text(out / REJECTS_FILE, dump_lines([r.to_json() for r in rejects]))
         write_text(out / QUALITY_FILE, dump_lines(quality))
@@ -93,23 +93,23 @@ def write_store(
             "the dataset cannot be written",
             where=str(out),
             found=str(error),
-            fix="see that the folder is writable and the disk has room, then build again",
+            fix="check that the folder is writable and the disk has space, then build again",
         ) from error
 
 
 def _check_folder(out: Path) -> None:
     if not out.is_dir():
-        raise StoreError("there is no folder to write to", where=str(out))
+        raise StoreError("the folder to write to does not exist", where=str(out))
     if (out / DATASET_FILE).exists():
         raise StoreError(
-            "there is a finished dataset already",
+            "the folder holds a finished dataset already",
             where=str(out),
             fix="write to another folder, or remove it first",
         )
 
 
 def _write_document(out: Path, document: dict[str, Any]) -> None:
-    """Write dataset.json, with sizes and hashes of all that was written before."""
+    """Write dataset.json, with sizes and hashes of all other files."""
     side_files = (STATS_FILE, REJECTS_FILE, QUALITY_FILE, CARD_FILE)
     document["files"] = {name: _describe_file(out / name) for name in side_files}
     document["self_sha256"] = json_sha256(document)
@@ -117,12 +117,12 @@ def _write_document(out: Path, document: dict[str, Any]) -> None:
 
 
 def dump_json(obj: Any) -> str:
-    """JSON for people to read: indented, UTF-8, keys in the order given, no NaN."""
+    """Return indented JSON: UTF-8, keys in the order given, no NaN."""
     return json.dumps(obj, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def dump_lines(rows: Sequence[Mapping[str, Any]]) -> str:
-    """One JSON object a line, keys sorted."""
+    """Return one JSON object per line, keys sorted."""
     return "".join(json.dumps(dict(row), ensure_ascii=False, allow_nan=False, sort_keys=True) + "\n" for row in rows)
 
 
@@ -148,22 +148,22 @@ def _count(header: StoreHeader, plans: Sequence[ShardPlan]) -> dict[str, dict[st
             "clips": len(clips),
             "windows": sum(len(c.starts) for c in clips),
             "frames": frames,
-            "hours": float(frames / header.fps / 3600),
+            "hours": float(header.grid.seconds(frames) / 3600),
             "songs": len({c.music for c in clips if c.music}),
         }
     return counts
 
 
 def _check_meta(header: StoreHeader, document: dict[str, Any]) -> dict[str, Any]:
-    """Merge the caller's keys into dataset.json; none may hide one of the format's."""
+    """Merge the caller's keys into dataset.json; StoreError if one of them is a key of the format."""
     own = {*document, "shards", "files", "self_sha256"}
     taken = sorted(own & set(header.meta))
     if taken:
-        raise StoreError("meta has keys of the format itself", found=", ".join(taken))
+        raise StoreError("meta has keys that the format uses itself", found=", ".join(taken))
     try:
         meta = json.loads(json.dumps(dict(header.meta), allow_nan=False))
     except (TypeError, ValueError) as error:
-        raise StoreError("meta is no JSON", found=str(error)) from error
+        raise StoreError("meta is not valid JSON", found=str(error)) from error
     return {**document, **meta}
 
 

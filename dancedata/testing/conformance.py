@@ -2,13 +2,13 @@
 
 ::
 
-    from dancedata.testing.conformance import check_dataset
+    from dancedata.testing.conformance import check
 
     def test_conformance(tmp_path):
-        check_dataset(MyDataset, tmp_path)
+        check(MyDataset, tmp_path)
 
-The class has to be registered (`@DATASETS.register("mine")`) and to work with its default parameters. What
-fails is an AssertionError that says what was expected.
+`check` calls the check of the plug-in's kind. The class has to be registered (`@DATASETS.register("mine")`) and to
+work with its default parameters. A failure is an AssertionError with what was expected.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ import inspect
 import json
 import re
 import tempfile
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -26,13 +27,35 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.bodies import SMPLX55
 from dancedata.core.clip import Scan
+from dancedata.core.columns import Columns
 from dancedata.core.errors import DanceDataError, SourceError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
-from dancedata.core.registry import CONTACTS, DATASETS, FEATURES, KEYMOTIONS, REPRESENTATIONS
+from dancedata.core.plugins import Augmentation, Plugin, WindowFilter
+from dancedata.core.registry import (
+    AUGMENTATIONS,
+    CONTACTS,
+    DATASETS,
+    FEATURES,
+    FILTERS,
+    KEYMOTIONS,
+    REGISTRIES,
+    REPRESENTATIONS,
+    Registry,
+)
 from dancedata.core.skeleton import SMPL24, Skeleton
-from dancedata.testing.examples import FPS, mirrored_motion, random_motion, random_signal
+from dancedata.pipeline.rejects import BY_CHOICE
+from dancedata.recipes.copies import CopySpec
+from dancedata.testing.examples import (
+    FPS,
+    contact_rule_of,
+    example_fields,
+    mirrored_motion,
+    random_motion,
+    random_signal,
+)
 
 #: Radians and metres: what float32 columns may lose.
 ANGLE_TOLERANCE = 1e-4
@@ -73,7 +96,7 @@ def check_dataset(cls: type[Any], folder: Path) -> None:
 def check_representation(cls: type[Any]) -> None:
     """Check a representation: columns, dtype, decoding, mirroring, one frame, another skeleton."""
     check_plugin(cls)
-    made, rule = cls(), _rule_of(cls)
+    made, rule = cls(), contact_rule_of(cls())
     _check_columns(made.columns)
     motion = random_motion(made.skeleton, 40)
     before = motion.translation.copy(), motion.rotations.copy()
@@ -90,7 +113,7 @@ def check_representation(cls: type[Any]) -> None:
     mirror = made.columns.mirror
     if mirror is not None:
         _require(np.array_equal(mirror.apply(mirror.apply(array)), array), "mirroring twice gives back the columns")
-    if hasattr(made, "decode"):
+    if made.decodes:
         decoded = made.decode(array, FPS)
         wanted = motion
         if made.grounded:
@@ -150,7 +173,7 @@ def check_audio_feature(cls: type[Any]) -> None:
     """
     check_plugin(cls)
     with tempfile.TemporaryDirectory() as folder:
-        _check_audio_feature(cls.make_example(Path(folder)) if hasattr(cls, "make_example") else cls())
+        _check_audio_feature(cls.make_example(Path(folder)))
 
 
 def _check_audio_feature(made: Any) -> None:
@@ -180,6 +203,72 @@ def _check_audio_feature(made: Any) -> None:
         _check_rows(made, signal, rows, grid)
 
 
+def check_augmentation(cls: type[Augmentation], folder: Path) -> None:
+    """Check an augmentation: time, shapes and dtypes are kept, equal input gives equal copies, copies are built.
+
+    Parameters
+    ----------
+    folder
+        An empty folder to work in.
+    """
+    check_plugin(cls)
+    made, spec = cls(), CopySpec(cls.name, cls())
+    changes_rows = cls.change_rows is not Augmentation.change_rows
+    _require(cls.changes_motion or changes_rows, "it defines change_motion or change_rows")
+    fields = [field for field in example_fields() if _accepts(made, field.columns)]
+    motions = [field.name for field in fields if field.kind == "motion"]
+    _require(bool(motions), "`check` accepts the columns of a representation")
+    for skeleton in (SMPL24, SMPLX55) if cls.changes_motion else ():
+        _check_changed_motion(spec, random_motion(skeleton, 40))
+    for field in fields:
+        for array in (field.rows, field.rows[None, :20], field.rows[:1]):
+            first, second = (spec.rows_of(array, field.columns, field.kind, "clip") for _ in range(2))
+            _require(bool(np.isfinite(first).all()), "rows of copies are finite")
+            _require(np.array_equal(first, second), "equal rows give equal copies")
+    for scope in ("track", "window"):
+        _check_copies(spec, motions[0], scope, folder / scope)
+
+
+def check_window_filter(cls: type[WindowFilter]) -> None:
+    """Check a window filter: what it returns, that equal windows get equal answers, and that recipes take it."""
+    check_plugin(cls)
+    made = cls()
+    _require(cls.reason in BY_CHOICE, f"reason is one of {', '.join(sorted(BY_CHOICE))}")
+    _require(isinstance(made.field, str) and bool(made.field), "field names a field")
+    _require(bool(made.splits) and all(isinstance(s, str) for s in made.splits), "splits names splits")
+    fields = [field for field in example_fields() if _accepts(made, field.columns)]
+    _require(bool(fields), "`check` accepts the columns of a representation or of key motions")
+    for field in fields:
+        for rows in (field.rows, field.rows[:1], np.zeros_like(field.rows), 1000 * field.rows):
+            rows.setflags(write=False)
+            found = made.reject(rows, field.columns, FPS)
+            _require(found == made.reject(rows.copy(), field.columns, FPS), "equal windows get equal answers")
+            if found is not None:
+                _require(found.reason == cls.reason, f"rejects have the reason {cls.reason}, not {found.reason}")
+                _require(bool(found.detail), "rejects have a detail")
+                _require(json.loads(json.dumps(found.to_json())) == found.to_json(), "rejects are JSON")
+    for field in (field for field in fields if field.name == made.field):
+        windows = {"length_frames": 30, "stride_frames": 15, "filter": {cls.name: {}}}
+        recipe_with(dataset="synthetic", keys={"windows": windows, field.kind: {field.name: {}}})
+
+
+def check(cls: type[Plugin], folder: Path) -> None:
+    """Check a plug-in of any kind; `folder` is an empty folder to work in."""
+    _CHECKS[_registry_of(cls).kind](cls, folder)
+
+
+#: The check of each kind of plug-in.
+_CHECKS: dict[str, Callable[[type[Any], Path], None]] = {
+    DATASETS.kind: check_dataset,
+    REPRESENTATIONS.kind: lambda cls, folder: check_representation(cls),
+    CONTACTS.kind: lambda cls, folder: check_contact_rule(cls),
+    KEYMOTIONS.kind: lambda cls, folder: check_key_motion(cls),
+    FEATURES.kind: lambda cls, folder: check_audio_feature(cls),
+    AUGMENTATIONS.kind: check_augmentation,
+    FILTERS.kind: lambda cls, folder: check_window_filter(cls),
+}
+
+
 def check_plugin(cls: type[Any]) -> None:
     """Check what all plug-ins share: a frozen dataclass whose fields are documented keys of a recipe."""
     _require(dataclasses.is_dataclass(cls), f"{cls.__name__} is a dataclass")
@@ -189,8 +278,8 @@ def check_plugin(cls: type[Any]) -> None:
     _require(bool(text) and not text.startswith(f"{cls.__name__}("), f"{cls.__name__} has a docstring")
     for field in dataclasses.fields(cls):
         _require(re.search(rf"^{field.name}\b", text, re.M) is not None, f"the docstring describes {field.name}")
-    from dancedata.pipeline.documents import document_of
-    from dancedata.pipeline.slots import make_plugin, one_of
+    from dancedata.recipes.documents import document_of
+    from dancedata.recipes.plugins import make_plugin, one_of
 
     problems: list[str] = []
     registry = _registry_of(cls)
@@ -204,9 +293,11 @@ def check_plugin(cls: type[Any]) -> None:
     _require(any("no_such_key" in p for p in problems), "a key that no field has is an error")
 
 
-def recipe_with(*, dataset: str, scope: str = "track", skeleton: Skeleton = SMPL24) -> Any:
-    """Return a recipe of one dataset, joint positions of its skeleton, no audio: what a reader is tried with."""
-    from dancedata.pipeline.recipe_file import parse_recipe
+def recipe_with(
+    *, dataset: str, scope: str = "track", skeleton: Skeleton = SMPL24, keys: Mapping[str, Any] | None = None
+) -> Any:
+    """Return a recipe of one dataset, joint positions of its skeleton, no audio; `keys` replace or add keys."""
+    from dancedata.recipes.parse import parse_recipe
 
     document = {
         "recipe": 1,
@@ -215,6 +306,7 @@ def recipe_with(*, dataset: str, scope: str = "track", skeleton: Skeleton = SMPL
         "scope": scope,
         "windows": {"length_frames": 30, "stride_frames": 15},
         "motion": {"joints": {"body": skeleton.to_json()}},
+        **(keys or {}),
     }
     recipe = parse_recipe(document)
     again = parse_recipe(json.loads(json.dumps(recipe.document)))
@@ -235,15 +327,11 @@ def _raises(kind: type[Exception], call: Callable[[], object], expected: str) ->
     raise AssertionError(f"expected: {expected}")
 
 
-def _registry_of(cls: type[Any]) -> Any:
-    for registry in (DATASETS, REPRESENTATIONS, CONTACTS, FEATURES, KEYMOTIONS):
+def _registry_of(cls: type[Any]) -> Registry[Any]:
+    for registry in REGISTRIES.values():
         if cls in (registry.get(name) for name in registry.names()):
             return registry
     raise AssertionError(f"expected: {cls.__name__} is registered")
-
-
-def _rule_of(cls: type[Any]) -> Any:
-    return None if cls.default_contacts is None else CONTACTS.get(cls.default_contacts)()
 
 
 def _check_columns(columns: Any) -> None:
@@ -302,6 +390,44 @@ def _check_build(recipe: Any, scan: Scan, source: Path, out: Path) -> None:
         for split in store.splits:
             rows = store.read(store.windows(split)[0], field.name)
             _require(rows.shape == (30, field.representation.columns.width), f"a window of {split} can be read")
+
+
+def _accepts(made: Augmentation | WindowFilter, columns: Columns) -> bool:
+    try:
+        made.check(columns)
+    except UsageError:
+        return False
+    return True
+
+
+def _check_changed_motion(spec: CopySpec, motion: Motion) -> None:
+    before = motion.translation.copy(), motion.rotations.copy()
+    one, two = spec.motion_of(motion, "clip"), spec.motion_of(motion, "clip")
+    equal = np.array_equal(one.translation, two.translation) and np.array_equal(one.rotations, two.rotations)
+    _require(equal, "equal motions give equal copies")
+    untouched = np.array_equal(before[0], motion.translation) and np.array_equal(before[1], motion.rotations)
+    _require(untouched, "change_motion does not write into the motion")
+    _require(one.skeleton.joints == motion.skeleton.joints, "the copy has the joints of the motion")
+    _require(spec.motion_of(motion.part(0, 1), "clip").n_frames == 1, "a motion of one frame can be copied")
+
+
+def _check_copies(spec: CopySpec, motion: str, scope: str, folder: Path) -> None:
+    from dancedata.pipeline.build import build
+    from dancedata.store import open_store, verify_store
+
+    source, out = folder / "source", folder / "out"
+    DATASETS.get("synthetic")().make_example(source)
+    recipe = recipe_with(dataset="synthetic", scope=scope, keys={"motion": {motion: {}}, "augment": {spec.name: {}}})
+    build(recipe, source, out, cache=folder / "cache")
+    errors = [str(p) for p in verify_store(out) if p.severity == "error"]
+    _require(not errors, f"a dataset with copies is sound: {errors}")
+    with open_store(out) as store:
+        train = [c.id for c in store.clips if c.split == "train" and not c.source]
+        copies = {c.source: c.id for c in store.clips if c.source}
+        _require(bool(train), "the example has clips to train on")
+        _require(copies == {c: spec.clip_id(c) for c in train}, "every train clip, and no other, has a copy")
+        counts = Counter(window.clip for window in store.windows("train"))
+        _require(all(counts[c] == counts[spec.clip_id(c)] for c in train), "copies have the windows of their clips")
 
 
 def _check_rows(made: Any, signal: AudioSignal, rows: npt.NDArray[Any], grid: FrameGrid) -> None:

@@ -1,19 +1,25 @@
-"""Motions and signals for tests, the same at every call."""
+"""Motions, fields and signals for tests, the same at every call."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.columns import Columns
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
-from dancedata.core.skeleton import Skeleton
+from dancedata.core.plugins import ContactRule, Float32Array, Representation
+from dancedata.core.registry import CONTACTS, KEYMOTIONS, REPRESENTATIONS
+from dancedata.core.skeleton import SMPL24, Skeleton
 
 FPS = FrameGrid.of(30)
 
 
 def random_motion(skeleton: Skeleton, n_frames: int, *, turn_rad: float = 2.5, step_m: float = 0.05) -> Motion:
-    """Return a motion at 30 a second, the same at every call; by default with turns beyond pi."""
+    """Return a motion at 30 frames per second, the same at every call; by default with rotations beyond pi."""
     rng = np.random.default_rng(0)
     rotations = rng.normal(0, turn_rad, (n_frames, skeleton.n_joints, 3))
     return Motion(rng.normal(0, step_m, (n_frames, 3)).cumsum(axis=0), rotations, FPS, skeleton)
@@ -29,8 +35,36 @@ def mirrored_motion(motion: Motion) -> Motion:
 
 
 def random_signal(seconds: float, sample_rate: int) -> AudioSignal:
-    """Return two noise bursts a second over a tone, the same at every call."""
+    """Return two noise bursts per second over a tone, the same at every call."""
     rng = np.random.default_rng(0)
     time_s = np.arange(int(seconds * sample_rate)) / sample_rate
     bursts = rng.normal(0, 0.2, len(time_s)) * np.exp(-20 * (time_s % 0.5))
     return AudioSignal(np.asarray(bursts + 0.1 * np.sin(2 * np.pi * 220 * time_s), np.float32), sample_rate)
+
+
+@dataclass(frozen=True)
+class ExampleField:
+    """A motion or key motion field with rows of it."""
+
+    name: str
+    kind: Literal["motion", "keymotion"]
+    columns: Columns
+    rows: Float32Array
+
+
+def example_fields() -> list[ExampleField]:
+    """Return 40 rows of every registered representation and key motion finder."""
+    motion = random_motion(SMPL24, 40, turn_rad=0.5)
+    fields = []
+    for name in REPRESENTATIONS.names():
+        made = REPRESENTATIONS.get(name)()
+        fields.append(ExampleField(name, "motion", made.columns, made.encode(motion, contact_rule_of(made))))
+    for name in KEYMOTIONS.names():
+        finder = KEYMOTIONS.get(name)()
+        fields.append(ExampleField(name, "keymotion", finder.columns, finder.analyse(motion)))
+    return fields
+
+
+def contact_rule_of(representation: Representation) -> ContactRule | None:
+    """Return the contact rule of a representation where a recipe names none."""
+    return None if representation.default_contacts is None else CONTACTS.get(representation.default_contacts)()

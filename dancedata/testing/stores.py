@@ -1,4 +1,4 @@
-"""Small random stores for tests: of this project and of what is built on it."""
+"""Small random stores for tests, of this project and of projects that use it."""
 
 from __future__ import annotations
 
@@ -13,8 +13,9 @@ import numpy.typing as npt
 
 from dancedata.core.columns import Columns, Group, Mirror
 from dancedata.core.skeleton import SMPL24
-from dancedata.core.windows import window_starts
-from dancedata.store.schema import AudioBlock, Field, Order, Scope, StoredClip, StoreHeader
+from dancedata.core.windows import WindowGrid
+from dancedata.store.schema import Field, Order, Scope, StoreHeader
+from dancedata.store.stored_clip import AudioBlock, StoredClip
 from dancedata.store.writer import write_store
 
 Array = npt.NDArray[Any]
@@ -22,7 +23,7 @@ Array = npt.NDArray[Any]
 
 @dataclass(frozen=True)
 class RandomStore:
-    """A store on disk and the arrays that it was made from.
+    """A store on disk and its source arrays.
 
     Attributes
     ----------
@@ -31,7 +32,7 @@ class RandomStore:
     header
         As given to the writer.
     clips
-        As given to the writer: split by split, clip by clip. Their arrays are the truth to compare with.
+        As given to the writer: split by split, clip by clip. Their arrays are the expected values.
     """
 
     path: Path
@@ -43,7 +44,7 @@ class RandomStore:
         return next(c for c in self.clips if c.id == clip_id)
 
     def rows(self, clip_id: str, field: str, start: int, length: int) -> Array:
-        """Take the rows that a reader must give for a window from the source arrays.
+        """Return the rows of a window from the source arrays, which a reader must return.
 
         Parameters
         ----------
@@ -57,8 +58,7 @@ class RandomStore:
         """
         clip = self.clip(clip_id)
         f = next(f for f in self.header.fields if f.name == field)
-        ratio = f.rate / self.header.fps
-        rows = slice(int(start * ratio), int((start + length) * ratio))
+        rows = slice(*(self.header.grid.rows_down(frame, of=f.grid) for frame in (start, start + length)))
         if self.header.scope == "window":
             k = clip.starts.index(start)
             array = clip.motion[field] if f.per_clip else clip.audio[field][k].array
@@ -72,7 +72,7 @@ class RandomStore:
 
 
 def random_columns(width: int, *, mirror: bool = True) -> Columns:
-    """Make columns in groups "a" and "b"; the mirror swaps neighbours and turns signs of every third pair."""
+    """Make columns in groups "a" and "b"; the mirror swaps adjacent columns and negates every third pair."""
     first = max(1, width // 3)
     groups = [Group("a", first, "m")] + ([Group("b", width - first, "1")] if width > first else [])
     if not mirror:
@@ -80,13 +80,13 @@ def random_columns(width: int, *, mirror: bool = True) -> Columns:
     order = list(range(width))
     for i in range(0, width - 1, 2):
         order[i], order[i + 1] = order[i + 1], order[i]
-    # Both of a swapped pair have the same sign, so that mirroring twice changes nothing.
+    # Both columns of a swapped pair have the same sign, so that mirroring twice is the identity.
     signs = [-1 if (i // 2) % 3 == 0 else 1 for i in range(width)]
     return Columns(tuple(groups), Mirror(tuple(order), tuple(signs)))
 
 
 def random_fields(motion: Mapping[str, int], audio: Mapping[str, int], **rates: float | str) -> tuple[Field, ...]:
-    """Make fields from name -> width; rates by name, 30 a second where not given."""
+    """Make fields from name -> width; rates by name, by default 30 per second."""
     found: list[Field] = []
     for kind, widths in (("motion", motion), ("audio", audio)):
         for name, width in widths.items():
@@ -118,28 +118,28 @@ def write_random_store(
     Parameters
     ----------
     out
-        Folder; made if it is not there.
+        Folder; created if it does not exist.
     clips
         Number of clips per split. Default: train 6, val 2, test 2. Ids are ``<split>_c00`` and so on.
     fields
-        Default: edge151 (151 columns) and librosa35 (35), both 30 a second.
+        Default: edge151 (151 columns) and librosa35 (35), both 30 per second.
     length, stride
         Of the windows, in frames.
     n_frames
-        Least and largest length of a clip, drawn at random. Take equal ones for a known number of windows.
+        Least and largest length of a clip, drawn at random. Equal ones give a known number of windows.
     clips_per_song
-        Neighbouring clips of a split share a song: in track scope one timeline, with offsets of their own.
+        Adjacent clips of a split share a song: in track scope one timeline, with an offset per clip.
     seed
-        Equal arguments give an equal store.
+        Equal arguments give equal stores.
     meta
-        Further keys of dataset.json.
+        Additional keys of dataset.json.
     **writer
-        Passed on to `write_store`: rejects, quality, card, ...
+        Arguments of `write_store`: rejects, quality, card, ...
 
     Returns
     -------
     RandomStore
-        The store with the arrays that are in it.
+        The store with its arrays.
     """
     rng = np.random.default_rng(seed)
     chosen = tuple(fields) if fields is not None else random_fields({"edge151": 151}, {"librosa35": 35})
@@ -171,8 +171,9 @@ def _song(
         if f.kind == "audio"
     }
     found: list[StoredClip] = []
+    windows = WindowGrid(header.length, header.stride)
     for number, (clip_id, n) in enumerate(lengths.items()):
-        starts = tuple(int(s) for s in window_starts(n, header.length, header.stride))
+        starts = tuple(windows.starts(windows.count(n)))
         found.append(
             StoredClip(
                 id=clip_id,
@@ -216,15 +217,14 @@ def _audio(
         if header.scope == "track":
             found[f.name] = (AudioBlock(f"{song}/{f.name}", timeline, offset),)
             continue
-        # Windows that begin at the same frame of the same song share their rows.
+        # Windows that begin at the same frame of the same song share rows.
         spans = [(s, _rows(f, header, s) + offset, _rows(f, header, header.length)) for s in starts]
         found[f.name] = tuple(AudioBlock(f"{song}/{f.name}/{s}", timeline[a : a + n]) for s, a, n in spans)
     return found
 
 
 def _rows(f: Field, header: StoreHeader, frames: int) -> int:
-    ratio = f.rate / header.fps
-    return -(-frames * ratio.numerator // ratio.denominator)
+    return header.grid.rows_up(frames, of=f.grid)
 
 
 def _random(rng: np.random.Generator, f: Field, shape: tuple[int, ...]) -> Array:

@@ -18,15 +18,15 @@ import soundfile
 import soxr
 from numpy.typing import NDArray
 
-from dancedata.audio import _librosa35_fast as fast
-from dancedata.audio._fast_filters import filter_bank
-from dancedata.audio._fast_resample import MAX_PERIOD, period
-from dancedata.audio._fast_tuning import N_TUNINGS
-from dancedata.audio.librosa35 import Librosa35, _log_once
+from dancedata.audio.librosa35 import fast
+from dancedata.audio.librosa35.feature import Librosa35, _log_once
+from dancedata.audio.librosa35.filters import filter_bank
+from dancedata.audio.librosa35.resample import MAX_PERIOD, period
+from dancedata.audio.librosa35.tuning import N_TUNINGS
 from dancedata.audio.signal import load_audio, pcm16
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.grid import FrameGrid
-from dancedata.datasets.synthetic import synthesise_song
+from dancedata.synthetic import synthesise_song
 
 GRID = FrameGrid.of(30)
 FAST, PLAIN = Librosa35(), Librosa35(method="librosa")
@@ -230,7 +230,7 @@ def test_near_ties_are_decided_as_librosa_does(monkeypatch: pytest.MonkeyPatch) 
         decided.append(chroma.copy())
         return np.ones(chroma.shape[:2], dtype=np.bool_)
 
-    monkeypatch.setattr("dancedata.audio._fast_ties.near_ties", all_near)
+    monkeypatch.setattr("dancedata.audio.librosa35.ties.near_ties", all_near)
     replaced = []
     decide = fast.decide_near_ties
 

@@ -8,16 +8,16 @@ import pytest
 from librosa.core import constantq
 from numpy.typing import NDArray
 
-from dancedata.audio._fast_arrays import one_blas_thread
-from dancedata.audio._fast_beats import window_beats
-from dancedata.audio._fast_chroma import cens
-from dancedata.audio._fast_filters import filter_bank, has_one_bank
-from dancedata.audio._fast_onset import onset_margins, onset_peaks
-from dancedata.audio._fast_resample import halved, resampled
-from dancedata.audio._fast_spectra import mel_filters
-from dancedata.audio._fast_tempo import window_tempos
-from dancedata.audio._fast_ties import librosa_envelope, librosa_tuning
-from dancedata.audio._fast_windows import resampled_windows, shortest
+from dancedata.audio.librosa35.arrays import one_blas_thread
+from dancedata.audio.librosa35.beats import window_beats
+from dancedata.audio.librosa35.chroma import cens
+from dancedata.audio.librosa35.filters import filter_bank, has_one_bank
+from dancedata.audio.librosa35.onset import onset_margins, onset_peaks
+from dancedata.audio.librosa35.resample import halved, resampled
+from dancedata.audio.librosa35.spectra import mel_filters
+from dancedata.audio.librosa35.tempo import window_tempos
+from dancedata.audio.librosa35.ties import librosa_envelope, librosa_tuning
+from dancedata.audio.librosa35.windows import resampled_windows, shortest
 from dancedata.audio.signal import resample
 
 RATE = 15360

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from filelock import FileLock, Timeout
 
-from dancedata.audio import _librosa35_plain as plain
-from dancedata.audio.librosa35 import Librosa35
+from dancedata.audio.librosa35 import reference as plain
+from dancedata.audio.librosa35.feature import Librosa35
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.grid import FrameGrid
+from dancedata.core.locks import file_lock
 
 
 def test_the_first_run_in_a_process_holds_the_lock(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -21,12 +21,9 @@ def test_the_first_run_in_a_process_holds_the_lock(monkeypatch: pytest.MonkeyPat
     held = []
 
     def watched(*args: Any) -> Any:
-        # Another lock object, as another process would have.
-        try:
-            with FileLock(plain._lock_file(), timeout=0):
-                held.append(False)
-        except Timeout:
-            held.append(True)
+        # Another open file, as another process would have.
+        with file_lock(plain._lock_file(), wait=False) as free:
+            held.append(not free)
         return compute(*args)
 
     monkeypatch.setattr(plain, "_compute", watched)
@@ -42,7 +39,7 @@ def test_the_fast_version_needs_neither_librosa_nor_numba() -> None:
     """Their import takes seconds in every worker process."""
     script = (
         "import sys, numpy as np\n"
-        "from dancedata.audio.librosa35 import Librosa35\n"
+        "from dancedata.audio.librosa35.feature import Librosa35\n"
         "from dancedata.core.audio_signal import AudioSignal\n"
         "from dancedata.core.grid import FrameGrid\n"
         "noise = np.random.default_rng(1).uniform(-0.5, 0.5, 6 * 44100)\n"

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dancedata.audio.librosa35 import Librosa35, _log_once
+from dancedata.audio.librosa35.feature import Librosa35, _log_once
 from dancedata.audio.signal import pcm16
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
-from dancedata.pipeline.documents import document_of
+from dancedata.recipes.documents import document_of
 
 GRID = FrameGrid.of(30)
 FEATURE = Librosa35()
@@ -209,7 +209,7 @@ def test_unknown_method() -> None:
     ("fps", "seconds", "level", "reason"),
     [
         (30, 0.4, 0.3, "more than 16 rows"),
-        (65, 2.0, 0.3, "at 65 frames a second"),
+        (65, 2.0, 0.3, "at 65 frames per second"),
         (30, 1.0, 1e-7, "the largest sample"),
         (30, 1.0, 0.3, ""),
         (64, 1.0, 0.3, ""),

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dancedata.audio.librosa35 import Librosa35
+from dancedata.audio.librosa35.feature import Librosa35
 from dancedata.audio.signal import load_audio, pcm16
 from dancedata.core.grid import FrameGrid
 

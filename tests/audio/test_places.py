@@ -15,17 +15,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dancedata.audio._fast_arrays import BLOCK, aligned, each_times, times_on_grid
+from dancedata.audio.librosa35.arrays import BLOCK, aligned, each_times, times_on_grid
 
 RNG = np.random.default_rng(8)
 SCRIPT = """
 import sys
 import numpy as np
 import threadpoolctl
-from dancedata.audio.librosa35 import Librosa35
+from dancedata.audio.librosa35.feature import Librosa35
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.grid import FrameGrid
-from dancedata.datasets.synthetic import synthesise_song
+from dancedata.synthetic import synthesise_song
 
 kernels = {pool.get("architecture") for pool in threadpoolctl.threadpool_info()}
 feature, grid = Librosa35(), FrameGrid.of(30)

@@ -11,7 +11,19 @@ import numpy as np
 import pytest
 
 from dancedata.core.columns import Columns, Mirror
-from dancedata.core.registry import CONTACTS, DATASETS, FEATURES, KEYMOTIONS, REPRESENTATIONS, Registry
+from dancedata.core.errors import UsageError
+from dancedata.core.plugins import Augmentation
+from dancedata.core.registry import (
+    AUGMENTATIONS,
+    CONTACTS,
+    DATASETS,
+    FEATURES,
+    FILTERS,
+    KEYMOTIONS,
+    REGISTRIES,
+    REPRESENTATIONS,
+    Registry,
+)
 from dancedata.testing import conformance
 
 
@@ -40,9 +52,17 @@ def test_key_motion(name: str):
     conformance.check_key_motion(KEYMOTIONS.get(name))
 
 
-@pytest.mark.parametrize(
-    "registry", [DATASETS, REPRESENTATIONS, CONTACTS, FEATURES, KEYMOTIONS], ids=lambda r: r.kind
-)
+@pytest.mark.parametrize("name", AUGMENTATIONS.names())
+def test_augmentation(name: str, tmp_path: Path):
+    conformance.check_augmentation(AUGMENTATIONS.get(name), tmp_path)
+
+
+@pytest.mark.parametrize("name", FILTERS.names())
+def test_window_filter(name: str):
+    conformance.check_window_filter(FILTERS.get(name))
+
+
+@pytest.mark.parametrize("registry", REGISTRIES.values(), ids=lambda r: r.kind)
 def test_there_is_a_plugin_of_every_kind(registry: Registry):
     assert registry.names()
 
@@ -53,7 +73,7 @@ def test_there_is_a_plugin_of_every_kind(registry: Registry):
 def _first(registry: Registry) -> type[Any]:
     """The first plug-in of a kind; of representations the first that decodes."""
     classes = [registry.get(name) for name in registry.names()]
-    return next(cls for cls in classes if registry is not REPRESENTATIONS or hasattr(cls, "decode"))
+    return next(cls for cls in classes if registry is not REPRESENTATIONS or cls.decodes)
 
 
 def _register(monkeypatch: pytest.MonkeyPatch, registry: Registry, cls: type[Any]) -> type[Any]:
@@ -135,3 +155,42 @@ def test_a_dataset_with_unsorted_clips_fails(monkeypatch: pytest.MonkeyPatch, tm
     cls = _register(monkeypatch, DATASETS, _subclass(DATASETS, scan=scan))
     with pytest.raises(AssertionError, match="sorted"):
         conformance.check_dataset(cls, tmp_path)
+
+
+@pytest.mark.parametrize("registry", REGISTRIES.values(), ids=lambda r: r.kind)
+def test_check_finds_the_check_of_every_kind(registry: Registry, monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    called = []
+    monkeypatch.setitem(conformance._CHECKS, registry.kind, lambda cls, folder: called.append(cls))
+    conformance.check(registry.get(registry.names()[0]), tmp_path)
+    assert called == [registry.get(registry.names()[0])]
+
+
+def test_an_augmentation_that_changes_nothing_fails(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    cls = _subclass(AUGMENTATIONS, change_rows=Augmentation.change_rows)
+    with pytest.raises(AssertionError, match="defines change_motion or change_rows"):
+        conformance.check_augmentation(_register(monkeypatch, AUGMENTATIONS, cls), tmp_path)
+
+
+def test_copies_that_differ_from_call_to_call_fail(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    def change_rows(self: Any, rows: Any, columns: Any, **about: Any) -> Any:
+        return rows + np.float32(len(calls.append(rows) or calls))
+
+    calls: list[Any] = []
+    cls = _subclass(AUGMENTATIONS, change_rows=change_rows)
+    with pytest.raises(AssertionError, match="equal rows give equal copies"):
+        conformance.check_augmentation(_register(monkeypatch, AUGMENTATIONS, cls), tmp_path)
+
+
+def test_a_filter_with_a_reason_of_its_own_fails(monkeypatch: pytest.MonkeyPatch):
+    cls = _subclass(FILTERS, reason="ugly")
+    with pytest.raises(AssertionError, match="reason is one of"):
+        conformance.check_window_filter(_register(monkeypatch, FILTERS, cls))
+
+
+def test_a_filter_that_takes_columns_it_cannot_judge_fails(monkeypatch: pytest.MonkeyPatch):
+    def reject(self: Any, rows: Any, columns: Columns, grid: Any) -> Any:
+        return rows[:, columns.slice("contact")].min() or None
+
+    cls = _subclass(FILTERS, reject=reject)
+    with pytest.raises(UsageError, match="no column group 'contact'"):
+        conformance.check_window_filter(_register(monkeypatch, FILTERS, cls))

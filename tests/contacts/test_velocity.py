@@ -9,7 +9,7 @@ from dancedata.contacts.velocity import Velocity
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.skeleton import SMPL24, SMPL24_EDGE
-from dancedata.datasets.synthetic import synthesise_motion
+from dancedata.synthetic import synthesise_motion
 
 
 def slide(speed_m_s: float, rate: int, n: int = 5) -> np.ndarray:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid, as_rate
-from dancedata.core.windows import count_windows, window_starts
+from dancedata.core.windows import WindowGrid
 
 rates = st.sampled_from(["24", "25", "29.97", "30000/1001", "30", "50", "60", "100", "120"]).map(FrameGrid.of)
 
@@ -49,7 +49,7 @@ def test_frames_are_exact_or_refused() -> None:
         grid.frames(0.05, "stride")
     for part in ("stride", "0.05 s = 1.5 frames", "0.0333333 s", "0.0666667 s"):
         assert part in str(error.value)
-    with pytest.raises(UsageError, match="no whole number of frames"):
+    with pytest.raises(UsageError, match="not a whole number of frames"):
         FrameGrid.of("30000/1001").frames(1)
 
 
@@ -74,7 +74,7 @@ def test_resampled_length_of_a_whole_ratio_is_that_of_a_slice(n: int, step: int)
 @given(rates, rates, st.integers(0, 5000))
 def test_rows_lie_at_the_same_instant(a: FrameGrid, b: FrameGrid, frame: int) -> None:
     try:
-        assert b.seconds(a.row(frame, b)) == a.seconds(frame)
+        assert b.seconds(a.rows(frame, of=b)) == a.seconds(frame)
     except UsageError:
         assert (a.seconds(frame) * b.rate).denominator != 1
 
@@ -82,34 +82,35 @@ def test_rows_lie_at_the_same_instant(a: FrameGrid, b: FrameGrid, frame: int) ->
 def test_numbers_of_the_real_data() -> None:
     sixty, thirty = FrameGrid.of(60), FrameGrid.of(30)
     assert sixty.resampled_length(1919, thirty) == 960
-    assert thirty.row(149, sixty) == 298
-    assert sixty.row(300, thirty) == 150
+    assert thirty.rows(149, of=sixty) == 298
+    assert sixty.rows(300, of=thirty) == 150
     assert thirty.step_to(sixty) is None
     assert FrameGrid.of(100).step_to(thirty) is None
     assert FrameGrid.of(120).step_to(thirty) == 4
     assert FrameGrid.of("30000/1001").resampled_length(1, thirty) == 1
     assert thirty.resampled_length(0, sixty) == 0
-    with pytest.raises(UsageError, match="between two rows"):
-        sixty.row(301, thirty)
+    with pytest.raises(UsageError, match="not a whole number of rows"):
+        sixty.rows(301, of=thirty)
 
 
 @given(st.integers(0, 700), st.integers(1, 300), st.integers(1, 60))
 def test_windows_are_all_that_fit(n: int, length: int, stride: int) -> None:
-    starts = window_starts(n, length, stride)
-    assert starts.dtype == np.int64
-    assert starts.tolist() == [s for s in range(0, n, stride) if s + length <= n]
-    assert count_windows(n, length, stride) == len(starts)
+    windows = WindowGrid(length, stride)
+    starts = list(windows.starts(windows.count(n)))
+    assert starts == [s for s in range(0, n, stride) if s + length <= n]
+    assert starts == [windows.start(k) for k in range(len(starts))]
+    assert [windows.number(start) for start in starts] == list(range(len(starts)))
 
 
 def test_windows_of_the_papers() -> None:
     # FACTS 3: EDGE counts at 60 frames a second, so the 1,919-frame clip has one window fewer there.
-    assert count_windows(1919, 300, 30) == 54
-    assert count_windows(960, 150, 15) == 55
-    assert count_windows(149, 150, 15) == 0
-    assert count_windows(1024, 1024, 102) == 1
+    assert WindowGrid(300, 30).count(1919) == 54
+    assert WindowGrid(150, 15).count(960) == 55
+    assert WindowGrid(150, 15).count(149) == 0
+    assert WindowGrid(1024, 102).count(1024) == 1
 
 
 @pytest.mark.parametrize(("length", "stride"), [(0, 1), (1, 0), (-1, 1), (1, -5)])
 def test_windows_of_no_length(length: int, stride: int) -> None:
     with pytest.raises(UsageError, match="at least one frame"):
-        count_windows(10, length, stride)
+        WindowGrid(length, stride)

@@ -14,7 +14,7 @@ from dancedata.core.motion import Motion
 from dancedata.core.quality import body_size, implausible_flags, quality_flags
 from dancedata.core.registry import DATASETS
 from dancedata.core.skeleton import SMPL24, Skeleton
-from dancedata.datasets.synthetic import synthesise_motion
+from dancedata.synthetic import synthesise_motion
 
 
 def sized(factor: float) -> Skeleton:
@@ -89,8 +89,8 @@ def test_examples_of_all_readers_are_plausible(tmp_path: Path, name: str) -> Non
 
 
 def test_real_clips_are_plausible(shared: Path) -> None:
-    from dancedata.datasets._folder_facts import Declared
-    from dancedata.datasets._folder_load import Reading, load_motion
+    from dancedata.datasets.folder.facts import Declared
+    from dancedata.datasets.folder.load import Reading, load_motion
 
     real = shared / "realdata"
     paths = [(path, "m", None) for path in sorted((real / "finedance").glob("derived_315_*.npy"))]

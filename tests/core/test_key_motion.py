@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.signal import argrelextrema
 
 from dancedata.core.errors import DataError, UsageError
-from dancedata.core.key_motion import KeyMotion, key_motion, kinetic_curve, local_minima, prominences, smoothed
+from dancedata.keymotion.minima import KeyMotion, key_motion, kinetic_curve, local_minima, prominences, smoothed
 
 
 def swinging(n: int, period: int = 40, joints: int = 3) -> np.ndarray:

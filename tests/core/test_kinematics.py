@@ -22,8 +22,8 @@ from dancedata.core.rotations import (
     rotvec_from_matrix,
     slerp,
 )
-from dancedata.core.safe_pickle import load_pickle
 from dancedata.core.skeleton import SMPL24, SMPL24_EDGE, Skeleton
+from dancedata.formats.safe_pickle import load_pickle
 
 REAL = [
     "gBR_sBM_cAll_d04_mBR2_ch08",

@@ -15,9 +15,33 @@ import pytest
 
 from dancedata.core import locks
 from dancedata.core.errors import StoreError
-from dancedata.core.locks import writing_lock
+from dancedata.core.locks import file_lock, open_locked, writing_lock
 
 FORK = multiprocessing.get_context("fork")
+
+
+def test_a_file_is_locked_by_one_and_gone_afterwards(tmp_path: Path) -> None:
+    path = tmp_path / "lock"
+    with file_lock(path) as first, file_lock(path, wait=False) as second:
+        assert (first, second, path.exists()) == (True, False, True)
+    assert not path.exists()
+    with file_lock(path, wait=False) as first:
+        assert first
+
+
+def test_a_lock_that_is_waited_for_is_one_on_a_file_that_others_find(tmp_path: Path) -> None:
+    path = tmp_path / "lock"
+    got: list[int | None] = []
+    with file_lock(path):
+        thread = threading.Thread(target=lambda: got.append(open_locked(path)))
+        thread.start()
+        time.sleep(0.1)
+        assert got == []
+    thread.join()
+    # The first holder removed the file that was waited for.
+    assert path.exists()
+    assert open_locked(path, wait=False) is None
+    os.close(got[0] or 0)
 
 
 @pytest.mark.parametrize("there", [False, True])
@@ -163,7 +187,9 @@ def test_nfs_has_no_locks_on_folders(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 def _hold_and_fork(folder: Path, ready: Any, go_on: Any, is_done: Any) -> None:
     """Hold a lock, fork a process that lives on, and give the lock back."""
-    fd, path = locks.open_held(folder, "unit")
+    path = folder / "unit"
+    fd = locks.open_locked(path)
+    assert fd is not None
     child = os.fork()
     if child == 0:
         is_done.wait(60)
@@ -182,9 +208,9 @@ def test_a_process_forked_under_a_lock_does_not_keep_it(tmp_path: Path, n_waitin
     holder = FORK.Process(target=_hold_and_fork, args=(tmp_path, ready, go_on, is_done))
     holder.start()
     assert ready.wait(60)
-    found: list[tuple[int, Path]] = []
+    found: list[int] = []
     waiting = [
-        threading.Thread(target=lambda: found.append(locks.open_held(tmp_path, "unit")), daemon=True)
+        threading.Thread(target=lambda: found.append(locks.open_locked(tmp_path / "unit")), daemon=True)
         for _ in range(n_waiting)
     ]
     for thread in waiting:
@@ -196,8 +222,8 @@ def test_a_process_forked_under_a_lock_does_not_keep_it(tmp_path: Path, n_waitin
         while len(found) <= n and time.monotonic() < deadline:
             time.sleep(0.01)
         if len(found) > n:
-            found[n][1].unlink()
-            locks.unlock(found[n][0])
+            (tmp_path / "unit").unlink()
+            locks.unlock(found[n])
     n_found = len(found)
     is_done.set()
     holder.join(60)

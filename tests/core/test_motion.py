@@ -175,7 +175,7 @@ def test_the_trim_of_another_rate_is_the_first_frame_at_or_after_its_instant(
 
 def test_parts_of_a_motion_that_remembers_are_those_of_one_that_does_not() -> None:
     plain = make(40)
-    kept = plain.remembering()
+    kept = plain.with_cache()
     bones = SMPL24.mirrored()
 
     def part_of(motion: Motion) -> Motion:
@@ -195,7 +195,7 @@ def test_parts_of_a_motion_that_remembers_are_those_of_one_that_does_not() -> No
 
 
 def test_a_motion_made_from_one_that_remembers_is_its_own() -> None:
-    kept, other = make(10).remembering(), make(10, seed=1)
+    kept, other = make(10).with_cache(), make(10, seed=1)
     changed = replace(kept.part(0, 10), rotations=other.rotations, translation=other.translation)
     np.testing.assert_array_equal(changed.matrices, other.matrices)
     np.testing.assert_array_equal(changed.joints(), other.joints())

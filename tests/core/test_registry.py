@@ -9,8 +9,8 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 
-import joblib
 import pytest
+from loky import get_reusable_executor
 
 from dancedata.core.errors import (
     DanceDataError,
@@ -21,8 +21,9 @@ from dancedata.core.errors import (
     UsageError,
     did_you_mean,
 )
+from dancedata.core.plugins import AudioFeature, Plugin
 from dancedata.core.registry import CONTACTS, DATASETS, FEATURES, REPRESENTATIONS, Registry
-from dancedata.core.safe_pickle import load_pickle
+from dancedata.formats.safe_pickle import load_pickle
 
 ALL = (DATASETS, REPRESENTATIONS, CONTACTS, FEATURES)
 
@@ -44,14 +45,25 @@ def test_threads_that_ask_while_one_loads_wait_for_all_plug_ins(
         "import time\ntime.sleep(0.5)\n"
         "from dancedata.core import registry\n"
         "assert registry.SLOW.names() == ()  # a plug-in that asks meanwhile gets what there is\n"
-        "registry.SLOW.register('late')(type('Late', (), {}))\n"
+        "registry.SLOW.register('late')(type('Late', (registry.Plugin,), {'version': 1}))\n"
     )
     monkeypatch.syspath_prepend(str(tmp_path))
-    slow = Registry("slow plug-in", "slow_plugins")
+    slow = Registry("slow plug-in", "slow_plugins", Plugin)
     monkeypatch.setattr("dancedata.core.registry.SLOW", slow, raising=False)
     with ThreadPoolExecutor(4) as pool:
         found = list(pool.map(lambda _: slow.names(), range(4)))
     assert found == [("late",)] * 4
+
+
+def test_a_module_that_cannot_be_imported_is_an_error_every_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    make_package(tmp_path, "broken_plugins", broken="import no_such_module_here")
+    monkeypatch.syspath_prepend(tmp_path)
+    registry = Registry("thing", "broken_plugins", Plugin)
+    for _ in range(2):
+        with pytest.raises(ModuleNotFoundError):
+            registry.names()
 
 
 @pytest.mark.parametrize("registry", ALL, ids=lambda r: r.kind)
@@ -84,10 +96,13 @@ def make_package(folder: Path, name: str, **modules: str) -> None:
 
 
 def test_one_file_is_one_plug_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    text = "from dancedata.core.registry import TEST\n@TEST.register('new')\nclass New:\n    pass\n"
+    text = (
+        "from dancedata.core.plugins import Plugin\nfrom dancedata.core.registry import TEST\n"
+        "@TEST.register('new')\nclass New(Plugin):\n    version = 1\n"
+    )
     make_package(tmp_path, "plugins_here", mine=text, _helper="raise RuntimeError('helpers are not imported')")
     monkeypatch.syspath_prepend(tmp_path)
-    registry = Registry("thing", "plugins_here")
+    registry = Registry("thing", "plugins_here", Plugin)
     monkeypatch.setattr("dancedata.core.registry.TEST", registry, raising=False)
     assert "plugins_here.mine" not in sys.modules
     assert registry.names() == ("new",)
@@ -95,19 +110,37 @@ def test_one_file_is_one_plug_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
 
 def test_two_plug_ins_of_one_name() -> None:
-    registry = Registry("thing", "x")
+    registry = Registry("thing", "x", Plugin)
 
     @registry.register("a")
     @dataclass(frozen=True)
-    class First:
-        pass
+    class First(Plugin):
+        version = 1
 
     registry.register("a")(First)  # a module imported twice is no clash
     with pytest.raises(UsageError, match=r"two plug-ins .* 'a'.*First.*Second"):
 
         @registry.register("a")
-        class Second:
+        class Second(Plugin):
+            version = 1
+
+
+def test_what_is_registered_is_checked() -> None:
+    with pytest.raises(
+        UsageError, match=r"audio feature 'a', .*Plain: .* derived from AudioFeature.*dancedata.core.plugins"
+    ):
+
+        @FEATURES.register("a")
+        class Plain:
             pass
+
+    with pytest.raises(UsageError, match="the plug-in lacks columns, extract, extract_windows, n_rows, version"):
+
+        @FEATURES.register("a")
+        class Half(AudioFeature):
+            pass
+
+    assert "a" not in FEATURES.names()
 
 
 def test_did_you_mean() -> None:
@@ -143,6 +176,6 @@ def test_errors_survive_pickling(error: DanceDataError) -> None:
 def test_errors_come_back_from_workers(tmp_path: Path) -> None:
     paths = [tmp_path / name for name in "ab"]
     with pytest.raises(DataError, match="cannot be read") as error:
-        joblib.Parallel(n_jobs=2, backend="loky")(joblib.delayed(load_pickle)(path) for path in paths)
+        list(get_reusable_executor(2).map(load_pickle, paths))
     assert error.value.reason == "broken_file"
     assert error.value.where in paths

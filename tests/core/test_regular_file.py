@@ -29,11 +29,11 @@ def test_a_file_is_read_through_links(tmp_path: Path) -> None:
 
 def test_a_file_that_is_too_big_is_not_read(tmp_path: Path) -> None:
     (tmp_path / "file").write_bytes(b"abcd")
-    with pytest.raises(OSError, match="bigger than 3 bytes"):
+    with pytest.raises(OSError, match="larger than 3 bytes"):
         read_regular(tmp_path / "file", 3)
     with open(tmp_path / "sparse", "wb") as file:
         file.truncate(1 << 42)
-    with pytest.raises(OSError, match="bigger than 1,000,000 bytes"):
+    with pytest.raises(OSError, match="larger than 1,000,000 bytes"):
         read_regular(tmp_path / "sparse", 10**6)
 
 

@@ -19,9 +19,9 @@ from dancedata.core.motion import Motion
 from dancedata.core.registry import CONTACTS, DATASETS, FEATURES, KEYMOTIONS, REPRESENTATIONS
 from dancedata.core.skeleton import SMPL24
 from dancedata.keymotion import KeyMotion, primitives
-from dancedata.pipeline.build import BuildResult
 from dancedata.pipeline.plan import make_plan
-from dancedata.pipeline.recipe_file import load_recipe, recipe_names
+from dancedata.pipeline.summary import BuildResult
+from dancedata.recipes.parse import load_recipe, recipe_names
 from dancedata.store import Store
 from dancedata.testing.stores import write_random_store
 
@@ -58,7 +58,8 @@ def printed(store: Store, tmp_path: Path) -> Iterator[Any]:
         primitives(np.zeros((1024, 9)), minima=[300], prominence=[1]),
         KeyMotion(np.zeros(959), np.arange(9), np.zeros(9)),
     )
-    yield BuildResult(tmp_path, True, ("a note",) * 20)
+    counts = {"train": {"clips": 9, "windows": 99}}
+    yield BuildResult(tmp_path, True, counts, {"nan": 3}, ("a note",) * 20, "line\n" * 20)
     yield from map(load_recipe, recipe_names())
     source = tmp_path / "source"
     DATASETS.get("aist++")().make_example(source)  # type: ignore[attr-defined]

@@ -15,7 +15,7 @@ import pytest
 from numpy._core.multiarray import _reconstruct, scalar
 
 from dancedata.core.errors import DataError
-from dancedata.core.safe_pickle import MAX_DEPTH, as_array, load_pickle
+from dancedata.formats.safe_pickle import MAX_DEPTH, as_array, load_pickle
 
 
 class Call:
@@ -202,14 +202,14 @@ def test_missing_file(path: Path) -> None:
 @pytest.mark.parametrize(
     ("value", "said"),
     [
-        ({(1, 2): 3}, "a key that is neither text nor a small whole number: (1, 2)"),
+        ({(1, 2): 3}, "a key that is neither text nor a small integer: (1, 2)"),
         ({2.5: 3}, "a key"),
         ({b"x": 3}, "a key"),
         ({None: 3}, "a key"),
         ({1 << 63: 3}, "a key"),
         ({"a": {True: 3}}, "a key"),
         (OrderedDict({(): 1}), "a key"),
-        ({1.5}, "a member of a set that is neither text nor a small whole number: 1.5"),
+        ({1.5}, "a member of a set that is neither text nor a small integer: 1.5"),
         ([frozenset({(1,)})], "a member of a set"),
     ],
 )
@@ -237,7 +237,7 @@ def test_nesting_is_bounded(path: Path, protocol: int) -> None:
     assert "nested more than" in refused(path, pickle.dumps([deep[0], deep], protocol), "broken_file")
     around: list[Any] = []
     around.append({"a": (around,)})
-    assert "holds itself" in refused(path, pickle.dumps(around, protocol), "broken_file")
+    assert "contains itself" in refused(path, pickle.dumps(around, protocol), "broken_file")
 
 
 def test_an_array_whose_axes_lie_in_another_order(path: Path) -> None:
@@ -287,7 +287,7 @@ def test_a_pickle_builds_no_more_than_it_holds(path: Path) -> None:
     """One text of 100 kB, made to bytes a hundred times."""
     text = b"X" + struct.pack("<I", 100_000) + b"a" * 100_000 + b"q\x000"
     calls = b"](" + b"c_codecs\nencode\nh\x00\x85R" * 100 + b"e."
-    assert "builds more than it holds" in refused(path, b"\x80\x02" + text + calls, "broken_file")
+    assert "builds far more than its own size" in refused(path, b"\x80\x02" + text + calls, "broken_file")
     # Whatever numpy writes is far below that.
     for protocol in range(6):
         path.write_bytes(pickle.dumps([np.full(10, n) for n in range(300)], protocol))
@@ -333,8 +333,8 @@ def test_values_that_are_none(value: Any) -> None:
 
 
 def test_a_pickle_that_is_too_large(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("dancedata.core.safe_pickle.MAX_PICKLE_BYTES", 100)
-    assert "bigger than 100 bytes" in refused(path, pickle.dumps("x" * 200), "broken_file")
+    monkeypatch.setattr("dancedata.formats.safe_pickle.MAX_PICKLE_BYTES", 100)
+    assert "larger than 100 bytes" in refused(path, pickle.dumps("x" * 200), "broken_file")
 
 
 def test_a_pipe_for_a_pickle(tmp_path: Path) -> None:

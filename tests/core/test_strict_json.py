@@ -29,14 +29,14 @@ def test_nesting_is_bounded(depth: int) -> None:
 
 @pytest.mark.parametrize("text", ["NaN", "[-Infinity]", '{"a": 1e999}', "[1e-5, -1e400]"])
 def test_numbers_are_finite(text: str) -> None:
-    with pytest.raises(ValueError, match=r"is no JSON|larger than any number"):
+    with pytest.raises(ValueError, match=r"is not JSON|out of range"):
         parse_json(text)
 
 
 def test_files(tmp_path: Path) -> None:
     (tmp_path / "a.json").write_text('{"a": "é"}', encoding="utf-8")
     assert read_json(tmp_path / "a.json", 100) == {"a": "é"}
-    with pytest.raises(OSError, match="bigger than 5 bytes"):
+    with pytest.raises(OSError, match="larger than 5 bytes"):
         read_json(tmp_path / "a.json", 5)
     (tmp_path / "a.json").write_bytes(b'"\xff"')
     with pytest.raises(ValueError, match="utf-8"):

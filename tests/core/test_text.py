@@ -53,7 +53,7 @@ SHOWN: list[tuple[object, str]] = [
     (None, "None"),
     (True, "True"),
     (-7, "-7"),
-    (10**40000, "a whole number of 132,878 bits"),
+    (10**40000, "an integer of 132,878 bits"),
     (1.5, "1.5"),
     (np.float32(0.5), "0.5"),
     (np.int64(3), "3"),

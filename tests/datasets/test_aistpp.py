@@ -11,8 +11,8 @@ import pytest
 from dancedata.core.clip import ClipRef, Scan
 from dancedata.core.errors import SourceError
 from dancedata.core.registry import DATASETS
-from dancedata.datasets._aistpp_names import crossmodal_split, facts, parse_name, tempo_bpm
 from dancedata.datasets.aistpp import AistPP
+from dancedata.datasets.aistpp.facts import crossmodal_split, facts, parse_name, tempo_bpm
 
 TRAIN = "gBR_sBM_cAll_d04_mBR2_ch08"
 VAL = "gJS_sBM_cAll_d03_mJS3_ch01"
@@ -60,7 +60,7 @@ def test_official_layout(official: Any) -> None:
     assert rejects(scan, "unassigned") == [UNASSIGNED]
     assert rejects(scan, "ignored") == [IGNORED]
     assert len(scan.rejects) == 2, "the song of an ignored clip is not unused"
-    assert "one music file a song in wavs/ (3 songs)" in notes(scan)
+    assert "one audio file per song in wavs/ (3 songs)" in notes(scan)
     assert "5 files found; AIST++ has 1,408 sequences, and copies with 1,363, 1,365, 411" in notes(scan)
     assert "Clips: 1 train, 1 val, 1 test; left out: 1 ignored, 1 unassigned." in scan.notes
 
@@ -74,7 +74,7 @@ def test_edge_layout(empty_copy: Any, below: str) -> None:
     assert scan.layout == "edge"
     assert [clip.audio_path.name for clip in scan.clips if clip.audio_path] == [f"{TRAIN}.wav", f"{TEST}.wav"]
     assert scan.rejects == ()
-    assert f"one music file a sequence in {below}wavs/" in notes(scan)
+    assert f"one audio file per sequence in {below}wavs/" in notes(scan)
 
 
 def test_folder_above_with_music_and_lists_beside_it(empty_copy: Any) -> None:
@@ -129,7 +129,7 @@ def test_several_files_of_one_song(official: Any) -> None:
     scan = AistPP().scan(official.root)
     assert {clip.audio_path.suffix for clip in scan.clips if clip.audio_path} == {".wav"}
     assert rejects(scan, "unused_music") == ["audio/mJB2.wav", "music/mBR2.flac", "wavs/mJS3.mp3"]
-    assert "3 ids have several files" in notes(scan)
+    assert "several audio files for 3 of the names" in notes(scan)
 
 
 # ---- what is missing, what does not belong
@@ -220,7 +220,7 @@ def test_unknown_music_letters(empty_copy: Any) -> None:
     scan = AistPP().scan(empty_copy.root)
     assert scan.clips[0].tempo_bpm is None
     assert scan.clips[0].genre == "gXX"
-    assert scan.clips[0].notes == ("no tempo is known for the music mXX1",)
+    assert scan.clips[0].notes == ("the tempo of music mXX1 is unknown",)
     assert "no rule for mXX1" in notes(scan)
 
 

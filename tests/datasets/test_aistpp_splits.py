@@ -128,7 +128,7 @@ def test_two_ignore_lists(official: Any) -> None:
 def test_ignore_none(official: Any) -> None:
     scan = AistPP(ignore="none").scan(official.root)
     assert splits(scan)[IGNORED] == "train"
-    assert "Ignore list: not applied, as asked for." in scan.notes
+    assert "Ignore list: not applied, as requested." in scan.notes
 
 
 @pytest.mark.parametrize(
@@ -138,7 +138,7 @@ def test_ignore_none(official: Any) -> None:
         ({"music": "no"}, "required, optional"),
         ({"split": "../mine"}, "split_dir"),
         ({"split": ""}, "split"),
-        ({"split": "all", "split_dir": "x"}, "Leave split_dir out"),
+        ({"split": "all", "split_dir": "x"}, "Remove split_dir"),
     ],
 )
 def test_wrong_fields(fields: dict[str, Any], word: str) -> None:

@@ -14,10 +14,10 @@ from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DataError, SourceError, UsageError
 from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24, Skeleton
-from dancedata.datasets._body_model import SMPLH52, body_model_skeleton
 from dancedata.datasets.folder import Folder
+from dancedata.formats.body_model import SMPLH52, body_model_skeleton
 from dancedata.pipeline.build import build
-from dancedata.pipeline.recipe_file import parse_recipe
+from dancedata.recipes.parse import parse_recipe
 from dancedata.store import open_store
 
 N = 20
@@ -152,7 +152,7 @@ def test_betas_of_the_file_are_used(tmp_path: Path) -> None:
         np.savez(motion, betas=given, **content)
         assert np.allclose(load(motion, body_model=path).skeleton.offsets[:, 1], SMPLX55.offsets[:, 1] * 1.1)
     np.savez(motion, betas=np.arange(2 * N).reshape(N, 2), **content)
-    with pytest.raises(DataError, match="one body"):
+    with pytest.raises(DataError, match="a single body"):
         load(motion, body_model=path)
     np.savez(motion, betas=np.ones(16), **content)
     with pytest.raises(DataError, match="16 betas") as error:
@@ -165,7 +165,7 @@ def test_betas_of_another_gender_are_not_believed(tmp_path: Path) -> None:
     motion = tmp_path / "a.npz"
     content = {"poses": np.zeros((N, 165)), "trans": np.zeros((N, 3)), "mocap_framerate": 60, "gender": "female"}
     np.savez(motion, betas=np.ones(10), **content)
-    with pytest.raises(DataError, match="female body, and the body model is neutral") as error:
+    with pytest.raises(DataError, match="female body, but the body model is neutral") as error:
         load(motion, body_model=path)
     assert error.value.reason == "bad_declaration"
     assert load(motion, {"gender": "neutral"}, body_model=path).n_frames == N
@@ -198,7 +198,7 @@ def test_files_that_are_no_model(tmp_path: Path, changes: dict[str, Any], word: 
 
 def test_pickled_models_are_not_opened(tmp_path: Path) -> None:
     (tmp_path / "SMPL_NEUTRAL.pkl").write_bytes(b"cos\nsystem\n(S'false'\ntR.")
-    with pytest.raises(UsageError, match="run foreign code"):
+    with pytest.raises(UsageError, match="execute code"):
         body_model_skeleton(tmp_path / "SMPL_NEUTRAL.pkl")
 
 

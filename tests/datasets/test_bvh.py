@@ -11,10 +11,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from dancedata.core.errors import DataError
-from dancedata.datasets import _bvh
-from dancedata.datasets._bvh import read_bvh, read_bvh_header
-from dancedata.datasets._bvh_kinematics import world
-from dancedata.datasets._folder_rate import exact_rate, rate_of_period, rate_of_text
+from dancedata.datasets.folder.rates import exact_rate, rate_of_period, rate_of_text
+from dancedata.formats.bvh import parse as _bvh
+from dancedata.formats.bvh.kinematics import world
+from dancedata.formats.bvh.parse import read_bvh, read_bvh_header
 
 TEXT = """HIERARCHY
 ROOT Hips
@@ -109,25 +109,25 @@ SPINE_CHANNELS = "\t\tCHANNELS 1 Xrotation\n"
         (TEXT, "\x89PNG\r\n\x00\xff", "broken_file", ["HIERARCHY"]),
         ("OFFSET 0.0 10", "OFSET 0.0 10", "broken_file", ["line 8", "'OFSET'", "did you mean 'OFFSET'"]),
         ("OFFSET 0.0 10.0 0.0", "OFFSET 0.0 10.0", "broken_file", ["line 8", "three numbers"]),
-        ("OFFSET 0.0 10.0 0.0", "OFFSET 0,0 10,0 0,0", "broken_file", ["line 8", "decimal points, not commas"]),
+        ("OFFSET 0.0 10.0 0.0", "OFFSET 0,0 10,0 0,0", "broken_file", ["line 8", "decimal points instead of commas"]),
         ("OFFSET 0.0 10.0 0.0", "OFFSET 0 nan 0", "nan", ["line 8", "'nan'"]),
         ("OFFSET 0.0 10.0 0.0", "OFFSET 0 1e300 0", "broken_file", ["line 8", "1e300"]),
         ("OFFSET 0.0 10.0 0.0", "OFFSET 0 1 0\nOFFSET 0 1 0", "broken_file", ["line 9", "two OFFSETs"]),
         ("\t\tOFFSET 0.0 10.0 0.0\n", "", "broken_file", ["Spine (line 6) has no OFFSET"]),
         (SPINE_CHANNELS, "", "missing_channels", ["Spine (line 6) has no CHANNELS"]),
-        ("1 Xrotation", "2 Xrotation", "missing_channels", ["line 9", "2, and 1 names"]),
+        ("1 Xrotation", "2 Xrotation", "missing_channels", ["line 9", "2, but 1 names"]),
         ("1 Xrotation", "Xrotation", "missing_channels", ["line 9"]),
         ("1 Xrotation", "1 Xrotatoin", "broken_file", ["line 9", "did you mean 'Xrotation'"]),
-        ("1 Xrotation", "2 Xrotation Xrotation", "broken_file", ["line 9", "twice"]),
+        ("1 Xrotation", "2 Xrotation Xrotation", "broken_file", ["line 9", "duplicate channel"]),
         ("6 Xposition Yposition", "5 Xposition", "missing_channels", ["line 2", "no Yposition"]),
         ("CHANNELS 6 Xposition Yposition Zposition Z", "CHANNELS 3 Z", "missing_channels", ["no Xposition"]),
         ("JOINT Spine", "JOINT Hips", "broken_file", ["two joints are named 'Hips'", "lines 2 and 6"]),
-        ("JOINT Spine", "JOINT", "broken_file", ["line 6", "without a name"]),
+        ("JOINT Spine", "JOINT", "broken_file", ["line 6", "has no name"]),
         ("JOINT Spine", "ROOT Spine", "broken_file", ["second skeleton"]),
         ("ROOT Hips", "JOINT Hips", "broken_file", ["line 2", "ROOT first"]),
         ("\t\tEnd Site\n\t\t{", "\t\tEnd Site\n", "broken_file", ["End Site has no block"]),
         ("}\nMOTION", "MOTION", "broken_file", ["block of Hips (line 2) never ends"]),
-        ("}\nMOTION", "}\n}\nMOTION", "broken_file", ["ends that did not begin"]),
+        ("}\nMOTION", "}\n}\nMOTION", "broken_file", ["unexpected end of a block"]),
         ("MOTION", "", "broken_file", ["Frames"]),
         ("Frames: 2", "Frames: two", "broken_file", ["line 17", "'two'"]),
         ("Frames: 2", "Frames: 0", "empty", ["line 17"]),

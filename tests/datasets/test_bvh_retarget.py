@@ -16,13 +16,13 @@ from dancedata.core.errors import DataError, UsageError
 from dancedata.core.kinematics import forward_kinematics
 from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24, Skeleton
-from dancedata.datasets._bvh import read_bvh
-from dancedata.datasets._bvh_kinematics import world
-from dancedata.datasets._bvh_names import REQUIRED, map_joints
-from dancedata.datasets._bvh_write import write_bvh
-from dancedata.datasets._folder_facts import UPRIGHT
 from dancedata.datasets.folder import Folder
-from dancedata.datasets.synthetic import synthesise_motion
+from dancedata.datasets.folder.facts import UPRIGHT
+from dancedata.formats.bvh.joint_names import REQUIRED, map_joints
+from dancedata.formats.bvh.kinematics import world
+from dancedata.formats.bvh.parse import read_bvh
+from dancedata.formats.bvh.write import write_bvh
+from dancedata.synthetic import synthesise_motion
 
 Floats = NDArray[np.float64]
 
@@ -157,7 +157,7 @@ def test_names_of_many_makers(tmp_path: Path, danced: Motion, names: str, style:
 
 
 def test_spines_of_any_number() -> None:
-    from dancedata.datasets._bvh_hierarchy import BvhJoint
+    from dancedata.formats.bvh.hierarchy import BvhJoint
 
     for n, expected in [(0, []), (1, [1]), (2, [1, 2]), (3, [1, 2, 3]), (4, [1, 3, 4]), (5, [1, 3, 5])]:
         names, parents = ["Hips"] + [f"s{k}" for k in range(1, n + 1)], [-1, *range(n)]
@@ -276,7 +276,7 @@ def test_unit_is_never_guessed_unasked(own: Path) -> None:
         load(own)
     assert error.value.reason == "undeclared"
     assert "cm: 1.5" in str(error.value)
-    assert "unit: as a column" in str(error.value)
+    assert "unit: in a column" in str(error.value)
 
 
 @pytest.mark.parametrize(
@@ -347,7 +347,7 @@ def test_a_missing_joint_is_named_with_its_like(own: Path) -> None:
     ("given", "reason", "word"),
     [
         ({"left_knee": "mixamorig:LeftLeq"}, "unknown_joints", "did you mean 'mixamorig:LeftLeg'"),
-        ({"left_knee": "mixamorig:RightLeg", "right_knee": "mixamorig:LeftLeg"}, "bad_joint_map", "hang below"),
+        ({"left_knee": "mixamorig:RightLeg", "right_knee": "mixamorig:LeftLeg"}, "bad_joint_map", "not below"),
         ({"left_knee": ""}, "unknown_joints", "left_knee"),
         ({"left_knee": "mixamorig:LeftFoot"}, "unknown_joints", "left_ankle"),
     ],
@@ -392,7 +392,7 @@ def test_skeletons_that_are_none(own: Path) -> None:
     at = next(k for k, line in enumerate(lines) if "LeftFoot" in line) + 2
     lines[at] = "OFFSET 0 0 0"
     own.write_text("\n".join(lines))
-    with pytest.raises(DataError, match="lie in one place") as error:
+    with pytest.raises(DataError, match="are at the same position") as error:
         load(own, unit="cm")
     assert error.value.reason == "bad_skeleton"
 

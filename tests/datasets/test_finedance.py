@@ -13,9 +13,10 @@ import pytest
 from dancedata.core.clip import ClipRef, Scan
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.registry import DATASETS
-from dancedata.datasets._finedance_facts import SPLITS, facts
+from dancedata.datasets._source import SPLITS
 from dancedata.datasets.aistpp import AistPP
 from dancedata.datasets.finedance import FineDance
+from dancedata.datasets.finedance.facts import facts
 
 
 def splits(scan: Scan) -> dict[str, str]:
@@ -63,7 +64,7 @@ def test_layout(finedance: Any) -> None:
     assert len(rejects(scan, "missing_motion")) == 211 - 7 - 7, "not those of the ignore list"
     assert len(scan.rejects) == 2 + 197
     assert "motion/001.npy and so on; music_wav/ (7 files) and label_json/ (7 files)" in scan.notes[0]
-    assert "Not read: mofea319/, music_npy/. Music features are computed from the music." in scan.notes
+    assert "Not read: mofea319/, music_npy/. Music features are computed from the audio." in scan.notes
     assert "7 files found; FineDance has 211 sequences, 204 of which have no file here" in notes(scan)
     assert "Clips: 3 train, 0 val, 2 test; left out: 2 ignored." in scan.notes
 
@@ -74,7 +75,7 @@ def test_folder_above(fine: Any) -> None:
     scan = FineDance(labels="optional").scan(fine.root)
     assert scan.clips[0].motion_path.parent.parent.name == "FineDance"
     assert "Layout: FineDance, by FineDance/motion/001.npy" in scan.notes[0]
-    assert "Not read: old copy/ (motion/ too)." in scan.notes
+    assert "Not read: old copy/ (also contains motion/)." in scan.notes
     fine.motion("001", root="finedance/")
     with pytest.raises(SourceError, match="FineDance/motion/, finedance/motion/"):
         FineDance().scan(fine.root)
@@ -109,10 +110,10 @@ def test_the_manifest_is_consistent() -> None:
 def test_ids_in_two_lists(finedance: Any) -> None:
     scan = FineDance().scan(finedance.root)
     assert detail(scan, "116") == "on the list ignored; keep: ['116'] keeps it"
-    assert "in cross_genre.test; the ignore list wins" in detail(scan, "120")
-    assert "In two lists: 120 (test) and ignored; the ignore list wins" in notes(scan)
+    assert "in cross_genre.test; the ignore list takes precedence" in detail(scan, "120")
+    assert "In two lists: 120 (test) and ignored; the ignore list takes precedence" in notes(scan)
     assert "cross_genre has no val" in notes(scan)
-    assert "130 (test) stays; left out by the trainer in FineDance's repository" in notes(scan)
+    assert "130 (test) not ignored here; the trainer in FineDance's repository" in notes(scan)
     lists = {clip.id: clip.lists for clip in scan.clips}
     assert lists["130"] == ("cross_genre.test", "cross_dancer.test", "ignored.finenet")
     assert lists["159"] == ("cross_genre.train", "ignored.cross_dancer")
@@ -125,7 +126,7 @@ def test_cross_dancer(finedance: Any) -> None:
     assert splits(scan) == {"001": "test", "004": "test", "063": "train", "130": "test", "135": "val"}
     assert rejects(scan, "ignored") == ["116", "117", "120", "159"]
     assert "in cross_dancer.val" in detail(scan, "117")
-    assert "117 (val), 119 (val), 121 (val), 122 (val) and ignored; the ignore list wins" in notes(scan)
+    assert "117 (val), 119 (val), 121 (val), 122 (val) and ignored; the ignore list takes precedence" in notes(scan)
     assert "no val" not in notes(scan)
 
 
@@ -134,14 +135,14 @@ def test_keep_by_name(finedance: Any, keep: Any, there: dict[str, str]) -> None:
     scan = FineDance(keep=keep).scan(finedance.root)
     assert {clip: split for clip, split in splits(scan).items() if clip in ("116", "120")} == there
     assert rejects(scan, "ignored") == sorted({"116", "120"} - set(there))
-    assert "120 kept as asked for" in notes(scan)
+    assert "120 kept, as requested" in notes(scan)
     lists = {clip.id: clip.lists for clip in scan.clips}
     assert lists["120"] == ("cross_genre.test", "ignored"), "a reader can still leave it out"
 
 
 def test_some_of_several_in_two_lists_are_kept(finedance: Any) -> None:
     scan = FineDance(split="cross_dancer", keep=("117", "130")).scan(finedance.root)
-    assert "117 kept as asked for; for the others the ignore list wins" in notes(scan)
+    assert "117 kept, as requested; for the others the ignore list takes precedence" in notes(scan)
     assert rejects(scan, "missing_motion").count("117") == 1
 
 
@@ -166,7 +167,7 @@ def test_ids_that_finedance_does_not_have(finedance: Any) -> None:
         finedance.sequence(clip)
     scan = FineDance().scan(finedance.root)
     assert rejects(scan, "unassigned") == ["000", "212"]
-    assert "2 more have ids that it does not have" in notes(scan)
+    assert "2 more have unknown ids" in notes(scan)
 
 
 # ---- music
@@ -184,7 +185,7 @@ def test_no_music_folder(fine: Any) -> None:
     fine.label("001", {"style2": "Kun"})
     scan = FineDance().scan(fine.root)
     assert [clip.audio_path for clip in scan.clips] == [None]
-    assert "music_wav/ (not there)" in scan.notes[0]
+    assert "music_wav/ (missing)" in scan.notes[0]
 
 
 def test_several_files_of_one_song_and_unused_music(finedance: Any) -> None:
@@ -194,7 +195,7 @@ def test_several_files_of_one_song_and_unused_music(finedance: Any) -> None:
     scan = FineDance().scan(finedance.root)
     assert [clip.audio_path.name for clip in scan.clips[:2] if clip.audio_path] == ["001.wav", "004.FLAC"]
     assert rejects(scan, "unused_music") == ["music_wav/001.mp3", "music_wav/200.ogg"]
-    assert "several files of one id; wav is preferred to flac" in notes(scan)
+    assert "wav is preferred to flac" in notes(scan)
 
 
 def test_lengths_that_differ(finedance: Any) -> None:
@@ -231,7 +232,7 @@ BAD_LABELS = [
     ({}, "missing_label", "no style2; keys found: none"),
     ({"style1": "Street"}, "missing_label", "keys found: 'style1'"),
     ({"style2": ""}, "missing_label", "no style2"),
-    ({"style2": "Waltz"}, "unknown_genre", "'Waltz', none of Breaking, Popping"),
+    ({"style2": "Waltz"}, "unknown_genre", "'Waltz', not one of Breaking, Popping"),
     ({"style2": 3}, "unknown_genre", "style2 is 3"),
     ({"style2": "\ud800" * 99}, "unknown_genre", "..."),
     ([], "broken_label", "a list, not an object"),
@@ -239,7 +240,7 @@ BAD_LABELS = [
     (b"style2: Popping", "broken_label", "cannot be read"),
     (b'{"style2": "\xff"}', "broken_label", "utf-8"),
     (b"[" * 100_000, "broken_label", "cannot be read"),
-    (b" " * 2_000_000, "broken_label", "bigger than"),
+    (b" " * 2_000_000, "broken_label", "larger than"),
 ]
 
 
@@ -258,7 +259,7 @@ def test_bad_label(fine: Any, content: Any, reason: str, words: str) -> None:
     kept = FineDance(labels="optional").scan(fine.root)
     assert [clip.genre for clip in kept.clips] == ["", "Urban"]
     assert words in kept.clips[0].notes[0]
-    assert "1 clip kept without, as asked for: 001" in notes(kept)
+    assert "1 clip kept without a genre, as requested: 001" in notes(kept)
 
 
 def test_label_with_a_byte_order_mark(fine: Any) -> None:
@@ -306,9 +307,9 @@ def test_links(finedance: Any) -> None:
     [
         ("001.npy", "the motion folder itself"),
         ("motions/gBR_sBM_cAll_d04_mBR2_ch08.pkl", "AIST++"),
-        ("mofea319/001.npy", "no source: get motion/"),
+        ("mofea319/001.npy", "cannot be a source: use motion/"),
         ("finedance.rar", "Unpack"),
-        ("readme.md", "the folder that holds motion/"),
+        ("readme.md", "the folder that contains motion/"),
         ("motion/dance.npy", "dance.npy"),
     ],
 )
@@ -330,7 +331,7 @@ def test_folders_that_are_no_source(tmp_path: Path) -> None:
     with pytest.raises(SourceError, match=r"motion/001\.npy"):
         FineDance().scan(tmp_path / "empty")
     (tmp_path / "empty" / "motion").mkdir()
-    with pytest.raises(SourceError, match="holds no FineDance sequence"):
+    with pytest.raises(SourceError, match="contains no FineDance sequence"):
         FineDance().scan(tmp_path / "empty")
 
 

@@ -84,7 +84,7 @@ def test_bones_of_a_body_model(fine: Any, monkeypatch: pytest.MonkeyPatch) -> No
         asked.append(path)
         return SMPLX55.with_root_offset("smplx55:12345678", (0.0, 1.0, 0.0))
 
-    name = "dancedata.datasets._body_model"
+    name = "dancedata.formats.body_model"
     monkeypatch.setitem(sys.modules, name, SimpleNamespace(body_model_skeleton=body_model_skeleton))  # type: ignore[arg-type]
     model = fine.root / "models" / "SMPLX_NEUTRAL.npz"
     path = fine.motion("150")
@@ -98,9 +98,13 @@ def test_bones_of_a_body_model(fine: Any, monkeypatch: pytest.MonkeyPatch) -> No
 @pytest.mark.parametrize(
     ("array", "reason", "words"),
     [
-        (np.zeros((90, 319), np.float32), "bad_shape", ["(90, 319)", "(T, 315)", "features that FineDance's"]),
+        (
+            np.zeros((90, 319), np.float32),
+            "bad_shape",
+            ["(90, 319)", "(T, 315)", "features made by the scripts"],
+        ),
         (np.zeros((90, 168)), "bad_shape", ["(90, 168)"]),
-        (np.zeros((315, 90)), "bad_shape", ["transpose it"]),
+        (np.zeros((315, 90)), "bad_shape", ["transpose the array"]),
         (np.zeros(315), "bad_shape", ["(315,)"]),
         (np.float32(1), "bad_shape", ["()"]),
         (np.zeros((1, 90, 315)), "bad_shape", ["(1, 90, 315)"]),

@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 from dancedata.core.clip import Scan
 from dancedata.core.errors import DataError, SourceError, StoreError, UsageError
 from dancedata.core.registry import DATASETS
-from dancedata.datasets._bvh_names import STYLES
-from dancedata.datasets._folder_manifest import COLUMNS, read_manifest
 from dancedata.datasets.folder import Folder
+from dancedata.datasets.folder.manifest import COLUMNS, read_manifest
+from dancedata.formats.bvh.joint_names import STYLES
 
 
 def put(source: Path, file: str, data: bytes = b"stand-in") -> Path:
@@ -87,7 +87,7 @@ def test_a_manifest(source: Path) -> None:
         "1 test, 1 train",
         "60 FPS (declared in the manifest)",
         "+Z up",
-        "turned to +Y",
+        "rotated to +Y",
     ):
         assert words in notes
     assert not scan.rejects
@@ -152,17 +152,20 @@ ROW = "takes/a.npz,songs/a.wav,30\n"
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", ["lists no clip"]),
-        (HEAD, ["lists no clip"]),
+        ("", ["contains no clip"]),
+        (HEAD, ["contains no clip"]),
         ("motoin,audio\n" + ROW, ["line 1", "'motoin'", "did you mean 'motion'"]),
         ("motion,audio,frames_per_second\n" + ROW, ["'frames_per_second'; known: id, motion"]),
-        (ROW, ["line 1", "the first line names no column", "motion,audio,split"]),
-        ("motion,audio,split\ntakes/a.npz,songs/a.wav,Train\n", ["line 2", "'Train' differs from 'train' by case"]),
-        ("motion,motion,fps\n" + ROW, ["twice"]),
-        ("audio,fps\nsongs/a.wav,30\n", ["no column motion"]),
+        (ROW, ["line 1", "the first line contains no known column", "motion,audio,split"]),
+        (
+            "motion,audio,split\ntakes/a.npz,songs/a.wav,Train\n",
+            ["line 2", "'Train' differs from 'train' only by case"],
+        ),
+        ("motion,motion,fps\n" + ROW, ["duplicate column"]),
+        ("audio,fps\nsongs/a.wav,30\n", ["column motion is missing"]),
         (HEAD + "takes/a.npz,songs/a.wav\n", ["line 2", "2 cells"]),
-        (HEAD + ROW + ROW, ["line 3", "two clips are named 'a'", "lines 2 and 3"]),
-        (HEAD + ",songs/a.wav,30\n", ["line 2", "without motion"]),
+        (HEAD + ROW + ROW, ["line 3", "two clips have the id 'a'", "lines 2 and 3"]),
+        (HEAD + ",songs/a.wav,30\n", ["line 2", "has no motion"]),
         (HEAD + "takes/a.npz,songs/a.wav,0\n", ["line 2", "fps", "found 0"]),
         (HEAD + "takes/a.npz,songs/a.wav,1e999999999\n", ["fps"]),
         (HEAD + "takes/a.npz,songs/a.wav,fast\n", ["found fast"]),
@@ -177,15 +180,15 @@ ROW = "takes/a.npz,songs/a.wav,30\n"
         ("motion,split\ntakes/a.npz,../x\n", ["line 2"]),
         ("motion\nnotes.txt\n", ["line 2", "notes.txt", ".bvh"]),
         ("motion,audio\ntakes/a.npz,song.mid\n", ["song.mid", ".flac"]),
-        ('motion,audio\n"takes/a.npz,songs/a.wav\n', ["no CSV"]),
-        ("motion,audio\ntakes/a.npz,a\x00b.wav\n", ["readable text"]),
+        ('motion,audio\n"takes/a.npz,songs/a.wav\n', ["not valid CSV"]),
+        ("motion,audio\ntakes/a.npz,a\x00b.wav\n", ["printable text"]),
         *(
             (f"id,motion\n{name},takes/a.npz\n", ["line 2", "the id", "200 printable characters"])
             for name in ("a/b", "a\\b", "../a", ".hidden", "..", "x" * 201)
         ),
-        ("motion\ntakes/.hidden.npz\n", ["line 2", "begins with a dot", "another id"]),
-        ("id,motion\na\x07b,takes/a.npz\n", ["readable text"]),
-        ("motion\n" + "x" * 5000 + ".npz\n", ["readable text"]),
+        ("motion\ntakes/.hidden.npz\n", ["line 2", "starts with a dot", "another id"]),
+        ("id,motion\na\x07b,takes/a.npz\n", ["printable text"]),
+        ("motion\n" + "x" * 5000 + ".npz\n", ["printable text"]),
         ("motion\n" + "x" * 500 + ".npz\n", ["line 2"]),
     ],
 )
@@ -200,11 +203,11 @@ def test_mistakes_in_a_manifest(source: Path, text: str, words: list[str]) -> No
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("nonsense", ["line 1", "no JSON"]),
-        ("[" * 60_000, ["line 1", "no JSON"]),
+        ("nonsense", ["line 1", "not valid JSON"]),
+        ("[" * 60_000, ["line 1", "not valid JSON"]),
         ("[" * 100_000, ["line 1", "too long"]),
         ('{"motion": NaN}', ["NaN"]),
-        ('{"motion": "a.npz", "motion": "b.npz"}', ["twice"]),
+        ('{"motion": "a.npz", "motion": "b.npz"}', ["duplicate key"]),
         ("[1]", ["list"]),
         ('{"motion": ["a.npz"]}', ["motion", "list"]),
         ('{"motion": true}', ["bool"]),
@@ -250,14 +253,14 @@ def test_no_path_leads_out_of_the_source(source: Path) -> None:
             manifest(source, text)
             if path == "file.npz" and "file.wav" in text:
                 continue
-            with pytest.raises(SourceError, match=r"line 2: folder: (motion|audio) leads out") as error:
+            with pytest.raises(SourceError, match=r"line 2: folder: (motion|audio) is outside") as error:
                 Folder().scan(source)
             assert "below the source folder" in str(error.value)
     manifest(source, "motion,audio\nround.npz,songs/a.wav\n")
     try:
         assert [r.reason for r in Folder().scan(source).rejects] == ["missing_motion"]
     except SourceError as error:  # what Python says of links in a circle differs by version
-        assert "no usable path" in str(error)  # noqa: PT017
+        assert "not a usable path" in str(error)  # noqa: PT017
     # A link within the source is fine, and so is a source that is a link itself.
     (source / "again.npz").symlink_to(source / "takes" / "a.npz")
     manifest(source, "motion,audio\nagain.npz,songs/a.wav\n")

@@ -24,10 +24,10 @@ from dancedata.core.errors import DataError
 from dancedata.core.kinematics import forward_kinematics
 from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24, Skeleton
-from dancedata.datasets import _folder_arrays
-from dancedata.datasets._body_model import SMPLH52
-from dancedata.datasets._folder_facts import UPRIGHT
 from dancedata.datasets.folder import Folder
+from dancedata.datasets.folder.facts import UPRIGHT
+from dancedata.formats import arrays as _folder_arrays
+from dancedata.formats.body_model import SMPLH52
 
 Floats = NDArray[np.float64]
 
@@ -149,8 +149,8 @@ def test_smpl_needs_to_be_told_everything(tmp_path: Path) -> None:
             load(path, **said)
         assert error.value.reason == "undeclared"
         assert f"declare {key}:" in str(error.value).lower()
-        rest = {"fps": "Likewise up and unit, which", "up": "Likewise unit, which"}.get(key)
-        assert rest in str(error.value) if rest else "Likewise" not in str(error.value)
+        rest = {"fps": "Declare up and unit as well", "up": "Declare unit as well"}.get(key)
+        assert rest in str(error.value) if rest else "as well" not in str(error.value)
         said[key] = value
     assert np.allclose(load(path, **said).joints(), forward_kinematics(SMPL24, poses, trans))
     with pytest.raises(DataError, match="unit"):

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dancedata.cli.text import describe_store
 from dancedata.datasets.folder import Folder
 from dancedata.pipeline.build import build
-from dancedata.pipeline.recipe_file import parse_recipe
-from dancedata.pipeline.report import describe_store
+from dancedata.recipes.parse import parse_recipe
 from dancedata.store import open_store, verify_store
 
 
@@ -21,8 +21,8 @@ def test_the_example_says_what_it_is(tmp_path: Path) -> None:
     assert scan.layout == "manifest (csv)"
     notes = "\n".join(scan.notes)
     for words in (
-        "layout amass on smplh's 52 joints: 60 FPS (mocap_framerate); +Z up (AMASS's definition), turned to +Y; m",
-        "BVH: 60 FPS (Frame Time: 0.016667); +Y up (BVH's convention, nothing was declared); cm (declared",
+        "layout amass on smplh's 52 joints: 60 FPS (mocap_framerate); +Z up (AMASS's definition), rotated to +Y; m",
+        "BVH: 60 FPS (Frame Time: 0.016667); +Y up (BVH's convention, as nothing is declared); cm (declared",
         "pelvis = Hips, left_hip = LeftUpLeg",
         "layout smpl: 60 FPS (declared in the manifest)",
     ):
@@ -55,7 +55,7 @@ def test_real_and_made_files_build(shared: Path, tmp_path: Path, scope: str) -> 
         "motion": {"edge151": {}},
     }
     result = build(parse_recipe(document), source, tmp_path / "out", cache=tmp_path / "cache")
-    notes = "\n".join(result.scan_notes)
+    notes = "\n".join(result.notes)
     for words in ("120 FPS (Frame Time: .0083333)", "100 FPS", "+Z up (declared in the manifest)", "GUESSED"):
         assert words in notes
     assert not [str(p) for p in verify_store(tmp_path / "out") if p.severity == "error"]
@@ -66,8 +66,8 @@ def test_real_and_made_files_build(shared: Path, tmp_path: Path, scope: str) -> 
     # What a person sees: rates, axes, unit and height.
     about = describe_store(tmp_path / "out")
     for words in (
-        "100 a second: 1",
-        "120 a second: 1",
+        "100 per second: 1",
+        "120 per second: 1",
         "+Z up (declared in the manifest)",
         "GUESSED",
         "+Z up, metres",

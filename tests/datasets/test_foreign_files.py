@@ -13,17 +13,18 @@ import pytest
 
 from dancedata.core.bodies import SMPLX55
 from dancedata.core.errors import DataError, RecipeError, SourceError
-from dancedata.datasets._aistpp_load import load_motion as load_aist
-from dancedata.datasets._bvh import read_bvh_header
-from dancedata.datasets._finedance_labels import read_label
-from dancedata.datasets._finedance_lengths import length_note
-from dancedata.datasets._finedance_load import load_motion as load_finedance
-from dancedata.datasets._finedance_load import motion_length
-from dancedata.datasets._folder_arrays import open_arrays
-from dancedata.datasets._folder_manifest import read_manifest
-from dancedata.datasets._layout import few, read_names
+from dancedata.core.text import listed
+from dancedata.datasets._source import read_names
+from dancedata.datasets.aistpp.load import load_motion as load_aist
+from dancedata.datasets.finedance.labels import read_label
+from dancedata.datasets.finedance.lengths import length_note
+from dancedata.datasets.finedance.load import load_motion as load_finedance
+from dancedata.datasets.finedance.load import motion_length
 from dancedata.datasets.folder import Folder
-from dancedata.pipeline.recipe_file import load_recipe
+from dancedata.datasets.folder.manifest import read_manifest
+from dancedata.formats.arrays import open_arrays
+from dancedata.formats.bvh.parse import read_bvh_header
+from dancedata.recipes.parse import load_recipe
 
 
 @pytest.fixture
@@ -123,7 +124,7 @@ def test_lists_within_lists_are_not_unfolded(tmp_path: Path) -> None:
     rows: Any = [[0.0] * 72] * 4
     good = {"smpl_trans": np.zeros((4, 3)), "smpl_scaling": [np.float32(90)]}
     (tmp_path / "a.pkl").write_bytes(pickle.dumps({"smpl_poses": rows, **good}))
-    with pytest.raises(DataError, match="lists within lists are not read") as error:
+    with pytest.raises(DataError, match="nested lists are not read") as error:
         load_aist(tmp_path / "a.pkl", 60)
     assert error.value.reason == "bad_shape"
     (tmp_path / "a.pkl").write_bytes(pickle.dumps({"smpl_poses": np.array(rows), **good}))
@@ -131,4 +132,4 @@ def test_lists_within_lists_are_not_unfolded(tmp_path: Path) -> None:
 
 
 def test_names_in_a_message_are_cut_and_print() -> None:
-    assert few(["a\x1b", "b" * 999, "c", "d"], 3) == rf"a\x1b, {'b' * 255}..., c and 1 more"
+    assert listed(["a\x1b", "b" * 999, "c", "d"], 3) == rf"a\x1b, {'b' * 255}..., c and 1 more"

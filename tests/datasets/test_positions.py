@@ -15,13 +15,13 @@ from hypothesis import strategies as st
 from dancedata.core.errors import DataError
 from dancedata.core.motion import Motion
 from dancedata.core.quality import implausible_flags
-from dancedata.core.safe_pickle import load_pickle
 from dancedata.core.skeleton import SMPL24
-from dancedata.datasets import _aistpp_load
-from dancedata.datasets._folder_facts import Declared
-from dancedata.datasets._folder_load import Reading, load_motion
 from dancedata.datasets._positions import require_rotations
-from dancedata.datasets.synthetic import synthesise_motion
+from dancedata.datasets.aistpp import load as _aistpp_load
+from dancedata.datasets.folder.facts import Declared
+from dancedata.datasets.folder.load import Reading, load_motion
+from dancedata.formats.safe_pickle import load_pickle
+from dancedata.synthetic import synthesise_motion
 
 READING = Reading(Declared("60", "y", "m"), Declared())
 NOT = "oint positions are not rotations"
@@ -76,7 +76,7 @@ def test_positions_in_disguise(read: Any, dance: Motion, unit: float, noise_m: f
     joints = dance.joints() + np.random.default_rng(0).normal(0, 1, dance.joints().shape) * noise_m
     # The advice for unnamed rotations followed with positions: the root is in both.
     text = refused(lambda: read(poses=joints.reshape(-1, 72) * unit, trans=joints[:, 0]), "not_rotations")
-    assert "the first joint moves as the translation does" in text
+    assert "the first joint moves like the translation" in text
     assert NOT in text
     # Relative to the root, or without a translation: the bones keep their length.
     text = refused(lambda: read(poses=(joints - joints[:, :1]) * unit, trans=joints[:, 0] * 0), "not_rotations")
@@ -100,7 +100,7 @@ def test_a_measured_root_in_disguise(dance: Motion) -> None:
     path = np.stack([0.4 * np.sin(3 * seconds), np.full_like(seconds, 0.9), 0.4 * np.cos(3 * seconds)], axis=1)
     vectors = dance.rotations.copy()
     vectors[:, 0] = path + rng.normal(0, 0.01, path.shape)
-    with pytest.raises(DataError, match="the first joint moves as the translation does"):
+    with pytest.raises(DataError, match="the first joint moves like the translation"):
         require_rotations(Path("x"), "poses", vectors, path, SMPL24.parents)
     # A root that turns as it rises follows the translation in one direction only: that is a dance.
     vectors[:, 0] = np.stack([0.1 * np.sin(5 * seconds), 2 * seconds, 0.1 * np.cos(3 * seconds)], axis=1)

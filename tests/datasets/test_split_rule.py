@@ -15,12 +15,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
-from dancedata.cli import app
+from dancedata.cli.app import app
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import RecipeError, SourceError, UsageError
 from dancedata.datasets._split_rule import SplitRule
 from dancedata.datasets.folder import Folder
-from dancedata.pipeline.recipe_file import parse_recipe
+from dancedata.recipes.parse import parse_recipe
 
 VAL, TEST = ["song20", "song26"], ["song5", "song6", "song11", "song13"]
 RULE = {"val": 0.1, "test": 0.1, "by": "music"}
@@ -96,7 +96,7 @@ def test_by_dancer_genre_and_clip() -> None:
     assert len({splits({"test": 0.5, "by": "clip"}, refs)[f"song{s}-{k}"] for s in range(9) for k in range(3)}) == 2
     with pytest.raises(SourceError, match="no clip is in"):
         splits({"test": 0.3, "by": "genre"}, refs)
-    with pytest.raises(SourceError, match=r"need the genre of every clip; found 6 clips without: song0-0"):
+    with pytest.raises(SourceError, match=r"require the genre of every clip; found 6 clips without: song0-0"):
         splits({"test": 0.3, "by": "genre"}, clips(2))
     # A clip without music shares none.
     silent = [ClipRef(f"take{k}", Path("x"), None, "") for k in range(40)]
@@ -130,11 +130,11 @@ def test_an_empty_split_names_a_seed_that_does() -> None:
         ({"val": "a few", "by": "clip"}, "val is 'a few'"),
         ({"val": True, "by": "clip"}, "val is 'True'"),
         ({"val": "nan", "by": "clip"}, "val is 'nan'"),
-        ({"val": 0.6, "test": 0.4, "by": "clip"}, "val and test are 1 together"),
-        ({"by": "clip"}, "val and test are 0 together"),
+        ({"val": 0.6, "test": 0.4, "by": "clip"}, "the sum of val and test is 1"),
+        ({"by": "clip"}, "the sum of val and test is 0"),
         ({"val": 0.1, "by": "clip", "seed": -1}, "seed is -1"),
         ({"val": 0.1, "by": "clip", "seed": "x"}, "seed is 'x'"),
-        ({"val": 0.1, "train": 0.8, "by": "clip"}, "train is what is left, 0.9"),
+        ({"val": 0.1, "train": 0.8, "by": "clip"}, "train must be the remainder, 0.9"),
         ({}, "by is missing"),
     ],
 )
@@ -185,7 +185,7 @@ def test_plan_shows_what_comes_out(source: Path, tmp_path: Path) -> None:
     words = ["plan", str(tmp_path / "r.yaml"), "--source", str(source), "--cache", str(tmp_path / "cache"), "-q"]
     result = CliRunner().invoke(app, words)
     assert result.exit_code == 0, result.output
-    assert "Splits by music, seed 1: train 66.7% (asked 60.0%; 8 clips of 4 songs), val 16.7%" in result.output
+    assert "Splits by music, seed 1: train 66.7% (requested 60.0%; 8 clips of 4 songs), val 16.7%" in result.output
     planned = json.loads(CliRunner().invoke(app, [*words, "--json"]).output)["splits"]
     assert {name: (n["clips"], n["songs"]) for name, n in planned.items()} == {
         "train": (8, 4),

@@ -14,15 +14,10 @@ from dancedata.core.errors import UsageError
 from dancedata.core.kinematics import forward_kinematics
 from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24
-from dancedata.core.windows import count_windows
-from dancedata.datasets._synthetic_motion import MotionTruth
-from dancedata.datasets._synthetic_plan import CATALOGUE, make_plan, tempo_bpm
-from dancedata.datasets.synthetic import (
-    crossmodal_split,
-    synthesise_motion,
-    synthesise_song,
-    write_synthetic,
-)
+from dancedata.core.windows import WindowGrid
+from dancedata.synthetic import synthesise_motion, synthesise_song, write_synthetic
+from dancedata.synthetic.motion import MotionTruth
+from dancedata.synthetic.plan import CATALOGUE, crossmodal_split, make_plan, tempo_bpm
 
 Floats = NDArray[np.float64]
 FEET = [SMPL24.index(name) for name in ("left_ankle", "right_ankle", "left_foot", "right_foot")]
@@ -49,7 +44,7 @@ def test_default_corpus_has_enough_windows_in_every_split() -> None:
     usable = [clip for clip in PLAN.clips if clip.split and clip.name not in PLAN.ignored]
     windows = {split: 0 for split in ("train", "val", "test")}
     for clip in usable:
-        windows[clip.split] += count_windows(clip.n_frames, 300, 30)
+        windows[clip.split] += WindowGrid(300, 30).count(clip.n_frames)
     assert sum(windows.values()) >= 700
     assert min(windows.values()) >= 50
 

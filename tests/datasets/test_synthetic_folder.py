@@ -17,16 +17,12 @@ from dancedata.core.errors import SourceError
 from dancedata.core.kinematics import forward_kinematics
 from dancedata.core.motion import Motion
 from dancedata.core.registry import DATASETS
-from dancedata.core.safe_pickle import load_pickle
 from dancedata.core.skeleton import SMPL24
-from dancedata.datasets import synthetic
-from dancedata.datasets._synthetic_plan import make_plan, tempo_bpm
-from dancedata.datasets.synthetic import (
-    Synthetic,
-    crossmodal_split,
-    synthesise_motion,
-    write_synthetic,
-)
+from dancedata.datasets.synthetic import Synthetic
+from dancedata.formats.safe_pickle import load_pickle
+from dancedata.synthetic import corpus as synthetic
+from dancedata.synthetic import synthesise_motion, write_synthetic
+from dancedata.synthetic.plan import crossmodal_split, make_plan, tempo_bpm
 
 Floats = NDArray[np.float64]
 FEET = [SMPL24.index(name) for name in ("left_ankle", "right_ankle", "left_foot", "right_foot")]

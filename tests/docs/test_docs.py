@@ -1,21 +1,27 @@
-"""The code of README, add-a-dataset and add-a-feature runs as it stands there."""
+"""The code of the pages runs as it stands there, and prints what they show; lines, links and lists are right."""
 
 from __future__ import annotations
 
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from dancedata.core.skeleton import SMPL24
 from dancedata.pipeline.build import build
-from dancedata.pipeline.recipe_file import load_recipe
 from dancedata.pipeline.summary import describe_built
+from dancedata.readers.presets import PRESETS
+from dancedata.recipes.parse import load_recipe
+from dancedata.store import open_store
 
 ROOT = Path(__file__).resolve().parents[2]
+PAGES = ["README.md", "CHANGELOG.md", *sorted(str(p.relative_to(ROOT)) for p in (ROOT / "docs").rglob("*.md"))]
 
 
 def _blocks(page: str, language: str) -> list[str]:
@@ -41,6 +47,20 @@ def test_readme_snippets_print_what_it_says(demo: Path, capsys: pytest.CaptureFi
             pytest.importorskip("torch")
         exec(compile(snippet, "README.md", "exec"), names)
         assert capsys.readouterr().out in outputs
+
+
+@pytest.mark.filterwarnings("ignore:.*multi-threaded, use of fork:DeprecationWarning")
+def test_the_python_page_prints_what_it_says(demo: Path, capsys: pytest.CaptureFixture[str], monkeypatch) -> None:
+    pytest.importorskip("torch")
+    monkeypatch.chdir(demo)
+    monkeypatch.setenv("DANCEDATA_CACHE", str(demo / "cache"))
+    text = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"^```python\n(.*?)^```\n(?:\n```text\n(.*?)^```\n)?", text, flags=re.DOTALL | re.MULTILINE)
+    assert len(blocks) == len(_blocks("docs/python.md", "python")) >= 9
+    names: dict[str, object] = {}
+    for code, output in blocks:
+        exec(compile(code, "python.md", "exec"), names)
+        assert capsys.readouterr().out == output
 
 
 def test_readme_shows_how_a_build_ends(demo: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -121,11 +141,77 @@ def test_added_dataset_builds(plug_in, tmp_path: Path) -> None:
     assert json.loads(_dancedata(environment, tmp_path, "check", "out", "--json"))["ok"]
 
 
-@pytest.mark.parametrize(
-    "page", ["README.md", "CHANGELOG.md", *sorted(str(p.relative_to(ROOT)) for p in (ROOT / "docs").rglob("*.md"))]
-)
+def test_added_augmentation_keeps_the_contract(plug_in, tmp_path: Path) -> None:
+    environment = plug_in("docs/add-an-augmentation.md", "augment", "turn")
+    code = "import my_turn; from pathlib import Path; from dancedata.testing import conformance as c; "
+    _python(environment, tmp_path, code + "c.check(my_turn.Turn, Path('.'))")
+
+
+def test_an_augmentation_is_one_file_of_the_tree(tmp_path: Path) -> None:
+    page = "docs/add-an-augmentation.md"
+    for folder in ("dancedata", "pipelines", "manifests"):
+        shutil.copytree(ROOT / folder, tmp_path / "tree" / folder, ignore=shutil.ignore_patterns("__pycache__"))
+    (tmp_path / "tree/dancedata/augment/turn.py").write_text(_blocks(page, "python")[0], encoding="utf-8")
+    (tmp_path / "recipe.yaml").write_text(_blocks(page, "yaml")[0], encoding="utf-8")
+    paths = os.pathsep.join([str(tmp_path / "tree"), os.environ.get("PYTHONPATH", "")])
+    environment = {**os.environ, "PYTHONPATH": paths, "DANCEDATA_CACHE": str(tmp_path / "cache")}
+    assert "turn" in json.loads(_dancedata(environment, tmp_path, "list", "--json"))["augmentations"]
+    planned = json.loads(_dancedata(environment, tmp_path, "plan", "recipe.yaml", "--out", "out", "--json"))
+    _dancedata(environment, tmp_path, "build", "recipe.yaml", "--out", "out", "--jobs", "2")
+    about = json.loads(_dancedata(environment, tmp_path, "info", "out", "--json"))
+    assert about["counts"]["train"]["clips"] == planned["splits"]["train"]["clips"]
+    assert json.loads(_dancedata(environment, tmp_path, "check", "out", "--json"))["ok"]
+    with open_store(tmp_path / "out") as store:
+        clip = next(c for c in store.clips if c.split == "train" and not c.source)
+        joints = clip.read("joints").reshape(-1, 24, 3)
+        turned = store.clip(f"{clip.id}__turn").read("joints").reshape(-1, 24, 3)
+        root = SMPL24.offsets[0]
+        np.testing.assert_allclose(turned - root, (joints - root) * (-1, 1, -1), atol=1e-5)
+        assert store.clip(f"{clip.id}__turn").source == store.clip(f"{clip.id}__mirror").source == clip.id
+
+
+def test_added_filter_builds(plug_in, tmp_path: Path) -> None:
+    environment = plug_in("docs/add-a-filter.md", "filters", "grounded")
+    code = "import my_grounded; from pathlib import Path; from dancedata.testing import conformance as c; "
+    _python(environment, tmp_path, code + "c.check(my_grounded.Grounded, Path('.'))")
+    _dancedata(environment, tmp_path, "build", "recipe.yaml", "--out", "out", "--jobs", "2", "--strict")
+    with open_store(tmp_path / "out") as store:
+        left_out = {(r["clip"], r["window"]) for r in store.rejects if r["reason"] == "filtered" and "window" in r}
+        contact = store.fields["edge151"].slice("contact")
+        shares = {
+            (c.id, start): float(c.read("edge151")[start : start + 60, contact].any(axis=1).mean())
+            for c in store.clips
+            if c.split == "train"
+            for start in range(0, c.n_frames - 59, 15)
+        }
+        kept = {(w.clip, w.start) for w in store.windows("train")}
+        assert left_out == {window for window, share in shares.items() if share < 0.9}
+        assert kept == shares.keys() - left_out
+        assert kept
+        assert left_out
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_lines_are_short(page: str) -> None:
+    text = (ROOT / page).read_text(encoding="utf-8")
+    prose = re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE)
+    assert [line for line in prose.splitlines() if len(line) > 120 and not line.startswith("|")] == []
+
+
+@pytest.mark.parametrize("page", PAGES)
 def test_links_lead_somewhere(page: str) -> None:
     text = (ROOT / page).read_text(encoding="utf-8")
     for target in re.findall(r"\]\(([^)#]+)[^)]*\)", text):
         if "://" not in target:
             assert (ROOT / page).parent.joinpath(target).exists(), target
+
+
+def test_the_index_has_every_page() -> None:
+    index = (ROOT / "docs" / "README.md").read_text(encoding="utf-8")
+    pages = {path.name for path in (ROOT / "docs").glob("*.md")} - {"README.md"}
+    assert pages <= set(re.findall(r"\]\(([^)]+)\)", index))
+
+
+def test_readme_names_every_preset() -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert [name for name in PRESETS if f'"{name}"' not in text] == []

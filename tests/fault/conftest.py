@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from dancedata.core.hashing import sha256_file
-from dancedata.datasets.synthetic import write_synthetic
+from dancedata.synthetic import write_synthetic
 
 ROOT = Path(__file__).resolve().parents[2]
 SONGS = 4
@@ -32,17 +32,17 @@ import numpy as np
 from dancedata.core.columns import Columns, Group
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
+from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
 
 
 @FEATURES.register("slow")
 @dataclass(frozen=True)
-class Slow:
+class Slow(AudioFeature):
     """Time, and a number that says which signal it is."""
 
     version: ClassVar[int] = 1
     packages: ClassVar[tuple[str, ...]] = ("numpy",)
-    dtype: ClassVar[str] = "float32"
 
     @property
     def columns(self):

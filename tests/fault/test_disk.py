@@ -11,6 +11,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -21,15 +22,15 @@ import pytest
 from dancedata.core import locks
 from dancedata.core.errors import DanceDataError, StoreError
 from dancedata.datasets.aistpp import AistPP
+from dancedata.execution import cache_files
+from dancedata.execution.cache import Cache
+from dancedata.execution.cache_admin import prune, verify_cache
+from dancedata.execution.progress import Progress
+from dancedata.execution.units import run_units
 from dancedata.pipeline import build as build_module
-from dancedata.pipeline import cache_files
 from dancedata.pipeline.build import build
-from dancedata.pipeline.cache import Cache
-from dancedata.pipeline.cache_admin import prune, verify_cache
-from dancedata.pipeline.execute import Progress, run_units
-from dancedata.pipeline.parts import Part, build_part
-from dancedata.pipeline.recipe_file import parse_recipe
-from dancedata.pipeline.workers import Workers
+from dancedata.pipeline.part import Part, build_part
+from dancedata.recipes.parse import parse_recipe
 from dancedata.store import verify_store
 
 DOCUMENT: dict[str, Any] = {
@@ -100,7 +101,7 @@ def test_a_disk_that_fills_up_is_a_clear_error_and_room_mends_it(
 LIMITED = """
 import resource, sys
 resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv.pop(1)),) * 2)
-from dancedata.cli import main
+from dancedata.cli.app import main
 main()
 """
 
@@ -140,7 +141,7 @@ def test_out_may_be_a_volume_of_its_own(corpus: Path, tmp_path: Path, whole: dic
         build(RECIPE, corpus, out, cache=tmp_path / "cache")
         assert hashes(out) == whole
         with pytest.raises(StoreError, match="the output folder cannot be written"):
-            build(replace(RECIPE, mirror=True), corpus, out, cache=tmp_path / "cache", overwrite=True)
+            build(replace(RECIPE, shard_mb=1), corpus, out, cache=tmp_path / "cache", overwrite=True)
         assert hashes(out) == whole
         assert [p.name for p in tmp_path.iterdir() if p.name.startswith(".")] == []
     finally:
@@ -198,15 +199,15 @@ def test_a_clock_that_goes_backwards_changes_nothing(
 def test_pruning_while_a_build_runs_takes_nothing_from_it(
     run: Build, out: Path, tmp_path: Path, whole: dict[str, str], hashes: Any, monkeypatch: pytest.MonkeyPatch
 ):
-    gather = build_module.gather
+    compute = build_module.compute_clips
     pruned = []
 
     def pruning(*args: Any, **options: Any) -> Any:
-        clips = gather(*args, **options)
+        clips = compute(*args, **options)
         pruned.append(prune(tmp_path / "cache", max_bytes=0))
         return clips
 
-    monkeypatch.setattr(build_module, "gather", pruning)
+    monkeypatch.setattr(build_module, "compute_clips", pruning)
     run()
     assert hashes(out) == whole
     (result,) = pruned
@@ -226,10 +227,10 @@ def test_an_entry_that_is_lost_during_a_build_is_computed_again(
     how: str,
 ):
     """`dancedata cache prune` may run at any time, and disks have their moods."""
-    gather = build_module.gather
+    compute = build_module.compute_clips
 
     def losing(*args: Any, **options: Any) -> Any:
-        clips = gather(*args, **options)
+        clips = compute(*args, **options)
         path = sorted((tmp_path / "cache" / "motion").rglob("*.npy"))[0]
         if how == "removed":
             path.unlink()
@@ -237,10 +238,10 @@ def test_an_entry_that_is_lost_during_a_build_is_computed_again(
             data = bytearray(path.read_bytes())
             data[len(data) // 2] ^= 1
             path.write_bytes(data)
-        monkeypatch.setattr(build_module, "gather", gather)
+        monkeypatch.setattr(build_module, "compute_clips", compute)
         return clips
 
-    monkeypatch.setattr(build_module, "gather", losing)
+    monkeypatch.setattr(build_module, "compute_clips", losing)
     run()
     assert hashes(out) == whole
 
@@ -305,14 +306,14 @@ def test_damaged_entries_that_a_filter_reads(corpus: Path, out: Path, tmp_path: 
 def test_entries_that_are_lost_every_time_end_the_build(
     run: Build, out: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    gather = build_module.gather
+    compute = build_module.compute_clips
 
     def losing(*args: Any, **options: Any) -> Any:
-        clips = gather(*args, **options)
+        clips = compute(*args, **options)
         shutil.rmtree(tmp_path / "cache" / "motion")
         return clips
 
-    monkeypatch.setattr(build_module, "gather", losing)
+    monkeypatch.setattr(build_module, "compute_clips", losing)
     with pytest.raises(StoreError, match="an entry of the cache is gone"):
         run()
     assert not (out / "dataset.json").exists()
@@ -327,7 +328,8 @@ def test_a_full_cache_that_is_read_only_is_enough(
     def refuse(*args: Any, **options: Any) -> Any:
         raise PermissionError(errno.EACCES, "read-only")
 
-    monkeypatch.setattr(cache_files, "_open_held", refuse)
+    monkeypatch.setattr(cache_files, "open_locked", refuse)
+    monkeypatch.setattr(cache_files, "file_lock", refuse)
     monkeypatch.setattr(os, "utime", refuse)
     monkeypatch.setattr(os, "access", lambda path, mode: "cache" not in str(path))
     run()
@@ -341,7 +343,7 @@ def test_where_the_file_system_has_no_locks_builds_work_and_nobody_waits(
         raise OSError(errno.ENOSYS, "no locks")
 
     fcntl = locks.fcntl
-    without = SimpleNamespace(flock=none, LOCK_EX=fcntl.LOCK_EX, LOCK_NB=fcntl.LOCK_NB)
+    without = SimpleNamespace(flock=none, LOCK_EX=fcntl.LOCK_EX, LOCK_NB=fcntl.LOCK_NB, LOCK_UN=fcntl.LOCK_UN)
     monkeypatch.setattr(locks, "fcntl", without)
     run()
     assert hashes(out) == whole
@@ -359,7 +361,7 @@ def test_where_the_file_system_has_no_locks_builds_work_and_nobody_waits(
 def test_what_a_living_process_holds_is_left_alone(tmp_path: Path):
     cache = Cache(tmp_path)
     names = [f"dancedata-{number:032x}.tmp" for number in range(2)]
-    with cache.lock("features", f"{0:064x}"), cache_files.held(tmp_path / "tmp", names[0]):
+    with cache.lock("features", f"{0:064x}"), cache_files.locked_file(tmp_path / "tmp", names[0]):
         (tmp_path / "tmp" / names[1]).touch()
         (tmp_path / "locks" / f"features-{1:064x}").touch()
         assert cache_files.sweep(tmp_path) == 2
@@ -367,13 +369,9 @@ def test_what_a_living_process_holds_is_left_alone(tmp_path: Path):
     assert strays(tmp_path) == []
 
 
-def test_a_worker_that_cannot_mark_what_it_does_says_so(tmp_path: Path):
+def test_a_worker_that_cannot_write_to_the_cache_says_so():
     # A folder in which no file can be made, whoever one is.
+    cache = Cache(Path("/proc/self/fd"))
+    calls = [("features", f"{number:064x}", partial(np.zeros, 3)) for number in range(2)]
     with pytest.raises(DanceDataError, match="the cache cannot be written"):
-        run_units(
-            np.zeros,
-            [(3,), (4,)],
-            jobs=Workers(2, scratch=Path("/proc/self/fd")),
-            label="x",
-            progress=Progress(quiet=True),
-        )
+        run_units(cache.once, calls, jobs=2, label="x", progress=Progress(quiet=True))

@@ -25,8 +25,8 @@ import numpy as np
 import pytest
 
 from dancedata.core.hashing import sha256_file
-from dancedata.pipeline.cache import Cache
-from dancedata.pipeline.cache_admin import entries, prune, verify_cache
+from dancedata.execution.cache import Cache
+from dancedata.execution.cache_admin import entries, prune, verify_cache
 from dancedata.store import open_store
 
 SONG_S = 0.2

@@ -16,8 +16,8 @@ from typing import Any
 
 import pytest
 
-from dancedata import interrupts
-from dancedata.pipeline.shielded import shielded
+from dancedata.cli import interrupts
+from dancedata.execution.shielded import shielded
 
 
 def workers(group: int) -> list[int]:

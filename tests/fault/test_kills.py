@@ -94,7 +94,7 @@ def dying(*args):
     if left == 0:
         os.kill(os.getpid(), signal.SIGKILL)
 os.replace = dying
-from dancedata.cli import main
+from dancedata.cli.app import main
 main()
 """
 

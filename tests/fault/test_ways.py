@@ -51,7 +51,7 @@ def test_another_order_of_files_gives_the_same_bytes(
 @pytest.mark.parametrize("count", [1, 3, 16])
 def test_parts_share_the_clips_out(corpus: Path, count: int):
     from dancedata.datasets.aistpp import AistPP
-    from dancedata.pipeline.parts import Part
+    from dancedata.pipeline.part import Part
 
     clips = AistPP().scan(corpus).clips
     parts = [Part(k, count).of(clips) for k in range(1, count + 1)]

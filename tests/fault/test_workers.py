@@ -151,10 +151,10 @@ def test_workers_of_several_threads_are_refused(slow: Any, corpus: Path, out: Pa
     ("wrong", "said"),
     [
         ({}, None),
-        ({"word": "another"}, "a worker sees another cache"),
+        ({"token_text": "another"}, "a worker sees another cache"),
         ({"token": Path("/proc/none")}, "a worker does not see the cache"),
         ({"source": Path("/proc/none")}, "a worker does not see the source"),
-        ({"listing": "another"}, "a worker sees another source"),
+        ({"names_sha256": "another"}, "a worker sees another source"),
         ({"versions": (("numpy", "0.1"),)}, r"other versions.*numpy [0-9.]*, not 0\.1"),
         ({"threads": 4}, "Start workers with --nthreads 1"),
         ({"locked": False}, "locks on files in the cache do not reach"),
@@ -165,21 +165,21 @@ def test_a_worker_is_checked_for_what_it_needs(
 ):
     distributed = pytest.importorskip("distributed")
     from dancedata.core.errors import DanceDataError
-    from dancedata.pipeline import workers
-    from dancedata.pipeline.cache_files import held
+    from dancedata.execution import requirements
+    from dancedata.execution.cache_files import locked_file
 
     worker = SimpleNamespace(address="tcp://x", state=SimpleNamespace(nthreads=wrong.pop("threads", 1)))
     monkeypatch.setattr(distributed, "get_worker", lambda: worker)
     with ExitStack() as stack:
         token = tmp_path / "w.token"
         if wrong.pop("locked", True):
-            stack.enter_context(held(tmp_path, token.name))
+            stack.enter_context(locked_file(tmp_path, token.name))
         token.write_text("w")
-        right: dict[str, Any] = {"token": token, "word": "w", "source": corpus}
-        right |= {"listing": workers._listing(corpus), "versions": workers._versions({"librosa"})}
-        around = workers.Surroundings(**{**right, **wrong})
+        right: dict[str, Any] = {"token": token, "token_text": "w", "source": corpus}
+        right |= {"names_sha256": requirements._names_sha256(corpus), "versions": requirements._versions({"librosa"})}
+        required = requirements.WorkerRequirements(**{**right, **wrong})
         stack.enter_context(nullcontext() if said is None else pytest.raises(DanceDataError, match=said))
-        workers.check_surroundings(around)
+        requirements.check_worker(required)
 
 
 @pytest.mark.parametrize(
@@ -195,7 +195,7 @@ def test_a_worker_is_checked_for_what_it_needs(
 def test_wrong_options(corpus: Path, out: Path, options: list[str], code: int, said: str):
     from typer.testing import CliRunner
 
-    from dancedata.cli import app
+    from dancedata.cli.app import app
 
     arguments = ["build", "aist++", "--source", str(corpus), "--out", str(out), *options]
     result = CliRunner().invoke(app, arguments)
@@ -206,12 +206,12 @@ def test_wrong_options(corpus: Path, out: Path, options: list[str], code: int, s
 def test_a_scheduler_that_does_not_answer(corpus: Path, out: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     pytest.importorskip("distributed")
     from dancedata.core.errors import DanceDataError
-    from dancedata.pipeline import workers
+    from dancedata.execution.executors import dask
     from dancedata.pipeline.build import build
-    from dancedata.pipeline.recipe_file import load_recipe
+    from dancedata.recipes.parse import load_recipe
 
-    monkeypatch.setattr(workers, "DASK_TIMEOUT_S", 0.5)
-    with pytest.raises(DanceDataError, match="no Dask scheduler that answers"):
+    monkeypatch.setattr(dask, "TIMEOUT_S", 0.5)
+    with pytest.raises(DanceDataError, match="no Dask scheduler answers"):
         build(
             load_recipe("aist++"),
             corpus,
@@ -229,7 +229,8 @@ def test_a_crash_in_the_only_process_names_the_file(end: str, said: bool) -> Non
     code = f"""
 import os, signal
 from pathlib import Path
-from dancedata.pipeline.execute import Progress, run_units
+from dancedata.execution.progress import Progress
+from dancedata.execution.units import run_units
 def decode(path):
     if path.name == "bad song.wav":
         {end}
@@ -242,3 +243,126 @@ run_units(decode, calls, jobs=1, label="decoding music", progress=Progress(quiet
         assert "error: the process died at decoding music, bad song.wav." in done.stderr
     else:
         assert done.stderr == ""
+
+
+class DiesOnArrival:
+    """A function whose modules crash when a worker imports them."""
+
+    def __reduce__(self) -> Any:
+        return os._exit, (7,)
+
+    def __call__(self, path: Path) -> None: ...
+
+
+def test_no_unit_is_blamed_for_workers_that_die_before_they_run_one() -> None:
+    from dancedata.core.errors import DanceDataError
+    from dancedata.execution.progress import Progress
+    from dancedata.execution.units import run_units
+
+    calls = [(Path("a.wav"),), (Path("b.wav"),)]
+    with pytest.raises(DanceDataError, match="worker processes die during decoding before they run a unit") as caught:
+        run_units(DiesOnArrival(), calls, jobs=2, label="decoding", progress=Progress(quiet=True))
+    assert "a.wav" not in str(caught.value)
+
+
+def test_units_that_were_not_running_when_a_worker_died_are_no_suspects() -> None:
+    from dancedata.execution.executors.base import WorkerDiedError
+    from dancedata.execution.executors.loky import LokyExecutor
+
+    found: dict[int, Any] = {}
+    calls = {number: (number,) for number in (2, 3, 5, 7, 11, 13)}
+    with pytest.raises(WorkerDiedError) as caught:
+        LokyExecutor(2).run(exit_at_5, calls, "x", found.__setitem__)
+    assert 5 in caught.value.suspects
+    assert len(caught.value.suspects) <= 2
+    assert not set(found) & set(caught.value.suspects)
+
+
+def exit_at_5(number: int) -> int:
+    if number == 5:
+        os._exit(1)
+    return number
+
+
+RUN = """
+import multiprocessing, pathlib, signal, sys, time
+import loky
+from dancedata.execution.progress import Progress
+from dancedata.execution.units import run_units
+
+OPTIONS = {"jobs": 2, "label": "odd", "progress": Progress(quiet=True), "exact": False}
+"""
+
+
+def script(code: str, *args: Any) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-c", code, *map(str, args)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+
+
+INTERRUPTED = """
+def unit(folder, number):
+    time.sleep(0.1)
+    pathlib.Path(folder, str(number)).touch()
+
+plain = loky.get_reusable_executor
+
+def interrupted(*args, **options):
+    pool = plain(*args, **options)
+    signal.raise_signal(signal.SIGINT)
+    return pool
+
+loky.get_reusable_executor = interrupted
+try:
+    run_units(unit, [(sys.argv[1], n) for n in range(200)], **OPTIONS)
+except KeyboardInterrupt:
+    print("interrupted")
+"""
+
+
+def test_an_interrupt_while_workers_start_ends_them(tmp_path: Path) -> None:
+    """Else the interpreter would wait at its end until all units are computed."""
+    done = script(RUN + INTERRUPTED, tmp_path)
+    assert done.stdout == "interrupted\n", done.stderr
+    assert len(list(tmp_path.iterdir())) < 200
+
+
+DAEMON = """
+def daemon(answer):
+    answer.put(run_units(abs, [(-1,), (-2,)], **OPTIONS))
+
+context = multiprocessing.get_context("fork")
+answer = context.Queue()
+process = context.Process(target=daemon, args=(answer,), daemon=True)
+process.start()
+print(answer.get(timeout=60))
+process.join()
+"""
+
+
+def test_a_daemonic_process_computes_by_itself() -> None:
+    """As a worker of multiprocessing.Pool, which may not start processes."""
+    done = script(RUN + DAEMON)
+    assert done.stdout == "[1, 2]\n", done.stderr
+
+
+UNPICKLABLE = """
+from dancedata.core.errors import DanceDataError
+
+class TwoArgumentsError(Exception):
+    def __init__(self, first, second):
+        super().__init__(f"{first} {second}")
+
+def unit(number):
+    raise TwoArgumentsError("a", "b")
+
+try:
+    run_units(unit, [(1,), (2,)], **OPTIONS)
+except DanceDataError as error:
+    print(error)
+"""
+
+
+def test_an_error_that_does_not_unpickle_blames_no_file() -> None:
+    done = script(RUN + UNPICKLABLE)
+    assert "cannot be sent between processes during odd" in done.stdout, done.stderr
+    assert "missing 1 required positional argument" in done.stdout

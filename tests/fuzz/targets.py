@@ -60,14 +60,14 @@ class Target:
 
 
 def _read_aist(path: Path) -> None:
-    from dancedata.datasets._aistpp_load import load_motion
+    from dancedata.datasets.aistpp.load import load_motion
 
     _both(lambda: load_motion(path, 60), lambda: _read_folder(path))
 
 
 def _read_finedance(path: Path) -> None:
     from dancedata.core.bodies import SMPLX55
-    from dancedata.datasets._finedance_load import load_motion, motion_length
+    from dancedata.datasets.finedance.load import load_motion, motion_length
 
     motion_length(path)
     _both(lambda: load_motion(path, 30, SMPLX55), lambda: _read_folder(path))
@@ -82,8 +82,9 @@ def _both(first: Callable[[], Any], second: Callable[[], Any]) -> None:
 
 
 def _read_folder(path: Path) -> None:
-    from dancedata.datasets._folder_facts import Declared
-    from dancedata.datasets._folder_load import Reading, describe, load_motion
+    from dancedata.datasets.folder.facts import Declared
+    from dancedata.datasets.folder.load import Reading, load_motion
+    from dancedata.datasets.folder.notes import describe
 
     reading = Reading(Declared(), Declared("30", "y", "guess" if path.suffix == ".bvh" else "m"))
     describe(path, reading)
@@ -94,7 +95,7 @@ def _read_folder(path: Path) -> None:
 
 def _read_body_model(path: Path) -> None:
     from dancedata.core.skeleton import SMPL24
-    from dancedata.datasets._body_model import body_model_skeleton
+    from dancedata.formats.body_model import body_model_skeleton
 
     skeleton = body_model_skeleton(path, joints=SMPL24, betas=[0.5, -1.0])
     _require(bool(np.isfinite(skeleton.offsets).all()), "a skeleton that is not finite")
@@ -112,7 +113,7 @@ def _read_audio(path: Path) -> None:
 
 
 def _read_label(path: Path) -> None:
-    from dancedata.datasets._finedance_labels import read_label
+    from dancedata.datasets.finedance.labels import read_label
 
     label = read_label(path, path.stem)
     _require(bool(label.genre) != bool(label.reason), "neither a genre nor a reason")
@@ -120,7 +121,7 @@ def _read_label(path: Path) -> None:
 
 
 def _read_recipe(path: Path) -> None:
-    from dancedata.pipeline.recipe_file import load_recipe
+    from dancedata.recipes.parse import load_recipe
 
     _require(len(load_recipe(path).sha256) == 64, "no hash")
 
@@ -137,7 +138,7 @@ def _read_manifest(path: Path) -> None:
 
 
 def _read_names(path: Path) -> None:
-    from dancedata.datasets._layout import read_names
+    from dancedata.datasets._source import read_names
 
     read_names(path)
 
@@ -146,7 +147,7 @@ def _read_file_names(path: Path) -> None:
     """Scan folders that hold files of these names, and write what is said of them as a build does."""
     from dancedata.core.errors import SourceError
     from dancedata.core.hashing import json_sha256
-    from dancedata.datasets._layout import require_folder
+    from dancedata.datasets._source import require_folder
     from dancedata.datasets.aistpp import AistPP
     from dancedata.datasets.finedance import FineDance
     from dancedata.datasets.folder import Folder
@@ -178,8 +179,8 @@ def _read_file_names(path: Path) -> None:
 
 def _show(folder: Path) -> None:
     """Print what `info --clips`, `info --json` and `check` print."""
+    from dancedata.cli.text import describe_clips, describe_problems, describe_store, store_json
     from dancedata.core.text import json_text
-    from dancedata.pipeline.report import describe_clips, describe_problems, describe_store, store_json
     from dancedata.store import verify_store
 
     _require_plain(describe_problems(folder, verify_store(folder)))
@@ -209,7 +210,7 @@ def _read_description(path: Path) -> None:
 
 
 def _read_stats(path: Path) -> None:
-    from dancedata.pipeline.report import describe_problems
+    from dancedata.cli.text import describe_problems
     from dancedata.store import open_store, verify_store
 
     _put_side_files(path)
@@ -219,7 +220,7 @@ def _read_stats(path: Path) -> None:
 
 
 def _read_lines(path: Path) -> None:
-    from dancedata.pipeline.report import describe_store
+    from dancedata.cli.text import describe_store
 
     _put_side_files(path)
     _require_plain(describe_store(path.parent))
@@ -233,7 +234,7 @@ def _put_side_files(path: Path) -> None:
 
 
 def _read_weights(path: Path) -> None:
-    from dancedata.audio.jukebox.legacy_file import LegacyFile, LegacyTensor
+    from dancedata.audio.jukebox.weights.legacy_file import LegacyFile, LegacyTensor
 
     with LegacyFile(path) as file:
         content = file.object if isinstance(file.object, dict) else {}

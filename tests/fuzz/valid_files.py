@@ -107,8 +107,8 @@ def bvh() -> list[bytes]:
     from tempfile import TemporaryDirectory
 
     from dancedata.core.skeleton import SMPL24
-    from dancedata.datasets._bvh_write import write_bvh
-    from dancedata.datasets._folder_example import _NAMES
+    from dancedata.datasets.folder.example import _NAMES
+    from dancedata.formats.bvh.write import write_bvh
 
     turns = np.tile(np.eye(3), (3, 24, 1, 1))
     offsets = np.array(SMPL24.offsets) * 100

@@ -18,9 +18,10 @@ from typing import Any
 import numpy as np
 import soundfile
 
-from dancedata.audio.jukebox import names
 from dancedata.audio.jukebox.config import JukeboxConfig
-from dancedata.audio.jukebox.legacy_file import LegacyFile
+from dancedata.audio.jukebox.network import tensors
+from dancedata.audio.jukebox.weights.files import PRIOR_FILE, VQVAE_FILE
+from dancedata.audio.jukebox.weights.legacy_file import LegacyFile
 
 Arrays = dict[str, np.ndarray]
 
@@ -194,11 +195,11 @@ def pack_checkpoint(path: Path, out: Path, needed: dict[str, int]) -> None:
 
 def pack_jukebox(golden: Path, out: Path) -> None:
     config = JukeboxConfig.from_hparams(json.loads((golden / "hparams.json").read_text()))
-    needed = {spec.name: spec.rows for spec in names.vqvae_tensors(config)}
-    pack_checkpoint(golden / names.VQVAE_FILE, out, needed)
+    needed = {spec.name: spec.rows for spec in tensors.vqvae_tensors(config)}
+    pack_checkpoint(golden / VQVAE_FILE, out, needed)
     # Tables of times have few rows, so those of the whole context are kept; positions are most of the file.
-    whole = {spec.name: spec.rows for spec in names.prior_tensors(config, config.depth)}
-    pack_checkpoint(golden / names.PRIOR_FILE, out, whole | {names.POSITIONS: N_CODES})
+    whole = {spec.name: spec.rows for spec in tensors.prior_tensors(config, config.depth)}
+    pack_checkpoint(golden / PRIOR_FILE, out, whole | {tensors.POSITIONS: N_CODES})
     manifest = json.loads((golden / "manifest.json").read_text())
     kept = {name: about for name, about in manifest.items() if name in CLIPS}
     for name, about in kept.items():

@@ -12,7 +12,7 @@ import pytest
 
 import dancedata
 from dancedata.pipeline.build import build
-from dancedata.pipeline.recipe_file import load_recipe
+from dancedata.recipes.parse import load_recipe
 from dancedata.store import Store, verify_store
 
 # Gates of the reference outputs' README, which gives what its makers' reruns and independent versions reached.

@@ -12,8 +12,8 @@ pytest.importorskip("torch")
 import dancedata
 from dancedata.core.clip import Window
 from dancedata.pipeline.build import build
-from dancedata.pipeline.recipe_file import load_recipe
 from dancedata.readers import WindowDataset
+from dancedata.recipes.parse import load_recipe
 from dancedata.store import Store, verify_store
 
 # Gates of the reference outputs' README.

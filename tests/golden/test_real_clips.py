@@ -11,7 +11,7 @@ import soundfile
 
 import dancedata
 from dancedata.pipeline.build import build
-from dancedata.pipeline.recipe_file import load_recipe
+from dancedata.recipes.parse import load_recipe
 from dancedata.store import Store, verify_store
 
 # The clips' own songs may not be passed on: these stand in under the ids that the clips ask for.

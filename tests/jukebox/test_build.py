@@ -17,15 +17,15 @@ import pytest
 pytest.importorskip("torch")
 
 import dancedata
-from dancedata.audio.jukebox_feature import ENVIRONMENT, Jukebox
+from dancedata.audio.jukebox.feature import ENVIRONMENT, Jukebox
 from dancedata.audio.signal import load_audio
 from dancedata.core.errors import StoreError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import sha256_file
-from dancedata.datasets.synthetic import write_synthetic
 from dancedata.pipeline.build import build
-from dancedata.pipeline.recipe_file import load_recipe
+from dancedata.recipes.parse import load_recipe
 from dancedata.store import Store, verify_store
+from dancedata.synthetic import write_synthetic
 
 SET = ("audio={jukebox: {layer: 6, device: cpu}}", "windows.stride_s=1", "motion={edge151: {}}")
 

@@ -65,13 +65,13 @@ def test_round_trips() -> None:
 @pytest.mark.parametrize(
     ("part", "key", "value", "message"),
     [
-        ("prior", "attn_order", 12, "prior.attn_order describes another kind of network"),
+        ("prior", "attn_order", 12, "prior.attn_order belongs to another kind of network"),
         ("prior", "use_tokens", True, "prior.use_tokens"),
         ("prior", "n_tokens", 384, "prior.n_tokens"),
         ("vqvae", "strides_t", [2, 2, 4], "strides_t"),
         ("vqvae", "dilation_cycle", 2, "vqvae.dilation_cycle"),
         ("prior", "heads", 7, "attn_width must be a multiple of heads"),
-        ("prior", "prior_depth", 0, "bad depth"),
+        ("prior", "prior_depth", 0, "invalid value for depth"),
         ("prior", "min_duration", 100.0, "62 s"),
     ],
 )

@@ -2,7 +2,10 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -17,7 +20,7 @@ import torch
 from safetensors.torch import load_file
 
 from dancedata.audio.jukebox import JukeboxConfig, JukeboxEncoder, checkpoint_sha256, conversion, convert
-from dancedata.audio.jukebox.names import PRIOR_FILE, VQVAE_FILE
+from dancedata.audio.jukebox.weights.files import PRIOR_FILE, VQVAE_FILE
 from dancedata.core.errors import SourceError, StoreError, UsageError
 from dancedata.core.hashing import sha256_file
 from dancedata.core.locks import writing_lock
@@ -50,6 +53,23 @@ def test_files_and_description(tiny: SimpleNamespace, converted: Path) -> None:
         assert what == {"bytes": (converted / name).stat().st_size, "sha256": sha256_file(converted / name)}
     assert description["source"] == {f: sha256_file(tiny.folder / f) for f in (VQVAE_FILE, PRIOR_FILE)}
     assert checkpoint_sha256(converted) == checkpoint_sha256(tiny.folder) == description["source"]
+
+
+def test_the_facts_of_a_folder_need_no_torch(tiny: SimpleNamespace, converted: Path) -> None:
+    code = (
+        "import sys; from pathlib import Path; from dancedata.audio.jukebox.weights import folder; "
+        "paths = [Path(p) for p in sys.argv[1:]]; print([folder.highest_layer(p) for p in paths]); "
+        "assert folder.config_of(paths[0]) == folder.config_of(paths[1]); "
+        "assert folder.checkpoint_sha256(paths[0]) == folder.checkpoint_sha256(paths[1]); "
+        "assert not {'torch', 'accelerate', 'safetensors'} & set(sys.modules)"
+    )
+    command = [sys.executable, "-c", code, str(tiny.folder), str(converted)]
+    assert subprocess.run(command, check=True, capture_output=True, text=True).stdout == "[6, 4]\n"
+
+
+def test_the_hash_of_missing_weights(tmp_path: Path) -> None:
+    with pytest.raises(SourceError, match=rf"weights is missing; found {re.escape(VQVAE_FILE)}"):
+        checkpoint_sha256(tmp_path)
 
 
 def test_tensors_are_the_originals_with_the_needed_rows(tiny: SimpleNamespace, converted: Path) -> None:
@@ -90,7 +110,7 @@ def test_second_time_does_nothing(tiny: SimpleNamespace, copy: Path) -> None:
     before = {p.name: p.stat().st_mtime_ns for p in copy.iterdir()}
     convert(tiny.folder, copy, 4, config=tiny.config)
     assert before == {p.name: p.stat().st_mtime_ns for p in copy.iterdir()}
-    with pytest.raises(UsageError, match="holds another conversion; found layer 4"):
+    with pytest.raises(UsageError, match="has another conversion; found layer 4"):
         convert(tiny.folder, copy, 5, config=tiny.config)
     with pytest.raises(UsageError, match="1 to 6"):
         convert(tiny.folder, copy, 7, config=tiny.config)
@@ -109,7 +129,7 @@ def test_interrupted_conversion_does_not_load_and_can_be_repeated(
     monkeypatch.setattr(conversion, "_write", stops)
     with pytest.raises(KeyboardInterrupt):
         convert(tiny.folder, tmp_path / "out", 4, config=tiny.config)
-    with pytest.raises(SourceError, match="no finished conversion"):
+    with pytest.raises(SourceError, match="not a finished conversion"):
         JukeboxEncoder.from_converted(tmp_path / "out", device="cpu")
     monkeypatch.undo()
     convert(tiny.folder, tmp_path / "out", 4, config=tiny.config)
@@ -121,7 +141,7 @@ def test_files_of_others_are_not_replaced(tiny: SimpleNamespace, tmp_path: Path,
     (tmp_path / "out").mkdir()
     for mine in (name, "notes.txt"):
         (tmp_path / "out" / mine).write_text("somebody's")
-    with pytest.raises(UsageError, match=f"files of these names already.*found {name}"):
+    with pytest.raises(UsageError, match=f"files with the names of a conversion.*found {name}"):
         convert(tiny.folder, tmp_path / "out", 4, config=tiny.config)
     assert sorted(p.name for p in tmp_path.rglob("*")) == sorted(["out", name, "notes.txt"])
     assert (tmp_path / "out" / name).read_text() == "somebody's"
@@ -142,7 +162,7 @@ def test_a_second_conversion_into_one_folder_fails_at_once(tiny: SimpleNamespace
 def test_truncated_file(copy: Path) -> None:
     path = copy / "block-001.safetensors"
     os.truncate(path, path.stat().st_size - 100)
-    with pytest.raises(SourceError, match=r"block-001\.safetensors: .* truncated"):
+    with pytest.raises(SourceError, match=r"block-001\.safetensors: .* wrong size"):
         JukeboxEncoder.from_converted(copy, device="cpu")
 
 
@@ -166,7 +186,7 @@ def test_damaged_header(copy: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"format": 2}, "another format; found 2; allowed: 1"),
+        ({"format": 2}, "another format version; found 2; allowed: 1"),
         ({"config": {}}, "damaged"),
         ({"files": []}, "damaged"),
         ({"layer": "x"}, "damaged"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import tempfile
 import threading
 from collections.abc import Iterator
@@ -17,18 +18,20 @@ pytest.importorskip("accelerate")
 
 import torch
 
-from dancedata.audio import _devices, jukebox_feature
-from dancedata.audio.jukebox import memory
-from dancedata.audio.jukebox_feature import Jukebox
+from dancedata.audio.jukebox import devices as _devices
+from dancedata.audio.jukebox import feature as jukebox_feature
+from dancedata.audio.jukebox.feature import Jukebox
+from dancedata.audio.jukebox.network import memory
+from dancedata.audio.librosa35.feature import Librosa35
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import sha256_file
+from dancedata.execution.executors.loky import LokyExecutor
 from dancedata.pipeline import read_ahead
-from dancedata.pipeline.audio_units import FeatureKeys, SignalId
-from dancedata.pipeline.gather_audio import _jobs_for, _next_songs
-from dancedata.pipeline.recipe import Recipe, WindowSpec
-from dancedata.pipeline.workers import Workers
+from dancedata.pipeline.audio import FeatureKeys, SignalId
+from dancedata.pipeline.features import _jobs_for, _next_songs
+from dancedata.recipes.fields import FeatureJob, WindowSpec
 
 FPS = FrameGrid.of(30)
 
@@ -44,7 +47,7 @@ def two_cards(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[dict[
     _devices.claimed.cache_clear()
     yield cards
     for lock in _devices._held:
-        lock.release()
+        os.close(lock)
     _devices.claimed.cache_clear()
 
 
@@ -59,7 +62,7 @@ def test_one_process_a_card(two_cards: dict[str, str], tiny: SimpleNamespace) ->
     assert feature.precision == "fp16"
     assert feature.windows_a_call == 32
     assert _jobs_for(feature, 16) == 2
-    assert _jobs_for(feature, Workers(16)).n == 2  # type: ignore[union-attr]
+    assert _jobs_for(feature, LokyExecutor(16)).n == 2  # type: ignore[union-attr]
     assert [_claim(tuple(two_cards)) for _ in range(3)] == ["cuda:0", "cuda:1", "cuda:0"]
     one = Jukebox(weights=tiny.folder, layer=6, device="cuda:1")
     assert one.workers(16) == 1
@@ -87,8 +90,8 @@ def test_what_cannot_be_is_said_before_a_build(tiny: SimpleNamespace, tmp_path: 
         Jukebox(weights=tmp_path, layer=6).resolved(sha256_file)
     for wrong, message in (
         ({"layer": 7}, "1 to 6"),
-        ({"device": "cuda:9"}, "no such device"),
-        ({"device": "mps"}, "such a device"),
+        ({"device": "cuda:9"}, "does not exist"),
+        ({"device": "mps"}, "unsupported device"),
         ({"device": "tpu9"}, "unknown device"),
     ):
         with pytest.raises(UsageError, match=message):
@@ -118,17 +121,17 @@ def test_one_network_a_process_and_the_one_before_goes_first(
     assert feature._encoder(100_000).max_codes == 8192
 
 
-def _recipe(feature: Jukebox, scope: Any) -> Recipe:
-    return Recipe("", "", None, FPS, scope, WindowSpec(150, 15, "time"), (), (feature,), (), False, 1)
+def _job(feature: Jukebox, windows: WindowSpec | None = None) -> FeatureJob:
+    return FeatureJob("jukebox", FPS, feature, windows)
 
 
 def _key(feature: Jukebox) -> str:
-    return FeatureKeys(_recipe(feature, "track"), feature).track(None, "a")
+    return FeatureKeys(_job(feature)).track(None, "a")
 
 
 def test_tempo_is_no_part_of_the_key(tiny: SimpleNamespace) -> None:
     feature = Jukebox(weights=tiny.folder, layer=6, device="cpu").resolved(sha256_file)
-    tracks, windows = (FeatureKeys(_recipe(feature, scope), feature) for scope in ("track", "window"))
+    tracks, windows = (FeatureKeys(_job(feature, windows)) for windows in (None, WindowSpec(150, 15, FPS)))
     assert tracks.track(120.0, "a") == tracks.track(None, "a") != tracks.track(None, "b")
     one, other = (SignalId(Path("song.wav"), "file", sha, 44100, 10**6) for sha in ("a", "b"))
     assert windows.window(120.0, one, 0) == windows.window(None, one, 0) != windows.window(None, other, 0)
@@ -161,7 +164,7 @@ def test_the_next_song_is_decoded_in_another_thread(monkeypatch: pytest.MonkeyPa
     assert threads[0].startswith("read-ahead")
     read_ahead.decoded(Path("b"))
     assert threads[1:] == [threading.current_thread().name]
-    songs: Any = [SimpleNamespace(path=Path(name)) for name in "aabc"]
+    songs = [Path(name) for name in "aabc"]
     paths = [None, Path("b"), Path("c"), None]
     assert _next_songs(Jukebox(weights=tiny.folder), songs) == paths
-    assert _next_songs(object(), songs) == [None] * 4
+    assert _next_songs(Librosa35(), songs) == [None] * 4

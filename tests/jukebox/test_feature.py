@@ -12,7 +12,7 @@ pytest.importorskip("torch")
 
 import dancedata
 from dancedata.audio.jukebox import JukeboxEncoder
-from dancedata.audio.jukebox_feature import ENVIRONMENT, Jukebox
+from dancedata.audio.jukebox.feature import ENVIRONMENT, Jukebox
 from dancedata.audio.signal import pcm16
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DanceDataError, DataError, SourceError, UsageError
@@ -99,7 +99,7 @@ def test_a_build_fixes_precision_and_weights(tiny: SimpleNamespace, feature: Juk
     assert same.columns == feature.columns
     signal = AudioSignal(np.random.default_rng(1).normal(0, 0.1, 44100).astype(np.float32), 44100)
     np.testing.assert_array_equal(same.extract(signal, FPS), feature.extract(signal, FPS))
-    with pytest.raises(UsageError, match="other weights"):
+    with pytest.raises(UsageError, match="do not match the recipe"):
         Jukebox(weights=tiny.folder, weights_sha256="0" * 64, device="cpu").resolved(sha256_file)
 
 
@@ -107,7 +107,7 @@ def test_where_the_weights_are(tiny: SimpleNamespace, tmp_path: Path, monkeypatc
     monkeypatch.delenv(ENVIRONMENT, raising=False)
     with pytest.raises(UsageError, match=ENVIRONMENT):
         Jukebox().resolved(sha256_file)
-    with pytest.raises(SourceError, match="no folder"):
+    with pytest.raises(SourceError, match="does not exist"):
         Jukebox(weights=tmp_path / "none").resolved(sha256_file)
     with pytest.raises(SourceError, match=r"vqvae\.pth\.tar"):
         Jukebox(weights=tmp_path).resolved(sha256_file)
@@ -133,6 +133,6 @@ def test_what_cannot_be_embedded(feature: Jukebox, song: AudioSignal) -> None:
 def test_what_float16_cannot_hold_is_never_stored(feature: Jukebox, value: float) -> None:
     rows = np.array([[1.0, 65500.0]], np.float32)
     assert np.isfinite(feature._stored(rows)).all()
-    with pytest.raises(DataError, match="does not fit float16") as caught:
+    with pytest.raises(DataError, match="exceeds the range of float16") as caught:
         feature._stored(np.array([[1.0, value]], np.float32))
     assert caught.value.reason == "overflow"

@@ -14,9 +14,9 @@ pytest.importorskip("safetensors")
 import torch
 
 from dancedata.audio.jukebox import JukeboxEncoder, convert
-from dancedata.audio.jukebox.loading import load_conditioning, open_openai
-from dancedata.audio.jukebox.memory import block_bytes, clip_bytes, fixed_bytes
-from dancedata.audio.jukebox.names import POSITIONS
+from dancedata.audio.jukebox.network.memory import block_bytes, clip_bytes, fixed_bytes
+from dancedata.audio.jukebox.network.tensors import POSITIONS
+from dancedata.audio.jukebox.weights.loading import load_conditioning, open_openai
 
 CLIPS = ("5s", "odd", "short", "silence", "stereo48k")
 # The reference's own noise floor is about 1e-5 at a standard deviation of 3.

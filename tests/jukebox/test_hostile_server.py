@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from dancedata.audio.jukebox import fetch
-from dancedata.audio.jukebox.download import FILES, RemoteFile
+from dancedata.audio.jukebox.weights.download import FILES, RemoteFile
 from dancedata.core.errors import SourceError
 
 DATA = b"weights" * 1000

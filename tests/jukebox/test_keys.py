@@ -14,8 +14,10 @@ pytest.importorskip("accelerate")
 
 import torch
 
-from dancedata.audio.jukebox import JukeboxConfig, memory, names
-from dancedata.audio.jukebox.loading import Checkpoint, load_encoder, load_prior
+from dancedata.audio.jukebox import JukeboxConfig
+from dancedata.audio.jukebox.network import memory, tensors
+from dancedata.audio.jukebox.weights.files import PRIOR_FILE, VQVAE_FILE
+from dancedata.audio.jukebox.weights.loading import Checkpoint, load_encoder, load_prior
 
 REAL = JukeboxConfig()
 
@@ -57,8 +59,8 @@ def _shape(row: dict[str, str]) -> tuple[int, ...]:
 
 def test_specs_are_the_keys_of_the_files(rows: list[dict[str, str]]) -> None:
     for file, specs in (
-        (names.VQVAE_FILE, names.vqvae_tensors(REAL)),
-        (names.PRIOR_FILE, names.prior_tensors(REAL, 66)),
+        (VQVAE_FILE, tensors.vqvae_tensors(REAL)),
+        (PRIOR_FILE, tensors.prior_tensors(REAL, 66)),
     ):
         needed = {
             row["openai_key"]: (_shape(row), row["dtype_in_file"])
@@ -66,9 +68,9 @@ def test_specs_are_the_keys_of_the_files(rows: list[dict[str, str]]) -> None:
             if row["file"] == file and row["needed_for_layer_66"] == "1"
         }
         assert {spec.name: (spec.shape, spec.dtype) for spec in specs} == needed
-    assert len(names.prior_tensors(REAL, 66)) == 799
-    in_file = {row["openai_key"] for row in rows if row["file"] == names.PRIOR_FILE}
-    assert names.all_prior_names(REAL) == in_file
+    assert len(tensors.prior_tensors(REAL, 66)) == 799
+    in_file = {row["openai_key"] for row in rows if row["file"] == PRIOR_FILE}
+    assert tensors.all_prior_names(REAL) == in_file
 
 
 @pytest.mark.parametrize("precision", [torch.float16, torch.float32])
@@ -82,7 +84,7 @@ def test_loading_asks_for_the_needed_keys_once(rows: list[dict[str, str]], preci
             }
         )
 
-    checkpoint = Checkpoint(source(names.VQVAE_FILE), source(names.PRIOR_FILE))
+    checkpoint = Checkpoint(source(VQVAE_FILE), source(PRIOR_FILE))
     device = torch.device("meta")
     placement = memory.place(REAL, 66, precision, 1722, None)
     load_encoder(checkpoint, REAL, device)
@@ -96,7 +98,7 @@ def test_loading_asks_for_the_needed_keys_once(rows: list[dict[str, str]], preci
 
 
 def test_bytes_as_stored() -> None:
-    specs = names.prior_tensors(REAL, 66)
+    specs = tensors.prior_tensors(REAL, 66)
     assert sum(math.prod(s.shape) * (2 if s.dtype == "float16" else 4) for s in specs) == 9_418_876_800
-    assert [s.rows for s in names.table_tensors(REAL, 1722)] == [1, 1, 128, 2, 11, 2048, 1722]
-    assert [s.rows for s in names.table_tensors(REAL, 8192)] == [1, 1, 128, 6, 50, 2048, 8192]
+    assert [s.rows for s in tensors.table_tensors(REAL, 1722)] == [1, 1, 128, 2, 11, 2048, 1722]
+    assert [s.rows for s in tensors.table_tensors(REAL, 8192)] == [1, 1, 128, 6, 50, 2048, 8192]

@@ -21,9 +21,10 @@ pytest.importorskip("accelerate")
 import torch
 
 from dancedata.audio.jukebox import JukeboxEncoder
-from dancedata.audio.jukebox.legacy_file import MAGIC, PROTOCOL
-from dancedata.audio.jukebox.names import BLOCKS, PRIOR_FILE, VQVAE_FILE
-from dancedata.audio.jukebox.sources import LegacySource, ZipSource, open_torch_file
+from dancedata.audio.jukebox.network.tensors import BLOCKS
+from dancedata.audio.jukebox.weights.files import PRIOR_FILE, VQVAE_FILE
+from dancedata.audio.jukebox.weights.legacy_file import MAGIC, PROTOCOL
+from dancedata.audio.jukebox.weights.sources import LegacySource, ZipSource, open_torch_file
 from dancedata.core.errors import DataError, SourceError, UsageError
 from dancedata.testing.jukebox import write_torch_file
 
@@ -220,7 +221,7 @@ def test_tensors_of_another_network(tiny: SimpleNamespace, broken: Callable[...,
 
 
 def test_other_config_than_the_files(tiny: SimpleNamespace) -> None:
-    with pytest.raises(SourceError, match=r"do not fit the network|another network"):
+    with pytest.raises(SourceError, match=r"do not match the network|another network"):
         JukeboxEncoder.from_openai(tiny.folder, layers=(66,), device="cpu")
 
 
@@ -266,7 +267,7 @@ def test_damaged_element_count(tiny: SimpleNamespace, broken: Callable[..., Path
 def test_checkpoint_without_a_model(tiny: SimpleNamespace, broken: Callable[..., Path]) -> None:
     folder = broken("none", {})
     torch.save({"weights": {}}, folder / PRIOR_FILE, _use_new_zipfile_serialization=False)
-    with pytest.raises(SourceError, match="no Jukebox checkpoint; found keys"):
+    with pytest.raises(SourceError, match="not a Jukebox checkpoint; found keys"):
         _load(folder, tiny)
 
 
@@ -312,7 +313,7 @@ def test_hugging_face_is_refused_with_the_reason(tiny: SimpleNamespace, tmp_path
     (tmp_path / "pytorch_model.bin").write_bytes(b"")
     with pytest.raises(SourceError, match="another network: its prior was trained with lyrics"):
         JukeboxEncoder.from_openai(tmp_path, device="cpu")
-    with pytest.raises(SourceError, match="no finished conversion"):
+    with pytest.raises(SourceError, match="not a finished conversion"):
         JukeboxEncoder.from_converted(tmp_path, device="cpu")
 
 
@@ -324,7 +325,7 @@ def test_hugging_face_is_refused_with_the_reason(tiny: SimpleNamespace, tmp_path
         ({"layers": (7, 1)}, "1 to 6"),
         ({"layers": (2, 2)}, "each once"),
         ({"device": "tpu9"}, "unknown device"),
-        ({"device": "cuda:99"}, "no such device"),
+        ({"device": "cuda:99"}, "does not exist"),
         ({"precision": "int8"}, "unknown precision"),
         ({"max_codes": 8193}, "1 to 8192"),
         ({"max_codes": 0}, "1 to 8192"),
@@ -353,6 +354,6 @@ def test_weights_that_take_forever(tiny: SimpleNamespace, broken: Callable[..., 
     folder = broken("none", {})
     head = [pickle.dumps(part, 2) for part in (MAGIC, PROTOCOL, {"little_endian": True})]
     (folder / VQVAE_FILE).write_bytes(b"".join([*head, b"\x80\x02", content, b"."]))
-    with pytest.raises(SourceError, match=r"vqvae\.pth\.tar: this is no torch file") as error:
+    with pytest.raises(SourceError, match=r"vqvae\.pth\.tar: not a torch file") as error:
         _load(folder, tiny)
     assert len(str(error.value)) < 800

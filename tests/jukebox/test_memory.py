@@ -12,8 +12,9 @@ pytest.importorskip("accelerate")
 
 import torch
 
-from dancedata.audio.jukebox import JukeboxConfig, memory
-from dancedata.audio.jukebox.batching import Batches
+from dancedata.audio.jukebox import JukeboxConfig
+from dancedata.audio.jukebox.network import memory
+from dancedata.audio.jukebox.network.batches import Batches
 from dancedata.core.errors import DanceDataError, UsageError
 
 REAL = JukeboxConfig()

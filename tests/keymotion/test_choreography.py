@@ -132,12 +132,12 @@ def test_cues_of_the_released_code(dance, columns) -> None:
 @pytest.mark.parametrize(
     ("beats", "message"),
     [
-        ([1024], "beats are frames of this window"),
-        ([-1], "beats are frames of this window"),
-        ([1.0, 2.0], "beats are frames"),
+        ([1024], "beats must be frames of the window"),
+        ([-1], "beats must be frames of the window"),
+        ([1.0, 2.0], "invalid beats"),
         (np.zeros(1024, dtype=bool), "flatnonzero"),
-        ([[1, 2]], "beats are frames"),
-        (5, "beats are frames"),
+        ([[1, 2]], "invalid beats"),
+        (5, "invalid beats"),
     ],
 )
 def test_beats_that_are_none(beats: object, message: str) -> None:

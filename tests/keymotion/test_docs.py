@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from dancedata.pipeline.build import build
-from dancedata.pipeline.recipe_file import parse_recipe
+from dancedata.recipes.parse import parse_recipe
 
 PAGE = Path(__file__).parents[2] / "docs" / "key-motions.md"
 

@@ -11,12 +11,12 @@ import pytest
 from dancedata.core.bodies import SMPLX22, SMPLX52, SMPLX55, carried_over
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
-from dancedata.core.key_motion import KeyMotion, key_motion
 from dancedata.core.motion import Motion
-from dancedata.core.primitives import joints_of
 from dancedata.core.registry import KEYMOTIONS
 from dancedata.core.skeleton import SMPL24, Skeleton
+from dancedata.keymotion.characteristic_primitives import joints_of
 from dancedata.keymotion.lodge import Lodge
+from dancedata.keymotion.minima import KeyMotion, key_motion
 from dancedata.testing.conformance import check_plugin
 
 

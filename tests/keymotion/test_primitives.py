@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dancedata.core.errors import UsageError
-from dancedata.core.key_motion import KeyMotion
 from dancedata.core.motion import Motion
 from dancedata.keymotion import Primitives, borders, primitives
 from dancedata.keymotion.lodge import Lodge
+from dancedata.keymotion.minima import KeyMotion
 
 #: What 4 segments give, in the order of time.
 HARD_13 = [True, False, False] * 4 + [True]
@@ -167,21 +167,21 @@ def test_every_window_has_its_primitives(case: tuple[int, int, list[int], list[f
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"N": 512}, "N is the number of frames"),
-        ({"n": 100}, "whole segments"),
-        ({"n": 0}, "whole segments"),
-        ({"n": 32}, "no room"),
-        ({"minima": [10]}, "go together"),
-        ({"prominence": [0.1]}, "go together"),
-        ({"minima": [10], "prominence": []}, "one prominence each"),
-        ({"minima": [10.0], "prominence": [0.1]}, "one prominence each"),
+        ({"N": 512}, "N differs from the number of frames"),
+        ({"n": 100}, "not a multiple of n"),
+        ({"n": 0}, "not a multiple of n"),
+        ({"n": 32}, "too short for two soft cues"),
+        ({"minima": [10]}, "must be given together"),
+        ({"prominence": [0.1]}, "must be given together"),
+        ({"minima": [10], "prominence": []}, "invalid minima or prominence"),
+        ({"minima": [10.0], "prominence": [0.1]}, "invalid minima or prominence"),
         ({"minima": [10, 256], "prominence": [0.1, 0.1]}, "ascending"),
         ({"minima": [-1, 10], "prominence": [0.1, 0.1]}, "ascending"),
         ({"minima": [20, 10], "prominence": [0.1, 0.1]}, "ascending"),
         ({"minima": [10, 10], "prominence": [0.1, 0.1]}, "ascending"),
-        ({"minima": [10], "prominence": [np.nan]}, "prominence is a number"),
-        ({"bias": 1}, "only variant code"),
-        ({"bias": np.random.default_rng(0)}, "only variant code"),
+        ({"minima": [10], "prominence": [np.nan]}, "invalid prominence; found NaN"),
+        ({"bias": 1}, "variant paper has no bias"),
+        ({"bias": np.random.default_rng(0)}, "variant paper has no bias"),
         ({"variant": "papr"}, "Did you mean 'paper'"),
         ({}, "lodge139"),
     ],
@@ -192,7 +192,7 @@ def test_what_does_not_fit(arguments: dict[str, object], message: str) -> None:
 
 
 def test_a_window_is_rows_by_columns() -> None:
-    with pytest.raises(UsageError, match="N is the number"):
+    with pytest.raises(UsageError, match="N differs from the number"):
         primitives(np.zeros(256), 256, 128)
 
 

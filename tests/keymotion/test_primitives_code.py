@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 
 from dancedata.contacts.height import Height
 from dancedata.core.errors import DataError, UsageError
-from dancedata.core.key_motion import key_motion
-from dancedata.core.primitives import joints_of
-from dancedata.core.primitives_code import Key, key_frames, pieces
 from dancedata.datasets.finedance import FineDance
 from dancedata.keymotion import primitives
+from dancedata.keymotion.characteristic_primitives import joints_of
+from dancedata.keymotion.minima import key_motion
+from dancedata.keymotion.primitives_as_released import Key, key_frames, pieces
 from dancedata.representations.lodge139 import Lodge139
 
 CLIPS = range(4)

@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 
 from dancedata.core.hashing import sha256_file
-from dancedata.datasets.synthetic import write_synthetic
 from dancedata.pipeline.build import BuildResult, build
-from dancedata.pipeline.recipe_file import load_recipe
+from dancedata.recipes.parse import load_recipe
+from dancedata.synthetic import write_synthetic
 
 Build = Callable[..., BuildResult]
 RECIPES = {"track": "aist++", "window": "aist++-edge-exact"}

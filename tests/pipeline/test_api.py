@@ -51,16 +51,12 @@ def test_encode_then_decode_gives_back_the_motion():
     assert (rotation(back.rotations).inv() * rotation(motion.rotations)).magnitude().max() < 1e-4
 
 
-def test_what_is_not_a_motion_or_holds_no_rotations_is_a_usage_error():
-    with pytest.raises(UsageError, match=r"encode takes a Motion; found .*Make one: dancedata.core.motion.Motion"):
+def test_what_is_not_a_motion_or_has_no_rotations_is_a_usage_error():
+    with pytest.raises(UsageError, match=r"encode takes a Motion.*Make one: dancedata\.Motion\("):
         dancedata.encode(np.zeros((90, 72)), "edge151")  # type: ignore[arg-type]
     positions = dancedata.encode(random_motion(SMPL24, 30), "joints")
-    with pytest.raises(UsageError, match="joints cannot be decoded: positions do not say"):
+    with pytest.raises(UsageError, match="joints cannot be decoded: positions do not determine"):
         dancedata.decode(positions, "joints")
-
-
-def test_names_are_completed():
-    assert {"open", "extract", "encode", "decode"} <= set(dir(dancedata))
 
 
 def test_encode_takes_another_contact_rule():

@@ -19,10 +19,11 @@ import pytest
 import soundfile
 
 from dancedata.core.errors import DataError
-from dancedata.datasets.synthetic import synthesise_song
-from dancedata.pipeline import arithmetic, reference_process
-from dancedata.pipeline.execute import Progress, run_units
-from dancedata.pipeline.reference_process import ReferenceProcess, ReferenceProcessError
+from dancedata.execution import arithmetic, reference_process
+from dancedata.execution.progress import Progress
+from dancedata.execution.reference_process import ReferenceProcess, ReferenceProcessError
+from dancedata.execution.units import run_units
+from dancedata.synthetic import synthesise_song
 
 RECIPE = """recipe: 1
 name: kernels
@@ -41,7 +42,7 @@ import threading
 from collections.abc import Iterator
 from pathlib import Path
 from dancedata.pipeline.build import build
-from dancedata.pipeline.recipe_file import load_recipe
+from dancedata.recipes.parse import load_recipe
 
 recipe, source, out, cache, jobs = sys.argv[1:]
 import numpy  # before anything can be chosen
@@ -277,8 +278,9 @@ def test_modules_of_the_working_folder_do_not_stand_in_for_others(tmp_path: Path
     script.parent.mkdir()
     script.write_text(
         "import os, sys\n"
-        "from dancedata.pipeline.execute import Progress, run_units\n"
-        "from dancedata.pipeline.reference_process import ReferenceProcess\n"
+        "from dancedata.execution.progress import Progress\n"
+        "from dancedata.execution.units import run_units\n"
+        "from dancedata.execution.reference_process import ReferenceProcess\n"
         "assert ReferenceProcess().call(abs, (-2,)) == 2\n"
         "calls = [(n,) for n in (-2, -3)]\n"
         "assert run_units(abs, calls, jobs=2, label='units', progress=Progress(quiet=True)) == [2, 3]\n"

@@ -15,7 +15,7 @@ import soundfile
 
 import dancedata
 from dancedata.core.errors import RecipeError, SourceError, StoreError
-from dancedata.pipeline.recipe_file import load_recipe
+from dancedata.recipes.parse import load_recipe
 from dancedata.store import verify_store
 
 GOOD = "gHO_sBM_cAll_d19_mHO3_ch03"
@@ -53,7 +53,7 @@ MOTIONS = {
     name_of(15): ("no frames", "empty", "no frames"),
     name_of(16): ("no scaling", "missing_key", "smpl_scaling"),
     name_of(17): ("lengths", "length_mismatch", "360 and 359 frames"),
-    name_of(18): ("short", "too_short", "120 frames at 60 a second (2.00 s)"),
+    name_of(18): ("short", "too_short", "120 frames at 60 per second (2.00 s)"),
     name_of(19): ("no bytes", "broken_file", "EOFError"),
 }
 #: Song -> (what is wrong, reason, what the message says besides the file's name).
@@ -62,7 +62,7 @@ SONGS = {
     "mBR2": ("0 bytes", "broken_audio", "0 bytes"),
     "mBR3": ("no audio", "broken_audio", "cannot be decoded"),
     "mBR4": ("nan", "nan", "NaN"),
-    "mBR5": ("short", "short_audio", "no whole window: 3.0 s"),
+    "mBR5": ("short", "short_audio", "shorter than a window: 3.0 s"),
     "mPO1": ("missing", "missing_music", "mPO1"),
 }
 #: Song -> how it is stored. All of these are fine.

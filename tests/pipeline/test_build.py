@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,14 +18,14 @@ import pytest
 import soundfile
 
 import dancedata
-from dancedata.audio.librosa35 import Librosa35
+from dancedata.audio.librosa35.feature import Librosa35
+from dancedata.cli.text import describe_store
 from dancedata.core import staging
 from dancedata.core.errors import DataError, SourceError, StoreError
 from dancedata.core.locks import writing_lock
 from dancedata.datasets.aistpp import AistPP
 from dancedata.datasets.synthetic import Synthetic
 from dancedata.pipeline import build as build_module
-from dancedata.pipeline.report import describe_store
 from dancedata.store import verify_store
 
 Hashes = Callable[[Path], dict[str, str]]
@@ -240,7 +241,7 @@ import {module} as module
 def kill(*args): os.kill(os.getpid(), signal.SIGKILL)
 {patch}
 from dancedata.pipeline.build import build
-from dancedata.pipeline.recipe_file import load_recipe
+from dancedata.recipes.parse import load_recipe
 build(load_recipe("aist++"), Path(sys.argv[1]), Path(sys.argv[2]), overwrite=True)
 """
 
@@ -383,3 +384,18 @@ def test_music_that_ends_within_the_last_frame_of_a_window(
     with dancedata.open(out) as ds:
         assert {len(ds.windows(split)) for split in ds.splits if ds.windows(split)} <= {windows, 2 * windows}
     assert "a window has music" in describe_store(out)
+
+
+def test_two_clips_of_one_id_are_named_before_anything_is_computed(
+    run_build: Any, corpus: Path, out: Path, monkeypatch: pytest.MonkeyPatch
+):
+    plain = AistPP.scan
+
+    def scan(self: AistPP, source: Path) -> Any:
+        found = plain(self, source)
+        first, second, *rest = found.clips
+        return replace(found, clips=(first, replace(second, id=first.id), *rest))
+
+    monkeypatch.setattr(AistPP, "scan", scan)
+    with pytest.raises(SourceError, match=r"two clips have the same id; found .*pkl and .*pkl"):
+        run_build(corpus, out)

@@ -17,16 +17,18 @@ from dancedata.audio.signal import load_audio
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.clip import Reject
 from dancedata.core.errors import StoreError, UsageError
-from dancedata.pipeline import audio_units, cache_files, motion_units
-from dancedata.pipeline import cache as cache_module
-from dancedata.pipeline.audio_units import FeatureKeys, SignalId
-from dancedata.pipeline.cache import Cache, CachedArray, EntryLostError
-from dancedata.pipeline.execute import Progress
-from dancedata.pipeline.gather import identify
-from dancedata.pipeline.motion_units import MotionKeys, content_hashes
+from dancedata.execution import cache as cache_module
+from dancedata.execution import cache_files
+from dancedata.execution.cache import Cache, CachedArray, EntryLostError
+from dancedata.execution.progress import Progress
+from dancedata.pipeline import audio as audio_units
+from dancedata.pipeline import motion as motion_units
+from dancedata.pipeline.audio import FeatureKeys, SignalId
+from dancedata.pipeline.motion import MotionKeys, content_hashes
 from dancedata.pipeline.plan_cached import Cached, cached_units
-from dancedata.pipeline.recipe import Recipe
-from dancedata.pipeline.recipe_file import load_recipe
+from dancedata.pipeline.sources import identify
+from dancedata.recipes.parse import load_recipe
+from dancedata.recipes.recipe import Recipe
 
 FORK = multiprocessing.get_context("fork")
 KEY = "ab" + "0" * 62
@@ -44,7 +46,7 @@ def motion_keys(cache: Cache, recipe: Recipe) -> MotionKeys:
 
 def feature_key(*overrides: str, bpm: float | None = 120.0, sha: str = "s") -> str:
     recipe = load_recipe("aist++", overrides)
-    return FeatureKeys(recipe, recipe.audio[0]).track(bpm, sha)
+    return FeatureKeys(recipe.audio[0]).track(bpm, sha)
 
 
 def test_a_tempo_is_a_number_however_it_is_written():
@@ -83,9 +85,9 @@ def test_another_version_of_a_package_is_another_key(package: str, monkeypatch: 
 def test_a_version_of_a_feature_raised_by_hand_is_another_key(monkeypatch: pytest.MonkeyPatch):
     recipe = load_recipe("aist++-edge-exact")
     signal = SignalId(Path("song.wav"), "file", "sha", 48000, 10**6)
-    before = FeatureKeys(recipe, recipe.audio[0]).window(120.0, signal, 3)
-    monkeypatch.setattr(type(recipe.audio[0]), "version", 10**6)
-    assert FeatureKeys(recipe, recipe.audio[0]).window(120.0, signal, 3) != before
+    before = FeatureKeys(recipe.audio[0]).window(120.0, signal, 3)
+    monkeypatch.setattr(type(recipe.audio[0].feature), "version", 10**6)
+    assert FeatureKeys(recipe.audio[0]).window(120.0, signal, 3) != before
 
 
 def test_a_window_is_known_by_its_song_and_its_place_there():
@@ -94,7 +96,7 @@ def test_a_window_is_known_by_its_song_and_its_place_there():
     def key(song: str = "sha", number: int = 6, rate: int = 44100, *overrides: str) -> str:
         recipe = load_recipe("aist++-edge-exact", overrides)
         signal = SignalId(Path("song.wav"), "file", song, rate, 10**6)
-        return FeatureKeys(recipe, recipe.audio[0]).window(120.0, signal, number)
+        return FeatureKeys(recipe.audio[0]).window(120.0, signal, number)
 
     assert len({key(), key("other"), key(number=7), key(rate=48000)}) == 4
     assert key("sha", 2, 44100, "windows.stride_s=1.5") == key()
@@ -350,7 +352,7 @@ def test_a_song_that_changes_during_a_build_is_set_aside(
     corpus: Path, own: Cache, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, how: str
 ):
     recipe = load_recipe("aist++")
-    (feature,) = recipe.audio
+    (job,) = recipe.audio
     songs = sorted((corpus / "wavs").glob("*.wav"))
     song = tmp_path / "song.wav"
     song.write_bytes(songs[0].read_bytes())
@@ -363,8 +365,8 @@ def test_a_song_that_changes_during_a_build_is_set_aside(
         os.utime(song, (0, 0))
     else:
         song.write_bytes(songs[-1].read_bytes())
-    key = FeatureKeys(recipe, feature).track(None, identified.sha256)
-    found = audio_units.extract_track(own, recipe, feature, identified, None, key)
+    key = FeatureKeys(job).track(None, identified.sha256)
+    found = audio_units.extract_track(own, job, identified, None, key)
     if how == "replaced":
         assert isinstance(found, Reject)
         assert found.reason == "changed"
@@ -444,9 +446,9 @@ def test_a_motion_file_of_several_clips_is_hashed_once(corpus: Path, own: Cache,
         return plain(cache, path)
 
     monkeypatch.setattr(Cache, "hashed_sha256", hashed)
-    gathered = identify(own, recipe, scan, jobs=1, progress=Progress(quiet=True))
+    sources = identify(own, recipe, scan, jobs=1, progress=Progress(quiet=True))
     assert read == [scan.clips[0].motion_path]
-    assert len(gathered.motion_sha) == 3
+    assert len(sources.clips) == 3
 
 
 def test_links_that_go_round_are_an_error_of_the_file(own: Cache, tmp_path: Path):

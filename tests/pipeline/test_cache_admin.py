@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from dancedata.cli import app
+from dancedata.cli.app import app
 from dancedata.core.errors import UsageError
-from dancedata.pipeline import cache_files
-from dancedata.pipeline.cache import Cache
-from dancedata.pipeline.cache_admin import parse_age, parse_size, prune
+from dancedata.execution import cache_files
+from dancedata.execution.cache import Cache
+from dancedata.execution.cache_admin import parse_age, parse_size, prune
 
 HOUR, DAY = 3600.0, 86400.0
 #: Blocks of a file system are counted in full.

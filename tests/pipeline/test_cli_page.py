@@ -7,7 +7,7 @@ from pathlib import Path
 
 import typer
 
-from dancedata.cli import app
+from dancedata.cli.app import app
 
 PAGE = (Path(__file__).parents[2] / "docs" / "cli.md").read_text(encoding="utf-8")
 

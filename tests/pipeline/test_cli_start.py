@@ -9,15 +9,15 @@ from pathlib import Path
 
 import pytest
 
-from dancedata.pipeline.audio_units import SignalId, extract_track, identify_audio
-from dancedata.pipeline.cache import Cache
-from dancedata.pipeline.motion_units import MotionKeys, encode_motion
-from dancedata.pipeline.recipe_file import load_recipe
+from dancedata.execution.cache import Cache
+from dancedata.pipeline.audio import SignalId, extract_track, identify_audio
+from dancedata.pipeline.motion import MotionKeys, encode_motion
+from dancedata.recipes.parse import load_recipe
 
 #: Each of these takes a good part of a second, or needs an extra.
 HEAVY = {"torch", "librosa", "scipy", "numba", "sklearn", "pandas", "matplotlib", "soundfile", "soxr"}
 #: And these a command needs only once it runs.
-LATER = HEAVY | {"h5py", "joblib", "yaml", "tqdm", "numpy"}
+LATER = HEAVY | {"h5py", "joblib", "loky", "yaml", "tqdm", "numpy"}
 
 
 def imported(*args: str) -> set[str]:
@@ -41,7 +41,7 @@ def test_help_is_light(args: list[str]):
 
 def test_reading_is_light():
     names = imported("-c", "import dancedata; dancedata.open")
-    assert names & (HEAVY | {"joblib", "pydantic", "typer"}) == set()
+    assert names & (HEAVY | {"joblib", "loky", "pydantic", "typer"}) == set()
 
 
 def test_workers_import_neither_pydantic_nor_librosa(corpus: Path, tmp_path: Path):
@@ -50,10 +50,10 @@ def test_workers_import_neither_pydantic_nor_librosa(corpus: Path, tmp_path: Pat
     sha = cache.file_sha256(ref.motion_path)
     keys = MotionKeys(recipe, {}).of(ref, sha)
     signal = identify_audio(cache, ref.audio_path)
-    (feature,) = recipe.audio
+    (job,) = recipe.audio
     units = [
         (encode_motion, (cache, recipe, ref, sha, keys)),
-        (extract_track, (cache, recipe, feature, signal, 120.0, "0" * 64)),
+        (extract_track, (cache, job, signal, 120.0, "0" * 64)),
     ]
     (tmp_path / "units").write_bytes(pickle.dumps(units))
     code = "import pickle, sys\nfor function, call in pickle.load(open(sys.argv[1], 'rb')): function(*call)"

@@ -28,7 +28,7 @@ def of(found: list[Difference], kind: str) -> list[Difference]:
 
 
 def run(*args: object, code: int) -> str:
-    from dancedata.cli import app
+    from dancedata.cli.app import app
 
     result = CliRunner().invoke(app, ["diff", *map(str, args)])
     assert result.exit_code == code, result.output
@@ -147,7 +147,7 @@ def test_values_within_a_tolerance_are_the_same(built: Path, built_copy: Path):
     bend(built_copy, "audio/librosa35", 2.0**-10)
     said = run(built, built_copy, "--atol", "0.001", code=0).splitlines()
     assert said[0] == "note: edge151: the same values"
-    assert said[1].startswith("note: librosa35: other values in 2 of 4 clips, by 0.000977 at most (row 0 of ")
+    assert said[1].startswith("note: librosa35: other values in 2 of 4 clips, by at most 0.000977 (row 0 of ")
     assert ", column onset_envelope), within 0.001: " in said[1]
     assert said[2:] == ["the same data within 0.001"]
     about = json.loads(run(built, built_copy, "--atol", "0.001", "--json", code=0))

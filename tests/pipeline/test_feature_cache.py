@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 
 import dancedata
-from dancedata.audio.librosa35 import Librosa35
+from dancedata.audio.librosa35.feature import Librosa35
 from dancedata.cache import FeatureCache
 from dancedata.core.errors import DataError, UsageError
-from dancedata.pipeline.cache_admin import prune
+from dancedata.execution.cache_admin import prune
 
 FORK = multiprocessing.get_context("fork")
 PAGE = Path(__file__).parents[2] / "docs" / "cache.md"
@@ -181,7 +181,7 @@ def test_errors_say_what_is_wrong(own: FeatureCache, song: Path, tmp_path: Path)
         own.get("librosa", song)
     with pytest.raises(UsageError, match="tightness"):
         own.get("librosa35", song, tightnes=1)
-    with pytest.raises(UsageError, match="no such song"):
+    with pytest.raises(UsageError, match="the song does not exist"):
         own.get("librosa35", tmp_path / "none.wav")
     with pytest.raises(UsageError, match="at least 1"):
         own.get_windows("librosa35", song, stride_frames=0)

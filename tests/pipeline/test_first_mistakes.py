@@ -15,9 +15,9 @@ from click.testing import Result
 from typer.testing import CliRunner
 
 import dancedata
-from dancedata.audio.librosa35 import Librosa35
+from dancedata.audio.librosa35.feature import Librosa35
 from dancedata.audio.signal import load_audio
-from dancedata.cli import app
+from dancedata.cli.app import app
 from dancedata.core.clip import Reject
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
@@ -35,7 +35,7 @@ def run(*args: object, code: int = 0) -> Result:
 @pytest.fixture
 def larger(tmp_path: Path) -> Path:
     """Eight clips to two songs, all in one split by the recipe of the tests below."""
-    from dancedata.datasets.synthetic import write_synthetic
+    from dancedata.synthetic import write_synthetic
 
     return write_synthetic(tmp_path / "larger", songs=2, clips_per_song=4, clip_s=6)
 
@@ -56,7 +56,7 @@ def test_a_build_without_music_says_where_it_looked_and_what_to_do(larger: Path,
         "    song mHO3 is missing: 4 clips",
     ]
     notes = DATASETS.get("aist++")(split="all").scan(larger).notes
-    assert any("Looked in wavs/" in note and "AIST Dance Video Database" in note for note in notes)
+    assert any("Searched wavs/" in note and "AIST Dance Video Database" in note for note in notes)
     assert all(f"  - {note}" in lines for note in notes)
     assert f"dancedata check {larger}" in lines[-1]
     assert not out.exists()
@@ -94,7 +94,7 @@ def test_many_songs_are_summed_up():
         "  song mBR5 is missing: 6 clips",
         "  song mHO5 is missing: 6 clips",
         "  song mBR4 is missing: 5 clips",
-        "  9 songs more: 25 clips (mHO4, mBR3, mHO3, ... 6 more)",
+        "  9 songs more: 25 clips (mHO4, mBR3, mHO3 and 6 more)",
     ]
 
 
@@ -112,7 +112,7 @@ def test_what_is_broken_is_said_in_plan_and_summary(larger: Path, out: Path):
     for args in (["plan"], ["build", "--out", out]):
         said = run(args[0], "aist++", "--source", larger, *args[1:], *ALL).stdout
         (line,) = [line for line in said.splitlines() if "broken_audio: 4 (" in line]
-        assert "... 1 more): wavs/mHO3.wav: the audio file cannot be decoded" in line
+        assert "and 1 more): wavs/mHO3.wav: the audio file cannot be decoded" in line
 
 
 def test_audio_features_of_clips_without_music(larger: Path, out: Path):
@@ -137,7 +137,7 @@ def test_plan_names_weights_that_a_build_will_miss(larger: Path, monkeypatch: py
     pytest.importorskip("torch")
     monkeypatch.delenv("DANCEDATA_JUKEBOX", raising=False)
     said = run("plan", "aist++", "--source", larger, *ALL, "--set", "audio=jukebox").stdout
-    assert "note: a build here ends with: jukebox needs its weights" in said
+    assert "note: a build here ends with: jukebox: the folder of the weights is unknown" in said
     assert "a build here ends" not in run("plan", "aist++", "--source", larger, *ALL).stdout
 
 

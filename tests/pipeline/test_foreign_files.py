@@ -15,14 +15,14 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from dancedata.cli import app
+from dancedata.cli.app import app
 from dancedata.core import staging
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.hashing import sha256_file
+from dancedata.execution import cache_files
+from dancedata.execution.cache import Cache
+from dancedata.execution.cache_admin import cache_json, prune, verify_cache
 from dancedata.pipeline import build as build_module
-from dancedata.pipeline import cache_files
-from dancedata.pipeline.cache import Cache
-from dancedata.pipeline.cache_admin import cache_json, prune, verify_cache
 
 MINE = "somebody's"
 HEX = "0123456789abcdef" * 4
@@ -107,7 +107,7 @@ def dying(original):
 for name in ("replace", "rename", "unlink", "rmdir"):
     setattr(os, name, dying(getattr(os, name)))
 from dancedata.pipeline.build import build
-from dancedata.pipeline.recipe_file import load_recipe
+from dancedata.recipes.parse import load_recipe
 recipe = load_recipe("aist++", ["audio={}", *sys.argv[5:]])
 build(recipe, Path(sys.argv[1]), Path(sys.argv[2]), cache=Path(sys.argv[3]), overwrite=True)
 """

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 import soundfile
 
-from dancedata.datasets.synthetic import write_synthetic
+from dancedata.synthetic import write_synthetic
 
 RECIPE = "aist++-edge-exact"
 

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from dancedata.cli import app
+from dancedata.cli.app import app
 from dancedata.core.errors import DataError
 from dancedata.datasets.aistpp import AistPP
 from dancedata.datasets.folder import Folder
 from dancedata.pipeline.build import build
-from dancedata.pipeline.parts import Part, build_part
-from dancedata.pipeline.recipe_file import load_recipe
+from dancedata.pipeline.part import Part, build_part
+from dancedata.recipes.parse import load_recipe
 from dancedata.store import open_store
 
 RECIPE = """\

@@ -13,11 +13,11 @@ import dancedata
 from dancedata.core.errors import RecipeError, SourceError
 from dancedata.core.kinematics import forward_kinematics
 from dancedata.core.registry import DATASETS, KEYMOTIONS, REPRESENTATIONS
-from dancedata.datasets.synthetic import write_synthetic
 from dancedata.pipeline.build import build
 from dancedata.pipeline.plan import make_plan
-from dancedata.pipeline.recipe_file import load_recipe, parse_recipe
+from dancedata.recipes.parse import load_recipe, parse_recipe
 from dancedata.store import verify_store
+from dancedata.synthetic import write_synthetic
 
 
 @pytest.fixture(scope="module")
@@ -155,7 +155,7 @@ def test_an_id_that_a_mirrored_copy_would_get(corpus: Path, run_build, names: li
             "augment": {"mirror": True},
         }
     )
-    with pytest.raises(SourceError, match="the id that its neighbour's mirrored copy would get"):
+    with pytest.raises(SourceError, match="would get the id of another clip"):
         build(recipe, source, tmp_path / "out", cache=tmp_path / "cache")
 
 
@@ -185,7 +185,7 @@ def test_windows_must_be_whole_rows_of_every_field() -> None:
         "windows": {"length_frames": 128, "stride_frames": 5},
         "motion": {"edge151": {}, "fact219": {}},
     }
-    with pytest.raises(RecipeError, match="no whole number of rows of fact219"):
+    with pytest.raises(RecipeError, match="field fact219 is not a whole number of rows"):
         parse_recipe(document)
     document["windows"] = {"length_frames": 125, "stride_frames": 5}
     parse_recipe(document)
@@ -229,12 +229,12 @@ def test_what_a_recipe_may_not_say() -> None:
     with pytest.raises(RecipeError) as error:
         parse_recipe(document)
     text = str(error.value)
-    for said in ("min_sdt", "did you mean 'min_std'", "known: lodge", "did you mean 'mirror'"):
+    for said in ("min_sdt", "did you mean 'min_std'", "known: lodge", "Did you mean 'mirror'"):
         assert said in text
     document["windows"]["filter"] = {"movement": {"field": "lodge39"}}
     with pytest.raises(RecipeError, match="did you mean 'lodge139'"):
         parse_recipe({**document, "keymotion": {}, "augment": {}})
-    with pytest.raises(RecipeError, match="name the filter"):
+    with pytest.raises(RecipeError, match="unknown window filter 'still'"):
         parse_recipe(
             {
                 **document,

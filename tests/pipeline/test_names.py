@@ -19,7 +19,7 @@ from dancedata.core.clip import Scan
 from dancedata.core.errors import DataError
 from dancedata.datasets.folder import Folder
 from dancedata.pipeline.build import build
-from dancedata.pipeline.recipe_file import load_recipe
+from dancedata.recipes.parse import load_recipe
 
 RECIPE = """recipe: 1
 name: mine
@@ -153,7 +153,7 @@ def test_control_characters_in_lists_of_names(corpus: Path, tmp_path: Path, out:
     run("check", source, "--dataset", "aist++")
     (source / "splits" / "crossmodal_val.txt").write_text("gone\x9b1m", encoding="utf-8")
     text = run("build", "aist++", "--source", source, "--out", out.parent / "two", fails=True)
-    assert r"the sequence gone\x9b1m is in two splits" in text
+    assert r"sequence gone\x9b1m is in two splits" in text
 
 
 def test_clips_of_a_plug_in_whose_texts_are_none(

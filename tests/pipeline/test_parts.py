@@ -11,12 +11,12 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from dancedata.audio.librosa35 import Librosa35
-from dancedata.cli import app
+from dancedata.audio.librosa35.feature import Librosa35
+from dancedata.cli.app import app
 from dancedata.core.errors import DataError, UsageError
 from dancedata.datasets.aistpp import AistPP
-from dancedata.pipeline.parts import Part, build_part
-from dancedata.pipeline.recipe_file import load_recipe
+from dancedata.pipeline.part import Part, build_part
+from dancedata.recipes.parse import load_recipe
 
 
 def entries(cache: Path) -> set[str]:

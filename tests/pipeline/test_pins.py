@@ -20,10 +20,12 @@ import pytest
 
 from dancedata.core.clip import ClipRef
 from dancedata.core.hashing import sha256_file
-from dancedata.pipeline import arithmetic, audio_units, motion_units
-from dancedata.pipeline.audio_units import FeatureKeys, SignalId
-from dancedata.pipeline.motion_units import MotionKeys
-from dancedata.pipeline.recipe_file import load_recipe, recipe_names
+from dancedata.execution import arithmetic
+from dancedata.pipeline import audio as audio_units
+from dancedata.pipeline import motion as motion_units
+from dancedata.pipeline.audio import FeatureKeys, SignalId
+from dancedata.pipeline.motion import MotionKeys
+from dancedata.recipes.parse import load_recipe, recipe_names
 
 PINS = Path(__file__).with_name("pins.json")
 #: Whose versions shape the bytes of the demo.
@@ -57,13 +59,13 @@ def keys_of(name: str) -> dict[str, Any]:
         patch.start()
     try:
         motion = MotionKeys(recipe, {"body_model/SMPL.npz": "b" * 64}).of(CLIP, "c" * 64)
-        audio = {feature.name: FeatureKeys(recipe, feature) for feature in recipe.audio}
+        audio = {job.name: FeatureKeys(job) for job in recipe.audio}
         return {
             "recipe": recipe.sha256,
             "clip": motion.info,
             "motion": motion.fields,
-            "tracks": {feature: keys.track(80.0, SONG.sha256) for feature, keys in audio.items()},
-            "windows": {feature: keys.window(80.0, SONG, 3) for feature, keys in audio.items()},
+            "tracks": {name: keys.track(80.0, SONG.sha256) for name, keys in audio.items()},
+            "windows": {name: keys.window(80.0, SONG, 3) for name, keys in audio.items() if recipe.scope == "window"},
         }
     finally:
         for patch in patches:

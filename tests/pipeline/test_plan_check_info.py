@@ -16,9 +16,9 @@ from click.testing import Result
 from typer.testing import CliRunner
 
 import dancedata
-from dancedata.cli import app
+from dancedata.cli.app import app
 from dancedata.core.registry import CONTACTS, DATASETS, FEATURES, REPRESENTATIONS
-from dancedata.pipeline.recipe_file import recipe_names
+from dancedata.recipes.parse import recipe_names
 
 RECIPES = {"track": "aist++", "window": "aist++-edge-exact"}
 TRAIN = "gHO_sBM_cAll_d19_mHO3_ch03"
@@ -164,7 +164,7 @@ def test_a_build_names_the_progress_on_stderr_only(corpus: Path, out: Path):
         (["build", "aist++", "--source", ".", "--jobs", "0"], "--jobs"),
         (["check", ".", "--dataset", "aist+"], "did you mean 'aist++'"),
         (["features", "song.wav", "--out", "x", "--feature", "librosa53"], "did you mean 'librosa35'"),
-        (["features", "song.wav", "--out", "x"], "there is no such song; nothing was computed; found song.wav"),
+        (["features", "song.wav", "--out", "x"], "the song does not exist; nothing was computed; found song.wav"),
         (["dance"], "dance"),
     ],
 )

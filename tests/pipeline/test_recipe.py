@@ -11,8 +11,8 @@ import pytest
 
 from dancedata.core.errors import RecipeError, UsageError
 from dancedata.core.registry import FEATURES, REPRESENTATIONS
-from dancedata.pipeline.recipe import Recipe
-from dancedata.pipeline.recipe_file import apply_override, load_recipe, parse_recipe, recipe_names
+from dancedata.recipes.parse import apply_override, load_recipe, parse_recipe, recipe_names
+from dancedata.recipes.recipe import Recipe
 
 
 def document(**changes: Any) -> dict[str, Any]:
@@ -91,12 +91,12 @@ def test_all_problems_are_listed_at_once():
         ({"motion": None}, "motion: name at least one representation"),
         ({"name": None}, "name: missing"),
         ({"recipe": 2}, "recipe: Input should be 1"),
-        ({"fps": "thirty"}, "rate is no number; found 'thirty'"),
+        ({"fps": "thirty"}, "rate is not a number; found 'thirty'"),
         ({"fps": 0}, "a frame rate must be above 0"),
         ({"fps": 1e9}, "fps is too high; found 1000000000; allowed: at most 1,000"),
         ({"windows": {"length_s": 5}}, "give one of stride_s and stride_frames; found neither"),
         ({"windows": {"length_frames": 150, "stride_s": 1, "stride_frames": 30}}, "found both"),
-        ({"windows": {"length_s": 5.01, "stride_s": 0.5}}, "windows.length_s is no whole number of frames"),
+        ({"windows": {"length_s": 5.01, "stride_s": 0.5}}, "windows.length_s is not a whole number of frames"),
         ({"windows": {"length_s": 0, "stride_s": 0.5}}, "the length must be above 0"),
         ({"dataset": {"aist++": {"ignore": "some"}}}, "dataset.aist++"),
         ({"audio": {"librosa35": {"tightness": "tight"}}}, "audio.librosa35.tightness"),
@@ -113,7 +113,7 @@ def test_windows_count_at_the_recipes_own_rate():
     frames = {"length_frames": 150, "stride_frames": 15}
     recipe = parse_recipe(document(fps="30000/1001", audio=None, windows=frames))
     assert recipe.document["fps"] == "30000/1001"
-    assert "windows.length_s is no whole number" in problem_of(fps="30000/1001", audio=None)
+    assert "windows.length_s is not a whole number" in problem_of(fps="30000/1001", audio=None)
 
 
 def test_a_rate_that_a_feature_cannot_do_is_said_before_any_work():
@@ -139,7 +139,7 @@ def test_a_file_that_is_no_yaml_is_named(tmp_path: Path):
 
 
 def test_a_recipe_that_is_not_there(tmp_path: Path):
-    with pytest.raises(UsageError, match="there is no such recipe file"):
+    with pytest.raises(UsageError, match="the recipe file does not exist"):
         load_recipe(tmp_path / "none.yaml")
     with pytest.raises(UsageError, match=r"unknown recipe 'aist\+'. Did you mean 'aist\+\+'"):
         load_recipe("aist+")
@@ -162,7 +162,7 @@ def test_overrides_reach_every_level(tmp_path: Path):
         "motion.edge151.contacts.velocity.max_speed_m_s=0.2",
     )
     assert (recipe.scope, recipe.windows.stride, recipe.dataset.split) == ("window", 30, "all")
-    assert recipe.audio[0].tightness == 50
+    assert recipe.audio[0].feature.tightness == 50
     assert recipe.motion[0].contacts.max_speed_m_s == 0.2
 
 

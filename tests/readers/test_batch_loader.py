@@ -21,7 +21,8 @@ import torch
 from torch.utils.data import DataLoader
 
 from dancedata.core.errors import StoreError, UsageError
-from dancedata.readers import BatchLoader, EpochSampler, WindowDataset, memory
+from dancedata.readers import BatchLoader, EpochSampler, WindowDataset
+from dancedata.readers import batch_memory as memory
 from dancedata.store.dataset import Store
 
 FIELDS = ("lodge139", "fast", "librosa35", "half")
@@ -247,7 +248,7 @@ def test_an_error_before_the_first_batch(mixed_store: Store, monkeypatch: pytest
         raise StoreError("a shard is gone")
 
     with monkeypatch.context() as patch:
-        patch.setattr(dataset, "_fill", broken)
+        patch.setattr(dataset, "_batch_reader", broken)
         with pytest.raises(StoreError, match="gone"):
             iter(loader)
     gc.collect()  # an error in __del__ would be one of the test
@@ -258,7 +259,7 @@ def test_an_error_before_the_first_batch(mixed_store: Store, monkeypatch: pytest
 def test_the_garbage_collector_may_end_it_in_a_thread(mixed_store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
     dataset = dataset_of(mixed_store)
     wanted = [bits(batch) for batch in DataLoader(dataset, 8)]
-    fill, gone, ended = dataset._fill(), threading.Event(), threading.Event()
+    fill, gone, ended = dataset._batch_reader(), threading.Event(), threading.Event()
 
     def collecting(request: Any, out: Any) -> None:
         if 17 in request.places and not ended.is_set():
@@ -268,7 +269,7 @@ def test_the_garbage_collector_may_end_it_in_a_thread(mixed_store: Store, monkey
         fill(request, out)
 
     collecting.layout = fill.layout  # type: ignore[attr-defined]
-    monkeypatch.setattr(dataset, "_fill", lambda: collecting)
+    monkeypatch.setattr(dataset, "_batch_reader", lambda: collecting)
     loader = BatchLoader(dataset, 8, threads=1)
     gc.disable()
     try:
@@ -286,7 +287,7 @@ def test_the_garbage_collector_may_end_it_in_a_thread(mixed_store: Store, monkey
 
 def test_an_error_in_a_thread_is_raised_in_the_loop(mixed_store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
     dataset = dataset_of(mixed_store)
-    fill, wanted = dataset._fill(), list(BatchLoader(dataset, 8))
+    fill, wanted = dataset._batch_reader(), list(BatchLoader(dataset, 8))
 
     def broken(request: Any, out: Any) -> None:
         if 17 in request.places:
@@ -294,7 +295,7 @@ def test_an_error_in_a_thread_is_raised_in_the_loop(mixed_store: Store, monkeypa
         fill(request, out)
 
     broken.layout = fill.layout  # type: ignore[attr-defined]
-    monkeypatch.setattr(dataset, "_fill", lambda: broken)
+    monkeypatch.setattr(dataset, "_batch_reader", lambda: broken)
     batches = iter(BatchLoader(dataset, 8))
     assert_same(itertools.islice(batches, 2), wanted[:2])
     with pytest.raises(StoreError, match="here"):

@@ -20,8 +20,8 @@ import torch
 from torch.utils.data import DataLoader, Subset, default_collate
 
 from dancedata.readers import WindowDataset
+from dancedata.readers.batch_memory import MemoryPool, shared_tensor
 from dancedata.readers.collate import collate
-from dancedata.readers.memory import Pool, shared_tensor
 from dancedata.store.dataset import Store
 
 FIELDS = ("lodge139", "fast", "librosa35", "half")
@@ -174,7 +174,7 @@ LARGE = (1 << 19, 3)
 
 
 def test_memory_goes_round_when_nothing_refers_to_it() -> None:
-    pool = Pool()
+    pool = MemoryPool()
     first = pool.tensor(LARGE, np.dtype(np.float32))
     place = first.data_ptr()
     row, array = first[5], first[7:9].numpy()
@@ -197,7 +197,7 @@ def test_memory_goes_round_when_nothing_refers_to_it() -> None:
 
 
 def test_what_is_kept_has_a_limit_whatever_the_sizes() -> None:
-    pool = Pool()
+    pool = MemoryPool()
     for more in range(30):
         tensor = pool.tensor((LARGE[0] + more, 3), np.dtype(np.float32))
         assert tensor.shape == (LARGE[0] + more, 3)

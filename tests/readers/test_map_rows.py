@@ -117,7 +117,7 @@ def test_windows_of_several_lengths_and_none(stores: dict[str, Store]) -> None:
     store = stores["track"]
     windows = store.windows("train")
     odd = replace(windows, length=windows.length - (np.arange(len(windows)) == 1))
-    with pytest.raises(StoreError, match="several lengths"):
+    with pytest.raises(StoreError, match="differ in length"):
         store.window_rows(odd, "pose")
     with pytest.raises(UsageError, match="no windows"):
         store.window_rows(windows.take(np.zeros(0, dtype=np.int64)), "pose")

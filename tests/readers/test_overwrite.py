@@ -16,12 +16,12 @@ pytest.importorskip("torch")
 from torch.utils.data import DataLoader
 
 from dancedata.core.errors import StoreError
-from dancedata.datasets.synthetic import write_synthetic
 from dancedata.pipeline.build import build
 from dancedata.pipeline.out_folder import locked, new_dataset
-from dancedata.pipeline.recipe_file import load_recipe
 from dancedata.readers import BatchLoader, WindowDataset
+from dancedata.recipes.parse import load_recipe
 from dancedata.store.dataset import open_store
+from dancedata.synthetic import write_synthetic
 from dancedata.testing.stores import random_fields, write_random_store
 
 pytestmark = [

@@ -15,11 +15,12 @@ pytest.importorskip("torch")
 
 from dancedata.core.columns import Columns, Group, Mirror
 from dancedata.core.errors import StoreError, UsageError
-from dancedata.core.movement import Movement
 from dancedata.core.normalize import MinMax
+from dancedata.filters.movement import Movement
 from dancedata.readers import WindowDataset
 from dancedata.store import Store, open_store
-from dancedata.store.schema import Field, StoredClip
+from dancedata.store.schema import Field
+from dancedata.store.stored_clip import StoredClip
 from dancedata.store.writer import write_store
 from dancedata.testing.stores import random_fields, write_random_store
 
@@ -217,7 +218,7 @@ def test_clips_that_a_protocol_does_not_know_are_named(tmp_path: Path) -> None:
         ({"movement": {"splits": ["trian"]}}, "splits must be a list"),
         ({"movement": {"min_std": "0.07"}}, "min_std must be a number"),
         ({"movement": {"min_std": float("nan")}}, "min_std must be a number"),
-        ("movement", "called movement"),
+        ("movement", "must name one window filter"),
     ],
 )
 def test_a_movement_filter_that_is_none(store: Store, given: object, said: str) -> None:
@@ -308,7 +309,7 @@ def test_what_primitives_need(store: Store, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="whole number of local segments"):
         WindowDataset(store, fields=("lodge139", "primitives"), primitive_n=100)
     made = write_random_store(tmp_path / "none", length=30)
-    with pytest.raises(UsageError, match="holds no key motions"):
+    with pytest.raises(UsageError, match="does not hold key motions"):
         WindowDataset(made.path, fields=("edge151", "primitives"), primitive_n=15)
 
 

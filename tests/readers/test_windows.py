@@ -127,7 +127,7 @@ def test_wrong_arguments_say_what_is_allowed(store: Store, wrong: dict[str, obje
     [
         ({"preset": "lodge-global"}, ["'lodge139'", "preset 'lodge-global'", "aist++-lodge or finedance"]),
         ({"preset": "finenet"}, ["'finedance319'", "preset 'finenet'", "such as finedance,"]),
-        ({"fields": ("lodge139",)}, ["'lodge139'", "ame fields that it has", "aist++-lodge or finedance"]),
+        ({"fields": ("lodge139",)}, ["'lodge139'", "ame fields that the dataset has", "aist++-lodge or finedance"]),
         ({"fields": ("joints",)}, ["'joints'", "nown: edge151, librosa35"]),
     ],
 )
@@ -190,7 +190,7 @@ def test_fields_that_nobody_named_and_a_probability_that_is_none(tmp_path: Path)
 def test_preset_at_another_frame_rate(tmp_path: Path) -> None:
     fields = random_fields({MOTION: 151}, {}, **{MOTION: 60})
     write_random_store(tmp_path, fields=fields, fps=Fraction(60))
-    with pytest.raises(UsageError, match="30 frames a second"):
+    with pytest.raises(UsageError, match="30 frames per second"):
         WindowDataset(tmp_path, preset="edge")
 
 

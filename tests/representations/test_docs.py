@@ -22,7 +22,7 @@ def test_every_representation_has_a_row(name: str) -> None:
     assert ("grounded" in world) == made.grounded
     assert rate == ("the recipe's" if made.rate is None else str(made.rate))
     assert contacts == (f"`{made.default_contacts}`" if made.default_contacts else "none")
-    assert (decodes == "no") == (not hasattr(made, "decode"))
+    assert (decodes == "no") == (not made.decodes)
     assert ("6D" in columns) == (made.rotation_6d is not None)
 
 

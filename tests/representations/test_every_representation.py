@@ -18,7 +18,7 @@ from dancedata.core.skeleton import Skeleton
 
 THIRTY = FrameGrid.of(30)
 NAMES = REPRESENTATIONS.names()
-DECODED = [name for name in NAMES if hasattr(REPRESENTATIONS.get(name), "decode")]
+DECODED = [name for name in NAMES if REPRESENTATIONS.get(name).decodes]
 FLIP = np.array([-1.0, 1.0, 1.0])
 #: Turns where axis-angle is delicate.
 TURNS = (0.0, 1e-9, 1e-5, np.pi - 1e-7, np.pi, np.pi + 1e-7, 2 * np.pi, 3 * np.pi, 4 * np.pi)
@@ -100,7 +100,7 @@ def test_mirrored_columns_on_the_mirrored_body_are_the_reflection(name: str, see
     made = REPRESENTATIONS.get(name)()
     array = made.encode(random_motion(seed, made.skeleton), rule_of(made))
     image = made.columns.mirror.apply(array)
-    if hasattr(made, "decode"):
+    if made.decodes:
         plain = made.decode(array, THIRTY).joints()
         mirrored = made.decode(image, THIRTY).on(made.skeleton.mirrored()).joints()
     else:
@@ -151,5 +151,5 @@ def test_rate_belongs_to_the_motion(name: str) -> None:
         at_rate = Motion(motion.translation, motion.rotations, FrameGrid.of(rate), motion.skeleton)
         array = made.encode(at_rate, rule_of(made))
         assert len(array) == 4
-        if hasattr(made, "decode"):
+        if made.decodes:
             assert made.decode(array, at_rate.grid).grid == at_rate.grid

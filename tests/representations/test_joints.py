@@ -53,7 +53,7 @@ def test_positions_of_any_skeleton(body: Any) -> None:
         order[left], order[right] = right, left
     image = made.columns.mirror.apply(array).reshape(4, -1, 3)
     np.testing.assert_array_equal(image, array.reshape(4, -1, 3)[:, order] * np.float32([-1, 1, 1]))
-    assert not hasattr(made, "decode")
+    assert not made.decodes
 
 
 def test_the_motions_own_bones() -> None:
@@ -89,14 +89,14 @@ def broken(**changes: Any) -> dict[str, Any]:
     ("body", "message"),
     [
         ("smplx2", r"'smplx2'.*Did you mean 'smplx\d\d'"),
-        ({}, "body is no skeleton.*'feet'"),
-        (broken(offsets=[[0, 0, 0], [1]]), "body is no skeleton"),
-        (broken(offsets=[[0, 0, 0]]), "differ in number"),
+        ({}, "body is not a valid skeleton.*'feet'"),
+        (broken(offsets=[[0, 0, 0], [1]]), "body is not a valid skeleton"),
+        (broken(offsets=[[0, 0, 0]]), "have different lengths"),
         (broken(parents=[-1, 2, 0, 0]), "a parent must come before"),
-        (broken(pairs=[[1, 9]]), "pairs and feet are joints"),
-        (broken(pairs=[[1]]), "body is no skeleton"),
-        (broken(pairs=[[1, 2], [2, 3]]), "pairs and feet are joints"),
-        (broken(feet=[1]), "body is no skeleton"),
+        (broken(pairs=[[1, 9]]), "each joint in at most one pair"),
+        (broken(pairs=[[1]]), "body is not a valid skeleton"),
+        (broken(pairs=[[1, 2], [2, 3]]), "each joint in at most one pair"),
+        (broken(feet=[1]), "body is not a valid skeleton"),
     ],
 )
 def test_what_is_no_skeleton(body: Any, message: str) -> None:
@@ -105,7 +105,7 @@ def test_what_is_no_skeleton(body: Any, message: str) -> None:
 
 
 def test_what_cannot_be_encoded() -> None:
-    with pytest.raises(UsageError, match="animal cannot be put on smpl24"):
+    with pytest.raises(UsageError, match="animal cannot be transferred to smpl24"):
         Joints().encode(random_motion(ANIMAL))
     for made in (Joints(), Bailando72()):
         with pytest.raises(UsageError, match=f"{made.name} holds no contacts.*height"):

@@ -12,9 +12,9 @@ from typing import Any
 
 import pytest
 
+from dancedata.cli.text import describe_clips, describe_problems, describe_store, store_json
 from dancedata.core.errors import DanceDataError, StoreError
 from dancedata.core.text import json_text
-from dancedata.pipeline.report import describe_clips, describe_problems, describe_store, store_json
 from dancedata.store import open_store, verify_store
 from dancedata.testing.stores import random_fields, write_random_store
 

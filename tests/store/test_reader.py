@@ -172,7 +172,7 @@ def test_rows_that_are_no_whole_number_are_refused(make_store: Any) -> None:
     slow = Field("slow", "audio", random_columns(2, mirror=False), Fraction(15, 2))
     made = make_store(fields=[*make_store().header.fields, slow], length=32, stride=16)
     store = open_store(made.path)
-    with pytest.raises(UsageError, match="stride is no whole number of rows of field slow"):
+    with pytest.raises(UsageError, match="stride of a window is not a whole number of rows of field slow"):
         store.windows("train", stride_frames=7)
     window = store.windows("train", stride_frames=7, fields=("pose", "music"))[1]
     assert store.read(window, "pose").shape == (32, 7)
@@ -215,7 +215,7 @@ def test_wrong_names_get_the_closest_one(make_store: Any) -> None:
 def test_a_name_or_a_number_where_a_window_or_a_position_is_asked_for(make_store: Any) -> None:
     store = open_store(make_store().path)
     for window in ("train_c00", 0):
-        with pytest.raises(UsageError, match=r"a window is asked for; found .*ds\.clip\(ID\)\.read\(FIELD\)"):
+        with pytest.raises(UsageError, match=r"not a window; found .*ds\.clip\(ID\)\.read\(FIELD\)"):
             store.read(window, "pose")  # type: ignore[arg-type]
     with pytest.raises(UsageError, match=r"found train_c00\. Get a clip by its id with ds\.clip\(ID\)"):
         store.clips["train_c00"]  # type: ignore[call-overload]
@@ -224,7 +224,7 @@ def test_a_name_or_a_number_where_a_window_or_a_position_is_asked_for(make_store
 @pytest.mark.parametrize(("start", "length"), [(-1, 30), (0, 0), (0, 10**6), (10**6, 30)])
 def test_windows_outside_their_clip_are_refused(make_store: Any, start: int, length: int) -> None:
     store = open_store(make_store().path)
-    with pytest.raises(UsageError, match="leaves its clip"):
+    with pytest.raises(UsageError, match="extends beyond its clip"):
         store.read(Window("train_c00", start, length), "pose")
 
 
@@ -323,8 +323,8 @@ def test_folders_that_are_no_dataset(tmp_path: Path, make_store: Any) -> None:
 
 @pytest.mark.parametrize(
     ("text", "message"),
-    [("", "no JSON"), ("[1]", "not of a dancedata dataset"), ('{"a": 1}', "not of a dancedata dataset"),
-     ('{"format": 2}', "another format version"), ('{"format": 1}', "lacks something")],
+    [("", "not valid JSON"), ("[1]", "not that of a dancedata"), ('{"a": 1}', "not that of a dancedata"),
+     ('{"format": 2}', "another format version"), ('{"format": 1}', "is incomplete")],
 )  # fmt: skip
 def test_wrong_dataset_json(make_store: Any, text: str, message: str) -> None:
     made = make_store()
@@ -338,7 +338,7 @@ def test_shard_missing_or_of_another_size(make_store: Any) -> None:
     shard = made.path / "val-00000-of-00001.h5"
     data = shard.read_bytes()
     shard.write_bytes(data[:-1])
-    with pytest.raises(StoreError, match="another size") as caught:
+    with pytest.raises(StoreError, match="size of a shard differs") as caught:
         open_store(made.path)
     assert f"{len(data) - 1} bytes" in str(caught.value)
     assert f"{len(data)} bytes" in str(caught.value)

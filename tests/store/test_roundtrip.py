@@ -16,7 +16,8 @@ from hypothesis import strategies as st
 
 from dancedata.core.errors import StoreError
 from dancedata.store import AudioBlock, StoredClip, StoreHeader, open_store, verify_store, write_store
-from dancedata.store.schema import ClipRecord, Field
+from dancedata.store.clip_columns import ClipRecord
+from dancedata.store.schema import Field
 from dancedata.testing.stores import RandomStore, random_columns, write_random_store
 
 

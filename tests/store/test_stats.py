@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from dancedata.store import open_store
-from dancedata.store.plan import plan_shards
+from dancedata.store.shard_plan import plan_shards
 from dancedata.store.stats import QUANTILES, compute_stats
 from dancedata.testing.stores import RandomStore
 

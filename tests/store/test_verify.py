@@ -84,7 +84,7 @@ def test_truncated_shard_is_not_parsed(make_store: Any, keep: int, monkeypatch: 
         return [], ()
 
     monkeypatch.setattr("dancedata.store.verify.verify_shard", parse)
-    assert "bytes, dataset.json says" in only_error(made.path)
+    assert "bytes, in dataset.json" in only_error(made.path)
 
 
 def test_changed_shard_of_the_same_size_is_not_parsed(make_store: Any, monkeypatch: Any) -> None:
@@ -125,10 +125,10 @@ def test_changed_card_is_a_note(make_store: Any) -> None:
 JSON_CASES: list[tuple[str, Callable[[dict[str, Any]], Any], str]] = [
     ("format", lambda d: d.update(format=7), "another format version"),
     ("no fields", lambda d: d.pop("fields"), "KeyError: 'fields'"),
-    ("fps", lambda d: d.update(fps="0"), "dataset.json lacks something"),
-    ("scope", lambda d: d.update(scope="song"), "'song' is none of"),
-    ("length", lambda d: d["windows"].update(length="30"), "no whole number"),
-    ("shard path", lambda d: d["shards"][0].update(file="../x-00000-of-00001.h5"), "no shard's name"),
+    ("fps", lambda d: d.update(fps="0"), "dataset.json is incomplete"),
+    ("scope", lambda d: d.update(scope="song"), "'song' is not one of"),
+    ("length", lambda d: d["windows"].update(length="30"), "not a whole number"),
+    ("shard path", lambda d: d["shards"][0].update(file="../x-00000-of-00001.h5"), "not the name of a shard"),
     ("clips of split", lambda d: d["counts"]["train"].update(clips=5), "counts: train has 6 clips, not 5"),
     ("songs of split", lambda d: d["counts"]["val"].update(songs=9), "counts: val has 1 songs, not 9"),
     ("hours", lambda d: d["counts"]["test"].update(hours=0.5), "hours, not 0.5"),
@@ -172,7 +172,7 @@ def test_clip_of_a_bad_value_is_named(make_store: Any) -> None:
 
 
 TABLE_CASES: list[tuple[str, int, int, str]] = [
-    ("windows/clip", 0, 99, "no such clip"),
+    ("windows/clip", 0, 99, "clips that do not exist"),
     ("windows/start", 0, -1, "outside their clip"),
     ("windows/start", 0, 10**6, "outside their clip"),
     ("windows/length", 1, 31, "of another length"),
@@ -180,8 +180,8 @@ TABLE_CASES: list[tuple[str, int, int, str]] = [
     ("windows/rows/pose", 0, 1, "/windows/rows/pose"),
     ("windows/rows/fast", 0, -5, "/windows/rows/fast"),
     ("windows/rows/music", 3, 10**7, "/windows/rows/music"),
-    ("clips/n_frames", 0, 0, "no frames"),
-    ("clips/n_flags", 0, -1, "negative number"),
+    ("clips/n_frames", 0, 0, "not a whole number >= 1"),
+    ("clips/n_flags", 0, -1, "/clips/n_flags of clip"),
     ("clips/motion/pose/start", 1, 0, "do not follow one another"),
     ("clips/motion/fast/length", 0, 10**7, "do not follow one another"),
     ("clips/audio/music/length", 0, 10**7, "spans outside"),
@@ -242,7 +242,7 @@ def test_shard_that_is_no_hdf5(make_store: Any) -> None:
 def test_clip_in_two_splits(make_store: Any) -> None:
     made = make_store()
     edit(made.path, "clips/id", 0, b"val_c00")
-    message = "clip val_c00 is there 2 times, in train, val"
+    message = "clip val_c00 occurs 2 times, in train, val"
     assert any(message in str(p) for p in verify_store(made.path))
 
 

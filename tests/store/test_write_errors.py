@@ -34,12 +34,14 @@ def audio_of(clip: StoredClip, **change: Any) -> dict[str, Any]:
 
 
 CLIP_CASES: list[tuple[str, Any, str]] = [
-    ("no id", lambda c: {"id": ""}, "no id"),
+    ("no id", lambda c: {"id": ""}, "an empty text"),
     ("nul in id", lambda c: {"id": "a\0"}, "NUL"),
     ("break in list", lambda c: {"lists": ("a\nb",)}, "line break"),
-    ("empty list name", lambda c: {"lists": ("",)}, "no name"),
-    ("bad split", lambda c: {"split": "../x"}, "not usable as the name of a split"),
-    ("no frames", lambda c: {"n_frames": 0}, "no frames"),
+    ("empty list name", lambda c: {"lists": ("",)}, "an empty text"),
+    ("bad split", lambda c: {"split": "../x"}, "not a valid name for a split"),
+    ("no frames", lambda c: {"n_frames": 0}, "not a whole number >= 1"),
+    ("negative flags", lambda c: {"n_flags": -1}, "not a whole number >= 0"),
+    ("no tempo", lambda c: {"tempo_bpm": "fast"}, "tempo_bpm: an attribute of a clip cannot be stored: not a number"),
     ("starts", lambda c: {"starts": (15, 0)}, "not ascending"),
     ("same start", lambda c: {"starts": (0, 0)}, "not ascending"),
     ("negative", lambda c: {"starts": (-1,)}, "not ascending"),
@@ -53,7 +55,7 @@ CLIP_CASES: list[tuple[str, Any, str]] = [
     ("two blocks", lambda c: {"audio": {**c.audio, "music": c.audio["music"] * 2}}, "number of audio blocks"),
     ("offset", lambda c: audio_of(c, offset=-1), "offset is negative"),
     ("short audio", lambda c: audio_of(c, array=np.zeros((29, 5)), key="short"), "after the last row"),
-    ("text", lambda c: {"motion": {**c.motion, "pose": np.full((c.n_frames, 7), "x")}}, "no real numbers"),
+    ("text", lambda c: {"motion": {**c.motion, "pose": np.full((c.n_frames, 7), "x")}}, "does not hold real numbers"),
 ]
 
 
@@ -89,7 +91,7 @@ def test_equal_keys_with_other_shapes(make_store: Any, out: Path) -> None:
     key = made.clips[0].audio["music"][0].key
     longer = AudioBlock(key, np.zeros((999, 5)))
     other = dataclasses.replace(made.clips[1], audio={**made.clips[1].audio, "music": (longer,)})
-    with pytest.raises(StoreError, match="differ in shape"):
+    with pytest.raises(StoreError, match="have different shapes"):
         write_store(out, made.header, [made.clips[0], other])
 
 
@@ -97,7 +99,7 @@ def test_nothing_to_store(make_store: Any, out: Path) -> None:
     made = make_store(clips={"train": 2})
     empty = [dataclasses.replace(c, starts=()) for c in made.clips]
     for clips in ([], empty):
-        with pytest.raises(StoreError, match="no window to store"):
+        with pytest.raises(StoreError, match="no windows to store"):
             write_store(out, made.header, clips)
 
 
@@ -106,10 +108,10 @@ HEADER_CASES: list[tuple[str, dict[str, Any], str]] = [
     ("order", {"order": "random"}, "unknown order"),
     ("length", {"length": 0}, "window length"),
     ("stride", {"stride": 0}, "window stride"),
-    ("meta", {"meta": {"format": 3}}, "keys of the format itself"),
-    ("own key", {"meta": {"shards": []}}, "keys of the format itself"),
-    ("nan in meta", {"meta": {"x": float("nan")}}, "meta is no JSON"),
-    ("object in meta", {"meta": {"x": object()}}, "meta is no JSON"),
+    ("meta", {"meta": {"format": 3}}, "keys that the format uses"),
+    ("own key", {"meta": {"shards": []}}, "keys that the format uses"),
+    ("nan in meta", {"meta": {"x": float("nan")}}, "meta is not valid JSON"),
+    ("object in meta", {"meta": {"x": object()}}, "meta is not valid JSON"),
     ("no field", {"fields": ()}, "at least one motion field"),
 ]
 
@@ -124,9 +126,9 @@ def test_headers_that_cannot_be_stored(make_store: Any, out: Path, change: dict[
 
 @pytest.mark.parametrize(
     ("change", "message"),
-    [({"name": "a/b"}, "name of a field"), ({"kind": "text"}, "unknown kind"),
+    [({"name": "a/b"}, "name for a field"), ({"kind": "text"}, "unknown kind"),
      ({"dtype": "float64"}, "unknown kind"),
-     ({"name": "fast"}, "share a name"), ({"rate": Fraction(1, 7)}, "no whole number of rows")],
+     ({"name": "fast"}, "share a name"), ({"rate": Fraction(1, 7)}, "not a whole number of rows")],
 )  # fmt: skip
 def test_fields_that_cannot_be_stored(make_store: Any, out: Path, change: dict[str, Any], message: str) -> None:
     made = make_store(clips={"train": 1})
@@ -150,9 +152,9 @@ def test_window_between_two_rows(make_store: Any, out: Path) -> None:
 
 def test_folder_missing_or_taken(make_store: Any, tmp_path: Path) -> None:
     made = make_store(clips={"train": 1})
-    with pytest.raises(StoreError, match="no folder to write to"):
+    with pytest.raises(StoreError, match="does not exist"):
         write_store(tmp_path / "none", made.header, made.clips)
-    with pytest.raises(StoreError, match="finished dataset already"):
+    with pytest.raises(StoreError, match="a finished dataset already"):
         write_store(made.path, made.header, made.clips)
 
 

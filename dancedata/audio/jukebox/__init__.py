@@ -2,40 +2,36 @@
 
 Dhariwal et al. 2020, "Jukebox: A Generative Model for Music"; EDGE (Tseng et al. 2023) uses the residual stream
 after the 66th block of its top-level prior as music features. The weights are OpenAI's, under a Noncommercial Use
-License, and no part of this package.
+License, and are not part of this package.
 
-The names below are loaded when they are asked for: importing this package needs no torch.
+The feature is registered here; the other names are loaded on first use, so that importing this package does not need
+torch.
 """
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from dancedata.audio.jukebox.feature import Jukebox as Jukebox
+from dancedata.core.lazy import lazy_names
 
 if TYPE_CHECKING:
     from dancedata.audio.jukebox.config import JukeboxConfig as JukeboxConfig
-    from dancedata.audio.jukebox.conversion import checkpoint_sha256 as checkpoint_sha256
     from dancedata.audio.jukebox.conversion import convert as convert
-    from dancedata.audio.jukebox.download import fetch as fetch
     from dancedata.audio.jukebox.encoder import JukeboxEncoder as JukeboxEncoder
-    from dancedata.audio.jukebox.overflow import JukeboxOverflowError as JukeboxOverflowError
-
-# No name is that of a module: importing that would put the module in its place.
-_HOMES = {
-    "JukeboxConfig": "config",
-    "JukeboxEncoder": "encoder",
-    "JukeboxOverflowError": "overflow",
-    "checkpoint_sha256": "conversion",
-    "convert": "conversion",
-    "fetch": "download",
-}
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
-
-
-def __dir__() -> list[str]:
-    return sorted([*globals(), *_HOMES])
+    from dancedata.audio.jukebox.network.overflow import JukeboxOverflowError as JukeboxOverflowError
+    from dancedata.audio.jukebox.weights.download import fetch as fetch
+    from dancedata.audio.jukebox.weights.folder import checkpoint_sha256 as checkpoint_sha256
+else:  # type checkers take the imports above, and so find misspelt names
+    # No name is that of a module: importing the module would replace it.
+    __getattr__, __dir__ = lazy_names(
+        __name__,
+        {
+            "JukeboxConfig": f"{__name__}.config",
+            "JukeboxEncoder": f"{__name__}.encoder",
+            "JukeboxOverflowError": f"{__name__}.network.overflow",
+            "checkpoint_sha256": f"{__name__}.weights.folder",
+            "convert": f"{__name__}.conversion",
+            "fetch": f"{__name__}.weights.download",
+        },
+    )

@@ -1,4 +1,4 @@
-"""What a clip has to be, and what the VQ-VAE hears of it."""
+"""Checks of clips and codes, and the samples of a clip that the VQ-VAE encodes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from dancedata.core.errors import DataError, UsageError, did_you_mean
 
 TooLong = Literal["error", "truncate"]
 _MAX_CHANNELS = 64
-# Of a cut clip the VQ-VAE hears so much more than is used: twice what a code depends on.
+# A truncated clip is encoded this far beyond its end: twice the reach of a code.
 _MARGIN_S = 1
 
 
@@ -25,7 +25,7 @@ def prepare(samples: ArrayLike, sample_rate: int, config: JukeboxConfig) -> NDAr
     samples
         (m,) or (channels, m), floating point.
     sample_rate
-        Samples a second.
+        In Hz.
 
     Returns
     -------
@@ -43,7 +43,7 @@ def prepare(samples: ArrayLike, sample_rate: int, config: JukeboxConfig) -> NDAr
     shaped = given.ndim == 1 or (given.ndim == 2 and 1 <= len(given) <= _MAX_CHANNELS)
     if not (shaped and np.issubdtype(given.dtype, np.floating)):
         raise UsageError(
-            "jukebox: these are no samples",
+            "jukebox: invalid samples",
             found=f"{given.dtype} of shape {given.shape}",
             allowed="floating-point samples, (m,) or (channels, m)",
         )
@@ -57,7 +57,7 @@ def prepare(samples: ArrayLike, sample_rate: int, config: JukeboxConfig) -> NDAr
     bad = np.flatnonzero(~np.isfinite(mono))
     if bad.size:
         raise DataError(
-            "jukebox: the clip has samples that are no numbers",
+            "jukebox: the clip has samples that are not finite",
             reason="nan",
             found=f"{bad.size} samples, the first at {bad[0] / sample_rate:.3f} s",
             allowed="finite samples",
@@ -69,49 +69,74 @@ def prepare(samples: ArrayLike, sample_rate: int, config: JukeboxConfig) -> NDAr
 
 
 def require_audio(n_samples: int, config: JukeboxConfig) -> None:
-    """Raise DataError "short_audio" for less than one code."""
+    """Raise DataError "short_audio" for fewer samples than one code."""
     if n_samples < config.hop:
         raise DataError(
             "jukebox: the clip is too short",
             reason="short_audio",
             found=f"{n_samples} samples at {config.sample_rate} Hz",
-            allowed=f"at least {config.hop}, which make one code",
+            allowed=f"at least {config.hop} (one code)",
         )
 
 
 def require_length(n_codes: int, max_codes: int, config: JukeboxConfig) -> None:
-    """Raise DataError "long_audio" for more codes than the network takes, or than tables were loaded for."""
+    """Raise DataError "long_audio" for more codes than the network takes, or than its tables were loaded for."""
     if n_codes <= max_codes:
         return
-    limit = f"{max_codes} codes, which is {max_codes / float(config.code_rate):.2f} s"
+    limit = f"{max_codes} codes ({max_codes / float(config.code_rate):.2f} s)"
     if max_codes < config.n_ctx:
-        limit += f" (of {config.n_ctx}: the encoder was loaded with max_codes={max_codes})"
+        limit += f", as the encoder was loaded with max_codes={max_codes} of {config.n_ctx}"
     raise DataError(
         "jukebox: the clip is too long",
         reason="long_audio",
-        found=f"{n_codes} codes, which is {n_codes / float(config.code_rate):.2f} s",
+        found=f"{n_codes} codes ({n_codes / float(config.code_rate):.2f} s)",
         allowed=f"at most {limit}",
-        fix='cut it into shorter clips, or give too_long="truncate": what lies behind the limit is then dropped, as '
-        "the reference does",
+        fix='cut it into shorter clips, or pass too_long="truncate" to drop the rest, as the reference does',
     )
 
 
 def fitted(audio: NDArray[np.float32], max_codes: int, config: JukeboxConfig, too_long: str) -> NDArray[np.float32]:
-    """Return as much of a prepared clip as the VQ-VAE should hear.
+    """Return the part of a prepared clip that the VQ-VAE encodes.
 
     Raises
     ------
     DataError
         "long_audio" for a clip of more than `max_codes` codes, unless `too_long` is "truncate".
     UsageError
-        Another value of `too_long`.
+        `too_long` has another value.
     """
     if too_long not in ("error", "truncate"):
         raise UsageError(
-            "jukebox: unknown way with clips that are too long",
+            "jukebox: invalid value for too_long",
             found=too_long,
             fix=did_you_mean(too_long, ("error", "truncate")),
         )
     if too_long == "error":
         require_length(len(audio) // config.hop, max_codes, config)
     return audio[: max_codes * config.hop + _MARGIN_S * config.sample_rate]
+
+
+def require_max_codes(max_codes: int | None, config: JukeboxConfig) -> int:
+    """Return the greatest length of clips in codes; None is the whole context."""
+    longest = config.n_ctx if max_codes is None else max_codes
+    if not 1 <= longest <= config.n_ctx:
+        raise UsageError("jukebox: invalid value for max_codes", found=max_codes, allowed=f"1 to {config.n_ctx}")
+    return longest
+
+
+def require_codes(codes: ArrayLike, config: JukeboxConfig) -> NDArray[np.int64]:
+    """Return one clip's codes as (n,) int64; UsageError for other arrays, DataError "short_audio" if empty."""
+    array = np.asarray(codes)
+    if array.ndim != 1 or not (np.issubdtype(array.dtype, np.integer) or not array.size):
+        raise UsageError(
+            "jukebox: invalid codes", found=f"{array.dtype} of shape {array.shape}", allowed="(n,) integers"
+        )
+    if not array.size:
+        raise DataError("jukebox: the clip has no codes", reason="short_audio", found="0 codes")
+    if array.min() < 0 or array.max() >= config.codebook_size:
+        raise UsageError(
+            "jukebox: codes out of range",
+            found=f"{array.min()} to {array.max()}",
+            allowed=f"0 to {config.codebook_size - 1}",
+        )
+    return array.astype(np.int64, copy=False)

@@ -1,18 +1,18 @@
-"""What a Jukebox network looks like: sizes of its VQ-VAE and of its top-level prior."""
+"""The sizes of a Jukebox network: of its VQ-VAE and of its top-level prior."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, fields
 from fractions import Fraction
 from typing import Any
 
 from dancedata.core.errors import UsageError
 
-# EDGE and jukemirlib state one length for every song, in seconds; the labels of all clips follow from it.
+# EDGE and jukemirlib label every song with one length, in seconds; the labels of all clips follow from it.
 TOTAL_LENGTH_S = 62
 
-# Hyperparameters that change the arithmetic, with the one value that is implemented: that of the 5b model.
+# Hyperparameters that change the arithmetic, with the only value that is implemented: that of the 5b model.
 _FIXED: dict[str, dict[str, Any]] = {
     "vqvae": {"m_conv": 1.0, "dilation_cycle": None},
     "prior": {
@@ -34,15 +34,15 @@ class JukeboxConfig:
     Attributes
     ----------
     downs : halvings of the time axis in each level-block of the encoder; their sum is log2 of the hop.
-    conv_width, conv_depth : channels, and residual units a halving, of the level-2 encoder.
+    conv_width, conv_depth : channels, and residual units per halving, of the level-2 encoder.
     dilation_growth : dilation of residual unit r is dilation_growth ** r.
     code_width, codebook_size : a code is one of codebook_size vectors (code_width,).
     width, depth, heads : of the transformer: residual stream, blocks, attention heads.
     attn_width, mlp_width : summed width of the heads; hidden width of the MLP.
-    n_ctx, n_rows : longest sequence in codes, and the rows that factored attention lays it out in.
+    n_ctx, n_rows : longest sequence in codes, and its rows in factored attention.
     n_artists, n_genres, time_bins : rows of the label tables.
     min_duration_s, max_duration_s : the range of the bins of the length label.
-    sample_rate : samples a second that the VQ-VAE hears.
+    sample_rate : of the input of the VQ-VAE, in Hz.
     """
 
     downs: tuple[int, ...] = (3, 2, 2)
@@ -66,13 +66,15 @@ class JukeboxConfig:
     sample_rate: int = 44100
 
     def __post_init__(self) -> None:
-        """Check that the sizes fit each other."""
-        # json gives lists; a config is a key of caches and has to be hashable.
+        """Check that the sizes agree with each other."""
+        # JSON has lists; a config is a cache key and must be hashable.
         object.__setattr__(self, "downs", tuple(self.downs))
         for field in fields(self):
             value = getattr(self, field.name)
             if any(v <= 0 for v in (value if isinstance(value, tuple) else (value,))):
-                raise UsageError(f"JukeboxConfig: bad {field.name}", found=value, allowed="numbers above 0")
+                raise UsageError(
+                    f"JukeboxConfig: invalid value for {field.name}", found=value, allowed="numbers above 0"
+                )
         for whole, part in (("attn_width", "heads"), ("n_ctx", "n_rows")):
             if getattr(self, whole) % getattr(self, part):
                 raise UsageError(
@@ -83,27 +85,27 @@ class JukeboxConfig:
             raise UsageError(
                 "JukeboxConfig: the label of the song's length is out of range",
                 found=f"{self.min_duration_s} to {self.max_duration_s} s",
-                allowed=f"a range that holds {TOTAL_LENGTH_S} s, which every clip is labelled with",
+                allowed=f"a range that includes {TOTAL_LENGTH_S} s, the label of every clip",
             )
 
     @property
     def hop(self) -> int:
-        """Samples a code: 128."""
+        """Samples per code: 128."""
         return int(2 ** sum(self.downs))
 
     @property
     def code_rate(self) -> Fraction:
-        """Codes a second: 44100 / 128 = 344.53125."""
+        """Codes per second: 44100 / 128 = 344.53125."""
         return Fraction(self.sample_rate, self.hop)
 
     @property
     def row_length(self) -> int:
-        """Codes a row of factored attention: 64."""
+        """Codes per row of factored attention: 64."""
         return self.n_ctx // self.n_rows
 
     @property
     def head_width(self) -> int:
-        """Columns an attention head: 150."""
+        """Columns per attention head: 150."""
         return self.attn_width // self.heads
 
     @property
@@ -118,19 +120,19 @@ class JukeboxConfig:
 
     @classmethod
     def from_hparams(cls, hparams: Mapping[str, Any]) -> JukeboxConfig:
-        """Read OpenAI's hyperparameter names.
+        """Make a config from OpenAI's hyperparameters.
 
         Parameters
         ----------
         hparams
             ``{"vqvae": {"downs_t", "width", "depth", "hvqvae_multipliers", ...}, "prior": {"prior_width",
-            "prior_depth", "heads", ...}}``. What is not used at inference may be there; what would change the
-            arithmetic has to have the value of the 5b model.
+            "prior_depth", "heads", ...}}``. Names that inference does not use are ignored; those that would change
+            the arithmetic must have the value of the 5b model.
 
         Raises
         ------
         UsageError
-            A name is missing, or a network of another kind (lyrics, other attention patterns) is described.
+            A name is missing, or the network is of another kind (lyrics, other attention patterns).
         """
         vqvae, prior = (_part(hparams, name) for name in _FIXED)
         strides = tuple(vqvae["strides_t"])
@@ -162,7 +164,7 @@ class JukeboxConfig:
         )
 
     def to_hparams(self) -> dict[str, Any]:
-        """Return what `from_hparams` reads; of the other levels of the VQ-VAE only their number is stated."""
+        """Return the argument of `from_hparams`; the other levels of the VQ-VAE are only counted."""
         levels = len(self.downs)
         return {
             "vqvae": {
@@ -200,7 +202,7 @@ class JukeboxConfig:
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> JukeboxConfig:
-        """Read what `to_json` wrote; UsageError for other keys."""
+        """Make a config from the result of `to_json`; UsageError for other keys."""
         names = {field.name for field in fields(cls)}
         if set(data) != names:
             raise UsageError(
@@ -222,12 +224,25 @@ _REQUIRED = {
 
 
 def _part_of(ratio: float, width: int) -> int:
-    """Return a width that is stated as a ratio: the whole part, as in OpenAI's code, but 4.9999999 is 5."""
+    """Return a width given as a ratio: the whole part, as in OpenAI's code, but 4.9999999 is 5."""
     return int(ratio * width + 1e-6)
 
 
+def require_layers(layers: Iterable[int], highest: int) -> tuple[int, ...]:
+    """Return the layers as a tuple; UsageError unless each is within 1 .. highest and occurs once."""
+    chosen = tuple(layers)
+    valid = all(isinstance(layer, int) and 1 <= layer <= highest for layer in chosen)
+    if not chosen or not valid or len(set(chosen)) < len(chosen):
+        raise UsageError(
+            "jukebox: invalid value for layers",
+            found=chosen,
+            allowed=f"one or more of 1 to {highest}, each once, in any order",
+        )
+    return chosen
+
+
 def _part(hparams: Mapping[str, Any], name: str) -> Mapping[str, Any]:
-    """Return one of the two parts, checked for missing names and for another kind of network."""
+    """Return one of the two parts; UsageError for missing names or another kind of network."""
     part = hparams.get(name)
     if not isinstance(part, Mapping):
         raise UsageError(
@@ -241,7 +256,7 @@ def _part(hparams: Mapping[str, Any], name: str) -> Mapping[str, Any]:
     for key, value in _FIXED[name].items():
         if part.get(key, value) != value:
             raise UsageError(
-                f"Jukebox hyperparameters: {name}.{key} describes another kind of network",
+                f"Jukebox hyperparameters: {name}.{key} belongs to another kind of network",
                 found=part[key],
                 allowed=f"{value} (as in the 5b model without lyrics)",
             )

@@ -1,15 +1,15 @@
-"""A checkpoint of only what a layer needs, as safetensors: 9.3 GB for layer 66, of 10.3.
+"""A checkpoint with only the tensors that a layer needs, as safetensors: 9.3 of 10.3 GB for layer 66.
 
 The folder::
 
     jukebox.json            format, config, layer, size and sha256 of every file, sha256 of the files it came from
     vqvae.safetensors       the level-2 encoder and its codebook
     tables.safetensors      embedding tables, the rows that clips look up
-    block-000.safetensors   one file a transformer block, 138 MB
+    block-000.safetensors   one file per transformer block, 138 MB
     ...
 
-Names and types are those of OpenAI's files, so any safetensors reader can use them. One file a block: whoever reads
-or writes the folder holds one block in memory, and a part of it is enough for a lower layer.
+Names and types are those of OpenAI's files, so any safetensors reader can use them. With one file per block, reading
+and writing hold one block in memory, and the first files are sufficient for a lower layer.
 """
 
 from __future__ import annotations
@@ -18,50 +18,41 @@ import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from dancedata.audio.jukebox import names
 from dancedata.audio.jukebox.config import JukeboxConfig
-from dancedata.audio.jukebox.licence import LICENCE
-from dancedata.audio.jukebox.loading import Checkpoint, open_openai
-from dancedata.audio.jukebox.sources import SafetensorsSource, TensorSource, require_tensors
+from dancedata.audio.jukebox.network.tensors import (
+    TensorSpec,
+    block_tensors,
+    prior_tensors,
+    table_tensors,
+    vqvae_tensors,
+)
+from dancedata.audio.jukebox.weights.files import LICENCE, MAX_JSON_BYTES
+from dancedata.audio.jukebox.weights.folder import (
+    DESCRIPTION_FILE,
+    FORMAT,
+    Description,
+    checkpoint_sha256,
+    read_description,
+)
+from dancedata.audio.jukebox.weights.loading import Checkpoint, open_openai
+from dancedata.audio.jukebox.weights.sources import SafetensorsSource, TensorSource, require_tensors
 from dancedata.core.atomic import atomic_file, write_json
 from dancedata.core.errors import DanceDataError, SourceError, UsageError
 from dancedata.core.hashing import sha256_file
 from dancedata.core.locks import writing_lock
 from dancedata.core.staging import Layout, staged, tidy
 from dancedata.core.strict_json import read_json
-from dancedata.core.text import shown
+from dancedata.core.text import listed
 
-DESCRIPTION_FILE = "jukebox.json"
-FORMAT = 1
 _VQVAE, _TABLES = "vqvae.safetensors", "tables.safetensors"
 _FILES = re.compile(r"(vqvae|tables|block-[0-9]{3})\.safetensors|jukebox\.json")
 
 
-@dataclass(frozen=True)
-class Description:
-    """What a converted folder says of itself.
-
-    Attributes
-    ----------
-    config : the network.
-    layer : the highest layer that can be computed.
-    files : (bytes, sha256) by file name.
-    source : sha256 of OpenAI's files, by file name.
-    """
-
-    config: JukeboxConfig
-    layer: int
-    files: Mapping[str, tuple[int, str]]
-    source: Mapping[str, str]
-
-
 def _is_whole(path: Path) -> bool:
     try:
-        return bool(read_json(path, names.MAX_JSON_BYTES)["format"] == FORMAT)
+        return bool(read_json(path, MAX_JSON_BYTES)["format"] == FORMAT)
     except (OSError, ValueError, KeyError, TypeError):
         return False
 
@@ -72,18 +63,19 @@ _LAYOUT = Layout(DESCRIPTION_FILE, _is_whole, lambda name: _FILES.fullmatch(name
 def convert(
     folder: Path | str, out: Path | str, layer: int = 66, *, config: JukeboxConfig | None = None
 ) -> Description:
-    """Write what `layer` needs of OpenAI's files as a folder of safetensors files.
+    """Write the tensors of OpenAI's files that `layer` needs as a folder of safetensors files.
 
-    Memory: one block. Files appear when all are written, jukebox.json last: without it the folder does not load.
+    Memory: one block. Files appear once all are written, jukebox.json last: without it the folder does not load.
 
     Parameters
     ----------
     folder
-        OpenAI's two files.
+        With OpenAI's two files.
     out
-        Is made. If it holds the finished conversion of the same files, to this layer, nothing is done.
+        Created if it does not exist. If it holds the finished conversion of the same files, to this layer, nothing is
+        done.
     layer
-        The highest layer that will be asked for, from 1.
+        The highest layer that the conversion can compute, from 1.
     config
         Sizes; None: the real 5b model.
 
@@ -98,11 +90,11 @@ def convert(
     """
     folder, out, config = Path(folder), Path(out), config or JukeboxConfig()
     if not 1 <= layer <= config.depth:
-        raise UsageError("jukebox: bad layer", found=layer, allowed=f"1 to {config.depth}")
+        raise UsageError("jukebox: invalid value for layer", found=layer, allowed=f"1 to {config.depth}")
     checkpoint = open_openai(folder, config)
     try:
-        require_tensors(checkpoint.vqvae, names.vqvae_tensors(config))
-        require_tensors(checkpoint.prior, names.prior_tensors(config, layer))
+        require_tensors(checkpoint.vqvae, vqvae_tensors(config))
+        require_tensors(checkpoint.prior, prior_tensors(config, layer))
         source = checkpoint_sha256(folder)
         with _folder_to_write(out):
             tidy(out, _LAYOUT)
@@ -117,7 +109,7 @@ def convert(
 
 @contextmanager
 def _folder_to_write(out: Path) -> Iterator[None]:
-    """Make the output folder, and lock it; a second process fails at once."""
+    """Create the output folder and lock it; a second process fails at once."""
     with ExitStack() as stack:
         try:
             out.mkdir(parents=True, exist_ok=True)
@@ -128,21 +120,21 @@ def _folder_to_write(out: Path) -> Iterator[None]:
 
 
 def _refuse_others(out: Path, names: Sequence[str]) -> None:
-    """Raise UsageError if files are there that the conversion would replace."""
-    there = [name for name in names if os.path.lexists(out / name)]
-    if there:
+    """Raise UsageError if the folder has files that the conversion would replace."""
+    existing = [name for name in names if os.path.lexists(out / name)]
+    if existing:
         raise UsageError(
-            "jukebox: the output folder holds files of these names already, and no finished conversion",
+            "jukebox: the output folder has files with the names of a conversion, but no finished conversion",
             where=out,
-            found=", ".join(there[:5]) + (", ..." if len(there) > 5 else ""),
-            fix="give another folder, or remove them if an interrupted conversion of an earlier version left them",
+            found=listed(existing),
+            fix="choose another folder, or remove the files if they are left from an interrupted conversion",
         )
 
 
 def write_converted(
     checkpoint: Checkpoint, out: Path, config: JukeboxConfig, layer: int, source: Mapping[str, str]
 ) -> Description:
-    """Fill a folder from open sources; `source` is what `Description.source` says of them."""
+    """Fill a folder from open sources; `source` becomes `Description.source`."""
     out.mkdir(parents=True, exist_ok=True)
     files = {}
     for name, tensors, specs in _parts(checkpoint, config, layer):
@@ -163,54 +155,18 @@ def write_converted(
     return description
 
 
-def checkpoint_sha256(folder: Path | str) -> dict[str, str]:
-    """Return what identifies the weights: SHA-256 of OpenAI's two files, also for a folder converted from them."""
-    folder = Path(folder)
-    if (folder / DESCRIPTION_FILE).exists():
-        return dict(read_description(folder).source)
-    return {name: sha256_file(folder / name) for name in (names.VQVAE_FILE, names.PRIOR_FILE)}
-
-
-def read_description(folder: Path) -> Description:
-    """Read jukebox.json; SourceError if it is missing, damaged, or of another format version."""
-    path = folder / DESCRIPTION_FILE
-    try:
-        data: Any = read_json(path, names.MAX_JSON_BYTES)
-        if data["format"] != FORMAT:
-            raise SourceError(
-                "the converted checkpoint is of another format", where=path, found=data["format"], allowed=FORMAT
-            )
-        files = {name: (int(what["bytes"]), str(what["sha256"])) for name, what in data["files"].items()}
-        config = JukeboxConfig.from_json(data["config"])
-        return Description(config, int(data["layer"]), files, {str(k): str(v) for k, v in data["source"].items()})
-    except OSError as error:
-        raise SourceError(
-            "this is no finished conversion of a Jukebox checkpoint",
-            where=folder,
-            found=f"no readable {DESCRIPTION_FILE}",
-            fix="dancedata jukebox convert makes one; it goes last, so an interrupted conversion lacks it",
-        ) from error
-    except (ValueError, KeyError, TypeError, AttributeError, UsageError) as error:
-        raise SourceError(
-            "the description of a converted checkpoint is damaged",
-            where=path,
-            found=shown(error),
-            fix="convert again",
-        ) from error
-
-
 def open_converted(folder: Path, description: Description, layer: int, *, verify: bool = False) -> Checkpoint:
     """Open the files that `layer` needs.
 
     Parameters
     ----------
     verify
-        Compare every file's SHA-256 as well, not its size alone.
+        Compare the SHA-256 of every file, not only its size.
 
     Raises
     ------
     SourceError
-        A file is missing, or has another size or hash than jukebox.json says.
+        A file is missing, or its size or hash differs from jukebox.json.
     """
     files = [_VQVAE, _TABLES, *(_block_file(index) for index in range(layer))]
     for name in files:
@@ -221,15 +177,15 @@ def open_converted(folder: Path, description: Description, layer: int, *, verify
             raise SourceError(
                 "a file of the converted checkpoint is missing"
                 if found is None
-                else "a file of the converted checkpoint is truncated or another",
+                else "a file of the converted checkpoint has the wrong size",
                 where=path,
                 found=None if found is None else f"{found} bytes",
-                allowed=f"{size} bytes, as {DESCRIPTION_FILE} says" if size is not None else None,
+                allowed=f"{size} bytes, as in {DESCRIPTION_FILE}" if size is not None else None,
                 fix="copy the folder again, or convert again",
             )
         if verify and sha256_file(path) != digest:
             raise SourceError(
-                "a file of the converted checkpoint is damaged: its SHA-256 is not that of jukebox.json",
+                "a file of the converted checkpoint is damaged: its SHA-256 differs from jukebox.json",
                 where=path,
                 fix="copy the folder again, or convert again",
             )
@@ -238,18 +194,18 @@ def open_converted(folder: Path, description: Description, layer: int, *, verify
 
 
 def verify_converted(folder: Path | str) -> None:
-    """Compare every file of a converted folder with its SHA-256; SourceError names one that differs."""
+    """Compare the SHA-256 of every file of a converted folder; SourceError names the first that differs."""
     description = read_description(Path(folder))
     open_converted(Path(folder), description, description.layer, verify=True).close()
 
 
 def _parts(
     checkpoint: Checkpoint, config: JukeboxConfig, layer: int
-) -> list[tuple[str, TensorSource, tuple[names.TensorSpec, ...]]]:
-    blocks = [(_block_file(i), checkpoint.prior, names.block_tensors(config, i)) for i in range(layer)]
+) -> list[tuple[str, TensorSource, tuple[TensorSpec, ...]]]:
+    blocks = [(_block_file(i), checkpoint.prior, block_tensors(config, i)) for i in range(layer)]
     return [
-        (_VQVAE, checkpoint.vqvae, names.vqvae_tensors(config)),
-        (_TABLES, checkpoint.prior, names.table_tensors(config, config.n_ctx)),
+        (_VQVAE, checkpoint.vqvae, vqvae_tensors(config)),
+        (_TABLES, checkpoint.prior, table_tensors(config, config.n_ctx)),
         *blocks,
     ]
 
@@ -258,7 +214,7 @@ def _block_file(index: int) -> str:
     return f"block-{index:03d}.safetensors"
 
 
-def _write(path: Path, source: TensorSource, specs: tuple[names.TensorSpec, ...]) -> None:
+def _write(path: Path, source: TensorSource, specs: tuple[TensorSpec, ...]) -> None:
     from safetensors.torch import save_file
 
     tensors = {spec.name: source.read(spec.name, spec.rows) for spec in specs}
@@ -274,18 +230,18 @@ def _unwritable(path: Path, error: OSError) -> DanceDataError:
         "jukebox: the converted checkpoint cannot be written",
         where=path,
         found=str(error),
-        fix="it needs about 9.4 GB of free disk for layer 66; the conversion can be started again",
+        fix="free about 9.4 GB of disk space for layer 66, and convert again",
     )
 
 
 def _finished(out: Path, config: JukeboxConfig, layer: int, source: Mapping[str, str]) -> Description:
-    there = read_description(out)
-    if (there.config, there.layer, dict(there.source)) != (config, layer, dict(source)):
+    found = read_description(out)
+    if (found.config, found.layer, dict(found.source)) != (config, layer, dict(source)):
         raise UsageError(
-            "jukebox: the output folder holds another conversion",
+            "jukebox: the output folder has another conversion",
             where=out,
-            found=f"layer {there.layer}, of files {dict(there.source)}",
+            found=f"layer {found.layer}, of files {dict(found.source)}",
             allowed=f"layer {layer}, of files {dict(source)}",
-            fix="give another folder, or remove this one",
+            fix="choose another folder, or remove this one",
         )
-    return there
+    return found

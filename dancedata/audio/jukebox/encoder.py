@@ -10,18 +10,25 @@ import numpy as np
 import torch
 from numpy.typing import ArrayLike, NDArray
 
-from dancedata.audio.jukebox import memory
-from dancedata.audio.jukebox.arguments import require_codes, require_device, require_layers, require_max_codes
-from dancedata.audio.jukebox.batching import Batches
-from dancedata.audio.jukebox.clips import TooLong, fitted, prepare, require_audio, require_length
-from dancedata.audio.jukebox.config import JukeboxConfig
-from dancedata.audio.jukebox.conversion import open_converted, read_description
-from dancedata.audio.jukebox.loading import Checkpoint, load_encoder, load_prior, open_openai
-from dancedata.audio.jukebox.overflow import overflow
-from dancedata.audio.jukebox.precision import compute_dtype, exact_float32, resolve_precision
-from dancedata.audio.jukebox.prior import Prior
-from dancedata.audio.jukebox.resampling import n_frames, resampling_matrix
-from dancedata.audio.jukebox.vqvae import VqEncoder
+from dancedata.audio.jukebox.clips import (
+    TooLong,
+    fitted,
+    prepare,
+    require_audio,
+    require_codes,
+    require_length,
+    require_max_codes,
+)
+from dancedata.audio.jukebox.config import JukeboxConfig, require_layers
+from dancedata.audio.jukebox.conversion import open_converted
+from dancedata.audio.jukebox.devices import require_device
+from dancedata.audio.jukebox.network import memory
+from dancedata.audio.jukebox.network.batches import Batches
+from dancedata.audio.jukebox.network.overflow import overflow
+from dancedata.audio.jukebox.network.precision import compute_dtype, exact_float32, resolve_precision
+from dancedata.audio.jukebox.network.resampling import n_frames, resampling_matrix
+from dancedata.audio.jukebox.weights.folder import read_description
+from dancedata.audio.jukebox.weights.loading import Checkpoint, load_encoder, load_prior, open_openai
 from dancedata.core.errors import UsageError
 
 Features = dict[int, NDArray[np.float32]]
@@ -31,43 +38,46 @@ MAX_MATRICES = 4
 
 
 class JukeboxEncoder:
-    """Turns clips of music into activations of Jukebox's 5b prior. Made by `from_openai` or `from_converted`.
+    """Turns clips of music into activations of Jukebox's 5b prior. Created by `from_openai` or `from_converted`.
 
-    Every clip is encoded by itself: its own gain, its own time from 0. Clips do not influence each other, in whatever
-    batch they are computed.
+    Every clip is encoded by itself, with its own gain and its own time from 0. Clips do not influence each other,
+    whatever the batches.
 
     Attributes
     ----------
     config : sizes of the network.
     layers : layers that are returned, in this order; layer n is the residual stream after the n-th block.
-    device : where it computes.
-    precision : "fp32", "fp16" or "bf16": what "auto" became.
-    max_codes : the longest clip, in codes (344.53125 a second).
-    placement : which blocks are on the device; the others wait on the host for their turn.
+    device : the device to compute on.
+    precision : "fp32", "fp16" or "bf16"; "auto" is resolved.
+    max_codes : length of the longest clip, in codes (344.53125 per second).
+    placement : which blocks are on the device; the others are copied from the host when they are needed.
     """
 
     def __init__(
         self,
+        checkpoint: Checkpoint,
         config: JukeboxConfig,
-        vqvae: VqEncoder,
-        prior: Prior,
-        *,
         layers: tuple[int, ...],
-        device: torch.device,
+        device: str | torch.device | None,
         precision: str,
-        max_codes: int,
-        placement: memory.Placement,
-        budget: int | None,
+        max_codes: int | None,
+        memory_budget: int | None,
     ) -> None:
-        self.config = config
-        self.layers = layers
-        self.device = device
-        self.precision = precision
-        self.max_codes = max_codes
-        self.placement = placement
-        self._vqvae = vqvae
-        self._prior = prior
-        self._budget = budget
+        try:
+            self.config = config
+            self.layers = layers
+            self.device = require_device(device)
+            self.precision = resolve_precision(precision, self.device)
+            self.max_codes = require_max_codes(max_codes, config)
+            self._budget = memory.free_memory(self.device) if memory_budget is None else memory_budget
+            dtype = compute_dtype(self.precision)
+            self.placement = memory.place(config, max(layers), dtype, self.max_codes, self._budget)
+            self._vqvae = load_encoder(checkpoint, config, self.device)
+            self._prior = load_prior(
+                checkpoint, config, self.placement, max_codes=self.max_codes, precision=dtype, device=self.device
+            )
+        finally:
+            checkpoint.close()
         self._batches = Batches()
         self._matrices: dict[tuple[int, int], torch.Tensor] = {}
 
@@ -92,7 +102,7 @@ class JukeboxEncoder:
         Parameters
         ----------
         folder
-            Has vqvae.pth.tar and prior_level_2.pth.tar. Only the tensors that the layers need are read.
+            With vqvae.pth.tar and prior_level_2.pth.tar. Only the tensors that the layers need are read.
         config
             Sizes; None: the real 5b model.
         layers
@@ -101,24 +111,24 @@ class JukeboxEncoder:
             Such as "cuda:1"; None: CUDA if there is a card, else the CPU.
         precision
             "auto" (fp16 on CUDA, fp32 elsewhere), "fp32", "fp16" or "bf16": type of weights and matrix products. The
-            residual stream, norms and softmax are fp32 in all of them.
+            residual stream, norms and softmax are always fp32.
         max_codes
-            The longest clip, in codes; position tables are loaded for so many only. None: the whole context, 8192.
+            Length of the longest clip, in codes; position tables are loaded up to it. None: the whole context, 8192.
         memory_budget
-            Bytes that may be used on the device. Blocks that do not fit stay on the host and come for their turn.
-            None: what is free on a card, no limit on a CPU.
+            Bytes that may be used on the device. Blocks that do not fit stay on the host and are copied when they are
+            needed. None: the free memory of a card, no limit on a CPU.
 
         Raises
         ------
         SourceError
             A file or tensor is missing, truncated, of another shape, or of another network.
         UsageError
-            A parameter is out of range, or the device too small.
+            A parameter is out of range, or the memory of the device is too small.
         """
         config = config or JukeboxConfig()
         chosen = require_layers(layers, config.depth)
         checkpoint = open_openai(Path(folder), config)
-        return cls._load(checkpoint, config, chosen, device, precision, max_codes, memory_budget)
+        return cls(checkpoint, config, chosen, device, precision, max_codes, memory_budget)
 
     @classmethod
     def from_converted(
@@ -132,12 +142,12 @@ class JukeboxEncoder:
         max_codes: int | None = None,
         memory_budget: int | None = None,
     ) -> JukeboxEncoder:
-        """Load a folder that `convert` made. As `from_openai`, but for the two parameters below.
+        """Load a folder that `convert` wrote. As `from_openai`, except for the two parameters below.
 
         Parameters
         ----------
         config
-            None: what the folder says; another one is an error.
+            None: that of the folder; another one is an error.
         layers
             None: the highest layer that was converted.
         """
@@ -152,41 +162,7 @@ class JukeboxEncoder:
             )
         chosen = require_layers((description.layer,) if layers is None else layers, description.layer)
         checkpoint = open_converted(folder, description, max(chosen))
-        return cls._load(checkpoint, description.config, chosen, device, precision, max_codes, memory_budget)
-
-    @classmethod
-    def _load(
-        cls,
-        checkpoint: Checkpoint,
-        config: JukeboxConfig,
-        layers: tuple[int, ...],
-        device: str | torch.device | None,
-        precision: str,
-        max_codes: int | None,
-        budget: int | None,
-    ) -> JukeboxEncoder:
-        try:
-            target = require_device(device)
-            name = resolve_precision(precision, target)
-            dtype = compute_dtype(name)
-            longest = require_max_codes(max_codes, config)
-            budget = memory.free_memory(target) if budget is None else budget
-            placement = memory.place(config, max(layers), dtype, longest, budget)
-            vqvae = load_encoder(checkpoint, config, target)
-            prior = load_prior(checkpoint, config, placement, max_codes=longest, precision=dtype, device=target)
-        finally:
-            checkpoint.close()
-        return cls(
-            config,
-            vqvae,
-            prior,
-            layers=layers,
-            device=target,
-            precision=name,
-            max_codes=longest,
-            placement=placement,
-            budget=budget,
-        )
+        return cls(checkpoint, description.config, chosen, device, precision, max_codes, memory_budget)
 
     def encode(self, samples: ArrayLike, sample_rate: int) -> NDArray[np.int64]:
         """Encode a clip of any length as VQ-VAE codes.
@@ -196,7 +172,7 @@ class JukeboxEncoder:
         samples
             (m,) or (channels, m) floating point; averaged, resampled to 44.1 kHz and divided by the largest value.
         sample_rate
-            Samples a second.
+            In Hz.
 
         Returns
         -------
@@ -213,7 +189,7 @@ class JukeboxEncoder:
     def encode_batch(
         self, clips: Sequence[ArrayLike], sample_rate: int, *, batch_size: int | None = None
     ) -> list[NDArray[np.int64]]:
-        """Encode several clips as `encode` does; those of equal length that follow each other at once.
+        """Encode several clips as `encode` does; consecutive ones of equal length at once.
 
         Parameters
         ----------
@@ -240,7 +216,7 @@ class JukeboxEncoder:
         DataError
             "short_audio" (no code) or "long_audio" (more than `max_codes`).
         JukeboxOverflowError
-            In fp16, a value left the range of its type; says how to go on.
+            In fp16, a value left the range of its type; the message suggests another precision.
         """
         return self.activations_batch([codes])[0]
 
@@ -261,10 +237,10 @@ class JukeboxEncoder:
         samples, sample_rate
             As for `encode`.
         fps
-            Frames a second.
+            Frames per second.
         too_long
-            What becomes of a clip of more than `max_codes` codes (23.78 s): "error", or "truncate": what lies behind
-            is dropped, as the reference does silently.
+            How to treat a clip of more than `max_codes` codes (23.78 s): "error", or "truncate": the rest is dropped,
+            as the reference does silently.
 
         Returns
         -------
@@ -297,12 +273,12 @@ class JukeboxEncoder:
     def embed_prepared(
         self, clips: Sequence[NDArray[np.float32]], fps: float = 30, *, batch_size: int | None = None
     ) -> list[Features]:
-        """Embed clips as they are, such as parts of a song that was prepared as a whole and has one gain.
+        """Embed prepared clips, such as parts of a song that was prepared as a whole and has one gain.
 
         Parameters
         ----------
         clips
-            Each (n,) float32 at the config's sample rate, as `clips.prepare` gives it.
+            Each (n,) float32 at the config's sample rate, as `clips.prepare` returns it.
         fps, batch_size
             As for `embed_batch`.
 
@@ -320,12 +296,12 @@ class JukeboxEncoder:
         self, clips: Sequence[NDArray[np.float32]], fps: float, batch_size: int | None
     ) -> list[Features]:
         if not fps > 0:
-            raise UsageError("jukebox: bad fps", found=fps, allowed="a number above 0")
+            raise UsageError("jukebox: invalid value for fps", found=fps, allowed="a number above 0")
         codes = [one[: self.max_codes] for one in self._encode_prepared(clips, batch_size)]
         return self._in_batches(codes, fps, batch_size)
 
     def batch_size(self, n_codes: int) -> int:
-        """Clips of `n_codes` codes that fit on the device at once; 1 on a CPU, where more are no faster."""
+        """Return how many clips of `n_codes` codes fit on the device; 1 on a CPU, where more are not faster."""
         free = None if self._budget is None else self._budget - self.placement.weight_bytes
         if self.device.type != "cuda":
             free = None
@@ -349,10 +325,10 @@ class JukeboxEncoder:
     def _in_batches(
         self, codes: Sequence[NDArray[np.int64]], fps: float | None, batch_size: int | None
     ) -> list[Features]:
-        """Compute the layers of all clips, at `fps` or (None) at one row a code."""
+        """Compute the layers of all clips, at `fps` or (None) at one row per code."""
         if not codes:
             return []
-        # Clips of about equal length together: the least padding.
+        # Clips of similar length together, for the least padding.
         order = sorted(range(len(codes)), key=lambda i: len(codes[i]))
         results: dict[int, Features] = {}
         in_order = [codes[i] for i in order]
@@ -363,7 +339,7 @@ class JukeboxEncoder:
 
     @torch.inference_mode()
     def _compute(self, codes: Sequence[NDArray[np.int64]], fps: float | None) -> list[Features]:
-        """One batch."""
+        """Compute one batch."""
         lengths = [len(one) for one in codes]
         padded = np.zeros((len(codes), max(lengths)), dtype=np.int64)
         for row, one in zip(padded, codes, strict=True):
@@ -377,7 +353,7 @@ class JukeboxEncoder:
         return [{layer: found[layer][i] for layer in self.layers} for i in range(len(codes))]
 
     def _rows(self, h: torch.Tensor, fps: float | None) -> NDArray[np.float32]:
-        """(n, W) of one clip on the device -> (n, W) or (T, W), a copy of its own on the host."""
+        """(n, W) of one clip on the device -> (n, W) or (T, W), copied to the host."""
         if fps is None:
             return h.cpu().numpy().copy()
         n_codes = len(h)
@@ -385,7 +361,7 @@ class JukeboxEncoder:
         return (self._matrix(n_codes, frames) @ h).cpu().numpy()
 
     def _matrix(self, n_codes: int, frames: int) -> torch.Tensor:
-        """Return the resampling matrix on the device; the last ones are kept there, 1 MB for a 5-s clip."""
+        """Return the resampling matrix on the device; the latest ones are cached, 1 MB for a 5-s clip."""
         key = (n_codes, frames)
         if key not in self._matrices:
             if len(self._matrices) == MAX_MATRICES:

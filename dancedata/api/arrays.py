@@ -1,0 +1,160 @@
+"""extract, encode and decode: one song or one motion at a time, without a dataset."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.errors import UsageError
+from dancedata.core.grid import FrameGrid, Number
+from dancedata.core.hashing import sha256_file
+from dancedata.core.motion import Motion
+from dancedata.core.registry import CONTACTS, FEATURES, REPRESENTATIONS
+from dancedata.core.text import shown
+from dancedata.execution.threads import exactly, on_one_thread
+from dancedata.recipes.plugins import make_named, one_of, raise_problems
+
+
+def extract(
+    feature: str,
+    song: str | Path | AudioSignal,
+    *,
+    fps: Number = 30,
+    start_bpm: float | None = None,
+    **parameters: Any,
+) -> npt.NDArray[Any]:
+    """Compute an audio feature of a whole song, as a build of scope "track" does.
+
+    Parameters
+    ----------
+    feature
+        Name of a registered audio feature, such as "librosa35".
+    song
+        An audio file (wav, flac, mp3, ogg) or an AudioSignal.
+    fps
+        Rows per second.
+    start_bpm
+        Tempo to start from, where the feature tracks beats. None: it is estimated.
+    parameters
+        The feature's own, as in a recipe.
+
+    Returns
+    -------
+    (T, D) array
+        A row per frame; float32, or the feature's own type. Nothing is cached; `FeatureCache` does that.
+
+    Raises
+    ------
+    UsageError
+        For an unknown feature or parameter, naming the closest known one.
+    DataError
+        If the song cannot be read, or the feature cannot be computed of it.
+
+    Examples
+    --------
+    >>> import dancedata
+    >>> dancedata.extract("librosa35", "song.wav", fps=30, start_bpm=120).shape
+    (1800, 35)
+    """
+    from dancedata.audio.signal import load_audio
+
+    plugin = make_named(FEATURES, "audio", feature, parameters).resolved(sha256_file)
+    signal = song if isinstance(song, AudioSignal) else load_audio(song)
+    compute = exactly if plugin.exact else on_one_thread
+    rows: npt.NDArray[Any] = compute(partial(plugin.extract, start_bpm=start_bpm), signal, FrameGrid.of(fps))
+    return rows
+
+
+def encode(
+    motion: Motion, representation: str, *, contacts: Any = None, **parameters: Any
+) -> npt.NDArray[np.float32]:
+    """Encode a motion as the columns of a representation, at the motion's own frame rate.
+
+    Parameters
+    ----------
+    motion
+        Translation in metres, rotations in radians, +Y up.
+    representation
+        Name of a registered representation, such as "edge151".
+    contacts
+        Contact rule: its name, or ``{name: {parameters}}``. Default: the representation's own.
+    parameters
+        The representation's own, as in a recipe.
+
+    Returns
+    -------
+    (T, D) array
+        float32, a row per frame, not normalised.
+
+    Raises
+    ------
+    UsageError
+        For an unknown representation, rule or parameter, and for a `motion` that is not a Motion.
+    DataError
+        If the representation cannot hold this motion, such as one on another skeleton.
+
+    Examples
+    --------
+    >>> import dancedata
+    >>> dancedata.encode(motion, "edge151", contacts={"velocity": {"max_speed_m_s": 0.3}}).shape
+    (150, 151)
+    """
+    if not isinstance(motion, Motion):
+        raise UsageError(
+            "encode takes a Motion: an array has neither a frame rate nor a skeleton",
+            found=shown(motion),
+            fix="make one: dancedata.Motion(translation, rotations, FrameGrid.of(30), SMPL24)",
+        )
+    plugin = make_named(REPRESENTATIONS, "motion", representation, parameters)
+    rule = contacts if contacts is not None else plugin.default_contacts
+    problems: list[str] = []
+    made = None if rule is None else one_of(CONTACTS, "contacts", rule, problems)
+    raise_problems(problems)
+    array: npt.NDArray[np.float32] = plugin.encode(motion, made)
+    return array
+
+
+def decode(array: npt.NDArray[Any], representation: str, *, fps: Number = 30, **parameters: Any) -> Motion:
+    """Decode the columns of a representation into a motion.
+
+    Parameters
+    ----------
+    array
+        (T, D) columns, not normalised: as stored, or as `unnormalize` returns them.
+    representation
+        Name of the representation that the columns are in.
+    fps
+        Frames per second of the rows.
+    parameters
+        The representation's own, as in a recipe.
+
+    Returns
+    -------
+    Motion
+        Metres, radians, +Y up.
+
+    Raises
+    ------
+    UsageError
+        For an unknown representation or parameter, and for a representation that holds positions only.
+    DataError
+        If the columns are not those of the representation, or not finite.
+
+    Examples
+    --------
+    >>> import dancedata
+    >>> dancedata.decode(ds.read(window, "edge151"), "edge151", fps=ds.fps)
+    Motion(150 frames at 30 FPS, 5.00 s, skeleton smpl24)
+    """
+    plugin = make_named(REPRESENTATIONS, "motion", representation, parameters)
+    if not plugin.decodes:
+        raise UsageError(
+            f"{representation} cannot be decoded: positions do not determine how a bone turns about its own axis",
+            fix="use the positions as they are, or store a representation that holds rotations as well",
+        )
+    return plugin.decode(array, FrameGrid.of(fps))

@@ -1,0 +1,272 @@
+"""build, plan and check from Python: what the command line does, which calls the same functions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from dancedata.core.errors import UsageError
+from dancedata.execution.progress import Progress
+from dancedata.pipeline.build import build as _build
+from dancedata.pipeline.check import check as _check
+from dancedata.pipeline.part import Part, PartResult
+from dancedata.pipeline.part import build_part as _build_part
+from dancedata.pipeline.plan import Plan, make_plan
+from dancedata.pipeline.summary import BuildResult
+from dancedata.recipes.parse import load_recipe
+from dancedata.recipes.recipe import Recipe
+from dancedata.store import Problem
+
+__all__ = ["build", "build_part", "check", "plan"]
+
+#: A recipe's name, its YAML file, its document, or one that is checked already.
+RecipeLike = str | Path | Mapping[str, Any] | Recipe
+#: ``["windows.stride_s=1"]`` or ``{"windows.stride_s": 1}``.
+Overrides = Iterable[str] | Mapping[str, Any]
+
+
+def build(
+    recipe: RecipeLike,
+    source: str | Path | None = None,
+    out: str | Path | None = None,
+    *,
+    overrides: Overrides = (),
+    jobs: int | None = None,
+    overwrite: bool = False,
+    strict: bool = False,
+    cache: str | Path | None = None,
+    backend: str = "loky",
+    scheduler: str | None = None,
+    progress: bool = True,
+) -> BuildResult:
+    """Build a dataset, as ``dancedata build`` does.
+
+    Parameters
+    ----------
+    recipe
+        Name of a recipe that comes with the package ("demo", "aist++"), path of a YAML file, or the document as a
+        dict.
+    source
+        Folder with the dataset's files. None: only for a dataset that is generated, such as "demo"; its files are
+        written to ``OUT-source``.
+    out
+        Folder to write. Default: ``data/NAME`` in the working folder.
+    overrides
+        Keys of the recipe to change: ``{"windows.stride_s": 1}``, or ``["windows.stride_s=1"]`` as on the command
+        line.
+    jobs
+        Worker processes. Default: one per core. The result does not depend on it.
+    overwrite
+        Replace a dataset in `out` that was built from another recipe or source.
+    strict
+        Raise an error at a broken clip instead of setting it aside.
+    cache
+        Folder of the cache. Default: $DANCEDATA_CACHE, else the user's cache folder.
+    backend, scheduler
+        "loky": processes of this machine. "dask": the workers of the Dask scheduler at the address `scheduler`, and
+        `jobs` does not count.
+    progress
+        Show progress on stderr: a bar on a terminal or in a notebook, lines elsewhere.
+
+    Returns
+    -------
+    BuildResult
+        Path, counts per split, what was left out and why; `open()` opens the dataset. A dataset that was built
+        before from the same recipe and source is left as it is.
+
+    Raises
+    ------
+    UsageError
+        For an unknown recipe, a missing source, or `jobs` below 1; as RecipeError for a recipe that is wrong.
+    SourceError, StoreError
+        If the source or `out` cannot be used, or no clip is left to build from.
+    DataError
+        With `strict`, for the broken clips.
+
+    Examples
+    --------
+    >>> import dancedata
+    >>> built = dancedata.build("aist++", "~/aist_plusplus_final", "data/aistpp", overrides={"windows.stride_s": 1})
+    >>> built.counts["train"]["windows"], built.left_out
+    >>> ds = built.open()
+    """
+    asked = _Asked.of(recipe, source, out, overrides)
+    shown = Progress(quiet=not progress)
+    shown.announce(f"building {asked.recipe.name} from {asked.source} into {asked.out}")
+    return _build(
+        asked.recipe, asked.source, asked.out, jobs=_jobs(jobs), overwrite=overwrite, strict=strict,
+        cache=_folder(cache), progress=shown, backend=backend, scheduler=scheduler,
+    )  # fmt: skip
+
+
+def build_part(
+    recipe: RecipeLike,
+    source: str | Path | None,
+    part: str,
+    *,
+    out: str | Path | None = None,
+    overrides: Overrides = (),
+    jobs: int | None = None,
+    strict: bool = False,
+    cache: str | Path | None = None,
+    progress: bool = True,
+) -> PartResult:
+    """Compute a share of a build into the cache, as ``dancedata build --part 3/16`` does; no dataset is written.
+
+    Parameters
+    ----------
+    part
+        "3/16": the third of sixteen shares. `build` afterwards collects what all shares have computed.
+    recipe, source, out, overrides, jobs, strict, cache, progress
+        As in `build`; `out` only names the source of a dataset that is generated.
+
+    Returns
+    -------
+    PartResult
+        Clips and songs of the share, and what will be left out.
+    """
+    asked = _Asked.of(recipe, source, out, overrides)
+    shown = Progress(quiet=not progress)
+    shown.announce(f"computing part {part} of {asked.recipe.name} from {asked.source}")
+    return _build_part(
+        asked.recipe, asked.source, Part.parse(part), jobs=_jobs(jobs), strict=strict, cache=_folder(cache),
+        progress=shown,
+    )  # fmt: skip
+
+
+def plan(
+    recipe: RecipeLike,
+    source: str | Path | None = None,
+    out: str | Path | None = None,
+    *,
+    overrides: Overrides = (),
+    jobs: int | None = 1,
+    cache: str | Path | None = None,
+    progress: bool = True,
+) -> Plan:
+    """Show what a build would make, as ``dancedata plan`` does.
+
+    Only lengths are read. No feature is computed and nothing is written to `out`; a dataset that is generated writes
+    its source if that is missing.
+
+    Parameters
+    ----------
+    recipe, source, out, overrides, cache, progress
+        As in `build`.
+    jobs
+        Worker processes; None: one per core.
+
+    Returns
+    -------
+    Plan
+        `summary` is the text that the command prints, `to_json()` the same as data: clips, windows, columns, bytes,
+        what would be left out, and how much of each field is in the cache.
+
+    Raises
+    ------
+    UsageError
+        As for `build`.
+    SourceError
+        If the source cannot be used. A source of which no clip is left is not an error here: `Plan.require_clips`
+        raises it.
+
+    Examples
+    --------
+    >>> import dancedata
+    >>> print(dancedata.plan("finedance", "~/finedance").summary)
+    """
+    asked = _Asked.of(recipe, source, out, overrides)
+    shown = Progress(quiet=not progress)
+    if not asked.source.exists() and asked.recipe.dataset.generates:
+        shown.write(f"the dataset {asked.recipe.dataset.name} writes its own source: {asked.source}")
+    return make_plan(asked.recipe, asked.source, jobs=_jobs(jobs), cache=_folder(cache), progress=shown)
+
+
+def check(
+    path: str | Path,
+    *,
+    dataset: str | None = None,
+    recipe: RecipeLike | None = None,
+    overrides: Overrides = (),
+    jobs: int | None = 1,
+    progress: bool = True,
+) -> list[Problem]:
+    """Check a built dataset or a source folder, as ``dancedata check`` does.
+
+    Parameters
+    ----------
+    path
+        Folder that `build` wrote, or a folder to build from.
+    dataset
+        Reader of a source folder, such as "aist++". Default: the first one that recognises it.
+    recipe, overrides
+        Read a source folder as this recipe does.
+    jobs
+        Worker processes for a source folder; None: one per core.
+    progress
+        As in `build`.
+
+    Returns
+    -------
+    list of Problem
+        Each with `severity` ("error" or "note"), `where` and `message`. Without an error the folder is sound.
+
+    Raises
+    ------
+    UsageError
+        For an unknown dataset or recipe.
+    SourceError
+        If the folder is neither a built dataset nor a source of a known one.
+
+    Examples
+    --------
+    >>> import dancedata
+    >>> [problem for problem in dancedata.check("data/aistpp") if problem.severity == "error"]
+    []
+    """
+    if recipe is not None and dataset is not None:
+        raise UsageError("dataset and recipe both choose a reader", fix="give one of them")
+    if overrides and recipe is None:
+        raise UsageError("--set, or overrides, change keys of a recipe", fix="name the recipe as well")
+    reader = dataset if recipe is None else load_recipe(recipe, overrides).dataset
+    return _check(Path(path).expanduser(), dataset=reader, jobs=_jobs(jobs), progress=Progress(quiet=not progress))
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """A recipe, the folder it reads and the folder it writes."""
+
+    recipe: Recipe
+    source: Path
+    out: Path
+
+    @classmethod
+    def of(
+        cls, recipe: RecipeLike, source: str | Path | None, out: str | Path | None, overrides: Overrides
+    ) -> _Asked:
+        made = load_recipe(recipe, overrides)
+        target = _folder(out) or Path("data") / made.name
+        if source is not None:
+            return cls(made, Path(source).expanduser(), target)
+        if made.dataset.generates:
+            return cls(made, target.parent / f"{target.name}-source", target)
+        raise UsageError(
+            f"the dataset {made.dataset.name} needs a source",
+            fix=f"name the folder with its files: dancedata build {made.name} --source DIR, or source=DIR in Python",
+        )
+
+
+def _folder(path: str | Path | None) -> Path | None:
+    return None if path is None else Path(path).expanduser()
+
+
+def _jobs(jobs: int | None) -> int:
+    if jobs is None:
+        from loky import cpu_count
+
+        return int(cpu_count())
+    if jobs < 1:
+        raise UsageError("invalid number of worker processes", found=jobs, allowed="1 and above, or None")
+    return jobs

@@ -1,0 +1,330 @@
+"""Jukebox embeddings as an audio feature of recipes."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from contextlib import nullcontext
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.audio.jukebox.config import JukeboxConfig, require_layers
+from dancedata.audio.jukebox.contexts import contexts_of
+from dancedata.audio.jukebox.weights.folder import checkpoint_sha256, config_of, highest_layer, is_converted
+from dancedata.audio.signal import pcm16, resampled_length
+from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.columns import Columns, Group
+from dancedata.core.errors import DataError, SourceError, UsageError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.hashing import json_sha256
+from dancedata.core.plugins import AudioFeature
+from dancedata.core.registry import FEATURES
+
+if TYPE_CHECKING:
+    from dancedata.audio.jukebox import JukeboxEncoder
+
+#: Names the folder of the weights unless a recipe does.
+ENVIRONMENT = "DANCEDATA_JUKEBOX"
+
+Precision = Literal["auto", "fp32", "fp16", "bf16"]
+
+
+@FEATURES.register("jukebox")
+@dataclass(frozen=True)
+class Jukebox(AudioFeature):
+    """Activations of OpenAI's Jukebox 5b prior (Dhariwal et al. 2020), EDGE's music features.
+
+    Scope window is EDGE's: each window, quantised to 16 bit, by itself, with its own gain and its own start. Scope
+    track covers a song with overlapping contexts of 23.5 s and one gain for the song, which takes about a tenth of
+    the time; docs/decisions/0024 explains the differences. The weights are OpenAI's, under a Noncommercial Use
+    License.
+
+    Attributes
+    ----------
+    weights
+        Folder with OpenAI's two files, or a converted one. Default: $DANCEDATA_JUKEBOX.
+    weights_sha256
+        Hash that identifies the weights. A build fills it in; if it is given, the weights must match.
+    layer
+        1 to 72; EDGE uses 66.
+    precision
+        Type of weights and products; the residual stream is always float32. "auto": fp16 on CUDA, fp32 on a CPU;
+        a build records the resolved value.
+    overlap_s
+        Scope track: least overlap of adjacent contexts in seconds.
+    device
+        Such as "cuda:1" or "cpu"; "auto": every card, one process each, else the CPU. It affects the numbers only
+        through the precision.
+    batch_size
+        Windows at once; 0: as many as fit into the device's free memory.
+    """
+
+    version: ClassVar[int] = 1
+    packages: ClassVar[tuple[str, ...]] = ("torch", "soxr")
+    #: The next song is decoded while the device computes.
+    reads_ahead: ClassVar[bool] = True
+    exact: ClassVar[bool] = False
+    uses_tempo: ClassVar[bool] = False
+
+    weights: Path | None = field(default=None, metadata={"path": True})
+    weights_sha256: str = ""
+    layer: int = 66
+    precision: Precision = "auto"
+    overlap_s: float = 4.0
+    device: str = field(default="auto", metadata={"path": True})
+    batch_size: int = field(default=0, metadata={"path": True})
+
+    def __post_init__(self) -> None:
+        """Check the values that do not depend on the weights."""
+        if self.layer < 1 or self.batch_size < 0:
+            raise UsageError(
+                "jukebox: invalid value for layer or batch_size",
+                found=f"layer {self.layer}, batch_size {self.batch_size}",
+                allowed="layer from 1, batch_size from 0",
+            )
+
+    @classmethod
+    def make_example(cls, folder: Path) -> Jukebox:
+        """Write a tiny random checkpoint in the real layout, and return the feature that uses it. For tests."""
+        from dancedata.audio.jukebox.weights.random_weights import random_checkpoint
+        from dancedata.core.hashing import sha256_file
+
+        random_checkpoint(folder)
+        return cls(weights=folder, layer=6, device="cpu").resolved(sha256_file)
+
+    def with_weights(self, folder: Path) -> Jukebox:
+        """Return the feature with the weights in a folder."""
+        return replace(self, weights=folder)
+
+    @property
+    def columns(self) -> Columns:
+        """One column per unit of the residual stream: 4800."""
+        return Columns((Group(f"layer{self.layer}", self._config.width, "1"),))
+
+    @property
+    def dtype(self) -> Literal["float32", "float16"]:
+        """Half precision: as exact as the network in fp16, in half the space."""
+        return "float16"
+
+    @property
+    def windows_a_call(self) -> int:
+        """Windows per call, which are published together: a killed build loses at most this many."""
+        return self.batch_size or (32 if self._devices() else 1)
+
+    def resolved(self, hash_file: Callable[[Path], str]) -> Jukebox:
+        """Return the feature with the precision and the hash of the weights resolved.
+
+        Raises
+        ------
+        SourceError
+            The folder of the weights does not exist, or they are of another network.
+        UsageError
+            The weights do not match `weights_sha256` or lack the layer, or the device does not exist.
+        """
+        from dancedata.audio.jukebox.devices import require_device
+        from dancedata.audio.jukebox.network.precision import resolve_precision
+
+        folder = self._folder()
+        cards = self._devices() or ["cpu" if self.device == "auto" else self.device]
+        device = require_device(cards[0])
+        sha256 = json_sha256({"files": checkpoint_sha256(folder, hash_file), "config": self._config.to_json()})
+        if self.weights_sha256 not in ("", sha256):
+            raise UsageError(
+                "jukebox: the weights do not match the recipe",
+                where=folder,
+                found=sha256,
+                allowed=self.weights_sha256,
+                fix="set weights to the folder that has them, or omit weights_sha256",
+            )
+        require_layers((self.layer,), highest_layer(folder))
+        precision: Any = resolve_precision(self.precision, device)
+        return replace(self, weights=folder, weights_sha256=sha256, precision=precision)
+
+    def workers(self, jobs: int) -> int:
+        """Return the number of processes: one per card, or one on a CPU."""
+        return max(1, len(self._devices()))
+
+    def n_rows(self, n_samples: int, sample_rate: int, grid: FrameGrid) -> int:
+        """Return the number of rows of a song: one for every frame that begins before its last code ends."""
+        from dancedata.audio.jukebox.network.resampling import n_frames
+
+        config = self._config
+        contexts_of(1, n_ctx=config.n_ctx, code_rate=config.code_rate, fps=grid.rate, overlap_s=self._overlap)
+        codes = resampled_length(n_samples, sample_rate, config.sample_rate) // config.hop
+        return n_frames(codes, grid.rate, config.code_rate)
+
+    def extract(self, signal: AudioSignal, grid: FrameGrid, *, start_bpm: float | None = None) -> npt.NDArray[Any]:
+        """Embed a whole song (scope: track).
+
+        Parameters
+        ----------
+        start_bpm
+            Not used.
+
+        Returns
+        -------
+        (T, D) float16
+
+        Raises
+        ------
+        DataError
+            "short_audio" for a song of less than one code, 128 samples at 44.1 kHz.
+        """
+        from dancedata.audio.jukebox.clips import prepare
+
+        encoder, config = self._encoder(self._config.n_ctx), self._config
+        audio = prepare(signal.samples, signal.sample_rate, config)
+        n_codes = len(audio) // config.hop
+        parts = contexts_of(
+            n_codes, n_ctx=config.n_ctx, code_rate=config.code_rate, fps=grid.rate, overlap_s=self._overlap
+        )
+        clips = [audio[p.first_code * config.hop : (p.first_code + p.n_codes) * config.hop] for p in parts[:-1]]
+        # The last one includes the samples after the last whole code, as a clip does.
+        clips.append(audio[parts[-1].first_code * config.hop :])
+        with self._threads():
+            found = encoder.embed_prepared(clips, float(grid.rate), batch_size=self.batch_size or None)
+        rows = [one[self.layer][p.keep_from : p.keep_to] for p, one in zip(parts, found, strict=True)]
+        return self._stored(np.concatenate(rows))
+
+    def extract_windows(
+        self,
+        signal: AudioSignal,
+        starts: npt.NDArray[np.int64],
+        n_samples: int,
+        grid: FrameGrid,
+        n_rows: int,
+        *,
+        start_bpm: float | None = None,
+    ) -> npt.NDArray[Any]:
+        """Embed windows, each by itself, as EDGE does (scope: window).
+
+        Returns
+        -------
+        (W, n_rows, D) float16
+
+        Raises
+        ------
+        DataError
+            "short_audio" for a window beyond the end of the signal; "long_audio" for windows of more than 23.78 s.
+        """
+        if len(starts) and int(np.max(starts)) + n_samples > signal.n_samples:
+            raise DataError(
+                "jukebox: a window reaches beyond the signal",
+                reason="short_audio",
+                found=f"samples {int(np.max(starts))} to {int(np.max(starts)) + n_samples}",
+                allowed=f"up to {signal.n_samples}",
+            )
+        clips = [pcm16(signal.samples[start : start + n_samples]) for start in starts]
+        codes = resampled_length(n_samples, signal.sample_rate, self._config.sample_rate) // self._config.hop
+        with self._threads():
+            found = self._encoder(codes).embed_batch(
+                clips, signal.sample_rate, float(grid.rate), batch_size=self.batch_size or None
+            )
+        rows = [one[self.layer][:n_rows] for one in found]
+        if any(len(one) < n_rows for one in rows):
+            raise DataError(
+                "jukebox: the windows are too short",
+                reason="short_audio",
+                found=f"{min(map(len, rows))} rows",
+                allowed=f"audio for {n_rows} rows",
+            )
+        width = self._config.width
+        return self._stored(np.stack(rows) if rows else np.empty((0, n_rows, width), np.float32))
+
+    @property
+    def _overlap(self) -> Fraction:
+        return Fraction(str(self.overlap_s))
+
+    @property
+    def _config(self) -> JukeboxConfig:
+        folder = self.weights or _named_folder()
+        return config_of(folder) if folder is not None else JukeboxConfig()
+
+    def _folder(self) -> Path:
+        folder = self.weights or _named_folder()
+        if folder is None:
+            raise UsageError(
+                "jukebox: the folder of the weights is unknown (they are not part of this package)",
+                fix=f"set {ENVIRONMENT}, or audio.jukebox.weights in the recipe, to the folder that "
+                "`dancedata jukebox fetch` or `convert` wrote",
+            )
+        if not folder.is_dir():
+            raise SourceError("the folder of Jukebox's weights does not exist", where=folder)
+        return folder.absolute()
+
+    def _devices(self) -> list[str]:
+        """Return the cards to compute on; empty on a CPU."""
+        if self.device != "auto":
+            return [self.device] if self.device.startswith("cuda") else []
+        import torch
+
+        return [f"cuda:{k}" for k in range(torch.cuda.device_count())]
+
+    def _encoder(self, n_codes: int) -> JukeboxEncoder:
+        """Return the network, with tables for clips of up to `n_codes` codes."""
+        from dancedata.audio.jukebox.network.memory import padded_length
+
+        device = self.device
+        if device == "auto":
+            from dancedata.audio.jukebox.devices import claimed
+
+            device = claimed(tuple(self._devices())) or "cpu"
+        # Rounded up to whole rows: the same length for songs of all sample rates.
+        longest = min(padded_length(self._config, max(n_codes, 1)), self._config.n_ctx)
+        return _loaded(self._folder(), self.weights_sha256, self.layer, self.precision, device, longest)
+
+    def _threads(self) -> Any:
+        """Use all cores on a CPU: a build runs one process of this feature there."""
+        if self._devices():
+            return nullcontext()
+        from loky import cpu_count
+        from threadpoolctl import threadpool_limits
+
+        # The cores that this process may use: a batch system assigns a part of the machine.
+        return threadpool_limits(limits=cpu_count())
+
+    def _stored(self, rows: npt.NDArray[np.float32]) -> npt.NDArray[np.float16]:
+        largest = float(np.abs(rows).max(initial=0))
+        if not largest <= float(np.finfo(np.float16).max):
+            raise DataError(
+                "jukebox: an activation exceeds the range of float16",
+                reason="overflow",
+                found=largest,
+                fix="choose another layer",
+            )
+        return rows.astype(np.float16)
+
+
+def _named_folder() -> Path | None:
+    named = os.environ.get(ENVIRONMENT)
+    return Path(named) if named else None
+
+
+#: The network of this process, by the arguments of `_loaded`.
+_network: dict[tuple[Any, ...], JukeboxEncoder] = {}
+
+
+def _loaded(
+    folder: Path, weights_sha256: str, layer: int, precision: str, device: str, max_codes: int
+) -> JukeboxEncoder:
+    """Load the weights once per process.
+
+    Their hash is part of the key: the files in the folder may have changed.
+    """
+    from dancedata.audio.jukebox import JukeboxEncoder
+
+    key = (folder, weights_sha256, layer, precision, device, max_codes)
+    if key not in _network:
+        # The previous one is released first: few devices have memory for two.
+        _network.clear()
+        how: Any = {"layers": (layer,), "device": device, "precision": precision, "max_codes": max_codes}
+        if is_converted(folder):
+            _network[key] = JukeboxEncoder.from_converted(folder, **how)
+        else:
+            _network[key] = JukeboxEncoder.from_openai(folder, config=config_of(folder), **how)
+    return _network[key]

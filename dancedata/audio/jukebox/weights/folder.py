@@ -1,0 +1,144 @@
+"""Facts about a folder of weights, read without torch: the sizes of its network, its layers, its hashes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from dancedata.audio.jukebox.config import JukeboxConfig
+from dancedata.audio.jukebox.weights.files import MAX_JSON_BYTES, PRIOR_FILE, VQVAE_FILE
+from dancedata.core.errors import SourceError, UsageError
+from dancedata.core.hashing import sha256_file
+from dancedata.core.strict_json import read_json
+from dancedata.core.text import quoted, shown
+
+#: Sizes of another network than the real one, beside OpenAI's files.
+HPARAMS_FILE = "hparams.json"
+#: Marks a converted folder, see `conversion`.
+DESCRIPTION_FILE = "jukebox.json"
+FORMAT = 1
+
+
+@dataclass(frozen=True)
+class Description:
+    """The content of a converted folder's jukebox.json.
+
+    Attributes
+    ----------
+    config : the network.
+    layer : the highest layer that can be computed.
+    files : (bytes, sha256) by file name.
+    source : sha256 of OpenAI's files, by file name.
+    """
+
+    config: JukeboxConfig
+    layer: int
+    files: Mapping[str, tuple[int, str]]
+    source: Mapping[str, str]
+
+
+def is_converted(folder: Path) -> bool:
+    """Return whether a folder was written by `convert`."""
+    return (folder / DESCRIPTION_FILE).exists()
+
+
+def read_description(folder: Path) -> Description:
+    """Read jukebox.json; SourceError if it is missing, damaged, or of another format version."""
+    path = folder / DESCRIPTION_FILE
+    try:
+        data: Any = read_json(path, MAX_JSON_BYTES)
+        if data["format"] != FORMAT:
+            raise SourceError(
+                "the converted checkpoint has another format version",
+                where=path,
+                found=data["format"],
+                allowed=FORMAT,
+            )
+        files = {name: (int(about["bytes"]), str(about["sha256"])) for name, about in data["files"].items()}
+        config = JukeboxConfig.from_json(data["config"])
+        return Description(config, int(data["layer"]), files, {str(k): str(v) for k, v in data["source"].items()})
+    except OSError as error:
+        raise SourceError(
+            "not a finished conversion of a Jukebox checkpoint",
+            where=folder,
+            found=f"no readable {DESCRIPTION_FILE}",
+            fix=f"convert with `dancedata jukebox convert`; it writes {DESCRIPTION_FILE} last",
+        ) from error
+    except (ValueError, KeyError, TypeError, AttributeError, UsageError) as error:
+        raise SourceError(
+            "the description of a converted checkpoint is damaged",
+            where=path,
+            found=shown(error),
+            fix="convert again",
+        ) from error
+
+
+@lru_cache(maxsize=8)
+def config_of(folder: Path) -> JukeboxConfig:
+    """Return the sizes of a folder's network: from jukebox.json or hparams.json, else those of the real model."""
+    if is_converted(folder):
+        return read_description(folder).config
+    path = folder / HPARAMS_FILE
+    if not path.exists():
+        return JukeboxConfig()
+    try:
+        return JukeboxConfig.from_hparams(read_json(path, MAX_JSON_BYTES))
+    except (OSError, ValueError, TypeError, AttributeError, KeyError, IndexError) as error:
+        raise SourceError("the sizes of the network cannot be read", where=path, found=shown(error)) from error
+
+
+def highest_layer(folder: Path) -> int:
+    """Return the last layer that the weights in a folder are sufficient for."""
+    return read_description(folder).layer if is_converted(folder) else config_of(folder).depth
+
+
+def checkpoint_sha256(folder: Path | str, hash_file: Callable[[Path], str] = sha256_file) -> dict[str, str]:
+    """Return what identifies the weights: SHA-256 of OpenAI's two files, also for a folder converted from them.
+
+    Parameters
+    ----------
+    folder
+        With OpenAI's two files, or converted.
+    hash_file
+        Returns the SHA-256 of a file.
+
+    Raises
+    ------
+    SourceError
+        A file is missing, or it is a Hugging Face model.
+    """
+    folder = Path(folder)
+    if is_converted(folder):
+        return dict(read_description(folder).source)
+    refuse_hugging_face(folder)
+    missing = [name for name in (VQVAE_FILE, PRIOR_FILE) if not (folder / name).is_file()]
+    if missing:
+        raise SourceError(
+            "a file of Jukebox's weights is missing",
+            where=folder,
+            found=", ".join(missing) + " not there",
+            fix="get both with `dancedata jukebox fetch`",
+        )
+    return {name: hash_file(folder / name) for name in (VQVAE_FILE, PRIOR_FILE)}
+
+
+def refuse_hugging_face(folder: Path) -> None:
+    """Raise SourceError for a folder with one of the models from the Hugging Face hub."""
+    try:
+        description = read_json(folder / "config.json", MAX_JSON_BYTES)
+    except (OSError, ValueError):
+        return
+    kind = description.get("model_type") if isinstance(description, dict) else None
+    if isinstance(kind, str) and kind.startswith("jukebox"):
+        raise SourceError(
+            "a Jukebox model of the Hugging Face hub is another network: its prior was trained with lyrics and "
+            "attends to them in additional blocks (5b: 79 instead of 72), so its activations cannot replace those of "
+            "OpenAI's model",
+            where=folder,
+            found=f"config.json with model_type {quoted(kind)}",
+            allowed=f"OpenAI's 5b model without lyrics: {VQVAE_FILE} and {PRIOR_FILE}",
+            fix="get it with `dancedata jukebox fetch`; it is not on the hub",
+        )

@@ -1,0 +1,148 @@
+"""Loading a network from files: each tensor is read by itself, directly into its type and onto its device."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from accelerate import init_empty_weights  # type: ignore[import-untyped]
+from accelerate.utils import set_module_tensor_to_device  # type: ignore[import-untyped]
+
+from dancedata.audio.jukebox.config import JukeboxConfig
+from dancedata.audio.jukebox.network import tensors
+from dancedata.audio.jukebox.network.block_stream import BlockStream
+from dancedata.audio.jukebox.network.conditioning import start_vector, time_conditioning
+from dancedata.audio.jukebox.network.memory import Placement, padded_length
+from dancedata.audio.jukebox.network.prior import Prior
+from dancedata.audio.jukebox.network.transformer import Block, parameter_name, prepared
+from dancedata.audio.jukebox.network.vqvae import VqEncoder
+from dancedata.audio.jukebox.weights.files import PRIOR_FILE, VQVAE_FILE
+from dancedata.audio.jukebox.weights.folder import refuse_hugging_face
+from dancedata.audio.jukebox.weights.sources import TensorSource, open_torch_file, require_tensors
+from dancedata.core.errors import SourceError
+from dancedata.core.text import listed
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """Open sources of the two networks; to be closed once everything is loaded.
+
+    Attributes
+    ----------
+    vqvae, prior : sources of their tensors (the same one for a converted checkpoint).
+    trimmed : whether the sources have only the needed rows.
+    """
+
+    vqvae: TensorSource
+    prior: TensorSource
+    trimmed: bool = False
+
+    def close(self) -> None:
+        """Close the files."""
+        self.vqvae.close()
+        self.prior.close()
+
+
+def open_openai(folder: Path, config: JukeboxConfig) -> Checkpoint:
+    """Open OpenAI's vqvae.pth.tar and prior_level_2.pth.tar, and check that they belong to this network.
+
+    Raises
+    ------
+    SourceError
+        A file is missing, truncated or of another network. That includes the Hugging Face models.
+    DataError
+        "unsafe_pickle".
+    """
+    refuse_hugging_face(folder)
+    vqvae = open_torch_file(folder / VQVAE_FILE)
+    try:
+        prior = open_torch_file(folder / PRIOR_FILE)
+    except BaseException:
+        vqvae.close()
+        raise
+    checkpoint = Checkpoint(vqvae, prior)
+    try:
+        known = {spec.name for spec in tensors.vqvae_tensors(config)}
+        prefixes = (tensors.ENCODER.split(".level")[0] + ".", tensors.CODEBOOK)
+        _refuse_unknown(vqvae, (name for name in vqvae.shapes() if name.startswith(prefixes)), known)
+        _refuse_unknown(prior, prior.shapes(), tensors.all_prior_names(config))
+    except BaseException:
+        checkpoint.close()
+        raise
+    return checkpoint
+
+
+def load_encoder(checkpoint: Checkpoint, config: JukeboxConfig, device: torch.device) -> VqEncoder:
+    """Load the level-2 encoder and its codebook, as fp32."""
+    specs = tensors.vqvae_tensors(config)
+    source = checkpoint.vqvae
+    require_tensors(source, specs, trimmed=checkpoint.trimmed)
+    return VqEncoder(config, {s.name: source.read(s.name, s.rows).to(device, torch.float32) for s in specs})
+
+
+def load_prior(
+    checkpoint: Checkpoint,
+    config: JukeboxConfig,
+    placement: Placement,
+    *,
+    max_codes: int,
+    precision: torch.dtype,
+    device: torch.device,
+) -> Prior:
+    """Load the blocks of `placement`, and tables for up to `max_codes` codes."""
+    source, n_blocks, length = checkpoint.prior, len(placement.resident), padded_length(config, max_codes)
+    require_tensors(source, tensors.prior_tensors(config, n_blocks, length), trimmed=checkpoint.trimmed)
+    start, positions = load_conditioning(source, config, length)
+    code_table = source.read(tensors.CODES, config.codebook_size).float()
+    blocks = []
+    for index, here in enumerate(placement.resident):
+        block = empty_block(config, index, precision)
+        pinned = device.type == "cuda" and not here
+        fill_block(block, source, device if here else torch.device("cpu"), pinned=pinned)
+        blocks.append(block)
+    stream = BlockStream(blocks, placement.resident, device)
+    return Prior(config, start.to(device), code_table.to(device), positions.to(device), stream)
+
+
+def load_conditioning(source: TensorSource, config: JukeboxConfig, n_codes: int) -> tuple[torch.Tensor, torch.Tensor]:
+    """Load y_cond (W,), and the position embedding plus x_cond (n_codes, W), both float32."""
+    rows = {spec.name: spec.rows for spec in tensors.table_tensors(config, n_codes)}
+
+    def read(name: str) -> torch.Tensor:
+        return source.read(name, rows[name]).float()
+
+    x_cond = time_conditioning(
+        config, read(tensors.SONG_LENGTH), read(tensors.SONG_POSITION), read(tensors.RELATIVE_POSITION), n_codes
+    )
+    return start_vector(read(tensors.GENRES), read(tensors.ARTISTS)), x_cond.add_(read(tensors.POSITIONS))
+
+
+def empty_block(config: JukeboxConfig, index: int, precision: torch.dtype) -> Block:
+    """Create a block without memory (meta device)."""
+    with init_empty_weights():
+        return Block(config, index, precision)
+
+
+def fill_block(block: Block, source: TensorSource, device: torch.device, *, pinned: bool) -> None:
+    """Load the weights of a block, one tensor at a time."""
+    for spec in block.specs:
+        stored = source.read(spec.name, spec.rows)
+        value = prepared(spec.name, stored)
+        dtype = block.kept_dtype(spec.name, stored.dtype)
+        if pinned:
+            value = value.to(dtype).pin_memory()
+        set_module_tensor_to_device(block, parameter_name(spec.name), device, value=value, dtype=dtype)
+
+
+def _refuse_unknown(source: TensorSource, found: Iterable[str], known: Iterable[str]) -> None:
+    unknown = sorted(set(found) - set(known))
+    if unknown:
+        raise SourceError(
+            "the checkpoint has unknown tensors: it belongs to another network",
+            where=source.path,
+            found=listed(unknown),
+            allowed="the 5b model without lyrics (or that of the JukeboxConfig)",
+            fix="get the right files with `dancedata jukebox fetch`",
+        )

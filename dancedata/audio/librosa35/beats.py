@@ -1,0 +1,137 @@
+"""Beats of windows: librosa's `beat_track` (Ellis, "Beat tracking by dynamic programming", 2007), vectorised.
+
+The best score up to a frame depends on frames at least half a beat earlier, so half a beat of frames is
+computed at once, for all windows. Sums have the order and the precision (double) of librosa's kernels.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from dancedata.audio.librosa35.arrays import Floats
+from dancedata.audio.librosa35.settings import HOP
+
+Doubles = NDArray[np.float64]
+
+
+def window_beats(envelopes: Floats, tempos: NDArray[np.float64], rate: int, tightness: float) -> NDArray[np.bool_]:
+    """Return which frames of envelopes (W, T) are beats, given each window's tempo (W,) in beats per minute."""
+    beats = np.zeros(envelopes.shape, dtype=np.bool_)
+    audible = np.flatnonzero(envelopes.any(axis=1))
+    if not len(audible):
+        return beats
+    envelopes = envelopes[audible]
+    period = np.round(float(rate) / HOP * 60.0 / tempos[audible]).astype(np.int64)
+    score = _local_score(envelopes, period)
+    links, total = _best_paths(score, period, np.float64(np.float32(tightness)))
+    last = _last_beats(total)
+    for k, window in enumerate(audible):
+        path = _path(links[k].tolist(), int(last[k]))
+        beats[window, path] = True
+        _trim(score[k], beats[window])
+    return beats
+
+
+def _local_score(envelopes: Floats, period: NDArray[np.int64]) -> Doubles:
+    """Smooth envelopes of unit deviation by a Gaussian of 1/32 beat; (W, T)."""
+    deviation = envelopes.std(axis=1, ddof=1, keepdims=True)
+    onsets = envelopes / (deviation + np.finfo(np.float32).tiny)
+    # librosa's convolution stops short of the first frame.
+    onsets[:, 0] = 0
+    reach, n_frames = int(period.max()), onsets.shape[1]
+    padded = np.pad(onsets.astype(np.float64), ((0, 0), (reach, reach)))
+    score = np.zeros(onsets.shape)
+    offsets = np.arange(-reach, reach + 1)
+    weights = np.exp(-0.5 * (offsets * 32.0 / period[:, np.newaxis]) ** 2)
+    weights[np.abs(offsets) > period[:, np.newaxis]] = 0
+    for k, offset in enumerate(offsets.tolist()):
+        start = reach - offset
+        score += weights[:, k, np.newaxis] * padded[:, start : start + n_frames]
+    return score
+
+
+def _best_paths(score: Doubles, period: NDArray[np.int64], tightness: float) -> tuple[NDArray[np.int64], Doubles]:
+    """Find for each frame the previous beat, and the score of the best path that ends at it.
+
+    Returns
+    -------
+    links
+        (W, T) frame of the previous beat, or -1.
+    total
+        (W, T).
+    """
+    n_windows, n_frames = score.shape
+    # A beat lies half a period to two periods after the previous one; halves round to even.
+    nearest, farthest = np.round(period / 2).astype(np.int64), 2 * period
+    low, high = max(1, int(nearest.min())), int(farthest.max())
+    penalty = _penalty(np.arange(low, high + 1), period, nearest, farthest, tightness)
+    # Frames before the first one have no score.
+    padded = np.full((n_windows, high + n_frames), -np.inf)
+    links = np.full((n_windows, n_frames), -1)
+    total = np.empty_like(score)
+    # For frame t, totals of t - low, t - low - 1, ..., t - high.
+    before = sliding_window_view(padded, high - low + 1, axis=1)[:, :, ::-1]
+    for first in range(0, n_frames, low):
+        frames = slice(first, min(first + low, n_frames))
+        candidates = before[:, frames] - penalty[:, np.newaxis]
+        lag = candidates.argmax(axis=2)
+        best = candidates.max(axis=2)
+        linked = best > -np.inf
+        total[:, frames] = np.where(linked, score[:, frames] + best, score[:, frames])
+        links[:, frames] = np.where(linked, np.arange(n_frames)[frames] - low - lag, -1)
+        padded[:, high + first : high + first + low] = total[:, frames]
+    # The first beat must be loud enough: no links before it.
+    loud = score >= 0.01 * score.max(axis=1, keepdims=True)
+    links[np.arange(n_frames) < loud.argmax(axis=1)[:, np.newaxis]] = -1
+    return links, total
+
+
+def _penalty(
+    lags: NDArray[np.int64],
+    period: NDArray[np.int64],
+    nearest: NDArray[np.int64],
+    farthest: NDArray[np.int64],
+    tightness: float,
+) -> NDArray[np.float64]:
+    """Cost (W, L) of a beat `lags` frames after the previous one; infinite where that is not allowed."""
+    deviation = np.log(lags.astype(np.float64)) - np.log(period.astype(np.float64))[:, np.newaxis]
+    possible = (lags >= nearest[:, np.newaxis]) & (lags <= farthest[:, np.newaxis])
+    return np.where(possible, tightness * (deviation * deviation), np.inf)
+
+
+def _last_beats(total: Doubles) -> NDArray[np.int64]:
+    """Return the last local maximum of each path score that is at least half the median of its maxima."""
+    n_frames = total.shape[1]
+    peak = np.zeros(total.shape, dtype=np.bool_)
+    peak[:, 1:-1] = (total[:, 1:-1] > total[:, :-2]) & (total[:, 1:-1] >= total[:, 2:])
+    peak[:, -1] = total[:, -1] > total[:, -2]
+    count = peak.sum(axis=1)
+    ascending = np.sort(np.where(peak, total, np.inf), axis=1)
+    middle = np.stack([np.maximum(count - 1, 0) // 2, count // 2], axis=1)
+    middle = np.minimum(middle, n_frames - 1)
+    low, high = np.take_along_axis(ascending, middle, axis=1).T
+    threshold = 0.5 * ((low + high) / 2)
+    candidate = peak & (total >= threshold[:, np.newaxis])
+    last: NDArray[np.int64] = n_frames - 1 - candidate[:, ::-1].argmax(axis=1)
+    return last
+
+
+def _path(links: list[int], last: int) -> list[int]:
+    path = []
+    while last >= 0:
+        path.append(last)
+        last = links[last]
+    return path
+
+
+def _trim(score: Doubles, beats: NDArray[np.bool_]) -> None:
+    """Drop beats before the first, and after the last, frame whose score is above half the beats' RMS."""
+    strengths = np.convolve(score[beats], [0.0, 0.5, 1.0, 0.5, 0.0])[2 : len(score) + 2]
+    strong = score > 0.5 * np.sqrt(strengths @ strengths / len(strengths))
+    first, last = int(strong.argmax()), len(strong) - int(strong[::-1].argmax())
+    if not strong[first]:
+        first = last
+    beats[:first] = False
+    beats[last:] = False

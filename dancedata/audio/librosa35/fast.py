@@ -1,0 +1,197 @@
+"""The fast version of librosa35: what the windows of a song have in common is computed once.
+
+The numbers are those of `reference`, up to float32 rounding; docs/decisions/0010 explains why. Nothing here needs
+librosa or numba, whose import takes seconds in every process.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dancedata.audio.librosa35.arrays import Floats, one_blas_thread
+from dancedata.audio.librosa35.beats import window_beats
+from dancedata.audio.librosa35.chroma import cens, window_chroma
+from dancedata.audio.librosa35.filters import N_OCTAVES, filter_bank, has_one_bank
+from dancedata.audio.librosa35.onset import envelope_and_mfcc
+from dancedata.audio.librosa35.resample import MAX_PERIOD, period, resampled
+from dancedata.audio.librosa35.settings import HOP, N_COLUMNS, TEMPO_SAMPLE_RATE, Settings
+from dancedata.audio.librosa35.spectra import mel_db, window_spectra
+from dancedata.audio.librosa35.tempo import window_tempos
+from dancedata.audio.librosa35.ties import decide_near_ties, decided_onsets, librosa_tuning
+from dancedata.audio.librosa35.tuning import window_tuning
+from dancedata.audio.librosa35.windows import Windows, resampled_windows, shortest
+from dancedata.audio.signal import pcm16, resampled_length
+
+_TEMPO_START_BPM = 120.0
+# With fewer rows every frame touches an end of the signal; the reference is fast enough for them.
+_MIN_ROWS = 16
+_MIN_PEAK, _MAX_PEAK = 1e-6, 1e6
+# A window with a passage this far below the track's peak (-80 dB) is computed by itself: resampling the track
+# leaves rounding noise there (1e-8 of the loud samples nearby), and chroma are scaled to unit length.
+_QUIET = 1e-4
+_PIECE = 1 << 14
+# Longer tiles save more at their borders and take more memory.
+_TILE_S = 64
+
+
+def why_not_windows(n_samples: int, sample_rate: int, rate: int) -> str:
+    """Return why this version cannot compute windows of `n_samples`; empty if it can. The reference always can."""
+    if not has_one_bank(rate):
+        return f"at {rate / HOP:g} frames per second librosa's constant-Q filters differ between octaves"
+    is_short = resampled_length(n_samples, sample_rate, rate) < HOP * _MIN_ROWS
+    return f"it needs more than {_MIN_ROWS} rows" if is_short else ""
+
+
+def why_not_shared(sample_rate: int, rate: int) -> str:
+    """Return why windows at this sample rate share no work and take three times as long; empty if they do share."""
+    samples = period(sample_rate, rate)
+    if samples <= MAX_PERIOD:
+        return ""
+    return f"samples at {sample_rate} Hz and at {rate} Hz coincide only every {samples}, more than {MAX_PERIOD}"
+
+
+def why_not_track(samples: Floats, sample_rate: int, rate: int) -> str:
+    """Return why this version cannot compute a signal: as for windows, or squares beyond single precision."""
+    reason = why_not_windows(len(samples), sample_rate, rate)
+    if reason:
+        return reason
+    peak = float(np.abs(samples).max())
+    is_usual = peak == 0 or _MIN_PEAK <= peak <= _MAX_PEAK
+    return "" if is_usual else f"the largest sample is not within {_MIN_PEAK:g} .. {_MAX_PEAK:g}"
+
+
+def track_features(samples: Floats, settings: Settings) -> Floats:
+    """Compute the features (T, 35) of a whole signal (n,)."""
+    bpm = settings.start_bpm
+    with one_blas_thread():
+        if bpm is None:
+            bpm = estimated_bpm(samples, settings.sample_rate)
+        windows = Windows.whole(resampled(samples, settings.sample_rate, settings.rate))
+        features: Floats = _features(windows, [bpm], settings, lambda _: windows.track)[0]
+    return features
+
+
+def window_features(samples: Floats, starts: NDArray[np.int64], n_samples: int, settings: Settings) -> Floats:
+    """Compute the features (W, T, 35) of windows of a signal, each as if it were a 16-bit wav of its own.
+
+    Parameters
+    ----------
+    starts
+        (W,) first samples, in any order. Windows that begin a whole number of frames after the signal does
+        share work, unless `why_not_shared`; others are computed by themselves, at a third of the speed.
+    """
+    sample_rate, rate = settings.sample_rate, settings.rate
+    n_rows = 1 + resampled_length(n_samples, sample_rate, rate) // HOP
+    features = np.empty((len(starts), n_rows, N_COLUMNS), dtype=np.float32)
+    alone = np.ones(len(starts), dtype=np.bool_)
+    for members, tile in _tiles(starts, n_samples, sample_rate, rate):
+        quantised = _pcm16(samples[tile : tile + _tile_length(sample_rate, rate) + n_samples])
+        with one_blas_thread():
+            loud, rows = _tile_features(quantised, starts[members] - tile, n_samples, settings)
+        features[members[loud]] = rows
+        alone[members[loud]] = False
+    for k in np.flatnonzero(alone):
+        window = pcm16(samples[starts[k] : starts[k] + n_samples])
+        features[k] = track_features(window, settings)
+    return features
+
+
+def _tile_features(
+    samples: Floats, starts: NDArray[np.int64], n_samples: int, settings: Settings
+) -> tuple[NDArray[np.int64], Floats]:
+    """Compute the windows of a tile that have no quiet passage: their indices (V,) and features (V, T, 35)."""
+    sample_rate, rate = settings.sample_rate, settings.rate
+    windows = resampled_windows(samples, starts, n_samples, sample_rate, rate)
+    loud = np.flatnonzero(~_is_quiet(windows))
+    if not len(loud):
+        return loud, np.empty((0, 1 + windows.length // HOP, N_COLUMNS), dtype=np.float32)
+    own = [samples[start : start + n_samples] for start in starts[loud]]
+    bpms = [settings.start_bpm or estimated_bpm(window, sample_rate) for window in own]
+    return loud, _features(windows.some(loud), bpms, settings, lambda k: resampled(own[k], sample_rate, rate))
+
+
+def estimated_bpm(samples: Floats, sample_rate: int) -> float:
+    """Estimate a tempo from a signal alone, as `librosa.feature.tempo` of the audio at 22,050 Hz does."""
+    db = mel_db(resampled(samples, sample_rate, TEMPO_SAMPLE_RATE), TEMPO_SAMPLE_RATE)
+    envelope, _ = envelope_and_mfcc(db, np.arange(len(db))[np.newaxis])
+    return float(window_tempos(envelope, TEMPO_SAMPLE_RATE, _TEMPO_START_BPM)[0])
+
+
+def _features(
+    windows: Windows, bpms: Sequence[float], settings: Settings, samples_of: Callable[[int], Floats]
+) -> Floats:
+    """Compute the features (W, T, 35) of windows at the features' rate that begin on multiples of 512 samples.
+
+    Parameters
+    ----------
+    bpms
+        Where the search for the tempo starts, one per window; `settings.start_bpm` is not used.
+    samples_of
+        Returns the samples of a window, resampled by itself.
+    """
+    rate = settings.rate
+    spectra = window_spectra(windows, rate)
+    envelope, mfcc = envelope_and_mfcc(spectra.db, spectra.rows)
+    tunings = []
+    for window, rows in enumerate(spectra.rows):
+        tuning, is_certain = window_tuning(spectra.peaks, rows)
+        tunings.append(tuning if is_certain else librosa_tuning(samples_of(window), rate))
+    tempos = np.empty(len(bpms))
+    for bpm in set(bpms):
+        same = np.flatnonzero(np.asarray(bpms) == bpm)
+        tempos[same] = window_tempos(envelope[same], rate, bpm)
+    chroma = window_chroma(windows, tunings, rate)
+    decide_near_ties(chroma, windows.largest(), tunings, rate, samples_of)
+    features = np.empty((*envelope.shape, N_COLUMNS), dtype=np.float32)
+    features[..., 0] = envelope
+    features[..., 1:21] = mfcc
+    features[..., 21:33] = cens(chroma)
+    features[..., 33] = decided_onsets(envelope, rate, samples_of)
+    features[..., 34] = window_beats(envelope, tempos, rate, settings.tightness)
+    return features
+
+
+def _tiles(
+    starts: NDArray[np.int64], n_samples: int, sample_rate: int, rate: int
+) -> Iterator[tuple[NDArray[np.int64], int]]:
+    """Yield the indices of windows that share work, with the first sample of their tile of the signal.
+
+    Windows that begin a whole number of frames after the signal share work, tile by tile. The places of the tiles
+    do not depend on the windows, so that the numbers of a window do not depend on the others.
+    """
+    half = len(filter_bank(0, rate).even)
+    if n_samples < shortest(sample_rate, rate, N_OCTAVES - 1, half) or why_not_shared(sample_rate, rate):
+        return
+    in_time = np.argsort(starts, kind="stable")
+    on_frames = in_time[starts[in_time] * rate % (HOP * sample_rate) == 0]
+    length = _tile_length(sample_rate, rate)
+    for tile in np.unique(starts[on_frames] // length):
+        yield on_frames[starts[on_frames] // length == tile], int(tile) * length
+
+
+def _tile_length(sample_rate: int, rate: int) -> int:
+    """Return the samples of a tile: about a minute, a whole number of frames and of samples at both rates."""
+    unit = HOP * sample_rate // math.gcd(HOP * sample_rate, rate)
+    return max(1, _TILE_S * sample_rate // unit) * unit
+
+
+def _pcm16(samples: Floats) -> Floats:
+    """Quantise as `pcm16` does, piece by piece: the pieces stay in the processor's cache."""
+    quantised = np.empty_like(samples)
+    for start in range(0, len(samples), _PIECE):
+        quantised[start : start + _PIECE] = pcm16(samples[start : start + _PIECE])
+    return quantised
+
+
+def _is_quiet(windows: Windows) -> NDArray[np.bool_]:
+    """Return for each window whether the track has a quiet passage in it, (W,)."""
+    n_blocks = windows.length // HOP
+    whole = windows.track[: len(windows.track) // HOP * HOP].reshape(-1, HOP)
+    loudest = np.abs(whole).max(axis=1)
+    blocks = windows.starts[:, np.newaxis] // HOP + np.arange(n_blocks)
+    quiet: NDArray[np.bool_] = (loudest[blocks] < _QUIET * loudest.max()).any(axis=1)
+    return quiet

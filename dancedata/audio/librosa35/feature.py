@@ -1,0 +1,272 @@
+"""The 35 librosa columns of EDGE, Lodge, FineDance and FACT.
+
+Onset envelope, 20 MFCC, 12 chroma CENS, onset peaks and beats: librosa's defaults at a hop of 512 samples
+and a sample rate of 512 times the frame rate. Sources: FACT (Li et al. 2021, the mint repository), whose
+function EDGE (Tseng et al. 2023) and Lodge (Li et al. 2024) adopted. The numbers are librosa's own; versions 0.11
+and 1.0 gave the same bits at 24 frames per second and above, at 20 the chroma differed by up to 0.03.
+
+There are two versions with equal results: `reference` calls librosa, `fast` is thirty times as fast for windows and
+eighty times for tracks. docs/decisions/0010 explains why they are equal.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dancedata.audio.librosa35 import fast, reference
+from dancedata.audio.librosa35.settings import HOP, N_COLUMNS, Settings
+from dancedata.audio.signal import pcm16, resampled_length
+from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.columns import Columns, Group
+from dancedata.core.errors import DataError, UsageError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.plugins import AudioFeature
+from dancedata.core.registry import FEATURES
+
+_log = logging.getLogger(__name__)
+
+# The top chroma filter reaches 4,107 Hz, 4,147 with the tuning half a bin up: the Nyquist frequency must
+# be higher.
+MIN_SAMPLE_RATE = 8300
+# Above it the squared spectrum might overflow float32; full scale is 1.
+MAX_SAMPLE = 1e12
+
+_GROUPS = (
+    Group("onset_envelope", 1, "dB"),
+    Group("mfcc", 20, "dB"),
+    Group("chroma_cens", 12, "1"),
+    Group("onset_peak", 1, "0/1"),
+    Group("beat", 1, "0/1"),
+)
+
+
+@FEATURES.register("librosa35")
+@dataclass(frozen=True)
+class Librosa35(AudioFeature):
+    """Onset envelope 1, MFCC 20, chroma CENS 12, onset peaks 1, beats 1.
+
+    Parameters
+    ----------
+    tightness
+        How closely beats keep to the tempo (librosa's `beat_track`); 100 in all reference implementations.
+    method
+        "fast" computes what windows have in common once, without librosa. "librosa" makes one librosa call per
+        column group and window, and takes thirty times as long (docs/performance.md). The numbers are the same
+        within 1e-4 dB (envelope), 1e-3 dB (MFCC) and 1e-6 (chroma), peaks and beats are equal;
+        docs/decisions/0010 explains why, and the limits. "fast" computes as "librosa" does, and logs the reason,
+        for signals and windows of less than 17 rows, more than 64 frames per second, and tracks whose largest
+        sample is above 1e6 or below 1e-6.
+    """
+
+    tightness: float = 100
+    method: Literal["fast", "librosa"] = "fast"
+
+    version: ClassVar[int] = 3
+    packages: ClassVar[tuple[str, ...]] = ("librosa", "numpy", "scipy", "soxr")
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.tightness) and self.tightness > 0):
+            raise UsageError(
+                "librosa35: invalid value for tightness", found=str(self.tightness), allowed="a number above 0"
+            )
+        if self.method not in ("fast", "librosa"):
+            raise UsageError("librosa35: unknown method", found=str(self.method), allowed="fast, librosa")
+
+    @property
+    def columns(self) -> Columns:
+        """Names, widths and units of the 35 columns; music has no mirror image."""
+        return Columns(_GROUPS, None)
+
+    def n_rows(self, n_samples: int, sample_rate: int, grid: FrameGrid) -> int:
+        """Return how many rows `extract` gives for `n_samples`: 1 + floor(resampled length / 512)."""
+        return 1 + resampled_length(n_samples, sample_rate, _feature_rate(grid)) // HOP
+
+    def extract(self, signal: AudioSignal, grid: FrameGrid, *, start_bpm: float | None = None) -> NDArray[np.float32]:
+        """Features of a whole track, as Lodge, FineDance and FACT compute them.
+
+        Parameters
+        ----------
+        signal
+            Mono samples (n,) float32 at any rate. Signals shorter than an STFT frame (2,048 samples at the
+            feature's rate) are padded with zeros, as librosa pads the ends of every signal.
+        grid
+            Frame rate; 512 times it must be a whole number of at least 8,300 Hz.
+        start_bpm
+            Where the beat tracker's search for the tempo starts, in beats per minute. None: librosa's
+            estimate from the signal at 22,050 Hz.
+
+        Returns
+        -------
+        NDArray[np.float32]
+            (T, 35), T = `n_rows(n, rate, grid)`; row t is centred on t / fps seconds.
+
+        Raises
+        ------
+        UsageError
+            Frame rate or `start_bpm` out of range.
+        DataError
+            Reason ``empty_audio`` (no sample) or ``nan`` (samples that are not finite, or above 1e12).
+        """
+        rate = _feature_rate(grid)
+        _require_bpm(start_bpm)
+        _require_samples(signal)
+        is_fast = self._is_fast(lambda: fast.why_not_track(signal.samples, signal.sample_rate, rate))
+        compute = fast.track_features if is_fast else reference.track_features
+        return compute(signal.samples, Settings(signal.sample_rate, rate, start_bpm, self.tightness))
+
+    def estimated_bpm(self, signal: AudioSignal, grid: FrameGrid) -> float:
+        """Return the tempo that `extract` starts from if none is given, in beats per minute."""
+        rate = _feature_rate(grid)
+        _require_samples(signal)
+        is_fast = self._is_fast(lambda: fast.why_not_track(signal.samples, signal.sample_rate, rate))
+        estimate = fast.estimated_bpm if is_fast else reference.estimated_bpm
+        return estimate(signal.samples, signal.sample_rate)
+
+    def estimated_window_bpms(
+        self, signal: AudioSignal, starts: NDArray[np.int64], n_samples: int, grid: FrameGrid
+    ) -> list[float]:
+        """Return the tempos that `extract_windows` starts from if none is given, one per window."""
+        rate = _feature_rate(grid)
+        _require_samples(signal)
+        _require_windows(signal, starts, n_samples)
+        is_fast = self._is_fast(lambda: fast.why_not_windows(n_samples, signal.sample_rate, rate))
+        estimate = fast.estimated_bpm if is_fast else reference.estimated_bpm
+        windows = (pcm16(signal.samples[int(start) : int(start) + n_samples]) for start in starts)
+        return [estimate(window, signal.sample_rate) for window in windows]
+
+    def extract_windows(
+        self,
+        signal: AudioSignal,
+        starts: NDArray[np.int64],
+        n_samples: int,
+        grid: FrameGrid,
+        n_rows: int,
+        *,
+        start_bpm: float | None = None,
+    ) -> NDArray[np.float32]:
+        """Features of windows, each one by itself from its own 16-bit wav, as EDGE computes them.
+
+        Resampling, padding, the 80 dB floor, tuning, CENS smoothing, tempo and beats depend on the window alone.
+
+        Parameters
+        ----------
+        signal
+            The whole song, mono samples (n,) float32.
+        starts
+            (W,) first sample of each window. Pass all windows of a song at once: those that begin a whole number
+            of frames after the song does (as windows in frames do, at the usual rates) share most of their work.
+            The numbers of a window do not depend on the other windows.
+        n_samples
+            Samples per window, at the signal's rate.
+        grid
+            Frame rate, as in `extract`.
+        n_rows
+            Rows to keep of each window (EDGE: 150 of the 151 of 5 s at 30 FPS).
+        start_bpm
+            As in `extract`; None: estimated for each window by itself.
+
+        Returns
+        -------
+        NDArray[np.float32]
+            (W, n_rows, 35).
+
+        Raises
+        ------
+        UsageError
+            As in `extract`.
+        DataError
+            As in `extract`; reason ``short_audio`` if a window is not within the signal, or too short for
+            `n_rows` rows.
+        """
+        rate = _feature_rate(grid)
+        _require_bpm(start_bpm)
+        _require_samples(signal)
+        _require_windows(signal, starts, n_samples)
+        available = self.n_rows(n_samples, signal.sample_rate, grid)
+        if n_rows > available:
+            raise DataError(
+                "librosa35: the windows are too short",
+                reason="short_audio",
+                found=f"{n_samples} samples at {signal.sample_rate} Hz, which give {available} rows",
+                allowed=f"audio for {n_rows} rows at {grid.rate} frames per second",
+            )
+        if len(starts) == 0:
+            return np.empty((0, n_rows, N_COLUMNS), dtype=np.float32)
+        is_fast = self._is_fast(lambda: fast.why_not_windows(n_samples, signal.sample_rate, rate))
+        if is_fast and (reason := fast.why_not_shared(signal.sample_rate, rate)):
+            _log_once("librosa35: windows are computed one by one, three times as slowly: %s", reason)
+        compute = fast.window_features if is_fast else reference.window_features
+        settings = Settings(signal.sample_rate, rate, start_bpm, self.tightness)
+        return compute(signal.samples, starts, n_samples, settings)[:, :n_rows]
+
+    def _is_fast(self, why_not: Callable[[], str]) -> bool:
+        """Return whether the fast version computes; log the reason if it was chosen and cannot."""
+        if self.method == "librosa":
+            return False
+        reason = why_not()
+        if reason:
+            _log_once("librosa35: method fast computes as method librosa does, slowly: %s", reason)
+        return not reason
+
+
+@lru_cache(maxsize=64)
+def _log_once(message: str, reason: str) -> None:
+    """Log a message, once per process and reason."""
+    _log.warning(message, reason)
+
+
+def _feature_rate(grid: FrameGrid) -> int:
+    rate = grid.divided(HOP).rate
+    if rate.denominator != 1 or rate < MIN_SAMPLE_RATE:
+        raise UsageError(
+            "librosa35 cannot be computed at this frame rate",
+            found=f"{grid.rate} frames per second, so a sample rate of {float(rate):g} Hz",
+            allowed=f"a frame rate that makes 512 x rate a whole number of at least {MIN_SAMPLE_RATE} Hz",
+            fix="build at 30 (or 60) frames per second; motion of another rate is resampled to it",
+        )
+    return int(rate)
+
+
+def _require_bpm(start_bpm: float | None) -> None:
+    if start_bpm is not None and not (math.isfinite(start_bpm) and start_bpm > 0):
+        raise UsageError(
+            "librosa35: invalid value for start_bpm",
+            found=str(start_bpm),
+            allowed="beats per minute above 0, or None for an estimate",
+        )
+
+
+def _require_samples(signal: AudioSignal) -> None:
+    if len(signal.samples) == 0:
+        raise DataError("librosa35: the signal has no samples", reason="empty_audio", found="0 samples")
+    # Not "any > maximum": NaN fails every comparison.
+    bad = np.flatnonzero(~(np.abs(signal.samples) <= MAX_SAMPLE))
+    if bad.size:
+        raise DataError(
+            "librosa35: the signal has samples that are NaN, infinite or too large",
+            reason="nan",
+            found=f"{bad.size} samples, the first is {signal.samples[bad[0]]} at sample {bad[0]}",
+            allowed=f"finite samples up to {MAX_SAMPLE:g} (full scale is 1)",
+            fix="export the file again, for example as 16-bit wav",
+        )
+
+
+def _require_windows(signal: AudioSignal, starts: NDArray[np.int64], n_samples: int) -> None:
+    if len(starts) == 0:
+        return
+    first, last = int(np.min(starts)), int(np.max(starts)) + n_samples
+    if first < 0 or last > len(signal.samples):
+        raise DataError(
+            "librosa35: a window reaches beyond the audio",
+            reason="short_audio",
+            found=f"windows from sample {first} to {last}",
+            allowed=f"0 to {len(signal.samples)} (at {signal.sample_rate} Hz)",
+        )

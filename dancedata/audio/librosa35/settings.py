@@ -1,0 +1,33 @@
+"""The sizes that both versions of librosa35 share, and the settings that they take."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+#: Samples per frame at the features' sample rate.
+HOP = 512
+N_COLUMNS = 35
+#: The tempo is estimated from the audio as `librosa.load` gives it by default.
+TEMPO_SAMPLE_RATE = 22050
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How a signal is analysed.
+
+    Attributes
+    ----------
+    sample_rate
+        Of the signal, in Hz.
+    rate
+        Sample rate at which the features are computed, in Hz: `HOP` times the frame rate.
+    start_bpm
+        Where the search for the tempo starts, in beats per minute; None: at an estimate from the signal.
+    tightness
+        How closely beats keep to the tempo (librosa's `beat_track`).
+    """
+
+    sample_rate: int
+    rate: int
+    start_bpm: float | None
+    tightness: float

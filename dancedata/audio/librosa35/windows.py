@@ -1,0 +1,130 @@
+"""Windows of one track at the features' rate, each with the ends of its own resampling."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dancedata.audio.librosa35.arrays import Floats, cut, each_times
+from dancedata.audio.librosa35.resample import head_matrix, period, reach_in, reach_out, resampled, tail_matrix
+from dancedata.audio.signal import resampled_length
+
+# Samples at each end of a window that differ from the track's, the same at every level of the pyramid: halving turns
+# an end of one reach of the 2:1 filter into half a reach, and the filter itself adds half a reach.
+END = reach_in(2, 1)
+
+
+@dataclass(frozen=True)
+class Windows:
+    """Windows of a track, all of one length.
+
+    Attributes
+    ----------
+    track
+        (m,) float32.
+    starts
+        (W,) first sample of each window.
+    length
+        Samples per window.
+    heads, tails
+        (W, e) float32: replace the track's samples at the ends of the windows.
+    """
+
+    track: Floats
+    starts: NDArray[np.int64]
+    length: int
+    heads: Floats
+    tails: Floats
+
+    @classmethod
+    def whole(cls, track: Floats) -> Windows:
+        """Return one window that is the whole track."""
+        none = np.empty((1, 0), dtype=np.float32)
+        return cls(track, np.zeros(1, dtype=np.int64), len(track), none, none)
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether there is one window, which is the whole track without ends of its own."""
+        return self.length == len(self.track) and self.end == 0 and len(self.starts) == 1
+
+    @property
+    def end(self) -> int:
+        """Samples at each end that differ from the track's."""
+        return int(self.heads.shape[1])
+
+    def some(self, part: slice | NDArray[np.int64]) -> Windows:
+        """Return some of the windows."""
+        return Windows(self.track, self.starts[part], self.length, self.heads[part], self.tails[part])
+
+    def largest(self) -> Floats:
+        """Return the largest magnitude of each window's samples, (W,)."""
+        peaks = [np.abs(self.track[start : start + self.length]).max() for start in self.starts]
+        return np.array(peaks, dtype=np.float32)
+
+    def head(self, count: int) -> Floats:
+        """Return the first samples of every window, (W, count); `end` <= count <= length - `end`."""
+        samples = cut(self.track, self.starts, count)
+        samples[:, : self.end] = self.heads
+        return samples
+
+    def tail(self, count: int) -> Floats:
+        """Return the last samples of every window, (W, count); `end` <= count <= length - `end`."""
+        samples = cut(self.track, self.starts + (self.length - count), count)
+        samples[:, count - self.end :] = self.tails
+        return samples
+
+
+def resampled_windows(
+    samples: Floats, starts: NDArray[np.int64], length: int, from_rate: int, to_rate: int
+) -> Windows:
+    """Resample windows of a signal, each as if it were cut out first.
+
+    Parameters
+    ----------
+    samples
+        (n,) at `from_rate`.
+    starts
+        (W,) first sample of each window; each at an instant that has a sample at `to_rate`, too.
+    length
+        Samples per window, at least `shortest(from_rate, to_rate)`.
+    """
+    new_starts = starts * to_rate // from_rate
+    new_length = resampled_length(length, from_rate, to_rate)
+    if from_rate == to_rate:
+        none = np.empty((len(starts), 0), dtype=np.float32)
+        return Windows(samples, new_starts, new_length, none, none)
+    end = max(END, reach_out(from_rate, to_rate))
+    n_head = reach_in(from_rate, to_rate) + math.ceil(end * from_rate / to_rate)
+    # The input of the tail must begin at an instant with a sample at both rates, as the windows do.
+    step = period(from_rate, to_rate)
+    n_tail = length - (length - n_head) // step * step
+    heads = each_times(cut(samples, starts, n_head), head_matrix(from_rate, to_rate, n_head, end))
+    tails = each_times(cut(samples, starts + (length - n_tail), n_tail), tail_matrix(from_rate, to_rate, n_tail, end))
+    return Windows(resampled(samples, from_rate, to_rate), new_starts, new_length, heads, tails)
+
+
+def shortest(from_rate: int, to_rate: int, halvings: int, half: int) -> int:
+    """Return the least length of windows, in samples at `from_rate`, whose ends do not meet at any level.
+
+    `half` is half the length of the frames of each level.
+    """
+    # At the last level the first frames, which reach half a frame beyond the head, must not meet the tail; at the
+    # level before it, a head of three ends must not.
+    longest = max((2 * END + 2 * half) << halvings, (4 * END + 2) << max(0, halvings - 1))
+    return math.ceil(longest * max(1.0, from_rate / to_rate)) + period(from_rate, to_rate)
+
+
+def halved_windows(windows: Windows, track: Floats) -> Windows:
+    """Halve the rate of windows, each by itself; `track` is their track at half the rate.
+
+    The starts of the windows must be even.
+    """
+    n_head = 3 * END
+    # It begins at an even sample, as the windows do: one more sample if their length is odd.
+    n_tail = n_head + windows.length % 2
+    heads = each_times(windows.head(n_head), head_matrix(2, 1, n_head, END)) / np.sqrt(np.float32(0.5))
+    tails = each_times(windows.tail(n_tail), tail_matrix(2, 1, n_tail, END)) / np.sqrt(np.float32(0.5))
+    return Windows(track, windows.starts // 2, (windows.length + 1) // 2, heads, tails)

@@ -1,0 +1,316 @@
+"""The command line. Heavy imports happen inside the commands, so that --help answers at once."""
+
+from __future__ import annotations
+
+import sys
+from io import TextIOWrapper
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from dancedata.cli.errors import errors_to_exit_codes as _errors_to_exit_codes
+from dancedata.cli.jukebox import app as jukebox
+from dancedata.core.errors import UsageError
+from dancedata.core.text import json_text
+from dancedata.core.version import __version__
+from dancedata.execution.arithmetic import adopt
+
+app = typer.Typer(
+    help="Turn dance motion capture and music into training data.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+caches = typer.Typer(help="What the cache holds: info, prune, verify.", no_args_is_help=True)
+app.add_typer(caches, name="cache")
+app.add_typer(jukebox, name="jukebox")
+
+RecipeName = Annotated[str, typer.Argument(metavar="RECIPE", help="A recipe's name (see list) or a YAML file.")]
+Source = Annotated[Path | None, typer.Option(help="Folder with the dataset's files; demo makes its own.")]
+Out = Annotated[Path | None, typer.Option(help="Folder to write; default data/RECIPE.")]
+JOBS_HELP = "Worker processes; the result does not depend on it."
+Jobs = Annotated[int, typer.Option(min=1, help=JOBS_HELP)]
+Set = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a key of the recipe.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print no progress.")]
+CACHE_HELP = "Cache folder; default $DANCEDATA_CACHE, else the user's cache folder."
+CacheFolder = Annotated[Path | None, typer.Option("--cache", help=CACHE_HELP)]
+ATOL_HELP = "Floating-point values that differ by no more than this are the same; default: compared exactly."
+KINDS_HELP = "dataset, representation, contact-rule, feature, key-motion, augmentation or filter."
+PART_HELP = "Compute the K-th of N shares of the work into the cache and write no dataset, for job arrays."
+
+
+@app.callback(invoke_without_command=True)
+def _version(version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False) -> None:
+    if version:
+        typer.echo(f"dancedata {__version__}")
+        raise typer.Exit
+
+
+@app.command()
+@_errors_to_exit_codes
+def build(
+    recipe: RecipeName,
+    source: Source = None,
+    out: Out = None,
+    jobs: Annotated[int | None, typer.Option(min=1, help=f"{JOBS_HELP} Default: one a core.")] = None,
+    overrides: Set = None,
+    overwrite: Annotated[bool, typer.Option(help="Replace a dataset made by another recipe or source.")] = False,
+    strict: Annotated[bool, typer.Option(help="Stop at a broken clip instead of setting it aside.")] = False,
+    cache: CacheFolder = None,
+    backend: Annotated[str, typer.Option(help="loky: processes of this machine. dask: a cluster.")] = "loky",
+    scheduler: Annotated[str | None, typer.Option(help="Address of the Dask scheduler.")] = None,
+    part: Annotated[str | None, typer.Option(metavar="K/N", help=PART_HELP)] = None,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
+) -> None:
+    """Build a dataset: dancedata build aist++ --source DIR --out DIR."""
+    from dancedata.api import commands
+
+    options: dict[str, Any] = {
+        "overrides": overrides or (), "jobs": jobs, "strict": strict, "cache": cache,
+        "progress": not (quiet or as_json),
+    }  # fmt: skip
+    if part is not None:
+        if backend != "loky" or scheduler is not None or overwrite:
+            raise UsageError("--part goes with neither --backend, --scheduler nor --overwrite")
+        share = commands.build_part(recipe, source, part, out=out, **options)
+        if as_json:
+            _print_json(share.to_json())
+        else:
+            typer.echo(str(share))
+        return
+    result = commands.build(recipe, source, out, overwrite=overwrite, backend=backend, scheduler=scheduler, **options)
+    if as_json:
+        from dancedata.cli.text import store_json
+
+        _print_json({"built": result.built, **store_json(result.path)})
+    else:
+        typer.echo(result.summary)
+
+
+@app.command()
+@_errors_to_exit_codes
+def plan(
+    recipe: RecipeName,
+    source: Source = None,
+    out: Out = None,
+    jobs: Jobs = 1,
+    overrides: Set = None,
+    cache: CacheFolder = None,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
+) -> None:
+    """Show what a build would make; reads lengths only and writes nothing under OUT."""
+    from dancedata.api import commands
+
+    found = commands.plan(
+        recipe, source, out, overrides=overrides or (), jobs=jobs, cache=cache, progress=not (quiet or as_json)
+    )
+    if as_json:
+        _print_json(found.to_json())
+    found.require_clips()
+    if not as_json:
+        typer.echo(found.describe(out or Path("data") / found.recipe.name))
+
+
+@app.command()
+@_errors_to_exit_codes
+def check(
+    path: Annotated[Path, typer.Argument(help="A built dataset, or a folder to build from.")],
+    dataset: Annotated[str | None, typer.Option(help="Reader of a source folder; default: found by itself.")] = None,
+    recipe: Annotated[str | None, typer.Option(help="Read a source folder as this recipe does.")] = None,
+    overrides: Set = None,
+    jobs: Jobs = 1,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
+) -> None:
+    """Check a built dataset or a source folder; exit code 1 if something is wrong."""
+    from dancedata.api import commands
+    from dancedata.cli.text import describe_problems
+
+    problems = commands.check(
+        path, dataset=dataset, recipe=recipe, overrides=overrides or (), jobs=jobs,
+        progress=not (quiet or as_json),
+    )  # fmt: skip
+    errors = [p for p in problems if p.severity == "error"]
+    if as_json:
+        _print_json({"path": str(path), "ok": not errors, "problems": [p.to_json() for p in problems]})
+    else:
+        typer.echo(describe_problems(path, problems))
+    if errors:
+        raise typer.Exit(1)
+
+
+@app.command()
+@_errors_to_exit_codes
+def info(
+    path: Annotated[Path, typer.Argument(help="A built dataset.")],
+    clips: Annotated[bool, typer.Option(help="List every clip with its windows and quality flags.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Show what a built dataset holds."""
+    from dancedata.cli.text import describe_clips, describe_store, store_json
+
+    if as_json:
+        _print_json(store_json(path))
+        return
+    typer.echo(describe_store(path))
+    if clips:
+        typer.echo(describe_clips(path))
+
+
+@app.command("list")
+@_errors_to_exit_codes
+def list_plugins(as_json: AsJson = False) -> None:
+    """List recipes and plug-ins of all kinds, with their keys."""
+    from dancedata.cli.text import catalogue, describe_catalogue
+
+    if as_json:
+        _print_json(catalogue())
+    else:
+        typer.echo(describe_catalogue(catalogue()))
+
+
+@app.command()
+@_errors_to_exit_codes
+def new(
+    kind: Annotated[str, typer.Argument(metavar="KIND", help=KINDS_HELP)],
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Its name in recipes, and of its Python module.")],
+    out: Annotated[Path, typer.Option(help="Folder to write NAME.py and test_NAME.py to.")] = Path(),
+    as_json: AsJson = False,
+) -> None:
+    """Write a plug-in and its test from a template; the test passes as it is."""
+    from dancedata.cli.new import write_plugin
+
+    made = write_plugin(kind, name, out)
+    if as_json:
+        _print_json(made.to_json())
+    else:
+        typer.echo(str(made))
+
+
+@app.command()
+@_errors_to_exit_codes
+def features(
+    songs: Annotated[list[Path], typer.Argument(metavar="SONG...", help="wav, flac, mp3 or ogg files.")],
+    out: Annotated[Path, typer.Option(help="Folder to write <song>.<feature>.npy and .json to.")],
+    feature: Annotated[str | None, typer.Option(help="Default: those of --like, else librosa35.")] = None,
+    like: Annotated[str | None, typer.Option(help="A built dataset or recipe whose features to match.")] = None,
+    bpm: Annotated[float | None, typer.Option(help="Tempo of the songs; default: estimated.")] = None,
+    weights: Annotated[Path | None, typer.Option(help="Folder of Jukebox's weights.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Compute features of your own music, exactly as in training."""
+    from dancedata.pipeline.own_songs import describe_features, find_jobs, write_features
+
+    written = write_features(songs, out, find_jobs(feature, like), bpm, weights)
+    if as_json:
+        _print_json(written)
+        return
+    for about in written:
+        typer.echo(describe_features(out, about))
+
+
+@app.command()
+@_errors_to_exit_codes
+def diff(
+    a: Annotated[Path, typer.Argument(metavar="A", help="A built dataset.")],
+    b: Annotated[Path, typer.Argument(metavar="B", help="Another.")],
+    atol: Annotated[float | None, typer.Option(help=ATOL_HELP)] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Show in what two built datasets differ; exit code 1 if they do."""
+    from dancedata.pipeline.diff import diff as run_diff
+
+    found = run_diff(a, b, atol=atol)
+    differences = [d for d in found if d.kind != "note"]
+    if as_json:
+        listed = [d.to_json() for d in found]
+        _print_json({"a": str(a), "b": str(b), "atol": atol, "same": not differences, "differences": listed})
+    else:
+        for difference in found:
+            typer.echo(str(difference))
+        same = "the same data" + (f" within {atol:g}" if atol is not None else "")
+        typer.echo(f"{len(differences)} differences" if differences else same)
+    if differences:
+        raise typer.Exit(1)
+
+
+@caches.command("info")
+@_errors_to_exit_codes
+def cache_info(cache: CacheFolder = None, as_json: AsJson = False) -> None:
+    """Show how much the cache holds, by stage."""
+    from dancedata.execution.cache_admin import cache_json, describe_cache
+
+    about = cache_json(_cache_root(cache))
+    if as_json:
+        _print_json(about)
+    else:
+        typer.echo(describe_cache(about))
+
+
+@caches.command("prune")
+@_errors_to_exit_codes
+def cache_prune(
+    older_than: Annotated[str | None, typer.Option(help="Remove what was not used for so long: 30d, 12h.")] = None,
+    max_size: Annotated[str | None, typer.Option(help="Then what was used longest ago, down to this: 50GB.")] = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what would be removed.")] = False,
+    cache: CacheFolder = None,
+    as_json: AsJson = False,
+) -> None:
+    """Remove entries by age and size, those used longest ago first."""
+    from dancedata.execution.cache_admin import parse_age, parse_size, prune
+
+    age = None if older_than is None else parse_age(older_than)
+    size = None if max_size is None else parse_size(max_size)
+    result = prune(_cache_root(cache), older_than_s=age, max_bytes=size, dry=dry_run)
+    if as_json:
+        _print_json(result.to_json())
+    else:
+        typer.echo(result.describe(dry_run))
+
+
+@caches.command("verify")
+@_errors_to_exit_codes
+def cache_verify(
+    remove: Annotated[bool, typer.Option("--remove", help="Remove damaged entries.")] = False,
+    cache: CacheFolder = None,
+    as_json: AsJson = False,
+) -> None:
+    """Compare every entry with its checksum; exit code 1 if one is damaged."""
+    from dancedata.execution.cache_admin import verify_cache
+
+    root = _cache_root(cache)
+    count, damaged = verify_cache(root, remove=remove)
+    if as_json:
+        listed = [{"path": str(path), "problem": problem} for path, problem in damaged]
+        _print_json({"path": str(root), "entries": count, "ok": not damaged, "removed": remove, "damaged": listed})
+    else:
+        for path, problem in damaged:
+            typer.echo(f"{'removed' if remove else 'damaged'}: {path}: {problem}")
+        typer.echo(f"{root}: {count} entries, {len(damaged)} damaged")
+    if damaged:
+        raise typer.Exit(1)
+
+
+def _cache_root(cache: Path | None) -> Path:
+    from dancedata.execution.cache import default_cache
+
+    return (cache or default_cache()).absolute()
+
+
+def _print_json(obj: Any) -> None:
+    typer.echo(json_text(obj))
+
+
+def main() -> None:
+    """Run the command line."""
+    adopt()
+    # A path on the command line need not be UTF-8, and results name it.
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
+    app(prog_name="dancedata")

@@ -1,0 +1,179 @@
+"""dancedata new: a plug-in of any kind and its test, written from a template."""
+
+from __future__ import annotations
+
+import keyword
+import re
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from shlex import quote
+from typing import Any
+
+from dancedata.core.errors import UsageError, did_you_mean
+from dancedata.core.registry import (
+    AUGMENTATIONS,
+    CONTACTS,
+    DATASETS,
+    FEATURES,
+    FILTERS,
+    KEYMOTIONS,
+    REPRESENTATIONS,
+    Registry,
+)
+
+_TEMPLATES = Path(__file__).with_name("templates")
+_TEST = '''"""Conformance of the {kind} {name}."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from {name} import {cls}
+
+from dancedata.testing.conformance import check
+
+
+def test_conformance(tmp_path: Path) -> None:
+    check({cls}, tmp_path)
+'''
+_NEXT = """wrote {module} and {test}
+next:
+  1. python -m pytest {test}: the template passes; change it, and run the test again
+  2. in a checkout of dancedata: move {module} to {folder}/;
+     elsewhere: write the pyproject.toml below beside it, and pip install -e {out}
+  3. dancedata list shows it, and a recipe may have: {recipe}
+
+[project]
+name = "{name}"
+version = "0.1"
+
+[tool.setuptools]
+py-modules = ["{name}"]
+
+[project.entry-points."{group}"]
+{name} = "{name}\""""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of plug-in that can be written.
+
+    Attributes
+    ----------
+    template
+        File of the template.
+    recipe
+        How a recipe names a plug-in of this kind, with NAME in place of its name.
+    """
+
+    registry: Registry[Any]
+    template: str
+    recipe: str
+
+
+#: Kinds by what the command line calls them.
+KINDS = {
+    "dataset": Kind(DATASETS, "dataset.py", "dataset: {NAME: {}}"),
+    "representation": Kind(REPRESENTATIONS, "representation.py", "motion: {NAME: {}}"),
+    "contact-rule": Kind(CONTACTS, "contact_rule.py", "motion: {edge151: {contacts: {NAME: {}}}}"),
+    "feature": Kind(FEATURES, "feature.py", "audio: {NAME: {}}"),
+    "key-motion": Kind(KEYMOTIONS, "key_motion.py", "keymotion: {NAME: {}}"),
+    "augmentation": Kind(AUGMENTATIONS, "augmentation.py", "augment: {NAME: {}}"),
+    "filter": Kind(FILTERS, "filter.py", "windows: {filter: {NAME: {}}}"),
+}
+
+
+@dataclass(frozen=True)
+class NewPlugin:
+    """A plug-in that was written: its module, and its test."""
+
+    kind: Kind
+    name: str
+    module: Path
+    test: Path
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain JSON data."""
+        group = self.kind.registry.package
+        return {"name": self.name, "group": group, "module": str(self.module), "test": str(self.test)}
+
+    def __str__(self) -> str:
+        """Return what was written and what to do next."""
+        group = self.kind.registry.package
+        return _NEXT.format(
+            module=quote(str(self.module)),
+            test=quote(str(self.test)),
+            out=quote(str(self.module.parent)),
+            folder=group.replace(".", "/"),
+            name=self.name,
+            group=group,
+            recipe=self.kind.recipe.replace("NAME", self.name),
+        )
+
+
+def write_plugin(kind: str, name: str, out: Path) -> NewPlugin:
+    """Write NAME.py and test_NAME.py from the template of a kind.
+
+    Parameters
+    ----------
+    kind
+        A key of `KINDS`.
+    name
+        Name of the plug-in, and of its module.
+    out
+        Folder to write to; it is created if it does not exist.
+
+    Raises
+    ------
+    UsageError
+        For an unknown kind, a name that is invalid or taken, or a file that exists; nothing is written then.
+    """
+    if kind not in KINDS:
+        raise UsageError(f"unknown kind of plug-in {kind!r}", fix=did_you_mean(kind, KINDS))
+    made = NewPlugin(KINDS[kind], name, out / f"{name}.py", out / f"test_{name}.py")
+    _check_name(made)
+    template = (_TEMPLATES / made.kind.template).read_text(encoding="utf-8")
+    cls = _class_name(name, template)
+    text = template.replace("TemplateName", cls).replace("template_name", name)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        for path, content in (
+            (made.module, text),
+            (made.test, _TEST.format(kind=made.kind.registry.kind, name=name, cls=cls)),
+        ):
+            with path.open("x", encoding="utf-8") as file:
+                file.write(content)
+    except OSError as error:
+        raise UsageError("the plug-in cannot be written", where=out, found=error) from error
+    return made
+
+
+def _check_name(made: NewPlugin) -> None:
+    name, registry = made.name, made.kind.registry
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name) or keyword.iskeyword(name):
+        raise UsageError(
+            "not a valid name for a plug-in",
+            found=repr(name),
+            allowed="the name of a Python module: ASCII letters, digits and _, beginning with a letter",
+        )
+    if name in registry.names():
+        raise UsageError(
+            f"the {registry.kind} {name!r} exists already",
+            fix=f"choose another name; known: {', '.join(registry.names())}",
+        )
+    for path in (made.module, made.test):
+        if path.exists() or path.is_symlink():
+            raise UsageError("the file exists already", where=path, fix="choose another name, or another --out")
+    found = find_spec(name)
+    if found is not None:
+        raise UsageError(
+            f"{name} is the name of an installed Python module", found=found.origin, fix="choose another name"
+        )
+
+
+def _class_name(name: str, template: str) -> str:
+    """Return the name in CamelCase, with Plugin after it if the template uses that name for something else."""
+    cls = "".join(part[:1].upper() + part[1:] for part in name.split("_"))
+    taken = keyword.iskeyword(cls) or cls == "Path" or re.search(rf"\b{cls}\b", template)
+    return f"{cls}Plugin" if taken else cls

@@ -1,0 +1,319 @@
+"""Shared by all dataset readers: finding the data set's folder, listing its files, choosing audio files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dancedata.core.clip import ClipRef, Reject
+from dancedata.core.errors import DataError, SourceError, UsageError, did_you_mean
+from dancedata.core.regular_file import read_regular
+from dancedata.core.text import listed, quoted
+
+__all__ = [
+    "ALL",
+    "AUDIO_SUFFIXES",
+    "SPLITS",
+    "Files",
+    "audio_files",
+    "best_audio",
+    "clips_note",
+    "describe",
+    "extra_file",
+    "file_problem",
+    "files_by_stem",
+    "find_root",
+    "has_archive",
+    "list_folder",
+    "read_names",
+    "relative",
+    "require_choice",
+    "require_finite",
+    "require_folder",
+]
+
+SPLITS = ("train", "val", "test")
+#: The split of all clips where a dataset is not split.
+ALL = "all"
+#: Audio files that are read, in order of preference: lossless formats first.
+AUDIO_SUFFIXES = (".wav", ".flac", ".mp3", ".ogg")
+_ARCHIVES = (".zip", ".tgz", ".gz", ".tar", ".rar", ".7z")
+#: Bounds of a list of names: size of the file, number of names, length of a name (of a file name, in bytes).
+MAX_LIST_BYTES = 1 << 24
+MAX_NAMES = 100_000
+MAX_NAME = 255
+
+
+@dataclass(frozen=True)
+class Files:
+    """Files of one kind by their stem, with rejects and notes about the other entries of their folder."""
+
+    files: dict[str, Path]
+    rejects: tuple[Reject, ...]
+    notes: tuple[str, ...] = ()
+
+
+def list_folder(folder: Path) -> list[Path]:
+    """Return the entries of a folder by name, without hidden ones (``.DS_Store``) and ``__MACOSX``.
+
+    Raises
+    ------
+    SourceError
+        If the folder cannot be read.
+    """
+    try:
+        entries = sorted(folder.iterdir())
+    except OSError as error:
+        raise SourceError(
+            "the folder cannot be read",
+            where=str(folder),
+            found=error.strerror or str(error),
+            fix="check the path and its permissions",
+        ) from error
+    return [entry for entry in entries if not entry.name.startswith(".") and entry.name != "__MACOSX"]
+
+
+def require_folder(dataset: str, source: Path, looked_for: str) -> None:
+    """Check that `source` is a folder with at least one entry.
+
+    Raises
+    ------
+    SourceError
+        If it is missing, a file, unreadable or empty; names the expected and the existing files.
+    """
+    if source.is_dir():
+        if list_folder(source):
+            return
+        problem, found = f"{dataset}: the source folder is empty", "nothing"
+    elif source.exists():
+        problem, found = f"{dataset}: the source is not a folder", "a file"
+    else:
+        problem = f"{dataset}: the source folder does not exist"
+        parent = source.absolute().parent
+        found = f"in {parent}: {describe(parent)}" if parent.is_dir() else f"no folder {parent} either"
+    raise SourceError(
+        problem, where=str(source), found=found, allowed=looked_for, fix="set --source to the data set's folder"
+    )
+
+
+def find_root(
+    dataset: str,
+    title: str,
+    source: Path,
+    motions: str,
+    *,
+    looked_for: str,
+    is_known: Callable[[str], bool],
+    advice: Callable[[Path], str],
+) -> tuple[Path, list[Path]]:
+    """Find the folder that holds the motion folder: the source or one folder directly below it.
+
+    Parameters
+    ----------
+    dataset, title : name of the dataset for recipes, and its published name.
+    motions : name of the motion folder.
+    looked_for : the expected files, for messages.
+    is_known : accepts the folder names under which the data set is published; decides between several folders.
+    advice : returns the fix for a source without a motion folder.
+
+    Returns
+    -------
+    root, others
+        The folder, and further folders with a motion folder, which are not read.
+
+    Raises
+    ------
+    SourceError
+        If there is no such folder, or several candidates; names the expected and the existing files.
+    """
+    require_folder(dataset, source, looked_for)
+    if (source / motions).is_dir():
+        return source, []
+    below = [entry for entry in list_folder(source) if (entry / motions).is_dir()]
+    chosen = below if len(below) == 1 else [entry for entry in below if is_known(entry.name)]
+    if len(chosen) == 1:
+        return chosen[0], [entry for entry in below if entry != chosen[0]]
+    if below:
+        raise SourceError(
+            f"{dataset}: several folders could be the data set",
+            where=str(source),
+            found=listed(f"{entry.name}/{motions}/" for entry in below),
+            fix="set --source to one of them",
+        )
+    raise SourceError(
+        f"{dataset}: no {title} motion found",
+        where=str(source),
+        found=describe(source),
+        allowed=looked_for,
+        fix=advice(source),
+    )
+
+
+def has_archive(folder: Path) -> bool:
+    """Return whether a folder contains an archive."""
+    return any(entry.suffix.lower() in _ARCHIVES for entry in list_folder(folder))
+
+
+def describe(folder: Path) -> str:
+    """Return a short list of a folder's entries: folders with a slash, then files, then how many more."""
+    entries = list_folder(folder)
+    folders = [f"{entry.name}/" for entry in entries if entry.is_dir()]
+    files = [entry.name for entry in entries if not entry.is_dir()]
+    return listed([*folders, *files]) if entries else "nothing"
+
+
+def relative(path: Path, source: Path) -> str:
+    """Return the path below the source with forward slashes; of a file elsewhere, its folder's name and its own.
+
+    Absolute paths of a machine do not belong into a dataset.
+    """
+    try:
+        return path.relative_to(source).as_posix()
+    except ValueError:
+        return f"{path.parent.name}/{path.name}"
+
+
+def file_problem(path: Path, suffixes: Sequence[str], otherwise: str = "") -> str:
+    """Return why an entry is not a file with one of these suffixes; "" if it is one.
+
+    Parameters
+    ----------
+    otherwise : the answer for a file with another suffix, in place of a list of the suffixes.
+    """
+    if path.is_dir():
+        return "a folder; subfolders are not searched"
+    if not path.is_file():
+        return "not a file: a broken link, or a device"
+    if path.suffix.lower() in suffixes:
+        return ""
+    return otherwise or f"not a {' or '.join(suffixes)} file"
+
+
+def extra_file(path: Path, source: Path, problem: str) -> Reject:
+    """Return the reject for an entry that is not read."""
+    name = relative(path, source) + ("/" if path.is_dir() else "")
+    return Reject("extra_file", file=name, detail=problem)
+
+
+def files_by_stem(folder: Path, source: Path, suffix: str, name_problem: Callable[[str], str]) -> Files:
+    """List the files of a folder with one suffix; every other entry is an ``extra_file``.
+
+    Parameters
+    ----------
+    folder : need not exist.
+    name_problem : returns why a stem is not a valid name, "" for a valid one.
+    """
+    files: dict[str, Path] = {}
+    rejects = []
+    entries = list_folder(folder) if folder.is_dir() else []
+    # The published spelling first, in case there is a 001.NPY as well.
+    for path in sorted(entries, key=lambda path: path.suffix != suffix):
+        problem = file_problem(path, (suffix,)) or name_problem(path.stem)
+        if not problem and path.stem in files:
+            problem = f"the same name as {files[path.stem].name}, which is read"
+        if problem:
+            rejects.append(extra_file(path, source, problem))
+        else:
+            files[path.stem] = path
+    return Files(files, tuple(rejects))
+
+
+def best_audio(paths: Iterable[Path]) -> list[Path]:
+    """Sort audio files with equal stems, the preferred one first; of equal suffixes in the given order."""
+    return sorted(paths, key=lambda path: AUDIO_SUFFIXES.index(path.suffix.lower()))
+
+
+def audio_files(candidates: Iterable[Path], source: Path, rejects: Sequence[Reject]) -> Files:
+    """Choose one audio file for each stem; the others are ``unused_music``.
+
+    Parameters
+    ----------
+    candidates : audio files, of equal stems the preferred folder first.
+    rejects : of other entries, placed before the new ones.
+    """
+    by_stem: dict[str, list[Path]] = {}
+    for path in candidates:
+        by_stem.setdefault(path.stem, []).append(path)
+    files, found, preferred = {}, list(rejects), []
+    for stem, paths in sorted(by_stem.items()):
+        files[stem], *others = best_audio(paths)
+        chosen = relative(files[stem], source)
+        found += [
+            Reject("unused_music", file=relative(path, source), detail=f"{chosen} is used instead") for path in others
+        ]
+        preferred += [chosen] if others else []
+    order = "wav is preferred to flac, flac to mp3 and ogg"
+    notes = (
+        (f"Music: several audio files for {len(preferred):,} of the names; {order}. Used: {listed(preferred, 3)}.",)
+        if preferred
+        else ()
+    )
+    return Files(files, tuple(found), notes)
+
+
+def require_choice(dataset: str, name: str, value: str, allowed: Sequence[str]) -> None:
+    """Raise UsageError unless a parameter of a dataset has one of the allowed values."""
+    if value not in allowed:
+        raise UsageError(f"{dataset}: invalid value for {name}", found=repr(value), fix=did_you_mean(value, allowed))
+
+
+def require_finite(path: Path, what: str, array: NDArray[np.float64], fix: str) -> None:
+    """Check that an array (T, ...) of a file is finite.
+
+    Raises
+    ------
+    DataError
+        ``nan``, with the first frame that is not.
+    """
+    bad = np.asarray(~np.isfinite(array.reshape(len(array), -1)).all(axis=1))
+    if bad.any():
+        raise DataError(
+            f"{what} contains values that are not finite",
+            reason="nan",
+            where=f"{path}, frame {int(bad.argmax())}",
+            found=f"{int(bad.sum())} of {len(bad)} frames with NaN or infinity",
+            fix=fix,
+        )
+
+
+def clips_note(clips: Sequence[ClipRef], left_out: Sequence[Reject], splits: Sequence[str] = SPLITS) -> str:
+    """Return the note with the number of clips in each split, and of those left out for each reason."""
+    counts = ", ".join(f"{sum(clip.split == name for clip in clips):,} {name}" for name in splits)
+    reasons = sorted({reject.reason for reject in left_out})
+    why = ", ".join(f"{sum(r.reason == reason for r in left_out):,} {reason}" for reason in reasons)
+    return f"Clips: {counts}; left out: {why or 'none'}."
+
+
+def read_names(path: Path) -> list[str]:
+    """Return the first word of every line of a list of names; empty lines and lines starting with ``#`` are skipped.
+
+    Raises
+    ------
+    SourceError
+        If the file cannot be read, or is not a text, or exceeds the bounds of a list of names.
+    """
+    try:
+        lines = read_regular(path, MAX_LIST_BYTES).decode("utf-8-sig").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise _bad_list(path, str(error)) from error
+    words = (line.split(maxsplit=1) for line in lines)
+    names = [parts[0] for parts in words if parts and not parts[0].startswith("#")]
+    longest = max(names, key=len, default="")
+    if len(names) > MAX_NAMES or len(longest) > MAX_NAME:
+        many = f"{len(names):,} names" if len(names) > MAX_NAMES else f"a name of {len(longest):,} characters"
+        raise _bad_list(path, f"{many}, {quoted(longest, 40)}")
+    return names
+
+
+def _bad_list(path: Path, found: str) -> SourceError:
+    return SourceError(
+        "the list of names cannot be read",
+        where=str(path),
+        found=found,
+        allowed=f"a UTF-8 text file, one name per line, at most {MAX_NAMES:,} names of {MAX_NAME} characters",
+        fix="replace the file, or remove it",
+    )

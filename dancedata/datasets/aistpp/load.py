@@ -1,0 +1,161 @@
+"""One AIST++ motion pickle -> canonical motion; every defect has a reason code of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dancedata.core.errors import DataError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.motion import Motion
+from dancedata.core.skeleton import SMPL24
+from dancedata.core.text import listed, quoted, shown
+from dancedata.datasets._positions import require_rotations
+from dancedata.datasets._source import require_finite
+from dancedata.formats.safe_pickle import as_array, load_pickle
+
+__all__ = ["load_motion"]
+
+KEYS = ("smpl_poses", "smpl_trans", "smpl_scaling")
+JOINTS = 24
+_DOWNLOAD_AGAIN = "download the file again"
+_NOT_FINITE = "download the file again, or put the sequence on the ignore list"
+
+Floats = NDArray[np.float64]
+
+
+def load_motion(path: Path, frame_rate: int) -> Motion:
+    """Read a pickle with ``smpl_poses``, ``smpl_trans`` and ``smpl_scaling``; other keys are not used.
+
+    Parameters
+    ----------
+    path : the pickle; read with the allow-list unpickler, so nothing in it is executed.
+    frame_rate : frames per second, 60 for AIST++.
+
+    Returns
+    -------
+    Motion
+        rotations (T, 24, 3) axis-angle in radians as in the file; translation (T, 3) in metres,
+        ``smpl_trans / smpl_scaling`` in float64; +Y up; skeleton SMPL24.
+
+    Raises
+    ------
+    DataError
+        reason ``broken_file``, ``unsafe_pickle``, ``missing_key``, ``bad_shape``, ``empty``,
+        ``length_mismatch``, ``nan``, ``not_rotations`` or ``bad_scaling``.
+    """
+    content = _read(path)
+    poses = _numbers(path, content, "smpl_poses")
+    trans = _numbers(path, content, "smpl_trans")
+    if not (poses.shape[1:] == (JOINTS * 3,) or poses.shape[1:] == (JOINTS, 3)):
+        raise _bad_shape(path, "smpl_poses", poses, "(N, 72) or (N, 24, 3)")
+    if trans.shape[1:] != (3,):
+        raise _bad_shape(path, "smpl_trans", trans, "(N, 3)")
+    if len(poses) != len(trans):
+        raise DataError(
+            "smpl_poses and smpl_trans differ in length",
+            reason="length_mismatch",
+            where=str(path),
+            found=f"{len(poses)} and {len(trans)} frames",
+            fix=_DOWNLOAD_AGAIN,
+        )
+    if len(poses) == 0:
+        raise DataError("the motion has no frames", reason="empty", where=str(path), fix=_DOWNLOAD_AGAIN)
+    rotations = poses.reshape(len(poses), JOINTS, 3)
+    require_finite(path, "smpl_poses", poses, _NOT_FINITE)
+    require_finite(path, "smpl_trans", trans, _NOT_FINITE)
+    require_rotations(path, "smpl_poses", rotations, trans, SMPL24.parents)
+    translation = _in_metres(path, trans, _scaling(path, content))
+    return Motion(translation=translation, rotations=rotations, grid=FrameGrid.of(frame_rate), skeleton=SMPL24)
+
+
+def _read(path: Path) -> Mapping[str, Any]:
+    """Return the content of the pickle: a dict with the three keys."""
+    content = load_pickle(path)
+    if not isinstance(content, Mapping):
+        raise DataError(
+            "the pickle does not hold a dict",
+            reason="broken_file",
+            where=str(path),
+            found=f"{type(content).__name__}",
+            allowed=f"a dict with {', '.join(KEYS)}",
+            fix="download the file again, or convert it",
+        )
+    missing = [key for key in KEYS if key not in content]
+    if missing:
+        raise DataError(
+            f"the motion file has no {' and no '.join(missing)}",
+            reason="missing_key",
+            where=str(path),
+            found=f"keys {listed(content, show=quoted)}" if content else "no keys",
+            allowed=f"keys {', '.join(KEYS)}",
+            fix="download the file again; data in metres needs smpl_scaling = [1.0]",
+        )
+    return content
+
+
+def _numbers(path: Path, content: Mapping[str, Any], key: str) -> Floats:
+    """Return one entry as float64."""
+    value = content[key]
+    array = as_array(value)
+    if array is None or array.dtype.kind not in "fiu":
+        raise DataError(
+            f"{key} does not hold real numbers",
+            reason="bad_shape",
+            where=str(path),
+            found=f"{type(value).__name__}, {shown(value)}"
+            if array is None
+            else f"an array of {array.dtype}, shape {array.shape}",
+            allowed="an array of floats, or a list of them; nested lists are not read",
+            fix="download the file again, or save it with numpy arrays",
+        )
+    with np.errstate(over="ignore", invalid="ignore"):  # of long doubles; reported as not finite
+        return array.astype(np.float64)
+
+
+def _scaling(path: Path, content: Mapping[str, Any]) -> float:
+    """Return the factor between the file's units and metres, any number above 0.
+
+    It is 89 to 99 in AIST++, and 1 for data in metres.
+    """
+    array = _numbers(path, content, "smpl_scaling")
+    if array.size != 1:
+        raise _bad_shape(path, "smpl_scaling", array, "one number, (1,)")
+    scaling = float(array.reshape(()))
+    if not (np.isfinite(scaling) and scaling > 0):
+        raise _bad_scaling(path, scaling)
+    return scaling
+
+
+def _in_metres(path: Path, trans: Floats, scaling: float) -> Floats:
+    with np.errstate(over="ignore"):  # reported below
+        translation: Floats = trans / scaling
+    if not np.isfinite(translation).all():
+        raise _bad_scaling(path, scaling)
+    return translation
+
+
+def _bad_shape(path: Path, key: str, array: Floats, allowed: str) -> DataError:
+    return DataError(
+        f"{key} has the wrong shape",
+        reason="bad_shape",
+        where=str(path),
+        found=str(array.shape),
+        allowed=allowed,
+        fix="download the file again, or convert it",
+    )
+
+
+def _bad_scaling(path: Path, scaling: float) -> DataError:
+    return DataError(
+        "smpl_scaling cannot turn smpl_trans into metres",
+        reason="bad_scaling",
+        where=str(path),
+        found=repr(scaling),
+        allowed="a finite number above 0 (about 89 to 99 in AIST++; 1 for data in metres)",
+        fix=_DOWNLOAD_AGAIN,
+    )

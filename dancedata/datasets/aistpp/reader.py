@@ -1,0 +1,197 @@
+"""The reader of AIST++; the tree on disk is in the package's docstring."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import ClassVar, Literal
+
+from dancedata.core.clip import ClipRef, Reject, Scan
+from dancedata.core.errors import UsageError
+from dancedata.core.motion import Motion
+from dancedata.core.plugins import Dataset
+from dancedata.core.registry import DATASETS
+from dancedata.datasets._source import ALL, Files, relative, require_choice
+from dancedata.datasets.aistpp.facts import SequenceName, facts, parse_name, tempo_bpm
+from dancedata.datasets.aistpp.layout import (
+    Folders,
+    MusicFiles,
+    find_folders,
+    layout_name,
+    list_motions,
+    list_music,
+    music_expected,
+    near_music,
+    unused_music,
+)
+from dancedata.datasets.aistpp.load import load_motion
+from dancedata.datasets.aistpp.notes import clip_notes, count_notes, ignored_notes, layout_notes
+from dancedata.datasets.aistpp.splits import (
+    Ignored,
+    Splits,
+    find_ignored,
+    find_splits,
+    missing_motion,
+)
+
+__all__ = ["AistPP"]
+
+
+@DATASETS.register("aist++")
+@dataclass(frozen=True)
+class AistPP(Dataset):
+    """AIST++, from the published files.
+
+    Attributes
+    ----------
+    split : name of the split. ``SOURCE/splits/<split>_train.txt``, ``_val.txt``, ``_test.txt`` are read; if
+        any of them exists only the files decide, and a missing one is an empty split. Without files
+        ``crossmodal`` follows the rule over the names. ``all`` puts every clip into one split of that name.
+    split_dir : folder with your own split files, relative to the source or absolute; no other one is searched.
+    ignore : ``list`` leaves out the sequences on the ignore list: the source's ``ignore_list.txt`` (even an
+        empty one), else the official list, which is shipped. ``none`` keeps them.
+    music : ``required`` leaves out sequences without music; ``optional`` keeps them, without audio.
+    """
+
+    split: str = field(default="crossmodal", metadata={"scan": True})
+    split_dir: str | None = field(default=None, metadata={"path": True})
+    ignore: Literal["list", "none"] = field(default="list", metadata={"scan": True})
+    music: Literal["required", "optional"] = field(default="required", metadata={"scan": True})
+
+    version: ClassVar[int] = 1
+    licence: ClassVar[str] = (
+        "Annotations: CC BY 4.0 (Google LLC). The AIST music and video have terms of their own: "
+        "research use, no redistribution."
+    )
+    citation: ClassVar[str] = (
+        "Li et al., AI Choreographer: Music Conditioned 3D Dance Generation with AIST++, ICCV 2021. "
+        "Tsuchida et al., AIST Dance Video Database: Multi-genre, Multi-dancer, and Multi-camera Database "
+        "for Dance Information Processing, ISMIR 2019."
+    )
+
+    def __post_init__(self) -> None:
+        require_choice("aist++", "ignore", self.ignore, ("list", "none"))
+        require_choice("aist++", "music", self.music, ("required", "optional"))
+        if not self.split or Path(self.split).name != self.split:
+            raise UsageError(
+                "aist++: split must be a name, not a path",
+                found=repr(self.split),
+                allowed="crossmodal, all, or NAME of files NAME_train.txt",
+                fix="set split_dir to the folder of the files",
+            )
+        if self.split == ALL and self.split_dir is not None:
+            raise UsageError(
+                "aist++: split 'all' takes no split_dir",
+                found=f"split_dir {self.split_dir!r}",
+                fix="remove split_dir, or set split to a name",
+            )
+
+    @property
+    def genre_ids(self) -> Mapping[str, int]:
+        """Lodge's number of each genre, by its name in clips: ``gBR`` is 0."""
+        return facts().genre_ids
+
+    def scan(self, source: Path) -> Scan:
+        """List the clips; reads lists of names, but neither motion nor music.
+
+        Returns
+        -------
+        Scan
+            Clips by name with split, song, tempo (BPM), genre and dancer. Rejects, each by name: ``ignored``,
+            ``unassigned`` (in no split), ``missing_music``, ``missing_motion`` (in a split, but no pickle),
+            ``unused_music``, ``extra_file``. Notes describe the layout and how it was recognised.
+
+        Raises
+        ------
+        SourceError
+            If the folder is not an AIST++ copy, or its lists are unusable.
+        """
+        folders = find_folders(Path(source))
+        motions = list_motions(folders)
+        music = list_music(folders)
+        splits = find_splits(folders, self.split, self.split_dir)
+        ignored = find_ignored(folders, self.ignore == "list", self.split_dir)
+        clips, left_out = self._clips(folders, motions, music, splits, ignored)
+        missing = [
+            Reject("missing_motion", clip=name, detail=f"listed, but there is no motions/{name}.pkl")
+            for name in missing_motion(splits, ignored, motions.files)
+        ]
+        notes = (
+            *layout_notes(folders, motions, music),
+            *count_notes(folders, motions, len(missing)),
+            *splits.notes,
+            *ignored_notes(motions, ignored),
+            *clip_notes(clips, left_out, splits),
+        )
+        rejects = (
+            *left_out,
+            *missing,
+            *unused_music(folders, motions, music),
+            *music.rejects,
+            *motions.rejects,
+        )
+        return Scan(layout=layout_name(motions, music), clips=tuple(clips), rejects=rejects, notes=notes)
+
+    def load(self, ref: ClipRef) -> Motion:
+        """Read the motion of one clip: 60 FPS, metres, radians, +Y up, skeleton SMPL24.
+
+        Raises
+        ------
+        DataError
+            If the file is unusable; see `load.load_motion` for its reasons.
+        """
+        return load_motion(ref.motion_path, facts().frame_rate)
+
+    def make_example(self, folder: Path) -> None:
+        """Write four synthetic clips of six seconds in the official layout."""
+        from dancedata.datasets.aistpp.example import write_example
+
+        write_example(Path(folder))
+
+    def _clips(
+        self, folders: Folders, motions: Files, music: MusicFiles, splits: Splits, ignored: Ignored
+    ) -> tuple[list[ClipRef], list[Reject]]:
+        """Turn every pickle into a clip or a reject."""
+        clips = []
+        rejects = []
+        near, expected = near_music(folders, music), music_expected(folders, music)
+        for name, path in sorted(motions.files.items()):
+            parts = parse_name(name)
+            if parts is None:  # excluded by list_motions
+                continue
+            file = relative(path, folders.source)
+            split = splits.split(name)
+            audio = music.files.get(name) or music.files.get(parts.music)
+            fix = ""
+            if audio is None:
+                fix = near.fix(expected + parts.music, expected + name)
+            if name in ignored.names:
+                rejects.append(Reject("ignored", clip=name, file=file, detail=f"on {ignored.where}"))
+            elif not split:
+                rejects.append(Reject("unassigned", clip=name, file=file, detail=f"in no {splits.name} split"))
+            elif audio is None and self.music == "required":
+                detail = f"neither {name} nor {parts.music} as wav, flac, mp3 or ogg"
+                rejects.append(
+                    Reject("missing_music", clip=name, file=file, detail=detail, music=parts.music, fix=fix)
+                )
+            else:
+                clips.append(replace(_clip(parts, path, audio, split, splits), music_fix=fix))
+        return clips, rejects
+
+
+def _clip(parts: SequenceName, path: Path, audio: Path | None, split: str, splits: Splits) -> ClipRef:
+    tempo = tempo_bpm(parts.music)
+    notes = () if tempo is not None else (f"the tempo of music {parts.music} is unknown",)
+    return ClipRef(
+        id=parts.id,
+        motion_path=path,
+        audio_path=audio,
+        split=split,
+        music=parts.music,
+        tempo_bpm=tempo,
+        genre=parts.genre,
+        dancer=parts.dancer,
+        lists=() if splits.of is None else (f"{splits.name}_{split}",),
+        notes=notes,
+    )

@@ -1,0 +1,128 @@
+"""Facts about FineDance: ids, splits, ignore lists, trims, genres, from ``manifests/finedance.yaml``."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from dancedata.core.grid import FrameGrid
+from dancedata.core.resources import resource
+
+__all__ = ["Facts", "IgnoreList", "Protocol", "Trim", "facts"]
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """One of the two ways to split the data set; train is the remainder."""
+
+    val: frozenset[str]
+    test: frozenset[str]
+
+
+@dataclass(frozen=True)
+class IgnoreList:
+    """Ids that a published code leaves out, and the splits in which this reader does so too."""
+
+    ids: frozenset[str]
+    applies_to: tuple[str, ...]
+    source: str
+
+
+@dataclass(frozen=True)
+class Trim:
+    """Number of frames at the beginning that should be trimmed, and the reason."""
+
+    frames: int
+    reason: str
+    source: str
+
+
+@dataclass(frozen=True)
+class Facts:
+    """The content of the manifest.
+
+    Attributes
+    ----------
+    ids
+        All published ids, "001" to "211".
+    protocols, ignore_lists
+        By name.
+    genre_ids
+        Lodge's number of each genre, by its canonical name.
+    genre_names
+        Canonical name of each genre in the labels; keys are case-folded.
+    """
+
+    ids: tuple[str, ...]
+    frame_rate: int
+    licence: str
+    citation: str
+    get_motion: str
+    protocols: Mapping[str, Protocol]
+    ignore_lists: Mapping[str, IgnoreList]
+    trims: Mapping[str, Trim]
+    genre_ids: Mapping[str, int]
+    genre_names: Mapping[str, str]
+
+    def genre(self, style: str) -> str:
+        """Return the canonical name of a genre in the labels, "" if it is not one of the sixteen."""
+        return self.genre_names.get(_fold(style), "")
+
+    def ignored(self, protocol: str) -> frozenset[str]:
+        """Return the ids on the ignore lists of a protocol."""
+        return frozenset().union(*(i.ids for i in self.ignore_lists.values() if protocol in i.applies_to))
+
+    def listed(self, protocol: str, clip: str) -> str:
+        """Return "val" or "test" if the protocol lists the id there, ignored or not; else ""."""
+        lists = self.protocols[protocol]
+        return "val" if clip in lists.val else "test" if clip in lists.test else ""
+
+    def lists(self, clip: str) -> tuple[str, ...]:
+        """Return all lists that contain the id: ``cross_genre.train``, ``cross_dancer.val``, ``ignored``, ...
+
+        An id is in a protocol's train list if the protocol neither lists it elsewhere nor ignores it, as in the
+        code of Lodge and FineDance.
+        """
+        names = []
+        for protocol in self.protocols:
+            split = self.listed(protocol, clip)
+            if split or clip not in self.ignored(protocol):
+                names.append(f"{protocol}.{split or 'train'}")
+        return (*names, *(name for name, listed in self.ignore_lists.items() if clip in listed.ids))
+
+
+@functools.cache
+def facts() -> Facts:
+    """Read the manifest of FineDance, once."""
+    import yaml
+
+    text = resource("manifests", "finedance.yaml").read_text(encoding="utf-8")
+    raw: dict[str, Any] = yaml.safe_load(text)
+    grid = FrameGrid.of(raw["frame_rate"])
+    names = {_fold(name): genre for genre, about in raw["genres"].items() for name in (genre, *about.get("also", ()))}
+    return Facts(
+        ids=tuple(f"{n:03d}" for n in range(1, raw["sequences"] + 1)),
+        frame_rate=raw["frame_rate"],
+        licence=raw["licence"],
+        citation=raw["citation"],
+        get_motion=raw["get_it"]["motion"],
+        protocols={name: Protocol(frozenset(p["val"]), frozenset(p["test"])) for name, p in raw["splits"].items()},
+        ignore_lists={
+            name: IgnoreList(frozenset(about["ids"]), tuple(about["applies_to"]), about["source"])
+            for name, about in raw["ignore_lists"].items()
+        },
+        trims={t["id"]: _trim(t, grid) for t in raw["trims"]},
+        genre_ids={genre: about["id"] for genre, about in raw["genres"].items()},
+        genre_names=names,
+    )
+
+
+def _trim(raw: Mapping[str, Any], grid: FrameGrid) -> Trim:
+    frames = raw["frames"] if "frames" in raw else grid.frames(raw["seconds"])
+    return Trim(frames, raw["reason"], raw["source"])
+
+
+def _fold(style: str) -> str:
+    return style.strip().casefold()

@@ -1,0 +1,115 @@
+"""One FineDance motion file -> canonical motion; every defect has a reason code of its own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dancedata.core.bodies import SMPLX52
+from dancedata.core.errors import DataError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.motion import Motion
+from dancedata.core.skeleton import Skeleton
+from dancedata.formats.arrays import ArrayFile, open_arrays
+from dancedata.formats.six_d import check_rows, rotations_of
+
+__all__ = ["load_motion", "motion_length"]
+
+JOINTS = SMPLX52.n_joints
+COLUMNS = 3 + 6 * JOINTS
+_DOWNLOAD_AGAIN = "download the file again"
+
+Floats = NDArray[np.float64]
+
+
+def load_motion(path: Path, frame_rate: int, skeleton: Skeleton, trim_start: int = 0) -> Motion:
+    """Read a (T, 315) array: translation 3, then 52 joints x 6D (two rows of each matrix).
+
+    Parameters
+    ----------
+    path : .npy file. Nothing in it is executed; its header is checked before memory is allocated.
+    frame_rate : frames per second, 30 for FineDance.
+    skeleton : SMPL-X's 55 joints with the bones to use.
+    trim_start : first frame of the dance.
+
+    Returns
+    -------
+    Motion
+        rotations (T, 55, 3) axis-angle in radians, jaw and eyes zero; translation (T, 3) in metres as in the file;
+        +Y up. The 6D columns of the result equal the file's within the precision of float32.
+
+    Raises
+    ------
+    DataError
+        reason ``broken_file``, ``unsafe_pickle``, ``too_large``, ``bad_shape``, ``empty``, ``nan``,
+        ``bad_rotation`` or ``too_short`` (no frame is left after the trim).
+    """
+    with open_arrays(path) as arrays:
+        _length(arrays)
+        array = arrays.read("")
+    _check_finite(path, array)
+    rows = array[:, 3:].reshape(len(array), JOINTS, 6)
+    check_rows(path, rows)
+    if trim_start >= len(array):
+        raise DataError(
+            "no frame of the motion is left after the trim",
+            reason="too_short",
+            where=str(path),
+            found=f"{len(array)} frames, the first {trim_start} of them to be trimmed",
+            fix="check that this is the file of that id, or set trim: false",
+        )
+    return Motion(array[:, :3], rotations_of(rows), FrameGrid.of(frame_rate), skeleton, trim_start)
+
+
+def motion_length(path: Path) -> int | None:
+    """Return the number of frames in the file's header; None if the file is not a readable motion."""
+    try:
+        with open_arrays(path) as arrays:
+            return _length(arrays)
+    except DataError:
+        return None
+
+
+def _length(arrays: ArrayFile) -> int:
+    """Check the shape in the header, (T, 315), and return T."""
+    shape = arrays.shape("")
+    if len(shape) != 2 or shape[1] != COLUMNS:
+        raise DataError(
+            "the motion file has the wrong shape",
+            reason="bad_shape",
+            where=str(arrays.path),
+            found=str(shape),
+            allowed=f"(T, {COLUMNS}) of floats: translation 3, then {JOINTS} joints x 6D",
+            fix=_shape_advice(shape),
+        )
+    if shape[0] == 0:
+        raise DataError("the motion has no frames", reason="empty", where=str(arrays.path), fix=_DOWNLOAD_AGAIN)
+    return shape[0]
+
+
+def _shape_advice(shape: tuple[int, ...]) -> str:
+    """Return the fix for the most likely cause of a wrong shape."""
+    if len(shape) == 2 and shape[1] == COLUMNS + 4:
+        return (
+            "319 columns are features made by the scripts of FineDance or Lodge (contacts first; Lodge's are also "
+            "trimmed and grounded): use the motion/ folder as published"
+        )
+    if len(shape) == 2 and shape[0] == COLUMNS:
+        return "rows and columns are swapped: transpose the array"
+    return _DOWNLOAD_AGAIN
+
+
+def _check_finite(path: Path, array: Floats) -> None:
+    bad = np.asarray(~np.isfinite(array).all(axis=1))
+    if bad.any():
+        frame = int(bad.argmax())
+        column = int(np.argmax(~np.isfinite(array[frame])))
+        raise DataError(
+            "the motion contains values that are not finite",
+            reason="nan",
+            where=f"{path}, frame {frame}, column {column}",
+            found=f"{int(bad.sum())} of {len(bad)} frames with NaN or infinity",
+            fix=_DOWNLOAD_AGAIN,
+        )

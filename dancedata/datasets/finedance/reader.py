@@ -1,0 +1,239 @@
+"""The reader of FineDance; the tree on disk is in the package's docstring."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import ClassVar, Literal
+
+from dancedata.core.bodies import SMPLX55
+from dancedata.core.clip import ClipRef, Reject, Scan
+from dancedata.core.errors import UsageError
+from dancedata.core.motion import Motion
+from dancedata.core.plugins import Dataset
+from dancedata.core.registry import DATASETS
+from dancedata.core.skeleton import Skeleton
+from dancedata.datasets._source import ALL, Files, relative, require_choice
+from dancedata.datasets.finedance.facts import facts
+from dancedata.datasets.finedance.labels import read_label
+from dancedata.datasets.finedance.layout import (
+    Folders,
+    find_folders,
+    list_labels,
+    list_motions,
+    list_music,
+    music_fix,
+)
+from dancedata.datasets.finedance.lengths import length_note
+from dancedata.datasets.finedance.load import load_motion
+from dancedata.datasets.finedance.notes import (
+    clip_notes,
+    genre_notes,
+    layout_notes,
+    length_notes,
+    list_notes,
+    trim_notes,
+)
+
+__all__ = ["FineDance"]
+
+WITHOUT_LABELS = "add labels to label_json/, or keep clips without a genre: --set dataset.finedance.labels=optional"
+
+
+@DATASETS.register("finedance")
+@dataclass(frozen=True)
+class FineDance(Dataset):
+    """FineDance, from the published files.
+
+    Attributes
+    ----------
+    split : ``cross_genre`` (every genre in train and test; it has no val) or ``cross_dancer`` (no dancer in two
+        splits). Ids on no list are train.
+    keep : ids that stay in their split although the split's ignore list contains them, as text (``["120"]``), or
+        ``all``. Without it the ignore list takes precedence, as in Lodge and FineDance.
+    trim : set the clips' ``trim_start`` to the first frame that Lodge keeps. The frames are stored either way.
+    labels : ``required`` leaves out sequences whose label is missing or not one of the 16 genres; ``optional`` keeps
+        them, without a genre.
+    body_model : SMPL-X model file (.npz) with the bones to use; default: those published by Lodge and FineDance.
+        FineDance has no betas: all motion is on the neutral body.
+    """
+
+    split: Literal["cross_genre", "cross_dancer"] = field(default="cross_genre", metadata={"scan": True})
+    keep: Literal["all"] | tuple[str, ...] = field(default=(), metadata={"scan": True})
+    trim: bool = True
+    labels: Literal["required", "optional"] = field(default="required", metadata={"scan": True})
+    body_model: Path | None = field(default=None, metadata={"path": True, "content": True})
+
+    version: ClassVar[int] = 1
+    licence: ClassVar[str] = (
+        "Non-commercial scientific research, education and art only (Tsinghua University's licence for the FineDance "
+        "data); no redistribution, in whole or in part."
+    )
+    citation: ClassVar[str] = (
+        "Li et al., FineDance: A Fine-grained Choreography Dataset for 3D Full Body Dance Generation, ICCV 2023."
+    )
+
+    def __post_init__(self) -> None:
+        require_choice("finedance", "split", self.split, tuple(facts().protocols))
+        require_choice("finedance", "labels", self.labels, ("required", "optional"))
+        known = sorted(clip for listed in facts().ignore_lists.values() for clip in listed.ids)
+        unknown = [] if self.keep == ALL else [clip for clip in self.keep if clip not in known]
+        if unknown:
+            raise UsageError(
+                "finedance: keep contains ids that are on no ignore list",
+                found=", ".join(map(repr, unknown)),
+                allowed=f"all, or a list of {', '.join(known)}",
+                fix="write ids as text, in quotes: ['120']",
+            )
+
+    @property
+    def genre_ids(self) -> Mapping[str, int]:
+        """Lodge's number of each genre, by its name in clips."""
+        return facts().genre_ids
+
+    def scan(self, source: Path) -> Scan:
+        """List the clips; reads labels and, for the lengths, headers, but neither motion nor music.
+
+        Returns
+        -------
+        Scan
+            Clips by id with split, genre and the lists that contain them. A clip's music is its id; without an
+            audio file of that name it has no audio. Rejects, each by name: ``ignored``, ``missing_label``,
+            ``broken_label``, ``unknown_genre``, ``unassigned`` (an id that FineDance does not have),
+            ``missing_motion``, ``unused_music``, ``extra_file``. Notes describe the layout, the lists in use, and
+            ids on two of them.
+
+        Raises
+        ------
+        SourceError
+            If the folder is not a FineDance copy.
+        """
+        folders = find_folders(Path(source))
+        motions, music, labels = list_motions(folders), list_music(folders), list_labels(folders)
+        kept = self._kept()
+        clips, left_out = self._clips(folders, motions, music, labels)
+        lengths = _lengths(clips)
+        notes = (
+            *layout_notes(folders, motions, music, labels),
+            *list_notes(self.split, motions.files, kept),
+            *trim_notes(clips, self.trim),
+            *genre_notes(clips),
+            *length_notes(lengths),
+            *clip_notes(clips, left_out),
+            *self._bones_note(),
+        )
+        rejects = (
+            *left_out,
+            *_missing_motion(motions, facts().ignored(self.split) - kept),
+            *_without_motion(folders, motions, music, "unused_music"),
+            *_without_motion(folders, motions, labels, "extra_file"),
+            *music.rejects,
+            *motions.rejects,
+            *labels.rejects,
+        )
+        return Scan(layout="finedance", clips=tuple(clips), rejects=rejects, notes=notes)
+
+    def load(self, ref: ClipRef) -> Motion:
+        """Read the motion of one clip: 30 FPS, metres, radians, +Y up, SMPL-X's 55 joints, jaw and eyes still.
+
+        The clip's id decides how many frames Lodge trims at its beginning.
+
+        Raises
+        ------
+        DataError
+            If the file is unusable; see `load.load_motion` for its reasons.
+        """
+        trim = facts().trims.get(ref.id) if self.trim else None
+        return load_motion(ref.motion_path, facts().frame_rate, self._skeleton(), trim.frames if trim else 0)
+
+    def make_example(self, folder: Path) -> None:
+        """Write four synthetic clips of six seconds: three of train, one of test; one has a beginning to trim."""
+        from dancedata.datasets.finedance.example import write_example
+
+        write_example(Path(folder))
+
+    def _kept(self) -> frozenset[str]:
+        """Return the ids on the split's ignore lists that are kept."""
+        ignored = facts().ignored(self.split)
+        return ignored if self.keep == ALL else ignored & set(self.keep)
+
+    def _skeleton(self) -> Skeleton:
+        if self.body_model is None:
+            return SMPLX55
+        from dancedata.formats.body_model import body_model_skeleton
+
+        return body_model_skeleton(self.body_model)
+
+    def _bones_note(self) -> tuple[str, ...]:
+        """Return the note about the body model; an unusable one raises here, before any clip is loaded."""
+        if self.body_model is None:
+            return ()
+        return (f"Bones: of the body model {self.body_model.name} ({self._skeleton().name}).",)
+
+    def _clips(
+        self, folders: Folders, motions: Files, music: Files, labels: Files
+    ) -> tuple[list[ClipRef], list[Reject]]:
+        """Turn every motion file into a clip or a reject."""
+        clips = []
+        rejects = []
+        fix_of = music_fix(folders, music)
+        for clip, path in sorted(motions.files.items()):
+            file = relative(path, folders.source)
+            reason, detail = self._not_of_the_split(clip)
+            if reason:
+                rejects.append(Reject(reason, clip=clip, file=file, detail=detail))
+                continue
+            label = read_label(labels.files.get(clip), clip)
+            if label.problem and self.labels == "required":
+                rejects.append(Reject(label.reason, clip=clip, file=file, detail=label.problem, fix=WITHOUT_LABELS))
+                continue
+            audio = music.files.get(clip)
+            clips.append(
+                ClipRef(
+                    id=clip,
+                    motion_path=path,
+                    audio_path=audio,
+                    split=facts().listed(self.split, clip) or "train",
+                    music=clip,
+                    genre=label.genre,
+                    lists=facts().lists(clip),
+                    notes=(label.problem,) if label.problem else (),
+                    music_fix=fix_of(clip) if audio is None else "",
+                )
+            )
+        return clips, rejects
+
+    def _not_of_the_split(self, clip: str) -> tuple[str, str]:
+        """Return why an id is in no split, as a code and in words; empty if it is in one."""
+        if clip not in facts().ids:
+            first, last = facts().ids[0], facts().ids[-1]
+            detail = f"FineDance has {first} to {last}; use the dataset `folder` for your own data"
+            return "unassigned", detail
+        if clip not in facts().ignored(self.split) - self._kept():
+            return "", ""
+        lists = [name for name in facts().lists(clip) if name in facts().ignore_lists]
+        split = facts().listed(self.split, clip)
+        both = f", and in {self.split}.{split}; the ignore list takes precedence" if split else ""
+        return "ignored", f"on the list {' and '.join(lists)}{both}; keep: ['{clip}'] keeps it"
+
+
+def _lengths(clips: list[ClipRef]) -> dict[str, str]:
+    """Return the lengths of motion and music of clips where they differ."""
+    rate = facts().frame_rate
+    found = {c.id: length_note(c.motion_path, c.audio_path, rate) for c in clips if c.audio_path is not None}
+    return {clip: note for clip, note in found.items() if note}
+
+
+def _missing_motion(motions: Files, ignored: frozenset[str]) -> list[Reject]:
+    missing = [clip for clip in facts().ids if clip not in motions.files and clip not in ignored]
+    return [Reject("missing_motion", clip=clip, detail=f"there is no motion/{clip}.npy") for clip in missing]
+
+
+def _without_motion(folders: Folders, motions: Files, files: Files, reason: str) -> list[Reject]:
+    """Return a reject for every music file or label without a motion."""
+    return [
+        Reject(reason, file=relative(path, folders.source), detail=f"there is no motion/{clip}.npy")
+        for clip, path in files.files.items()
+        if clip not in motions.files
+    ]

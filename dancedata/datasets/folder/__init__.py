@@ -1,0 +1,32 @@
+"""A folder of your own motion files and music, with a manifest or matching file names.
+
+With a manifest, ``manifest.csv`` or ``manifest.jsonl``, whose paths lie below the source folder:
+
+.. code-block:: text
+
+    SOURCE/
+        manifest.csv             motion,audio,split,genre,fps,up,unit
+                                 takes/anna_01.bvh,songs/blue.flac,train,waltz,,,cm
+                                 amass/anna_02_poses.npz,songs/blue.flac,test,waltz,,,
+        takes/anna_01.bvh
+        amass/anna_02_poses.npz
+        songs/blue.flac
+
+Without one, motion and music are matched by file name:
+
+.. code-block:: text
+
+    SOURCE/                      SOURCE/
+        motions/NAME.npz             NAME.bvh
+        music/NAME.wav               NAME.wav
+        (or wavs/, audio/)
+
+Motion: ``.npz``, ``.npy``, ``.pkl`` in the layouts of AMASS, SMPL, SMPL-X and FineDance (`array_layouts`), and
+``.bvh`` of any skeleton with the joints of a human body (`formats.bvh.joint_names`). Frame rate, up axis and unit
+come from the manifest, else from the file or its format, else from the recipe; they are never guessed unless the
+recipe asks for it. Music: wav, flac, mp3 or ogg. See docs/own-data.md.
+"""
+
+from dancedata.datasets.folder.reader import Folder
+
+__all__ = ["Folder"]

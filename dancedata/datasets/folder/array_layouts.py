@@ -1,0 +1,323 @@
+"""Array layouts of AMASS, SMPL, SMPL-X and FineDance: recognises them and reads the motion.
+
+::
+
+    amass      poses (T, 156 | 165) trans (T, 3) mocap_framerate [betas gender]     +Z up, metres
+               or root_orient pose_body pose_hand pose_jaw pose_eye in place of poses (SMPL-X "stageii" files)
+    smpl       smpl_poses (T, 72 | 24, 3) smpl_trans (T, 3) [smpl_scaling]          with smpl_scaling: AIST++, +Y up
+               or poses (T, 72) trans (T, 3), or global_orient body_pose (T, 69) transl
+    smplh      poses (T, 156) trans (T, 3), or global_orient body_pose (T, 63) transl [hands]
+    smplx      poses (T, 165) trans (T, 3), or global_orient body_pose (T, 63) transl [hands jaw eyes]
+    finedance  one array (T, 315): translation 3, then 52 joints x 6D, two rows of each matrix    +Y up, metres
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dancedata.core.bodies import SMPLX55
+from dancedata.core.errors import DataError
+from dancedata.core.skeleton import SMPL24, Skeleton
+from dancedata.datasets._positions import POSITIONS, require_rotations
+from dancedata.datasets._source import require_finite
+from dancedata.datasets.folder.facts import Fact, bad_declaration
+from dancedata.formats.arrays import ArrayFile
+from dancedata.formats.body_model import SMPLH52
+from dancedata.formats.bvh.hierarchy import MAX_VALUE
+from dancedata.formats.six_d import check_rows, rotations_of
+
+__all__ = ["RATE_KEYS", "Layout", "read_motion", "recognise"]
+
+RATE_KEYS = ("mocap_framerate", "mocap_frame_rate", "fps", "frame_rate", "framerate")
+_AMASS_RATES = RATE_KEYS[:2]
+_TRANSLATIONS = ("trans", "transl", "smpl_trans")
+_BODIES: dict[str, Skeleton] = {"smpl": SMPL24, "smplh": SMPLH52, "smplx": SMPLX55, "finedance": SMPLX55}
+_BY_WIDTH = {72: "smpl", 156: "smplh", 165: "smplx"}
+_FINEDANCE_WIDTH = 3 + 6 * 52
+#: Arrays of a file in an unknown layout that are searched for joint positions.
+_MAX_SEARCHED = 100
+#: Arrays of the parts of a body in the order of its joints: (names in use, columns).
+_ROOT = (("global_orient", "root_orient"), 3)
+_BODY = (("body_pose", "pose_body"), 63)
+_FACE = ((("jaw_pose", "pose_jaw"), 3), (("leye_pose",), 3), (("reye_pose",), 3))
+_HANDS = ((("left_hand_pose",), 45), (("right_hand_pose",), 45))
+_PARTS: dict[str, tuple[tuple[tuple[str, ...], int], ...]] = {
+    "smpl": (_ROOT, (_BODY[0], 69)),
+    "smplh": (_ROOT, _BODY, *_HANDS),
+    "smplx": (_ROOT, _BODY, *_FACE, *_HANDS),
+}
+#: AMASS's names for arrays of two parts.
+_PAIRS = {"leye_pose": ("pose_eye", 0), "reye_pose": ("pose_eye", 1)}
+_PAIRS |= {"left_hand_pose": ("pose_hand", 0), "right_hand_pose": ("pose_hand", 1)}
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The layout of a file.
+
+    Attributes
+    ----------
+    name : "amass" or another layout.
+    body : "smpl", "smplh", "smplx" or "finedance": how the columns are read.
+    poses : name of the array with all rotations, "" for an unnamed one; None if each part has its own array.
+    translation : name of its array; None if it is in the same array.
+    up, unit : as defined by the layout, None where it defines nothing.
+    scaling : name of the array that divides the translation.
+    """
+
+    name: str
+    body: str
+    poses: str | None
+    translation: str | None
+    up: Fact[str] | None = None
+    unit: Fact[str] | None = None
+    scaling: str | None = None
+
+    @property
+    def skeleton(self) -> Skeleton:
+        """The skeleton to use without a body model."""
+        return _BODIES[self.body]
+
+
+def recognise(arrays: ArrayFile, declared: str) -> Layout:
+    """Recognise the layout by names and shapes, and check it against the declared one.
+
+    Raises
+    ------
+    DataError
+        ``missing_key`` or ``bad_shape`` for an unknown layout; ``bad_declaration`` if another one was declared.
+    """
+    names = arrays.names
+    if "smpl_poses" in names and "smpl_trans" in names:
+        found = _whole(arrays, "smpl_poses", "smpl_trans")
+    elif "poses" in names and _first(names, _TRANSLATIONS):
+        found = _whole(arrays, "poses", _first(names, _TRANSLATIONS))
+    elif _first(names, _ROOT[0]) and _first(names, _BODY[0]) and _first(names, _TRANSLATIONS):
+        found = _in_parts(arrays, declared)
+    elif names == ("",):
+        found = _unnamed(arrays)
+    else:
+        raise _unknown(arrays)
+    return _as_declared(arrays, found, declared)
+
+
+def _whole(arrays: ArrayFile, poses: str, translation: str) -> Layout:
+    width = _width(arrays, poses)
+    body = _BY_WIDTH.get(width)
+    if body is None:
+        raise _bad_shape(arrays, poses, "(T, 72) SMPL, (T, 156) SMPL-H or (T, 165) SMPL-X, axis-angle")
+    if "smpl_scaling" in arrays.names:
+        why = "AIST++'s definition, by smpl_scaling"
+        unit = Fact("m", "after division by smpl_scaling")
+        return Layout(body, body, poses, translation, Fact("y", why), unit, "smpl_scaling")
+    if body != "smpl" and _first(arrays.names, _AMASS_RATES):
+        return _amass(body, poses, translation)
+    return Layout(body, body, poses, translation, unit=_smpl_metres(body))
+
+
+def _in_parts(arrays: ArrayFile, declared: str) -> Layout:
+    translation = _first(arrays.names, _TRANSLATIONS)
+    body_pose = _first(arrays.names, _BODY[0])
+    width = _width(arrays, body_pose)
+    if width not in (63, 69):
+        raise _bad_shape(arrays, body_pose, "(T, 63) SMPL-X and SMPL-H, or (T, 69) SMPL, axis-angle")
+    body = "smpl" if width == 69 else "smplh" if declared == "smplh" else "smplx"
+    if body == "smplx" and _first(arrays.names, _AMASS_RATES):
+        return _amass(body, None, translation)
+    return Layout(body, body, None, translation, unit=_smpl_metres(body))
+
+
+def _amass(body: str, poses: str | None, translation: str) -> Layout:
+    up, unit = Fact("z", "AMASS's definition"), Fact("m", "AMASS's definition")
+    return Layout("amass", body, poses, translation, up, unit)
+
+
+def _smpl_metres(body: str) -> Fact[str] | None:
+    # Files with 72 columns exist in various units; the others follow the model's code.
+    return None if body == "smpl" else Fact("m", "the body model's definition")
+
+
+def _unnamed(arrays: ArrayFile) -> Layout:
+    width = _width(arrays, "")
+    if width != _FINEDANCE_WIDTH:
+        named = "; for axis-angle rotations an .npz from numpy.savez(file, poses=..., trans=...)"
+        allowed = f"(T, {_FINEDANCE_WIDTH}), translation 3, then 52 joints x 6D{named if width in _BY_WIDTH else ''}"
+        raise _bad_shape(arrays, "", allowed, POSITIONS if width % 3 == 0 else None)
+    up, unit = Fact("y", "FineDance's definition"), Fact("m", "FineDance's definition")
+    return Layout("finedance", "finedance", "", None, up, unit)
+
+
+def _as_declared(arrays: ArrayFile, found: Layout, declared: str) -> Layout:
+    if declared in ("auto", found.name):
+        return found
+    if declared == "amass" and found.body in ("smplh", "smplx"):
+        return _amass(found.body, found.poses, found.translation or "")
+    if declared == found.body:
+        # It has AMASS's rate key but is declared not to be AMASS, so its axes are unknown.
+        return Layout(found.body, found.body, found.poses, found.translation, unit=found.unit, scaling=found.scaling)
+    raise bad_declaration(
+        arrays.path,
+        f"the file does not have the layout {declared}",
+        f"{found.name}: arrays {arrays.listed}",
+        f"layout {found.name}, or auto",
+        "correct layout, or remove it",
+    )
+
+
+def read_motion(arrays: ArrayFile, layout: Layout) -> tuple[Floats, Floats]:
+    """Return translation (T, 3) in the file's unit and rotations (T, J, 3), axis-angle.
+
+    Raises
+    ------
+    DataError
+        ``bad_shape``, ``length_mismatch``, ``empty``, ``nan``, ``out_of_range``, ``bad_scaling``, ``bad_rotation`` or
+        ``not_rotations``.
+    """
+    if layout.body == "finedance":
+        array = _finite(arrays, layout.poses or "")
+        return array[:, :3], _finedance(arrays.path, array)
+    translation = _finite(arrays, layout.translation or "")
+    if translation.shape[1] != 3:
+        raise _bad_shape(arrays, layout.translation or "", "(T, 3)")
+    joints = layout.skeleton.n_joints
+    if layout.poses is not None:
+        rotations = _finite(arrays, layout.poses)
+    else:
+        rotations = _joined(arrays, layout, len(translation))
+    if len(rotations) != len(translation):
+        raise _lengths(
+            arrays, layout.poses or "body_pose", len(rotations), layout.translation or "", len(translation)
+        )
+    rotations = rotations.reshape(len(rotations), joints, 3)
+    require_rotations(arrays.path, layout.poses or "body_pose", rotations, translation, layout.skeleton.parents)
+    if layout.scaling:
+        translation = translation / _scaling(arrays, layout.scaling)
+    return translation, rotations
+
+
+def _joined(arrays: ArrayFile, layout: Layout, n_frames: int) -> Floats:
+    """Concatenate the parts, (T, J * 3); missing parts do not rotate."""
+    pieces = [_part(arrays, names, width, n_frames) for names, width in _PARTS[layout.body]]
+    return np.concatenate(pieces, axis=1)
+
+
+def _part(arrays: ArrayFile, names: Sequence[str], width: int, n_frames: int) -> Floats:
+    name = _first(arrays.names, names)
+    pair, half = _PAIRS.get(names[0], ("", 0))
+    if name:
+        part, allowed = _finite(arrays, name), f"(T, {width})"
+    elif pair in arrays.names:
+        name, allowed = pair, f"(T, {2 * width})"
+        part = _finite(arrays, pair)
+        part = part[:, half * width : (half + 1) * width] if part.shape[1] == 2 * width else part[:, :0]
+    else:
+        return np.zeros((n_frames, width))
+    if part.shape[1] != width:
+        hands = "save hands as full poses (use_pca=False), or omit them" if "hand" in name else None
+        raise _bad_shape(arrays, name, f"{allowed}, axis-angle", hands)
+    if len(part) != n_frames:
+        raise _lengths(arrays, name, len(part), "the translation", n_frames)
+    return part
+
+
+def _finedance(path: Path, array: Floats) -> Floats:
+    rows = array[:, 3:].reshape(len(array), 52, 6)
+    check_rows(path, rows)
+    return rotations_of(rows)
+
+
+def _finite(arrays: ArrayFile, name: str) -> Floats:
+    """Return one array as (T, columns), checked for frames, NaN and infinity."""
+    shape = arrays.shape(name)
+    if len(shape) < 2:
+        raise _bad_shape(arrays, name, "frames x columns")
+    if 0 in shape:
+        fix = "remove the file, or save it again"
+        raise DataError("the motion has no frames", reason="empty", where=str(arrays.path), found=str(shape), fix=fix)
+    array = arrays.read(name).reshape(shape[0], -1)
+    require_finite(arrays.path, name or "the array", array, "remove these frames, or the file")
+    if np.abs(array).max() > MAX_VALUE:
+        frame = int(np.abs(array).max(axis=1).argmax())
+        raise DataError(
+            f"{name or 'the array'} contains numbers outside the range of angles and lengths",
+            reason="out_of_range",
+            where=f"{arrays.path}, frame {frame}",
+            found=f"{np.abs(array[frame]).max():.3g}",
+            allowed=f"numbers within +-{MAX_VALUE:g}",
+            fix="save the file again",
+        )
+    return array
+
+
+def _scaling(arrays: ArrayFile, name: str) -> float:
+    value = arrays.read(name).reshape(-1)
+    if len(value) != 1 or not 1e-3 <= value[0] <= 1e6:
+        raise DataError(
+            f"{name} cannot turn the translation into metres",
+            reason="bad_scaling",
+            where=str(arrays.path),
+            found=f"{value[:3].tolist()}",
+            allowed="one number above 0 (about 89 to 99 in AIST++; 1 for data in metres)",
+            fix="save the file again",
+        )
+    return float(value[0])
+
+
+def _first(names: Sequence[str], candidates: Sequence[str]) -> str:
+    return next((name for name in candidates if name in names), "")
+
+
+def _width(arrays: ArrayFile, name: str) -> int:
+    shape = arrays.shape(name)
+    return int(np.prod(shape[1:], dtype=np.float64)) if len(shape) > 1 else 0
+
+
+def _unknown(arrays: ArrayFile) -> DataError:
+    return DataError(
+        "the arrays of the file match no known layout",
+        reason="missing_key",
+        where=str(arrays.path),
+        found=f"arrays {arrays.listed}",
+        allowed="poses and trans; smpl_poses and smpl_trans; global_orient, body_pose and transl; "
+        "or one array (T, 315) in an .npy file",
+        fix=POSITIONS
+        if any(_is_three_columns(arrays, name) for name in arrays.names[:_MAX_SEARCHED])
+        else "rename the arrays",
+    )
+
+
+def _is_three_columns(arrays: ArrayFile, name: str) -> bool:
+    """Return whether an array is (T, J, 3), as joint positions are."""
+    try:
+        shape = arrays.shape(name)
+    except DataError:
+        return False  # not numbers
+    return len(shape) == 3 and shape[1] > 1 and shape[2] == 3
+
+
+def _bad_shape(arrays: ArrayFile, name: str, allowed: str, fix: str | None = None) -> DataError:
+    return DataError(
+        f"{name or 'the array'} has the wrong shape",
+        reason="bad_shape",
+        where=str(arrays.path),
+        found=str(arrays.shape(name)),
+        allowed=allowed,
+        fix=fix or (POSITIONS if _is_three_columns(arrays, name) else "save the motion in one of the layouts above"),
+    )
+
+
+def _lengths(arrays: ArrayFile, one: str, n_one: int, other: str, n_other: int) -> DataError:
+    return DataError(
+        f"{one} and {other} differ in length",
+        reason="length_mismatch",
+        where=str(arrays.path),
+        found=f"{n_one} and {n_other} frames",
+        fix="save the file again",
+    )

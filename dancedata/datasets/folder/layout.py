@@ -1,0 +1,138 @@
+"""Where motion and audio files are in a folder without a manifest; files with equal names belong together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from dancedata.core.clip import Reject
+from dancedata.core.errors import SourceError
+from dancedata.core.text import counted, listed
+from dancedata.datasets._near_music import NearMusic
+from dancedata.datasets._source import (
+    AUDIO_SUFFIXES,
+    best_audio,
+    describe,
+    extra_file,
+    file_problem,
+    list_folder,
+    relative,
+)
+from dancedata.datasets.folder.load import SUFFIXES
+
+__all__ = ["LOOKED_FOR", "Matched", "match_names"]
+
+MOTION_FOLDERS = ("motions", "motion")
+MUSIC_FOLDERS = ("music", "wavs", "audio", "musics")
+LOOKED_FOR = (
+    "manifest.csv or manifest.jsonl; or motions/NAME.npz (.npy, .pkl, .bvh) with music/NAME.wav (.flac, .mp3, .ogg); "
+    "or NAME.npz beside NAME.wav"
+)
+
+
+@dataclass(frozen=True)
+class Matched:
+    """Motion and audio files by name.
+
+    Attributes
+    ----------
+    music_folder
+        Folder below the source where missing music is expected: "music/", or "" for the source itself.
+    near
+        The search for misnamed or misplaced audio files.
+    """
+
+    layout: str
+    motions: dict[str, Path]
+    music: dict[str, Path]
+    rejects: tuple[Reject, ...]
+    notes: tuple[str, ...]
+    music_folder: str
+    near: NearMusic
+
+
+def match_names(source: Path) -> Matched:
+    """List motion and audio files by their names.
+
+    Raises
+    ------
+    SourceError
+        If there is no motion.
+    """
+    folders = [source / name for name in MOTION_FOLDERS if (source / name).is_dir()]
+    apart = bool(folders)
+    motion_folder = folders[0] if apart else source
+    music_folders = [source / n for n in MUSIC_FOLDERS if (source / n).is_dir()] if apart else [source]
+    rejects: list[Reject] = []
+    motions = _motions(source, motion_folder, rejects)
+    music = _music(source, music_folders, rejects)
+    if not motions and not any(r.reason == "ambiguous_name" for r in rejects):
+        raise SourceError(
+            "folder: no motion found",
+            where=str(source),
+            found=describe(motion_folder),
+            allowed=LOOKED_FOR,
+            fix="set --source to the folder with the files, or write a manifest (docs/own-data.md)",
+        )
+    rejects += _rest(source, {motion_folder, *music_folders}, motions, music)
+    both = sorted(set(motions) & set(music))
+    places = (
+        f"{relative(motion_folder, source)}/ and {listed([f'{p.name}/' for p in music_folders]) or 'no music folder'}"
+    )
+    notes = [
+        f"No manifest: motion and music were matched by file name, {places if apart else 'side by side'}; "
+        f"{counted(len(both), 'pair')}, {len(motions) - len(both)} motions without music."
+    ]
+    layout = "names" if apart else "names, side by side"
+    expected = (f"{music_folders[0].name}/" if music_folders else f"{MUSIC_FOLDERS[0]}/") if apart else ""
+    near = NearMusic(source, (*music_folders, source), {music[name] for name in both}, motions.__contains__)
+    return Matched(layout, motions, music, tuple(rejects), tuple(notes), expected, near)
+
+
+def _by_stem(folders: list[Path], suffixes: tuple[str, ...]) -> list[tuple[str, list[Path]]]:
+    found: dict[str, list[Path]] = {}
+    for folder in folders:
+        for path in list_folder(folder):
+            if path.suffix.lower() in suffixes and path.is_file():
+                found.setdefault(path.stem, []).append(path)
+    return sorted(found.items())
+
+
+def _motions(source: Path, folder: Path, rejects: list[Reject]) -> dict[str, Path]:
+    """Motion files by stem; several with one stem are ambiguous, and none of them is read."""
+    chosen = {}
+    for stem, paths in _by_stem([folder], SUFFIXES):
+        if len(paths) == 1:
+            chosen[stem] = paths[0]
+            continue
+        paths.sort(key=lambda path: SUFFIXES.index(path.suffix.lower()))
+        names = ", ".join(path.name for path in paths)
+        detail = f"{names} have the same name; rename or remove all but one, or write a manifest"
+        rejects.append(Reject("ambiguous_name", clip=stem, file=relative(paths[0], source), detail=detail))
+    return chosen
+
+
+def _music(source: Path, folders: list[Path], rejects: list[Reject]) -> dict[str, Path]:
+    """Audio files by stem; of several with one stem the preferred format is used."""
+    chosen = {}
+    for stem, paths in _by_stem(folders, AUDIO_SUFFIXES):
+        chosen[stem], *others = best_audio(paths)
+        problem = f"{relative(chosen[stem], source)} is read for {stem}"
+        rejects += [extra_file(path, source, problem) for path in others]
+    return chosen
+
+
+def _rest(source: Path, folders: set[Path], motions: dict[str, Path], music: dict[str, Path]) -> list[Reject]:
+    """Return a reject for every entry that is not read."""
+    rejects = [
+        Reject("unused_music", file=relative(path, source), detail="no motion with that name")
+        for stem, path in music.items()
+        if stem not in motions
+    ]
+    for folder in sorted({source, *folders}):
+        known = (*SUFFIXES, *AUDIO_SUFFIXES) if folder in folders else ()
+        for path in list_folder(folder):
+            problem = "" if path in folders else file_problem(path, known, "neither motion nor music")
+            if problem:
+                rejects.append(Reject("extra_file", file=relative(path, source), detail=problem))
+    return rejects

@@ -1,0 +1,289 @@
+"""One motion file of any format -> canonical motion, and the facts about it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dancedata.core.errors import DataError, UsageError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.motion import Motion
+from dancedata.core.rotations import rotation
+from dancedata.core.skeleton import SMPL24, Skeleton
+from dancedata.datasets.folder.array_layouts import RATE_KEYS, Layout, read_motion, recognise
+from dancedata.datasets.folder.facts import (
+    GUESS,
+    UNITS,
+    UPRIGHT,
+    Declared,
+    Fact,
+    bad_declaration,
+    decide,
+    decide_rate,
+    metres,
+    undeclared,
+)
+from dancedata.datasets.folder.rates import exact_rate, rate_of_period
+from dancedata.formats.arrays import ArrayFile, open_arrays
+from dancedata.formats.body_model import GENDERS, body_model_skeleton, find_model
+from dancedata.formats.bvh.joint_names import JointMap, map_joints
+from dancedata.formats.bvh.kinematics import world
+from dancedata.formats.bvh.parse import Bvh, read_bvh
+from dancedata.formats.bvh.retarget import Rig, make_rig, retarget, skeleton_of, smpl_rest
+
+__all__ = ["SUFFIXES", "FileFacts", "Reading", "array_facts", "bvh_facts", "load_motion", "recognised"]
+
+SUFFIXES = (".npz", ".npy", ".pkl", ".bvh")
+#: Height of a skeleton in a guessed unit, toes to head joint at rest, metres.
+PLAUSIBLE_M = (1.2, 2.2)
+_UNITS_ALLOWED = f"{', '.join(UNITS)}, or metres per unit, such as 0.0254"
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How a file is read: the declarations for it and for all files.
+
+    Attributes
+    ----------
+    manifest : declarations for this file.
+    recipe : declarations for all files.
+    joint_map : SMPL joint -> name in BVH files.
+    body_model : file or folder; None for the mean body.
+    """
+
+    manifest: Declared
+    recipe: Declared
+    joint_map: Mapping[str, str] | None = None
+    body_model: Path | None = None
+
+
+def load_motion(path: Path, reading: Reading) -> Motion:
+    """Read a motion file: metres, +Y up, radians, exact frame rate.
+
+    Raises
+    ------
+    DataError
+        If the file is unusable, or contradicts its declarations.
+    """
+    if path.suffix.lower() == ".bvh":
+        return _load_bvh(path, reading)
+    with open_arrays(path) as arrays:
+        layout = recognised(arrays, reading)
+        facts = array_facts(arrays, layout, reading)
+        translation, rotations = read_motion(arrays, layout)
+        skeleton = layout.skeleton
+        if reading.body_model is not None:
+            skeleton = _body(arrays, layout, reading, reading.body_model)
+    root = skeleton.offsets[0]
+    translation = translation * facts.metres
+    if facts.up.value != "y":
+        upright = UPRIGHT[facts.up.value]
+        # SMPL rotates about the pelvis, which lies at root + translation: that point rotates with the axes.
+        translation = (root + translation) @ upright.T - root
+        rotations = rotations.copy()
+        rotations[:, 0] = _rotated(upright, rotations[:, 0])
+    return Motion(translation, rotations, FrameGrid(facts.rate.value), skeleton)
+
+
+@dataclass(frozen=True)
+class FileFacts:
+    """Frame rate, up axis and unit of a file, each with its origin; `metres` is the unit's size."""
+
+    rate: Fact[Fraction]
+    up: Fact[str]
+    unit: Fact[str]
+    metres: float
+
+    def __str__(self) -> str:
+        """Show the facts as in notes."""
+        rotated = ", rotated to +Y" if self.up.value != "y" else ""
+        unit = self.unit.value if self.unit.value in UNITS else f"1 unit = {self.metres:.7g} m"
+        return (
+            f"{self.rate.value} FPS ({self.rate.where}); +{self.up.value.upper()} up ({self.up.where}){rotated}; "
+            f"{unit} ({self.unit.where})"
+        )
+
+
+def recognised(arrays: ArrayFile, reading: Reading) -> Layout:
+    """Return the layout of a file of arrays, checked against the declared one."""
+    return recognise(arrays, reading.manifest.layout or reading.recipe.layout or "auto")
+
+
+def array_facts(arrays: ArrayFile, layout: Layout, reading: Reading) -> FileFacts:
+    """Return the facts about a file of arrays; DataError (``undeclared``, ``bad_rate``) if one is unknown."""
+    path, found = arrays.path, f"layout {layout.name}, arrays {arrays.listed}"
+    if layout.poses == "":
+        found = f"layout {layout.name}, an array without names"
+    own = None
+    key = next((key for key in RATE_KEYS if key in arrays.names), None)
+    if key is not None and reading.manifest.fps is None:
+        value = arrays.read(key).reshape(-1)
+        rate = exact_rate(float(value[0])) if len(value) == 1 else None
+        if rate is None:
+            raise DataError(
+                f"{key} is not a frame rate",
+                reason="bad_rate",
+                where=str(path),
+                found=str(value[:3].tolist()),
+                allowed="one number above 0, frames per second",
+                fix="declare fps for this file in the manifest, or save it again",
+            )
+        own = Fact(rate, key)
+    rate_fact = decide_rate(reading.manifest, own, reading.recipe)
+    up = decide(reading.manifest.up, layout.up, reading.recipe.up)
+    unit = decide(reading.manifest.unit, layout.unit, reading.recipe.unit)
+    # The unit is guessed from bones, which these files do not contain.
+    factor = None if unit is None else metres(unit.value)
+    also = [*["up"] * (up is None), *["unit"] * (factor is None)]
+    if rate_fact is None:
+        raise undeclared(path, "fps", "frame rate", "frames per second, such as 30 or 30000/1001", found, also)
+    if up is None:
+        raise undeclared(path, "up", "up axis", "y or z", found, also[1:])
+    if unit is None or factor is None:
+        raise undeclared(path, "unit", "unit of the translation", _UNITS_ALLOWED, found)
+    return FileFacts(rate_fact, up, unit, factor)
+
+
+def _rotated(upright: Floats, root: Floats) -> Floats:
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray((Rotation.from_matrix(upright) * rotation(root)).as_rotvec(), dtype=np.float64)
+
+
+def _body(arrays: ArrayFile, layout: Layout, reading: Reading, model: Path) -> Skeleton:
+    """Return the skeleton of the user's body model, with the file's gender and betas."""
+    own = arrays.text("gender").strip().lower() if "gender" in arrays.names else ""
+    fact = decide(reading.manifest.gender, Fact(own, "the file") if own in GENDERS else None, reading.recipe.gender)
+    gender = fact.value if fact is not None else "neutral"
+    betas = _betas(arrays) if "betas" in arrays.names else None
+    try:
+        file = find_model(model, joints=layout.skeleton, gender=gender)
+        named = next((g for g in ("female", "male", "neutral") if g in file.stem.lower()), None)
+        if betas is not None and fact is not None and named not in (None, gender):
+            raise bad_declaration(
+                arrays.path,
+                f"the betas of this file are for a {gender} body, but the body model is {named}",
+                f"{fact}, {file.name}",
+                f"a {gender} body model",
+                "set body_model to a folder with the models of all genders, or declare gender",
+            )
+        return body_model_skeleton(file, joints=layout.skeleton, betas=betas, gender=gender)
+    except UsageError as error:
+        raise DataError(
+            "the body model does not match this file",
+            reason="bad_body_model",
+            where=str(arrays.path),
+            found=str(error),
+            fix="build files of one body model together, or remove body_model",
+        ) from error
+
+
+def _betas(arrays: ArrayFile) -> Floats:
+    """Return one set of betas (B,); a file with betas for every frame must repeat the same ones."""
+    betas = arrays.read("betas")
+    rows = betas.reshape(-1, betas.shape[-1]) if betas.ndim else betas.reshape(1, 1)
+    if not len(rows) or not np.isfinite(rows).all() or np.ptp(rows, axis=0).max() > 1e-3:
+        raise DataError(
+            "the betas do not describe a single body",
+            reason="bad_shape",
+            where=str(arrays.path),
+            found=f"betas {betas.shape}, not finite or not the same in all rows",
+            allowed="(B,) or (T, B) with equal rows",
+            fix="save the file with the dancer's mean betas, or remove body_model",
+        )
+    return np.asarray(rows[0])
+
+
+def _load_bvh(path: Path, reading: Reading) -> Motion:
+    bvh = read_bvh(path)
+    facts, rig = bvh_facts(bvh, reading)
+    upright = UPRIGHT[facts.up.value]
+    _check_standing(bvh, rig.joints, facts.up)
+    rotations, pelvis = retarget(bvh, rig, upright)
+    skeleton = skeleton_of(rig, facts.metres)
+    return Motion(pelvis * facts.metres - skeleton.offsets[0], rotations, FrameGrid(facts.rate.value), skeleton)
+
+
+_CONVENTION = "BVH's convention, as nothing is declared"
+
+
+def bvh_facts(bvh: Bvh, reading: Reading) -> tuple[FileFacts, Rig]:
+    """Return the facts about a BVH file, and its rig; DataError (``undeclared``, ``bad_rate``) if one is unknown."""
+    rate = rate_of_period(bvh.frame_time)
+    own = None if rate is None else Fact(rate, f"Frame Time: {bvh.frame_time}")
+    rate_fact = decide_rate(reading.manifest, own, reading.recipe)
+    if rate_fact is None:
+        raise _bad_period(bvh)
+    up = decide(reading.manifest.up, None, reading.recipe.up) or Fact("y", _CONVENTION)
+    joints = map_joints(bvh.path, bvh.joints, reading.joint_map)
+    rig = make_rig(bvh, joints, UPRIGHT[up.value].T @ np.array([0.0, 1.0, 0.0]))
+    unit = decide(reading.manifest.unit, None, reading.recipe.unit)
+    height = _height(rig)
+    if unit is None:
+        fitting = [f"{name}: {height * value:.2f} m" for name, value in UNITS.items()]
+        found = f"a skeleton of {height:.4g} units from toes to head at rest ({', '.join(fitting)})"
+        raise undeclared(bvh.path, "unit", "unit of lengths", f"{_UNITS_ALLOWED}; guess", found)
+    if unit.value == GUESS:
+        unit, factor = _guessed(height, unit)
+    else:
+        factor = metres(unit.value) or 1.0
+    return FileFacts(rate_fact, up, unit, factor), rig
+
+
+def _height(rig: Rig) -> float:
+    """Return the height of the skeleton in SMPL's rest pose, toes to head joint, in the file's unit."""
+    places = np.zeros((24, 3))
+    for j in range(1, 24):
+        places[j] = places[SMPL24.parents[j]] + rig.offsets[j]
+    return float(np.ptp(places[:, 1]))
+
+
+def _guessed(height: float, unit: Fact[str]) -> tuple[Fact[str], float]:
+    """Choose the unit that gives a plausible height; without one scale the body to the height of SMPL's."""
+    low, high = PLAUSIBLE_M
+    fitting = [(name, value) for name, value in UNITS.items() if low <= height * value <= high]
+    if fitting:
+        name, value = fitting[0]
+        return Fact(name, f"GUESSED, as {unit.where}: {height * value:.2f} m from toes to head at rest"), value
+    smpl = float(np.ptp(smpl_rest()[:, 1]))
+    why = f"GUESSED, as {unit.where}: no known unit gives {low} to {high} m for {height:.4g} units from toes to head"
+    return Fact("", f"{why}, so the body is scaled to the height of SMPL's, {smpl:.2f} m"), smpl / height
+
+
+def _check_standing(bvh: Bvh, joints: JointMap, up: Fact[str]) -> None:
+    """Reject files with another up axis than BVH's usual one, in which the dancer would always lie on the ground."""
+    if up.where != _CONVENTION:
+        return
+    head = 15 if 15 in joints.of else 12
+    indices = [joints.of[s] for s in (head, 7, 8)]
+    step = -(-bvh.n_frames // 1000)
+    _, places = world(bvh, indices, slice(None, None, step))
+    body = places[:, 0] - places[:, 1:].mean(axis=1)
+    mean = (body / np.maximum(np.linalg.norm(body, axis=1, keepdims=True), 1e-12)).mean(axis=0)
+    if abs(mean[2]) > 0.8 and abs(mean[1]) < 0.5:
+        raise DataError(
+            "the body stands along the file's z axis, not along +Y as by BVH's convention",
+            reason="undeclared",
+            where=str(bvh.path),
+            found=f"from feet to head {np.array2string(mean, precision=2)} on average",
+            allowed="y or z",
+            fix="declare up: z (or up: y, if the dancer lies on the ground), in the manifest or in the recipe",
+        )
+
+
+def _bad_period(bvh: Bvh) -> DataError:
+    return DataError(
+        "the frame time is outside the range of motion capture",
+        reason="bad_rate",
+        where=str(bvh.path),
+        found=f"Frame Time: {bvh.frame_time}",
+        allowed="0.0001 to 1 s",
+        fix="declare fps for this file in the manifest, or correct Frame Time",
+    )

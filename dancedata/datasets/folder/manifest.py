@@ -1,0 +1,269 @@
+"""The manifest of a folder: manifest.csv or manifest.jsonl, one line per clip."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from dancedata.core.errors import SourceError, did_you_mean
+from dancedata.core.regular_file import read_regular
+from dancedata.core.strict_json import parse_json
+from dancedata.core.text import quoted, shown
+from dancedata.datasets.folder.facts import Declared
+
+__all__ = ["COLUMNS", "MANIFESTS", "Row", "id_problem", "inside", "read_manifest"]
+
+MANIFESTS = ("manifest.csv", "manifest.jsonl")
+_ABOUT = ("id", "motion", "audio", "split", "genre", "music", "dancer", "tempo_bpm")
+_DECLARED = ("fps", "up", "unit", "layout", "gender")
+COLUMNS = (*_ABOUT, *_DECLARED)
+#: Enough for a hundred thousand clips.
+MAX_BYTES = 1 << 24
+MAX_LINE = 1 << 16
+MAX_ID = 200
+MAX_TEMPO = 1000.0
+ID_ALLOWED = f"at most {MAX_ID} printable characters without slashes, not starting with a dot"
+_DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tabulator"}
+
+
+@dataclass(frozen=True)
+class Row:
+    """A line of the manifest.
+
+    Attributes
+    ----------
+    line : its number, for messages.
+    values : the cells that are not empty, by column.
+    declared : the declarations for the motion file.
+    """
+
+    line: int
+    values: Mapping[str, str]
+    declared: Declared
+
+    def get(self, column: str) -> str:
+        """Return the value of a column, "" if it is empty."""
+        return self.values.get(column, "")
+
+    @property
+    def tempo_bpm(self) -> float | None:
+        """Tempo, beats per minute."""
+        return float(self.values["tempo_bpm"]) if "tempo_bpm" in self.values else None
+
+
+def read_manifest(path: Path) -> list[Row]:
+    """Read and check a manifest, but not whether its files exist.
+
+    Raises
+    ------
+    SourceError
+        For any mistake, with its line.
+    """
+    try:
+        text = read_regular(path, MAX_BYTES).decode("utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        allowed, fix = f"UTF-8 text of at most {MAX_BYTES:,} bytes", "save it as UTF-8 text"
+        raise _bad(path, None, "the manifest cannot be read", str(error), allowed, fix) from error
+    for number, line in enumerate(text.split("\n"), start=1):
+        if len(line) > MAX_LINE:
+            raise _bad(path, number, "a line is too long", f"{len(line):,} characters", f"at most {MAX_LINE:,}")
+    lines = _csv(path, text) if path.suffix == ".csv" else _jsonl(path, text)
+    rows = [_row(path, line, values) for line, values in lines]
+    if not rows:
+        raise _bad(path, None, "the manifest contains no clip", "no line", "one line per clip")
+    _check_unique(path, rows)
+    return rows
+
+
+def inside(source: Path, text: str, manifest: Path, line: int, column: str) -> Path:
+    """Return a path of the manifest below the source folder; it need not exist.
+
+    Raises
+    ------
+    SourceError
+        If it is outside the source folder: an absolute path, one with "..", or a symbolic link.
+    """
+    allowed, fix = "a path below the source folder", "move the file into the source folder"
+    try:
+        path = source / text
+        real, root = path.resolve(), source.resolve()
+        path.is_file()  # raises for a name that is too long for the file system
+        if not Path(text).is_absolute() and ".." not in Path(text).parts and real.is_relative_to(root):
+            return path
+        found = shown(text) if real.is_relative_to(root) else f"{shown(text)}, which is {shown(real)}"
+    except (OSError, ValueError, RuntimeError) as error:  # too long, a zero byte, circular links
+        raise _bad(
+            manifest, line, f"{column} is not a usable path", f"{quoted(text)}: {shown(error)}", allowed, fix
+        ) from error
+    raise _bad(manifest, line, f"{column} is outside the source folder", found, allowed, fix)
+
+
+def _csv(path: Path, text: str) -> Iterator[tuple[int, dict[str, str]]]:
+    """Yield the lines by column; the delimiter is the most frequent candidate in the first line."""
+    head = text.partition("\n")[0]
+    delimiter = max(_DELIMITERS, key=head.count)
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, strict=True)
+    columns: list[str] = []
+    try:
+        for cells in reader:
+            cells = [cell.strip() for cell in cells]
+            if not any(cells) or (not columns and cells[0].startswith("#")):
+                continue
+            if not columns:
+                columns = cells
+                _check_columns(path, reader.line_num, columns)
+                continue
+            if len(cells) != len(columns):
+                what = f"{len(cells)} cells"
+                fix = "put cells that contain the delimiter in double quotes"
+                raise _bad(
+                    path,
+                    reader.line_num,
+                    "the line has the wrong number of cells",
+                    what,
+                    f"{len(columns)} cells",
+                    fix,
+                )
+            yield reader.line_num, {c: v for c, v in zip(columns, cells, strict=True) if v}
+    except csv.Error as error:
+        raise _bad(path, reader.line_num, "not valid CSV", str(error), "cells separated by commas") from error
+
+
+def _jsonl(path: Path, text: str) -> Iterator[tuple[int, dict[str, str]]]:
+    for number, line in enumerate(text.split("\n"), start=1):
+        if not line.strip():
+            continue
+        try:
+            obj = parse_json(line, _unique_keys)
+        except ValueError as error:
+            raise _bad(path, number, "not valid JSON", str(error), "one object per line") from error
+        if not isinstance(obj, dict):
+            raise _bad(path, number, "not a JSON object", f"{type(obj).__name__}", '{"id": ..., "motion": ...}')
+        _check_columns(path, number, list(obj))
+        yield number, {key: _text(path, number, key, value) for key, value in obj.items() if value not in (None, "")}
+
+
+def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        raise ValueError("duplicate key")
+    return found
+
+
+def _text(path: Path, line: int, key: str, value: object) -> str:
+    if isinstance(value, str):
+        return value.strip()
+    if type(value) in (int, float):
+        return repr(value)
+    raise _bad(path, line, f"{key} is neither text nor a number", f"{type(value).__name__}", "text or a number")
+
+
+def _check_columns(path: Path, line: int, columns: list[str]) -> None:
+    if path.suffix == ".csv" and not set(columns) & set(COLUMNS):
+        problem, found = "the first line contains no known column", shown(", ".join(columns), 100)
+        raise _bad(path, line, problem, found, ", ".join(COLUMNS), "start with a line such as motion,audio,split")
+    for column in columns:
+        if column not in COLUMNS:
+            problem = f"unknown column {quoted(column, 60)}; {did_you_mean(column[:60], COLUMNS)}"
+            raise _bad(path, line, problem, fix="rename the column, or remove it")
+    if len(set(columns)) < len(columns):
+        raise _bad(path, line, "duplicate column", shown(", ".join(columns)))
+    if "motion" not in columns:
+        raise _bad(
+            path,
+            line,
+            "the column motion is missing",
+            shown(", ".join(columns)) or "nothing",
+            "motion, and any of the other columns",
+        )
+
+
+def _row(path: Path, line: int, values: dict[str, str]) -> Row:
+    for column, value in values.items():
+        if any(not c.isprintable() for c in value) or len(value) > 4096:
+            raise _bad(path, line, f"{column} is not printable text", quoted(value, 60), "printable characters")
+    if "motion" not in values:
+        raise _bad(
+            path,
+            line,
+            "the clip has no motion",
+            shown(", ".join(values.values()), 100),
+            "the path of its motion file",
+        )
+    tempo = values.get("tempo_bpm")
+    if tempo is not None and not _is_tempo(tempo):
+        raise _bad(
+            path,
+            line,
+            "tempo_bpm is not a tempo",
+            shown(tempo, 40),
+            f"beats per minute, above 0, below {MAX_TEMPO:g}",
+        )
+    problem = id_problem(values.get("id") or Path(values["motion"]).stem)
+    if problem is not None:
+        found = quoted(values.get("id") or values["motion"], 60)
+        raise _bad(path, line, f"the id {problem}", found, ID_ALLOWED, "give the clip another id")
+    declared = Declared(**{name: values[name] for name in _DECLARED if name in values})
+    wrong = declared.problem()
+    if wrong is not None:
+        name, value, allowed = wrong
+        raise _bad(
+            path, line, f"invalid value for {name}", shown(value, 60), allowed, f"correct {name}, or leave it empty"
+        )
+    return Row(line, values, declared)
+
+
+def _is_tempo(text: str) -> bool:
+    try:
+        return 0 < float(text) < MAX_TEMPO
+    except ValueError:
+        return False
+
+
+def _check_unique(path: Path, rows: list[Row]) -> None:
+    lines: dict[str, int] = {}
+    for row in rows:
+        name = clip_id(row)
+        if name in lines:
+            found = f"lines {lines[name]} and {row.line}"
+            raise _bad(
+                path,
+                row.line,
+                f"two clips have the id {name!r}",
+                found,
+                "unique ids",
+                "add a column id with unique ids",
+            )
+        lines[name] = row.line
+
+
+def id_problem(name: str) -> str | None:
+    """Return why an id, which becomes part of file names, is invalid; None if it is valid."""
+    if not name or name.startswith("."):
+        return "starts with a dot" if name else "is empty"
+    if "/" in name or "\\" in name:
+        return "contains a slash"
+    if not name.isprintable():
+        return "contains characters that cannot be printed"
+    return f"is longer than {MAX_ID} characters" if len(name) > MAX_ID else None
+
+
+def clip_id(row: Row) -> str:
+    """Return the clip's id: the column id, else the name of its motion file."""
+    return row.get("id") or Path(row.get("motion")).stem
+
+
+def _bad(
+    path: Path,
+    line: int | None,
+    problem: str,
+    found: object = None,
+    allowed: object = None,
+    fix: str = "correct the manifest",
+) -> SourceError:
+    where = str(path) if line is None else f"{path}, line {line}"
+    return SourceError(f"folder: {problem}", where=where, found=found, allowed=allowed, fix=fix)

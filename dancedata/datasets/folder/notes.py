@@ -1,0 +1,68 @@
+"""The notes of a scan of a folder: what each motion file is, and how clips are split."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from dancedata.core.clip import ClipRef
+from dancedata.core.errors import DataError
+from dancedata.core.text import counted
+from dancedata.datasets.folder.load import Reading, array_facts, bvh_facts, recognised
+from dancedata.formats.arrays import open_arrays
+from dancedata.formats.bvh.parse import read_bvh_header
+
+__all__ = ["describe", "file_notes", "split_note"]
+
+#: Most kinds of files that the notes distinguish.
+_MAX_KINDS = 12
+
+
+def describe(path: Path, reading: Reading) -> tuple[str, ...]:
+    """Return notes on a file's format and facts, from its header. Raises as `load_motion` does."""
+    if path.suffix.lower() == ".bvh":
+        bvh = read_bvh_header(path)
+        facts, rig = bvh_facts(bvh, reading)
+        about = f"BVH: {facts}; joint names {rig.joints.style or 'as given in joint_map'}"
+        return about, f"BVH joints: {rig.joints.text(bvh.joints)}"
+    with open_arrays(path) as arrays:
+        layout = recognised(arrays, reading)
+        facts = array_facts(arrays, layout, reading)
+    joints = f" on {layout.body}'s {layout.skeleton.n_joints} joints" if layout.name != layout.body else ""
+    return (f"{path.suffix.lower()}, layout {layout.name}{joints}: {facts}",)
+
+
+def file_notes(clips: Sequence[ClipRef], reading: Callable[[ClipRef], Reading]) -> tuple[list[ClipRef], list[str]]:
+    """Return the clips with notes on their files, and a summary of the kinds of files."""
+    counts: Counter[str] = Counter()
+    described = []
+    for clip in clips:
+        try:
+            notes = describe(clip.motion_path, reading(clip))
+        except DataError as error:
+            notes = (f"not usable ({error.reason}), see the rejects",)
+        counts.update(notes)
+        described.append(replace(clip, notes=notes))
+    kinds = counts.most_common()
+    summary = [f"{counted(n, 'file')}: {kind}." for kind, n in sorted(kinds[:_MAX_KINDS], key=lambda item: item[0])]
+    if len(kinds) > _MAX_KINDS:
+        summary.append(f"{len(kinds) - _MAX_KINDS} more kinds of files.")
+    return described, summary
+
+
+def split_note(clips: Sequence[ClipRef], default: str, given: bool) -> str:
+    """Return the number of clips in each split.
+
+    Parameters
+    ----------
+    default : split of clips without one in the manifest.
+    given : whether the manifest assigns any split.
+    """
+    splits = Counter(clip.split for clip in clips)
+    if set(splits) == {default} and not given:
+        which = "the clip is" if len(clips) == 1 else f"all {len(clips):,} clips are"
+        return f"Splits: none is given, so {which} in {default!r}."
+    counts = ", ".join(f"{n:,} {split}" for split, n in sorted(splits.items()))
+    return f"Splits: {counts or 'no clip is left'}."

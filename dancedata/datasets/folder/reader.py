@@ -1,0 +1,276 @@
+"""The reader of a folder of your own files; the tree on disk is in the package's docstring."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, ClassVar, Literal
+
+from dancedata.core.clip import ClipRef, Reject, Scan
+from dancedata.core.errors import SourceError, StoreError, UsageError, did_you_mean
+from dancedata.core.grid import as_rate
+from dancedata.core.motion import Motion
+from dancedata.core.plugins import Dataset
+from dancedata.core.registry import DATASETS
+from dancedata.core.skeleton import SMPL24
+from dancedata.core.text import counted
+from dancedata.datasets._near_music import NearMusic
+from dancedata.datasets._source import AUDIO_SUFFIXES, relative, require_folder
+from dancedata.datasets._split_rule import SplitRule
+from dancedata.datasets.folder.facts import Declared
+from dancedata.datasets.folder.layout import LOOKED_FOR, match_names
+from dancedata.datasets.folder.load import SUFFIXES, Reading, load_motion
+from dancedata.datasets.folder.manifest import MANIFESTS, Row, clip_id, id_problem, inside, read_manifest
+from dancedata.datasets.folder.notes import file_notes, split_note
+
+__all__ = ["Folder"]
+
+
+@DATASETS.register("folder")
+@dataclass(frozen=True)
+class Folder(Dataset):
+    """A folder of your own motion files and music. Declarations here apply to files that do not state the fact.
+
+    Attributes
+    ----------
+    fps : frames per second of files without a frame rate: 30, 59.94 or "30000/1001".
+    up : "y" or "z", the up axis of files whose format does not define it. BVH is +Y unless declared.
+    unit : unit of lengths in files that do not define it (BVH never does): "m", "cm", "mm", "inch", "cmu" (the CMU
+        database: inch / 0.45), metres per unit such as 0.0254, or "guess": the unit in which the skeleton of a
+        BVH is 1.2 to 2.2 m tall.
+    layout : "auto", or the layout of arrays: "amass", "smpl", "smplh", "smplx", "finedance".
+    joint_map : SMPL joint -> name in the BVH files, for unknown names; "" excludes a joint.
+    body_model : SMPL-X, SMPL-H or SMPL model (.npz), or a folder of them, for the bones of arrays, with the
+        betas and the gender in the file. Without it they are those of the mean body.
+    gender : "neutral", "male" or "female", for a body model, of files without a gender.
+    split : split of clips without one in the manifest: a name, or a rule such as
+        ``{val: 0.1, test: 0.1, by: music, seed: 0}`` that keeps clips of one music (dancer, genre) together, see
+        `_split_rule`.
+    music : "required" leaves out clips without music; "optional" keeps them, without audio.
+    """
+
+    fps: float | str | None = None
+    up: Literal["y", "z"] | None = None
+    unit: float | str | None = None
+    layout: Literal["auto", "amass", "smpl", "smplh", "smplx", "finedance"] = "auto"
+    joint_map: Mapping[str, str] | None = None
+    body_model: Path | None = field(default=None, metadata={"path": True, "content": True})
+    gender: Literal["neutral", "male", "female"] | None = None
+    split: str | Mapping[str, Any] = field(default="train", metadata={"scan": True})
+    music: Literal["required", "optional"] = field(default="required", metadata={"scan": True})
+
+    generic: ClassVar[bool] = True
+    version: ClassVar[int] = 1
+    licence: ClassVar[str] = "Your own data: state their terms yourself."
+    citation: ClassVar[str] = "Your own data: cite their origin."
+
+    def __post_init__(self) -> None:
+        # One spelling per number, so that equal recipes have equal hashes.
+        if self.fps is not None:
+            object.__setattr__(self, "fps", _rate_text(self.fps))
+        if self.unit is not None:
+            object.__setattr__(self, "unit", str(self.unit))
+        if self.body_model is not None:
+            object.__setattr__(self, "body_model", Path(self.body_model).expanduser())
+        problem = self._declared.problem()
+        if problem is not None:
+            name, value, allowed = problem
+            raise UsageError(
+                f"folder: invalid value for {name}", found=repr(value), allowed=allowed, fix=f"set {name}"
+            )
+        for joint in self.joint_map or {}:
+            if joint not in SMPL24.joints:
+                problem_text = f"folder: joint_map has a key that is not a joint of SMPL: {joint!r}"
+                raise UsageError(problem_text, allowed=did_you_mean(joint, SMPL24.joints))
+        if isinstance(self.split, str):
+            from dancedata.store.schema import check_name
+
+            check_name(self.split, "split")
+        else:
+            object.__setattr__(self, "split", SplitRule.of(self.split).document())
+
+    def scan(self, source: Path) -> Scan:
+        """List the clips; reads the headers of motion files for the notes (pickles completely: they have no header).
+
+        Returns
+        -------
+        Scan
+            Clips by id. Rejects, each by name: ``missing_motion``, ``missing_music``, ``ambiguous_name``,
+            ``unused_music``, ``extra_file``. Notes describe what was matched, declared, read and assumed.
+
+        Raises
+        ------
+        SourceError
+            If there is no motion, or the manifest has a mistake.
+        """
+        source = Path(source)
+        require_folder("folder", source, LOOKED_FOR)
+        self._check_body_model()
+        manifests = [source / name for name in MANIFESTS if (source / name).exists()]
+        if len(manifests) > 1:
+            raise SourceError(
+                "folder: there are two manifests",
+                where=str(source),
+                found=" and ".join(MANIFESTS),
+                fix="remove one of them",
+            )
+        rows = read_manifest(manifests[0]) if manifests else []
+        found = self._listed(source, manifests[0], rows) if manifests else self._matched(source)
+        clips, rejects, notes, layout = found
+        given = any(row.get("split") for row in rows)
+        clips, splits = self._split(sorted(clips, key=lambda clip: clip.id), given)
+        clips, files = file_notes(clips, self._reading)
+        notes += [*splits, *files]
+        return Scan(layout, tuple(clips), tuple(rejects), tuple(notes))
+
+    def load(self, ref: ClipRef) -> Motion:
+        """Read the motion of one clip: metres, +Y up, radians; on SMPL's, SMPL-H's or SMPL-X's joints.
+
+        A BVH is retargeted to SMPL's 24 joints with its own bone lengths, see `formats.bvh.retarget`.
+
+        Raises
+        ------
+        DataError
+            If the file is unusable, or a declaration is missing or wrong.
+        """
+        return load_motion(ref.motion_path, self._reading(ref))
+
+    def make_example(self, folder: Path) -> None:
+        """Write three clips of six seconds with a manifest: AMASS and SMPL arrays and a BVH, two songs."""
+        from dancedata.datasets.folder.example import write_example
+
+        write_example(Path(folder))
+
+    @property
+    def _declared(self) -> Declared:
+        fps = None if self.fps is None else str(self.fps)
+        unit = None if self.unit is None else str(self.unit)
+        return Declared(fps, self.up, unit, self.layout, self.gender)
+
+    def _reading(self, ref: ClipRef) -> Reading:
+        return Reading(Declared(**dict(ref.declared)), self._declared, self.joint_map, self.body_model)
+
+    def _check_body_model(self) -> None:
+        if self.body_model is not None and not self.body_model.exists():
+            raise SourceError(
+                "folder: the body model does not exist", where=str(self.body_model), fix="correct body_model"
+            )
+
+    def _listed(
+        self, source: Path, manifest: Path, rows: list[Row]
+    ) -> tuple[list[ClipRef], list[Reject], list[str], str]:
+        """Return the clips of a manifest; one whose files do not exist is a reject."""
+        audio = {row.get("audio") for row in rows if row.get("audio")}
+        stems = Counter(Path(text).stem for text in audio)
+        clips, rejects = [], []
+        near = _near_listed(source, audio)
+        for row in rows:
+            clip = self._clip(source, manifest, row, stems, near)
+            if not isinstance(clip, Reject):
+                clips.append(clip)
+            else:
+                rejects.append(clip)
+        notes = [f"Manifest: {manifest.name}, {counted(len(rows), 'clip')}."]
+        return clips, rejects, notes, f"manifest ({manifest.suffix.removeprefix('.')})"
+
+    def _clip(self, source: Path, manifest: Path, row: Row, stems: Counter[str], near: NearMusic) -> ClipRef | Reject:
+        name, split = clip_id(row), row.get("split") or self._default_split
+        _check_row(manifest, row, split)
+        motion = inside(source, row.get("motion"), manifest, row.line, "motion")
+        text = row.get("audio")
+        audio = inside(source, text, manifest, row.line, "audio") if text else None
+        if not motion.is_file():
+            detail = f"listed, but {_absence(motion)}"
+            return Reject("missing_motion", clip=name, file=row.get("motion"), detail=detail)
+        if audio is not None and not audio.is_file():
+            detail = f"{manifest.name} names {text}: {_absence(audio)}"
+            fix = near.fix(Path(text).with_suffix("").as_posix())
+            return Reject("missing_music", clip=name, file=text, detail=detail, music=text, fix=fix)
+        if audio is None and self.music == "required":
+            return Reject("missing_music", clip=name, detail=f"{manifest.name} has no audio for this clip")
+        song = Path(text)
+        music = row.get("music") or (song.stem if stems[song.stem] < 2 else song.with_suffix("").as_posix())
+        return ClipRef(
+            name,
+            motion,
+            audio,
+            split,
+            music=music,
+            tempo_bpm=row.tempo_bpm,
+            genre=row.get("genre"),
+            dancer=row.get("dancer"),
+            declared=tuple(sorted((k, v) for k, v in vars(row.declared).items() if v is not None)),
+        )
+
+    def _matched(self, source: Path) -> tuple[list[ClipRef], list[Reject], list[str], str]:
+        matched = match_names(source)
+        clips, rejects = [], list(matched.rejects)
+        for name, path in matched.motions.items():
+            audio = matched.music.get(name)
+            fix = matched.near.fix(matched.music_folder + name) if audio is None else ""
+            problem = id_problem(name)
+            if problem is not None:
+                detail = (
+                    f"the file name, which is the clip's id, {problem}; rename it, or write a manifest with an id"
+                )
+                rejects.append(Reject("bad_name", clip=name, file=relative(path, source), detail=detail))
+            elif audio is None and self.music == "required":
+                detail = f"no {name}.wav, .flac, .mp3 or .ogg"
+                file = relative(path, source)
+                rejects.append(Reject("missing_music", clip=name, file=file, detail=detail, music=name, fix=fix))
+            else:
+                music = name if audio else ""
+                clips.append(ClipRef(name, path, audio, self._default_split, music=music, music_fix=fix))
+        return clips, rejects, list(matched.notes), matched.layout
+
+    @property
+    def _default_split(self) -> str:
+        """Split of clips without one in the manifest; empty where a rule assigns it once all clips are known."""
+        return self.split if isinstance(self.split, str) else ""
+
+    def _split(self, clips: list[ClipRef], given: bool) -> tuple[list[ClipRef], list[str]]:
+        """Assign a split to clips without one; returns the note on the splits. `given`: the manifest has splits."""
+        if not isinstance(self.split, str):
+            return SplitRule.of(self.split).apply(clips)
+        return clips, [split_note(clips, self.split, given)]
+
+
+def _near_listed(source: Path, audio: set[str]) -> NearMusic:
+    """Return the search among the audio files in the folders of the manifest that it does not list."""
+    listed = {source / text for text in audio if ".." not in Path(text).parts and not Path(text).is_absolute()}
+    folders = sorted({path.parent for path in listed})
+    stems = {path.stem for path in listed}
+    return NearMusic(source, (*folders, source), listed, stems.__contains__)
+
+
+def _absence(path: Path) -> str:
+    return "not a file" if path.exists() else "it does not exist"
+
+
+def _check_row(manifest: Path, row: Row, split: str) -> None:
+    """Check the constraints of a built dataset and of the audio reader."""
+    from dancedata.store.schema import SPLIT_ORDER, check_name
+
+    where = f"{manifest}, line {row.line}"
+    usual = split.casefold()
+    if usual in SPLIT_ORDER and split not in SPLIT_ORDER:
+        problem = f"folder: the split {split!r} differs from {usual!r} only by case"
+        raise SourceError(problem, where=where, fix=f"write it as {usual}, the name that readers and statistics use")
+    try:
+        check_name(split or "train", "split")
+    except StoreError as error:
+        raise SourceError(
+            f"folder: {error.problem}", where=where, found=error.found, allowed=error.allowed
+        ) from error
+    for column, known in (("motion", SUFFIXES), ("audio", AUDIO_SUFFIXES)):
+        suffix = Path(row.get(column)).suffix.lower()
+        if row.get(column) and suffix not in known:
+            problem = f"folder: {column} has an unsupported file format"
+            raise SourceError(problem, where=where, found=row.get(column)[:100], allowed=", ".join(known))
+
+
+def _rate_text(fps: float | str) -> str:
+    """Return a valid rate as the text of the exact fraction; an invalid one unchanged."""
+    return str(as_rate(fps)) if Declared(fps=str(fps)).problem() is None else str(fps)

@@ -1,0 +1,193 @@
+"""The instructions that results are computed with: the same on every x86-64 processor that has AVX2.
+
+BLAS and numpy choose among kernels by the processor, and kernels round differently: with AVX-512, MFCC differ by up
+to 4e-4. A dataset, and a cache that machines share, must not depend on that. So everything in them is computed with
+one choice, that of the level x86-64-v3 (AVX2 and FMA: Intel from 2013, AMD from 2017): OpenBLAS's kernels for
+Haswell, and numpy's code for X86_V3.
+
+The choice is made when the libraries are loaded, from the environment. The command line makes it for itself and for
+the workers that it starts (`adopt`). In a notebook or a training job the libraries may have been loaded before;
+computations that have to be exact run in a second process there (`dancedata.execution.reference_process`).
+
+Where this choice does not exist (no AVX2, another architecture, another BLAS), results depend on the machine, and
+their keys contain a description of it, so that they are never mixed. docs/decisions/0026 has the measurements.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from functools import lru_cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+#: The instructions that results are computed with wherever possible, as named in keys and dataset.json.
+REFERENCE = "x86-64-v3"
+#: Flags of /proc/cpuinfo that make up the level x86-64-v3.
+_FLAGS = {"avx", "avx2", "bmi1", "bmi2", "f16c", "fma", "abm", "movbe"}
+#: Variables by which users choose kernels or block sizes: they must not shape results.
+_FOREIGN = (
+    "OPENBLAS_CORETYPE",
+    "OPENBLAS_BLOCK_FACTOR",
+    "OPENBLAS_L2_SIZE",
+    "NPY_ENABLE_CPU_FEATURES",
+    "NPY_DISABLE_CPU_FEATURES",
+    "MKL_CBWR",
+    "MKL_ENABLE_INSTRUCTIONS",
+    "BLIS_ARCH_TYPE",
+)
+#: Variable that chooses, among other things, between versions of the C library's functions.
+_TUNABLES, _TUNES_CODE = "GLIBC_TUNABLES", "glibc.cpu."
+# numpy 2.4 renamed its groups of features.
+_NUMPY_FEATURES = {(2, 4): "X86_V3", (0, 0): "SSSE3 SSE41 POPCNT SSE42 AVX F16C FMA3 AVX2"}
+
+
+def environment() -> dict[str, str]:
+    """Return this process's environment, changed so that a child uses the reference instructions."""
+    changed = {**os.environ, **_changes()}
+    return {name: value for name, value in changed.items() if value is not None}
+
+
+def adopt() -> None:
+    """Make this process and its children use the reference instructions, unless numpy is loaded already."""
+    if "numpy" not in sys.modules:
+        _set(_changes())
+
+
+@contextmanager
+def adopted_by_children() -> Iterator[None]:
+    """Give processes that are started within the context the environment of `environment`."""
+    before = {name: os.environ.get(name) for name in _changes()}
+    _set(_changes())
+    try:
+        yield
+    finally:
+        _set(before)
+
+
+def _changes() -> dict[str, str | None]:
+    """Return the variables to set; None: to be removed."""
+    changes: dict[str, str | None] = dict.fromkeys(_FOREIGN)
+    # Nor must a module of the working folder stand in for one that computes, as where Python is started with -m.
+    changes["PYTHONSAFEPATH"] = "1"
+    tunables = os.environ.get(_TUNABLES, "").split(":")
+    changes[_TUNABLES] = ":".join(tunable for tunable in tunables if not tunable.startswith(_TUNES_CODE)) or None
+    if has_reference():
+        changes |= {"OPENBLAS_CORETYPE": "Haswell", "NPY_ENABLE_CPU_FEATURES": _numpy_features()}
+    return changes
+
+
+def _set(values: Mapping[str, str | None]) -> None:
+    for name, value in values.items():
+        if value is None:
+            os.environ.pop(name, None)
+        else:
+            os.environ[name] = value
+
+
+@lru_cache(maxsize=1)
+def has_reference() -> bool:
+    """Tell whether this processor has the level x86-64-v3."""
+    cpuinfo = Path("/proc/cpuinfo")
+    if platform.machine() not in ("x86_64", "AMD64") or not cpuinfo.is_file():
+        return False
+    with cpuinfo.open(encoding="utf-8", errors="replace") as lines:
+        flags: set[str] = next((set(line.split()) for line in lines if line.startswith("flags")), set())
+    return flags >= _FLAGS
+
+
+def _numpy_features() -> str:
+    try:
+        major, minor = (int(part) for part in version("numpy").split(".")[:2])
+    except (PackageNotFoundError, ValueError):
+        major, minor = max(_NUMPY_FEATURES)
+    return next(features for since, features in _NUMPY_FEATURES.items() if (major, minor) >= since)
+
+
+def here() -> str:
+    """Return the instructions that this process computes with: `REFERENCE`, or a description."""
+    # Modules load libraries: these are looked up again after imports.
+    return _description(len(sys.modules))
+
+
+@lru_cache(maxsize=1)
+def _description(n_modules: int) -> str:
+    blas, numpy_code = _blas(), _numpy_code()
+    is_reference = (
+        has_reference()
+        and blas == ["openblas Haswell"]
+        and not any(_is_beyond_v3(used) for used, _ in numpy_code)
+        and not any(_is_left_out(used, there) for used, there in numpy_code)
+        and not _set_at_start()
+    )
+    if is_reference:
+        return REFERENCE
+    used = sorted({used.split("(")[0] for used, _ in numpy_code})
+    parts = [platform.machine(), *blas, "numpy " + " ".join(used), *_set_at_start()]
+    if not all(name.startswith("openblas ") for name in blas):
+        # Which kernels these choose cannot be read.
+        parts.append(platform.processor() or _model_name())
+    return ", ".join(parts)
+
+
+def _blas() -> list[str]:
+    """Return the loaded BLAS libraries, with the kernels that they chose."""
+    import numpy as np  # noqa: F401  (loads one)
+    from threadpoolctl import threadpool_info
+
+    pools = [pool for pool in threadpool_info() if pool["user_api"] == "blas"]
+    return sorted({f"{pool['internal_api']} {pool.get('architecture', pool.get('version'))}" for pool in pools})
+
+
+def _numpy_code() -> list[tuple[str, list[str]]]:
+    """Return, for each of numpy's functions, the features its code was compiled for, and all that it could use."""
+    from numpy.lib.introspect import opt_func_info
+
+    # Such as "X86_V3" of "X86_V4 X86_V3 baseline(X86_V2)".
+    found: list[dict[str, str]] = [own for signatures in opt_func_info().values() for own in signatures.values()]
+    return [(own["current"], own["available"].split()) for own in found]
+
+
+def is_chosen_by_user() -> bool:
+    """Tell whether a process started with `environment` may use other instructions than this one."""
+    return has_reference() or bool(_set_at_start()) or any(x.split("=")[0] in _FOREIGN for x in _started_with())
+
+
+def can_choose() -> bool:
+    """Tell whether numpy's BLAS is known to have kernels for many processors: OpenBLAS, as wheels have it."""
+    import numpy as np  # noqa: F401  (loads it)
+    from threadpoolctl import threadpool_info
+
+    return any(pool.get("prefix") == "libscipy_openblas" for pool in threadpool_info())
+
+
+def _is_beyond_v3(features: str) -> bool:
+    return "AVX512" in features or "V4" in features
+
+
+def _is_left_out(used: str, there: list[str]) -> bool:
+    """Tell whether code up to x86-64-v3 is available but code for less is used."""
+    best = next((features for features in there if not _is_beyond_v3(features)), used)
+    return best.split("(")[0] != used.split("(")[0]
+
+
+def _set_at_start() -> list[str]:
+    """Return the variables at the start of this process that choose code in the C library."""
+    return [line for line in _started_with() if line.startswith(f"{_TUNABLES}=") and _TUNES_CODE in line]
+
+
+def _started_with() -> list[str]:
+    """Return the variables, NAME=VALUE, that this process was started with; it may have changed them since."""
+    try:
+        return Path("/proc/self/environ").read_bytes().decode("utf-8", "replace").split("\0")
+    except OSError:
+        return []
+
+
+def _model_name() -> str:
+    cpuinfo = Path("/proc/cpuinfo")
+    lines = cpuinfo.read_text(encoding="utf-8", errors="replace").splitlines() if cpuinfo.is_file() else []
+    return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), "unknown")

@@ -1,0 +1,298 @@
+"""The content-addressed cache: each unit of work is computed once for all builds and training jobs."""
+
+from __future__ import annotations
+
+import math
+import mmap
+import os
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib.metadata import version
+from pathlib import Path
+from stat import S_ISLNK
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.errors import StoreError, UsageError
+from dancedata.core.hashing import json_sha256, sha256_file
+from dancedata.execution import cache_files as files
+
+ENVIRONMENT = "DANCEDATA_CACHE"
+#: Results that took longer than this to compute are flushed to disk before they appear in the cache.
+DURABLE_FROM_S = 0.5
+
+
+def default_cache() -> Path:
+    """Return $DANCEDATA_CACHE, else `user_cache`; UsageError if the home folder that it begins with is unknown."""
+    named = os.environ.get(ENVIRONMENT)
+    return _expanded(Path(named)) if named else user_cache()
+
+
+def user_cache() -> Path:
+    """Return dancedata's folder in the user's cache folder; UsageError if there is none."""
+    # Not platformdirs: it ignores a relative $XDG_CACHE_HOME, which would move existing caches.
+    return _expanded(Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache") / "dancedata")
+
+
+def _expanded(path: Path) -> Path:
+    try:
+        # No shell has expanded it where a job script or a container sets it.
+        return path.expanduser()
+    except RuntimeError as error:
+        raise UsageError(
+            "the home folder of the cache is unknown", found=path, fix=f"set {ENVIRONMENT} to a folder, or --cache"
+        ) from error
+
+
+@lru_cache
+def package_version(name: str) -> str:
+    """Return the version of an installed distribution."""
+    return version(name)
+
+
+class EntryLostError(StoreError):
+    """An entry of the cache that existed is missing or damaged; it has to be computed again."""
+
+
+@dataclass(frozen=True)
+class CachedArray:
+    """An array in the cache, read when it is converted to a numpy array.
+
+    Attributes
+    ----------
+    path
+        An entry: a .npy file with a checksum after its last value.
+    shape
+        Shape of the array, `entries` applied.
+    entries
+        Indices along the first axis; None: all.
+    """
+
+    path: Path
+    shape: tuple[int, ...]
+    entries: tuple[int, ...] | None = None
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> npt.NDArray[Any]:
+        """Load the array and compare its checksum.
+
+        Raises
+        ------
+        EntryLostError
+            If it is missing or damaged. A damaged entry is removed, so that it is computed again.
+        """
+        try:
+            array = files.read_array(self.path)
+        except FileNotFoundError:
+            array = self._read_again()
+        except (OSError, ValueError) as error:
+            raise self._lost(error) from error
+        return np.array(array if self.entries is None else array[list(self.entries)], dtype=dtype)
+
+    def take(self, entries: tuple[int, ...]) -> CachedArray:
+        """Return the given indices along the first axis, in that order."""
+        return CachedArray(self.path, (len(entries), *self.shape[1:]), entries)
+
+    def mapped(self) -> npt.NDArray[Any]:
+        """Return the whole entry as a read-only view of the file; EntryLostError as above. Compares no checksum.
+
+        `prune` does not remove the entry while the view exists: on a network file system the view would break.
+        """
+        try:
+            with open(self.path, "rb") as file:
+                # The map keeps the file open, and with it the mark.
+                files.mark_in_use(file.fileno())
+                shape, dtype, begin = files.read_head(file.fileno())
+                data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+        except (OSError, ValueError) as error:
+            raise self._lost(error) from error
+        return np.frombuffer(data, dtype, math.prod(shape), begin).reshape(shape)
+
+    def _read_again(self) -> npt.NDArray[Any]:
+        """Read an entry that was not found, after its folder was listed.
+
+        A network file system caches for a while that a name does not exist, although another machine has made the
+        entry meanwhile. Listing the folder updates that cache.
+        """
+        try:
+            os.listdir(self.path.parent)
+            return files.read_array(self.path)
+        except (OSError, ValueError) as error:
+            raise self._lost(error) from error
+
+    def _lost(self, error: Exception) -> EntryLostError:
+        if isinstance(error, ValueError):
+            self.path.unlink(missing_ok=True)
+            problem = "an entry of the cache is damaged and was removed"
+        else:
+            problem = "an entry of the cache is gone"
+        fix = "run the same command again: only this entry is computed again"
+        return EntryLostError(problem, where=self.path, found=str(error), fix=fix)
+
+
+@dataclass(frozen=True)
+class Cache:
+    """Arrays and small JSON documents under keys that hash everything that shaped them.
+
+    Processes on several machines may share a cache: an entry appears whole or not at all, two writers of one key
+    write the same bytes, and a process waits for an entry that another one is computing (`once`). Every entry has a
+    checksum, which is compared when it is read.
+
+    Attributes
+    ----------
+    root
+        The folder.
+    careful
+        Compare arrays with their checksums when they are looked up: a damaged one counts as missing.
+    """
+
+    root: Path
+    careful: bool = False
+
+    @staticmethod
+    def key(stage: str, **what: Any) -> str:
+        """Return the key of a unit of work: a hash of its stage and of everything that shapes its result."""
+        return json_sha256({"stage": stage, **what})
+
+    def array(self, stage: str, key: str) -> CachedArray | None:
+        """Return an array if it exists and has the right length; None if not.
+
+        Its checksum is compared when it is read; if the cache is `careful`, now.
+        """
+        path = self._name(stage, key, "npy")
+        try:
+            fd = os.open(path, os.O_RDONLY)
+        except OSError:
+            return None
+        try:
+            shape, _, _ = files.read_head(fd)
+            used = os.fstat(fd).st_mtime
+            if self.careful:
+                files.read_array(Path(path))
+        except (OSError, ValueError):
+            # Damaged, as by a disk: it counts as missing and is computed again.
+            return None
+        finally:
+            os.close(fd)
+        files.note_use(path, used)
+        return CachedArray(Path(path), shape)
+
+    def put_array(self, stage: str, key: str, array: npt.NDArray[Any], *, durable: bool = True) -> CachedArray:
+        """Publish an array; if `durable`, it is flushed to disk first."""
+        path = self._path(stage, key, "npy")
+        with _clear_errors(self.root):
+            files.publish(self.root, path, files.array_parts(array), durable=durable)
+        return CachedArray(path, array.shape)
+
+    def once(self, stage: str, key: str, compute: Callable[[], npt.NDArray[Any]]) -> CachedArray:
+        """Return an array; compute it if it does not exist and no other process is computing it."""
+        found = self.array(stage, key)
+        if found is not None:
+            return found
+        with self.lock(stage, key):
+            found = self.array(stage, key)
+            if found is None:
+                started = time.monotonic()
+                array = compute()
+                found = self.put_array(stage, key, array, durable=time.monotonic() - started > DURABLE_FROM_S)
+        return found
+
+    @contextmanager
+    def lock(self, stage: str, key: str) -> Iterator[None]:
+        """Hold the lock of a unit of work while it is computed; waits for another process that holds it.
+
+        The lock is released when its holder dies. Look for the entry again once the lock is held: the holder before
+        may have published it.
+        """
+        with ExitStack() as stack:
+            with _clear_errors(self.root):  # of entering the context, not of what is done in it
+                stack.enter_context(files.locked_file(self.root / files.LOCKS, f"{stage}-{key}"))
+            yield
+
+    def json(self, stage: str, key: str) -> Any | None:
+        """Return JSON data, None if it does not exist."""
+        path = self._name(stage, key, "json")
+        try:
+            found, used = files.read_json(path)
+        except (OSError, ValueError):
+            # As above. If the whole cache cannot be used, writing to it raises.
+            return None
+        files.note_use(path, used)
+        return found
+
+    def put_json(self, stage: str, key: str, obj: Any) -> None:
+        """Publish JSON data."""
+        with _clear_errors(self.root):
+            files.publish(self.root, self._path(stage, key, "json"), files.json_parts(obj), durable=False)
+
+    def holds(self, stage: str, key: str, suffix: str = "npy") -> bool:
+        """Tell whether an entry exists, without reading it or noting a use."""
+        return self._path(stage, key, suffix).exists()
+
+    def file_sha256(self, path: Path) -> str:
+        """Return the SHA-256 of a file's bytes, remembered as long as `stat_key` stays the same."""
+        return self.known_sha256(path) or self.hashed_sha256(path)
+
+    def hashed_sha256(self, path: Path) -> str:
+        """Return the SHA-256 of a file's bytes, read now, and remember it."""
+        key = self.stat_key("sha256", path)
+        found = sha256_file(path)
+        if self.stat_key("sha256", path) == key:  # else it changed meanwhile, which the caller finds out
+            self.put_json("files", key, found)
+        return found
+
+    def known_sha256(self, path: Path) -> str | None:
+        """Return the SHA-256 that `file_sha256` has stored for a file, None if it would have to read the file."""
+        known = self.json("files", self.stat_key("sha256", path))
+        return None if known is None else str(known)
+
+    @staticmethod
+    def stat_key(what: str, path: Path) -> str:
+        """Return a key that changes when the file at `path` does: its path, size, inode and times of change.
+
+        The time of a file's last change (ctime) is set by the system only; the modification time can be set to any
+        value, and programs that unpack or copy files do so.
+        """
+        stat = path.lstat()
+        if S_ISLNK(stat.st_mode):
+            path = Path(os.path.realpath(path))
+            stat = path.stat()
+        folder, name = os.path.split(path)
+        real = f"{_real_folder(folder)}{os.sep}{name}"
+        identity = [real, stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns, stat.st_ino]
+        return Cache.key("files", what=what, file=identity)
+
+    def _path(self, stage: str, key: str, suffix: str) -> Path:
+        return Path(self._name(stage, key, suffix))
+
+    def _name(self, stage: str, key: str, suffix: str) -> str:
+        return f"{self.root}{os.sep}{stage}{os.sep}{key[:2]}{os.sep}{key}.{suffix}"
+
+
+@lru_cache(maxsize=1024)
+def _real_folder(folder: str) -> str:
+    # Many files share a few folders. If a link in their path changes, the files have other inodes.
+    return os.path.realpath(folder)
+
+
+class _clear_errors:  # noqa: N801
+    """Turns errors of the file system into one that names the cache."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+
+    def __enter__(self) -> None:
+        return None
+
+    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
+        if isinstance(error, OSError):
+            raise StoreError(
+                "the cache cannot be written",
+                where=self.root,
+                found=str(error),
+                fix=f"set {ENVIRONMENT} to a writable folder with free space",
+            ) from error

@@ -1,0 +1,289 @@
+"""The commands `dancedata cache`: list, prune and verify the entries of a cache."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from stat import S_ISREG
+from typing import Any
+
+from dancedata.core.errors import StoreError, UsageError
+from dancedata.core.text import listed
+from dancedata.execution import cache_files as files
+
+_UNITS = {"b": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12}
+_AGES = {"s": 1, "m": 60, "h": 3600, "d": 86400, "w": 7 * 86400}
+_NUMBER = re.compile(r"(?P<number>[0-9]{1,15}(?:\.[0-9]{1,15})?)")
+_AGE = re.compile(rf"{_NUMBER.pattern}\s*(?P<unit>[smhdw])")
+_SIZE = re.compile(rf"{_NUMBER.pattern}\s*(?P<unit>b|[kmgt]b?)")
+#: Characters of a wrong value that a message shows.
+_SHOWN = 40
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A file of the cache.
+
+    Attributes
+    ----------
+    size
+        Bytes on disk, in whole blocks.
+    used
+        Time of the last use, in seconds since 1970, to the hour.
+    """
+
+    path: Path
+    stage: str
+    size: int
+    used: float
+
+
+@dataclass
+class StageSum:
+    """Sums over a stage: entries, bytes, and the earliest and latest time of use."""
+
+    entries: int = 0
+    bytes: int = 0
+    oldest: float | None = None
+    newest: float | None = None
+
+    def add(self, entry: Entry) -> None:
+        """Count an entry."""
+        self.entries += 1
+        self.bytes += entry.size
+        self.oldest = entry.used if self.oldest is None else min(self.oldest, entry.used)
+        self.newest = entry.used if self.newest is None else max(self.newest, entry.used)
+
+
+@dataclass
+class Pruned:
+    """What was removed, or would be, and what was kept.
+
+    Attributes
+    ----------
+    in_use
+        Kept entries that would have been removed if a running build or training job did not use them.
+    swept
+        Files left by killed processes, removed as well.
+    """
+
+    removed: int = 0
+    removed_bytes: int = 0
+    kept: int = 0
+    kept_bytes: int = 0
+    in_use: int = 0
+    swept: int = 0
+    paths: list[Path] = field(default_factory=list)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain JSON data."""
+        return {**self.__dict__, "paths": [str(path) for path in self.paths]}
+
+    def describe(self, dry: bool) -> str:
+        """Return what `cache prune` prints."""
+        what = "would remove" if dry else "removed"
+        swept = f"; removed {self.swept} files of killed processes" if self.swept else ""
+        in_use = f", {self.in_use} of them because they are in use" if self.in_use else ""
+        return (
+            f"{what} {self.removed} entries, {size_text(self.removed_bytes)}; "
+            f"{self.kept} are left, {size_text(self.kept_bytes)}{in_use}{swept}"
+        )
+
+
+def require_cache(root: Path) -> None:
+    """Raise UsageError if a folder holds files and is not known as a cache."""
+    if files.is_cache(root) or not any(names for _, _, names in os.walk(root)):
+        return
+    names = sorted(os.listdir(root))
+    raise UsageError(
+        "this folder is not a cache of dancedata; nothing was removed",
+        where=root,
+        found=listed(names),
+        allowed=f"a folder with {files.MARKER} in it, which builds write",
+        fix="name the cache's folder: --cache DIR, or $DANCEDATA_CACHE",
+    )
+
+
+def entries(root: Path) -> Iterator[Entry]:
+    """List all entries of a cache; entries that vanish meanwhile are skipped."""
+    for stage in _folders(root):
+        if stage.name not in files.STAGES:
+            continue
+        for prefix in _folders(stage):
+            for found in _scanned(prefix):
+                match = files.ENTRY.fullmatch(found.name)
+                if match is None or match["two"] != prefix.name:
+                    continue
+                try:
+                    stat = found.stat(follow_symlinks=False)
+                except OSError:
+                    continue
+                if not S_ISREG(stat.st_mode):
+                    continue
+                size = max(stat.st_size, stat.st_blocks * 512)
+                yield Entry(Path(found.path), stage.name, size, stat.st_mtime)
+
+
+def cache_json(root: Path) -> dict[str, Any]:
+    """Return what `cache info --json` prints: entries, bytes, and the least and most days without use, by stage."""
+    require_cache(root)
+    now = time.time()
+    stages: dict[str, StageSum] = {}
+    for entry in entries(root):
+        stages.setdefault(entry.stage, StageSum()).add(entry)
+    total = sum(s.bytes for s in stages.values())
+    count = sum(s.entries for s in stages.values())
+    about = {
+        name: {
+            "entries": s.entries,
+            "bytes": s.bytes,
+            "days_unused": [_days(now, s.newest), _days(now, s.oldest)],
+        }
+        for name, s in sorted(stages.items())
+    }
+    return {"path": str(root), "entries": count, "bytes": total, "stages": about}
+
+
+def describe_cache(about: dict[str, Any]) -> str:
+    """Return what `cache info` prints."""
+    lines = [f"{about['path']}: {about['entries']} entries, {size_text(about['bytes'])}"]
+    width = max((len(name) for name in about["stages"]), default=0)
+    for name, stage in about["stages"].items():
+        least, most = stage["days_unused"]
+        lines.append(
+            f"  {name.ljust(width)}  {stage['entries']:>8}  {size_text(stage['bytes']):>9}"
+            f"  last used {least:g} to {most:g} days ago"
+        )
+    return "\n".join(lines)
+
+
+def size_text(n_bytes: float) -> str:
+    """Return a size in bytes as text with a decimal unit."""
+    for unit in ("B", "kB", "MB"):
+        if n_bytes < 1000:
+            return f"{n_bytes:.3g} {unit}"
+        n_bytes /= 1000
+    return f"{n_bytes:.4g} GB"
+
+
+def prune(
+    root: Path, *, older_than_s: float | None = None, max_bytes: int | None = None, dry: bool = False
+) -> Pruned:
+    """Remove entries by age and size, the least recently used first, except those in use.
+
+    Entries are in use if a training job has them mapped (`FeatureCache`) or if they were used since the oldest
+    running build began.
+
+    Parameters
+    ----------
+    older_than_s
+        Remove entries that were not used for so many seconds.
+    max_bytes
+        Then remove the least recently used entries until the rest takes at most so many bytes.
+    dry
+        Remove nothing, and return what would be removed.
+    """
+    if older_than_s is None and max_bytes is None:
+        raise UsageError("no rule for what to remove", fix="give --older-than 30d, --max-size 50GB, or both")
+    require_cache(root)
+    now = time.time()
+    result = Pruned(swept=0 if dry else files.sweep(root))
+    begun = files.oldest_running(root)
+    # The time of a use is kept to the hour.
+    since = math.inf if begun is None else begun - files.USE_GRANULARITY_S
+    found = sorted(entries(root), key=lambda e: (e.used, e.path))
+    total = sum(e.size for e in found)
+    for entry in found:
+        # The last use may lie in the future: the clock was set back.
+        old = older_than_s is not None and now - entry.used > older_than_s
+        large = max_bytes is not None and total > max_bytes
+        goes = (old or large) and entry.used < since and (dry or _removed(entry))
+        if goes:
+            total -= entry.size
+            result.removed += 1
+            result.removed_bytes += entry.size
+            result.paths.append(entry.path)
+        else:
+            result.kept += 1
+            result.kept_bytes += entry.size
+            result.in_use += old or large
+    return result
+
+
+def verify_cache(root: Path, *, remove: bool = False) -> tuple[int, list[tuple[Path, str]]]:
+    """Compare every entry with its checksum; returns the number of entries, and the damaged ones with the problem.
+
+    Parameters
+    ----------
+    remove
+        Remove damaged entries. They are computed again when they are needed; a build finds them by itself.
+    """
+    require_cache(root)
+    damaged: list[tuple[Path, str]] = []
+    count = 0
+    for entry in entries(root):
+        count += 1
+        try:
+            files.read_array(entry.path) if entry.path.suffix == ".npy" else files.read_json(entry.path)
+        except FileNotFoundError:
+            count -= 1
+        except (OSError, ValueError) as error:
+            damaged.append((entry.path, str(error)))
+            if remove:
+                entry.path.unlink(missing_ok=True)
+    return count, sorted(damaged)
+
+
+def parse_age(text: str) -> float:
+    """Read "30d", "12h", "90m", "2w" or "45s", as seconds; a number without a unit is refused."""
+    return _quantity(text, _AGE, _AGES, "age", "30d, 12h, 2w (units: s, m, h, d, w)")
+
+
+def parse_size(text: str) -> int:
+    """Read "50GB", "500M" or "0B", as bytes; units of 1000; a number without a unit is refused."""
+    return int(_quantity(text, _SIZE, _UNITS, "size", "50GB, 500MB (units: B, kB, MB, GB, TB)"))
+
+
+def _quantity(text: str, pattern: re.Pattern[str], units: Mapping[str, int], what: str, allowed: str) -> float:
+    found = pattern.fullmatch(text.strip().lower())
+    if found is None:
+        allowed = f"a number with a unit, such as {allowed}"
+        # 3 days, 3 hours or 3 seconds: a guess could empty the cache.
+        problem = f"the {what} has no unit" if _NUMBER.fullmatch(text.strip()) else f"not a valid {what}"
+        raise UsageError(problem, found=repr(text[:_SHOWN]), allowed=allowed, fix="nothing was removed")
+    return float(found["number"]) * units[found["unit"][0]]
+
+
+def _removed(entry: Entry) -> bool:
+    try:
+        return files.remove_unused(entry.path, entry.used)
+    except OSError as error:
+        raise StoreError(
+            "an entry of the cache cannot be removed",
+            where=entry.path,
+            found=str(error),
+            fix="entries belong to the user who made them; that user can prune them",
+        ) from error
+
+
+def _days(now: float, used: float | None) -> float | None:
+    return None if used is None else round(max(0.0, now - used) / 86400, 2)
+
+
+def _folders(folder: Path) -> Sequence[Path]:
+    return sorted(Path(e.path) for e in _scanned(folder) if e.is_dir(follow_symlinks=False))
+
+
+def _scanned(folder: Path) -> list[os.DirEntry[str]]:
+    try:
+        with os.scandir(folder) as found:
+            return list(found)
+    except FileNotFoundError:
+        return []
+    except OSError as error:
+        raise StoreError("the cache cannot be read", where=folder, found=str(error)) from error

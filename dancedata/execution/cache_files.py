@@ -1,0 +1,345 @@
+"""Files of the cache: entries with a checksum, which appear whole, temporary files and locks.
+
+Every writer holds a lock (see `core.locks`) on its temporary file, and on a file of the unit that it computes. So
+`sweep` can tell what a killed process left from what a living one is writing, on every machine that shares the
+folder.
+"""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import io
+import json
+import math
+import os
+import re
+import struct
+import time
+import zlib
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from itertools import islice
+from pathlib import Path
+from stat import S_ISREG
+from typing import Any, cast
+from uuid import uuid4
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.hashing import canonical_bytes
+from dancedata.core.locks import file_lock, is_abandoned, lock_abandoned, lock_file, open_locked, unlock
+
+#: Folders of the cache: entries by stage, files that are being written, and locks of units that are being computed.
+STAGES = ("features", "motion", "clips", "signals", "files")
+TEMPORARY, LOCKS = "tmp", "locks"
+#: File at the top of a folder that marks it as a cache.
+MARKER = "dancedata-cache.txt"
+_MARK = b"A cache of dancedata, format 1. It only saves time: it may be deleted when nothing runs.\n"
+#: Names of entries: <stage>/<two digits>/<sha256>.npy or .json; of temporary files; of locks. Nothing else is ever
+#: removed, since the folder may hold other files too. Earlier versions made temporary files named *.unit.
+ENTRY = re.compile(r"(?P<two>[0-9a-f]{2})[0-9a-f]{62}\.(npy|json)")
+_TWO_DIGITS = re.compile(r"[0-9a-f]{2}")
+_TEMPORARY_NAME = re.compile(r"dancedata-[0-9a-f]{32}(\.tmp|\.token|-[0-9]+\.unit)")
+_LOCK_NAME = re.compile(rf"({'|'.join(STAGES)})-[0-9a-f]{{64}}|build-[0-9a-f]{{32}}")
+#: Prefix of the locks in LOCKS that builds hold as long as they run.
+RUNNING = "build-"
+#: Most files read per stage to find out whether a folder without a marker is a cache.
+_LOOKED_AT = 16
+#: Resolution of the time of last use: a use sooner after the last one writes nothing.
+USE_GRANULARITY_S = 3600.0
+_HEAD_BYTES = 512
+#: After the bytes of a .npy file: a magic word, and the CRC-32 of everything before it.
+_TRAILER = struct.Struct("<8sQ")
+_WORD = b"ddcache1"
+_HEAD = re.compile(
+    rb"\x93NUMPY\x01\x00(?P<length>..)\{'descr': '(?P<dtype>[<>|=][a-z][0-9]+)', 'fortran_order': False, "
+    rb"'shape': \((?P<shape>[0-9, ]*)\), \} *\n",
+    re.DOTALL,
+)
+_JSON_HEAD = re.compile(rb'\{"crc32": (?P<crc>[0-9]{1,10}), "content": ')
+
+
+def array_parts(array: npt.NDArray[Any]) -> list[bytes | memoryview]:
+    """Return the bytes of an array's entry: a .npy file, and a checksum after it that .npy readers ignore."""
+    array = np.asarray(array, order="C")
+    head = io.BytesIO()
+    np.lib.format.write_array_header_1_0(head, np.lib.format.header_data_from_array_1_0(array))
+    data = memoryview(array.reshape(-1).view(np.uint8).data)
+    checksum = zlib.crc32(data, zlib.crc32(head.getvalue()))
+    return [head.getvalue(), data, _TRAILER.pack(_WORD, checksum)]
+
+
+def read_head(fd: int) -> tuple[tuple[int, ...], np.dtype[Any], int]:
+    """Return shape, dtype and offset of an entry's values; ValueError if its length does not match."""
+    head = os.pread(fd, _HEAD_BYTES, 0)
+    # As `array_parts` writes it, and numpy since version 1: numpy's own reader takes longer than the rest of this.
+    found = _HEAD.match(head)
+    if found is None:
+        raise ValueError("it does not begin as entries do")
+    shape = tuple(int(n) for n in found["shape"].split(b",") if n.strip())
+    dtype = np.dtype(found["dtype"].decode())
+    begin = 10 + int.from_bytes(found["length"], "little")
+    end = begin + math.prod(shape) * dtype.itemsize
+    size = os.fstat(fd).st_size
+    if size != end + _TRAILER.size or os.pread(fd, len(_WORD), end) != _WORD:
+        raise ValueError(f"{size} bytes, not {end + _TRAILER.size} with a checksum at the end")
+    return shape, dtype, begin
+
+
+def read_array(path: Path) -> npt.NDArray[Any]:
+    """Read an entry and compare its checksum; ValueError if it is damaged, OSError if it cannot be read."""
+    with open(path, "rb") as file:
+        shape, dtype, begin = read_head(file.fileno())
+        data = bytearray(os.fstat(file.fileno()).st_size)
+        if file.readinto(data) != len(data):
+            raise ValueError("it ends before its end")
+    view = memoryview(data)
+    _, checksum = _TRAILER.unpack(view[-_TRAILER.size :])
+    if zlib.crc32(view[: -_TRAILER.size]) != checksum:
+        raise ValueError("its checksum is not that of its bytes")
+    return np.frombuffer(data, dtype, math.prod(shape), begin).reshape(shape)
+
+
+def json_parts(obj: Any) -> list[bytes | memoryview]:
+    """Return the bytes of a JSON entry, which contains its own checksum."""
+    text = canonical_bytes(obj)
+    return [b'{"crc32": %d, "content": ' % zlib.crc32(text), text, b"}\n"]
+
+
+def read_json(path: str | Path) -> tuple[Any, float]:
+    """Read a JSON entry, and when it was last used; ValueError if it is damaged, OSError if it cannot be read."""
+    fd = os.open(path, os.O_RDONLY)  # takes half the time of open()
+    try:
+        stat = os.fstat(fd)
+        entry = os.pread(fd, stat.st_size, 0)
+    finally:
+        os.close(fd)
+    head = _JSON_HEAD.match(entry)
+    if head is None or entry[-2:] != b"}\n":
+        raise ValueError("it does not begin and end as entries do")
+    text = entry[head.end() : -2]
+    if zlib.crc32(text) != int(head["crc"]):
+        raise ValueError("its checksum is not that of its content")
+    return json.loads(text), stat.st_mtime
+
+
+def note_use(path: str, used: float) -> None:
+    """Record the use of an entry for `prune`: its modification time is the time of its last use.
+
+    The access time cannot be used: most file systems are mounted so that it is updated late or never.
+    """
+    # Also where the last use lies in the future: the clock was set back.
+    if abs(time.time() - used) > USE_GRANULARITY_S:
+        with suppress(OSError):  # another user's entry, or a read-only cache
+            os.utime(path)
+
+
+def publish(root: Path, path: Path, parts: Sequence[bytes | memoryview], *, durable: bool) -> None:
+    """Write a file that appears whole at `path`, within the cache `root`.
+
+    With `durable` it is flushed to disk before it appears. Without it, a power failure may leave a damaged entry,
+    which its checksum shows.
+    """
+    fd, temporary = _open_temporary(root)
+    try:
+        for part in parts:
+            _write_all(fd, part)
+        if durable:
+            os.fsync(fd)
+        try:
+            os.replace(temporary, path)
+        except FileNotFoundError:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            os.replace(temporary, path)
+    except BaseException:
+        with suppress(OSError):
+            temporary.unlink()
+        raise
+    finally:
+        unlock(fd)
+
+
+def _write_all(fd: int, part: bytes | memoryview) -> None:
+    view = memoryview(part)
+    while view:
+        view = view[os.write(fd, view) :]
+
+
+@contextmanager
+def locked_file(folder: Path, name: str) -> Iterator[Path]:
+    """Hold a file in a folder of the cache and its lock, see `file_lock`; the folder is made if it is missing."""
+    with ExitStack() as stack:
+        try:
+            stack.enter_context(file_lock(folder / name))
+        except FileNotFoundError:
+            _make_folder(folder)
+            stack.enter_context(file_lock(folder / name))
+        yield folder / name
+
+
+@contextmanager
+def running(root: Path) -> Iterator[None]:
+    """Mark, within the context, that a build is running: `cache prune` keeps the entries that it may be using."""
+    with ExitStack() as stack:
+        with suppress(OSError):  # a read-only cache suffices for a build that finds everything in it
+            stack.enter_context(locked_file(root / LOCKS, f"{RUNNING}{uuid4().hex}"))
+            mark(root)
+        yield
+
+
+def oldest_running(root: Path) -> float | None:
+    """Return when the oldest running build began, in seconds since 1970; None if none is running."""
+    begun = []
+    for name in _listed(root / LOCKS):
+        if name.startswith(RUNNING) and _LOCK_NAME.fullmatch(name):
+            path = root / LOCKS / name
+            with suppress(FileNotFoundError):
+                since = path.stat().st_mtime
+                if not is_abandoned(path):
+                    begun.append(since)
+    return min(begun, default=None)
+
+
+def mark_in_use(fd: int) -> None:
+    """Mark an open entry as in use until the last copy of `fd` is closed; FileNotFoundError if it was removed."""
+    lock_file(fd, fcntl.LOCK_SH)
+    if not os.fstat(fd).st_nlink:
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
+
+
+def remove_unused(path: Path, used: float) -> bool:
+    """Remove an entry, unless it was used after the time `used` or a process has it mapped; tells whether it is gone.
+
+    Raises
+    ------
+    OSError
+        If this user is not allowed to remove it.
+    """
+    try:
+        fd = os.open(path, os.O_RDWR)
+    except FileNotFoundError:
+        return True
+    except PermissionError:
+        fd = os.open(path, os.O_RDONLY)
+    try:
+        if os.fstat(fd).st_mtime != used or lock_file(fd, fcntl.LOCK_EX | fcntl.LOCK_NB) is False:
+            return False
+        path.unlink(missing_ok=True)
+    finally:
+        unlock(fd)
+    return True
+
+
+def is_cache(root: Path) -> bool:
+    """Tell whether a folder is a cache: it has a marker, or, as caches of earlier versions, entries."""
+    return _is_marked(root) or any(_is_entry(path) for path in _first_entries(root))
+
+
+def mark(root: Path) -> None:
+    """Mark a folder as a cache, unless a file with the marker's name exists."""
+    with suppress(OSError):  # a cache may be read-only
+        fd = os.open(root / MARKER, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666)
+        try:
+            os.write(fd, _MARK)
+        finally:
+            os.close(fd)
+
+
+def _is_marked(root: Path) -> bool:
+    marker = root / MARKER
+    try:
+        if not S_ISREG(marker.lstat().st_mode) or marker.stat().st_size > len(_MARK):
+            return False
+        # Empty: a process was killed during `mark`.
+        return marker.read_bytes() in (_MARK, b"")
+    except OSError:
+        return False
+
+
+def _first_entries(root: Path) -> Iterator[Path]:
+    """List some files that have the name and the place of an entry."""
+    for stage in STAGES:
+        named = (
+            root / stage / two / name
+            for two in _listed(root / stage)
+            if _TWO_DIGITS.fullmatch(two)
+            for name in _listed(root / stage / two)
+            if (found := ENTRY.fullmatch(name)) and found["two"] == two
+        )
+        yield from islice(named, _LOOKED_AT)
+
+
+def _is_entry(path: Path) -> bool:
+    """Tell whether a file begins and ends as an entry does."""
+    try:
+        if not S_ISREG(path.lstat().st_mode):
+            return False
+        if path.suffix == ".json":
+            read_json(path)
+        else:
+            with open(path, "rb") as file:
+                read_head(file.fileno())
+    except (OSError, ValueError):
+        return False
+    return True
+
+
+def sweep(root: Path) -> int:
+    """Remove temporary files and locks that killed processes left; returns how many. Marks a cache without a marker.
+
+    Removes only files with names that the cache gives, and only in a folder that is a cache.
+    """
+    if not is_cache(root):
+        return 0
+    mark(root)
+    removed = 0
+    for folder, own in ((root / TEMPORARY, _TEMPORARY_NAME), (root / LOCKS, _LOCK_NAME)):
+        removed += sum(_remove_abandoned(folder / name) for name in _listed(folder) if own.fullmatch(name))
+    return removed
+
+
+def _remove_abandoned(path: Path) -> bool:
+    try:
+        fd = os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK)
+    except OSError:
+        return False
+    try:
+        if not S_ISREG(os.fstat(fd).st_mode) or not lock_abandoned(fd):
+            return False
+        path.unlink()  # while it is locked: a process that waits for it notices and makes a new one
+    except OSError:
+        return False
+    finally:
+        unlock(fd)
+    return True
+
+
+def temporary_name() -> str:
+    """Return the beginning of the name of a new temporary file."""
+    return f"dancedata-{uuid4().hex}"
+
+
+def _listed(folder: Path) -> list[str]:
+    try:
+        return os.listdir(folder)
+    except OSError:
+        return []
+
+
+def _open_temporary(root: Path) -> tuple[int, Path]:
+    """Make a temporary file in the cache, and lock it; returns its descriptor and its path."""
+    path = root / TEMPORARY / f"{temporary_name()}.tmp"
+    try:
+        fd = open_locked(path)
+    except FileNotFoundError:
+        _make_folder(path.parent)
+        fd = open_locked(path)
+    return cast(int, fd), path  # it waits
+
+
+def _make_folder(folder: Path) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    if folder.name in (TEMPORARY, LOCKS):
+        mark(folder.parent)

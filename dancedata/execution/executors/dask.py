@@ -1,0 +1,136 @@
+"""Runs units of work on the workers of a Dask cluster, by distributed's client."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from dancedata.core.errors import DanceDataError, UsageError
+from dancedata.execution.executors.base import Call, Executor, OnResult, WorkerDiedError, first_line
+from dancedata.execution.requirements import WorkerRequirements, check_worker
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+#: Seconds to wait for the scheduler, and for a first worker.
+TIMEOUT_S = 30
+
+
+@dataclass(frozen=True, kw_only=True)
+class DaskExecutor(Executor):
+    """The workers of a cluster, each checked before its first unit; they may join and leave at any time.
+
+    Where a worker dies, Dask runs its units on another one. It gives up units whose workers died several times
+    (``distributed.scheduler.allowed-failures``); these are the suspects.
+    """
+
+    client: Client
+    requirements: WorkerRequirements
+
+    def run(self, function: Callable[..., Any], calls: Mapping[int, Call], label: str, on_result: OnResult) -> None:
+        """See `Executor.run`. All units go to the scheduler at once: workers may join later.
+
+        Raises
+        ------
+        DanceDataError
+            If the scheduler is lost, or a worker does not meet the requirements.
+        """
+        from distributed import KilledWorker, as_completed
+
+        # Dask looks for its own futures and keys in tuples and texts: it sees one object a unit instead.
+        units = [partial(function, *call) for call in calls.values()]
+        try:
+            futures = self.client.map(partial(_run_checked, self.requirements), units, key=label, pure=False)
+        except OSError as error:
+            raise _lost(label, error) from error
+        numbers = dict(zip(futures, calls, strict=True))
+        suspects, killed = [], None
+        try:
+            done = as_completed(futures, self.client.loop, with_results=True, raise_errors=False)  # type: ignore[no-untyped-call]
+            for future, outcome in done:
+                if future.status == "finished":
+                    on_result(numbers[future], outcome)
+                elif future.status != "error":
+                    raise _lost(label, outcome)
+                elif isinstance(outcome[1], KilledWorker):
+                    suspects.append(numbers[future])
+                    killed = outcome[1]
+                else:
+                    raise outcome[1]
+        finally:
+            for future in futures:
+                future.release()  # type: ignore[no-untyped-call]
+        if killed is not None:
+            raise WorkerDiedError(first_line(killed), sorted(suspects), killed.allowed_failures + 1) from killed
+
+
+def _run_checked(requirements: WorkerRequirements, unit: Callable[[], Any]) -> Any:
+    """Run a unit in a worker process."""
+    check_worker(requirements)
+    return unit()
+
+
+def _lost(label: str, error: object) -> DanceDataError:
+    found = f"{type(error).__name__}: {first_line(error)}" if isinstance(error, BaseException) else str(error)
+    return DanceDataError(
+        f"the Dask cluster was lost during {label}",
+        found=found,
+        fix="check that the scheduler runs, then run the same command again to resume",
+    )
+
+
+@contextmanager
+def connected(scheduler: str) -> Iterator[Client]:
+    """Give a client of the cluster whose scheduler has this address.
+
+    Raises
+    ------
+    UsageError
+        If Dask is not installed.
+    DanceDataError
+        If no scheduler answers there, or it has no worker.
+    """
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise UsageError("Dask is not installed", fix="pip install dancedata[dask]") from error
+    try:
+        client = Client(scheduler, timeout=TIMEOUT_S, set_as_default=False)  # type: ignore[no-untyped-call]
+    except (OSError, ValueError, TimeoutError) as error:
+        raise DanceDataError(
+            "no Dask scheduler answers at this address",
+            where=scheduler,
+            found=str(error) or type(error).__name__,
+            fix="check that it runs and that this machine can reach it",
+        ) from error
+    try:
+        try:
+            client.wait_for_workers(1, timeout=TIMEOUT_S)
+        except TimeoutError as error:
+            raise DanceDataError(
+                "the Dask cluster has no worker",
+                where=scheduler,
+                fix="start some: dask worker ADDRESS --nworkers 4 --nthreads 1",
+            ) from error
+        yield client
+    finally:
+        _close(client)
+
+
+def _close(client: Client) -> None:
+    """Close a client without messages about units that are still running."""
+    # distributed gives several of its loggers levels of their own.
+    names = [name for name in logging.root.manager.loggerDict if name.split(".")[0] == "distributed"]
+    loggers = [logging.getLogger(name) for name in ("tornado.application", *names)]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL + 1)
+    try:
+        client.close()  # type: ignore[no-untyped-call]
+    finally:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)

@@ -1,0 +1,91 @@
+"""Runs units of work in processes of this machine, by the library loky.
+
+loky and not multiprocessing or concurrent.futures: its workers do not import the user's main module again, so that
+`dancedata.build` works in a script without ``if __name__ == "__main__"`` and in a notebook, and one pool serves all
+stages of a build.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from dancedata.core.errors import DanceDataError
+from dancedata.core.text import shown
+from dancedata.execution.arithmetic import adopted_by_children
+from dancedata.execution.executors.base import Call, Executor, OnResult, WorkerDiedError, first_line
+from dancedata.execution.executors.inline import InlineExecutor
+from dancedata.execution.shielded import shielded
+
+#: Seconds after which an idle worker ends: the next stage, or the next build in a notebook, finds it running.
+IDLE_S = 300
+#: Units run on one thread. BLAS libraries would start a thread for each core of the machine in every worker.
+_ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "BLIS")}
+
+
+@dataclass(frozen=True)
+class LokyExecutor(Executor):
+    """`n` worker processes at most."""
+
+    def for_calls(self, n_calls: int) -> Executor:
+        """Return an executor without worker processes where one would do, or where none may be started.
+
+        A daemonic process, such as one of multiprocessing.Pool, may not start processes.
+        """
+        may_start = not multiprocessing.current_process().daemon
+        return self if may_start and min(self.n, n_calls) > 1 else InlineExecutor()
+
+    def run(self, function: Callable[..., Any], calls: Mapping[int, Call], label: str, on_result: OnResult) -> None:
+        """See `Executor.run`."""
+        from loky import BrokenProcessPool, Future, as_completed, get_reusable_executor
+
+        pool: Any = None
+        futures: dict[Future, int] = {}
+        death: BaseException | None = None
+        unfinished: list[int] = []
+        # Workers that end, such as idle ones, are replaced at any time.
+        with adopted_by_children():
+            _start_resource_tracker()
+            try:
+                with shielded():  # an interrupt meanwhile is raised at its end
+                    pool = get_reusable_executor(min(self.n, len(calls)), timeout=IDLE_S, env=_ONE_THREAD)
+                    try:
+                        for index, call in calls.items():
+                            futures[pool.submit(function, *call)] = index
+                    except BrokenProcessPool as error:
+                        death = error
+                for future in as_completed(futures):
+                    if isinstance(future.exception(), BrokenProcessPool):
+                        # So end all units that were running or waiting when a worker died.
+                        death = future.exception()
+                        unfinished.append(futures[future])
+                    else:
+                        on_result(futures[future], future.result())
+            except BaseException:
+                if pool is not None:
+                    pool.shutdown(kill_workers=True)
+                raise
+        if death is not None:
+            _raise_if_not_unpickled(death, label)
+            # Units start in the order in which they were submitted: the oldest were running.
+            raise WorkerDiedError(first_line(death), sorted(unfinished)[: self.n]) from death
+
+
+def _raise_if_not_unpickled(death: BaseException, label: str) -> None:
+    """Raise the error of a call or a result that could not be unpickled, which loky reports as a dead worker."""
+    if "un-serialize" in str(death):
+        raise DanceDataError(
+            f"a unit of work or its result cannot be sent between processes during {label}",
+            # The cause is the traceback of the worker, as text between quotation marks.
+            found=shown(str(death.__cause__ or death).strip(' \n"').rsplit("\n", 1)[-1]),
+            fix="correct the plug-in: its module must import, and its errors must unpickle, in worker processes",
+        ) from death
+
+
+def _start_resource_tracker() -> None:
+    """Start the process that removes semaphores; started with the workers, it would unblock SIGINT for them."""
+    from multiprocessing import resource_tracker
+
+    resource_tracker.ensure_running()

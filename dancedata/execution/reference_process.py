@@ -1,0 +1,163 @@
+"""Computes in a second process what this process would compute with other instructions.
+
+A notebook or a training job has loaded numpy long before it asks for a feature, so that kernels cannot be chosen any
+more. It needs one more process, started when there is something to compute and kept for what comes next. That works
+in every process: multiprocessing would import the user's script again, and refuses to start children from the
+workers of a DataLoader.
+"""
+
+from __future__ import annotations
+
+import atexit
+import json
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from functools import lru_cache
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
+from typing import Any, TypeVar
+
+import cloudpickle
+
+from dancedata.core.errors import DanceDataError
+from dancedata.execution import arithmetic
+from dancedata.execution.shielded import shielded
+
+T = TypeVar("T")
+
+
+class ReferenceProcessError(DanceDataError):
+    """The reference process died."""
+
+
+# The folders of modules come as an argument: a process starts with others.
+_START = (
+    "import json, sys; sys.path[:] = json.loads(sys.argv[2]); "
+    "from dancedata.execution.reference_process import serve; serve(int(sys.argv[1]))"
+)
+
+
+def expected() -> str:
+    """Return the instructions that this machine's results are computed with, in any process: a part of their keys."""
+    here = arithmetic.here()
+    if here == arithmetic.REFERENCE or not arithmetic.is_chosen_by_user():
+        return here
+    if arithmetic.has_reference() and arithmetic.can_choose():
+        return arithmetic.REFERENCE
+    return _process_of(os.getpid()).arithmetic
+
+
+def compute(function: Callable[..., T], *args: Any) -> T:
+    """Return ``function(*args)``, computed as `expected` says: here or in the reference process.
+
+    Function, arguments and result must be picklable. Exceptions of the function are raised here.
+
+    Raises
+    ------
+    ReferenceProcessError
+        If the reference process dies.
+    """
+    if arithmetic.here() == expected():
+        return function(*args)
+    found: T = _process_of(os.getpid()).call(function, args)
+    return found
+
+
+@lru_cache(maxsize=1)
+def _process_of(pid: int) -> ReferenceProcess:
+    """Return the reference process of this process, not that of the process it was forked from."""
+    return ReferenceProcess()
+
+
+class ReferenceProcess:
+    """A process that computes with the instructions that builds use.
+
+    Attributes
+    ----------
+    arithmetic
+        Its instructions; `arithmetic.REFERENCE` wherever the processor has them.
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._start()
+        self._owner = os.getpid()
+        atexit.register(self.end)
+        self.arithmetic: str = self._receive()
+
+    def call(self, function: Callable[..., Any], args: tuple[Any, ...]) -> Any:
+        """Compute; one call at a time."""
+        message = cloudpickle.dumps((function, args))
+        with self._lock:
+            try:
+                if self._process.poll() is not None:
+                    self._start()
+                    self._receive()
+                self._pipe.send_bytes(message)
+                is_error, found = self._receive()
+            except BaseException:
+                # Interrupted, or dead: its answer must not be returned by the next call.
+                self._process.kill()
+                self._process.wait()
+                raise
+        if is_error:
+            raise found
+        return found
+
+    def _start(self) -> None:
+        ours, theirs = Pipe()
+        # Only texts: Python ignores other entries. -P: no module of the working folder replaces one of Python's own.
+        folders = [folder for folder in sys.path if isinstance(folder, str)]
+        command = [sys.executable, "-P", "-c", _START, str(theirs.fileno()), json.dumps(folders)]
+        with theirs, shielded():  # Ctrl-C is for the calling process
+            # Nothing in the command comes from outside.
+            self._process = subprocess.Popen(  # noqa: S603
+                command, env=arithmetic.environment(), stdin=subprocess.DEVNULL, pass_fds=[theirs.fileno()]
+            )
+        self._pipe = ours
+
+    def end(self) -> None:
+        """End the process, unless this is a fork of the process that started it."""
+        if os.getpid() == self._owner:
+            self._pipe.close()
+            # It would end by itself, but not before all processes that were forked since and hold the pipe, too.
+            self._process.kill()
+            self._process.wait()
+
+    def _receive(self) -> Any:
+        try:
+            return pickle.loads(self._pipe.recv_bytes())  # noqa: S301  (our own process)
+        except (EOFError, ConnectionError) as error:
+            code = self._process.wait()
+            raise ReferenceProcessError(
+                "the process that computes features died",
+                found=f"exit status {code}" if code >= 0 else f"signal {signal.Signals(-code).name}",
+                fix="if memory ran out, use a machine with more; else move the file out of the source and report it",
+            ) from error
+
+
+def serve(fd: int) -> None:
+    """Compute the calls that arrive through a pipe until its other end is closed."""
+    pipe = Connection(fd)
+    with suppress(EOFError, ConnectionError):
+        pipe.send_bytes(pickle.dumps(arithmetic.here()))
+        while True:
+            message = pipe.recv_bytes()
+            pipe.send_bytes(_answer(message))
+
+
+def _answer(message: bytes) -> bytes:
+    try:
+        function, args = pickle.loads(message)  # noqa: S301  (from the process that started this one)
+        return bytes(cloudpickle.dumps((False, function(*args))))
+    except Exception as error:  # noqa: BLE001  (it is raised in the calling process)
+        try:
+            return bytes(cloudpickle.dumps((True, error)))
+        except Exception:  # noqa: BLE001  (an error that cannot travel)
+            return pickle.dumps((True, DanceDataError(f"{type(error).__name__}: {error}")))

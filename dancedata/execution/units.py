@@ -1,0 +1,135 @@
+"""Runs units of work with any executor; units whose worker process died are run again, here for all executors.
+
+A unit is a call of a function with small arguments that leaves its arrays in the cache.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import Any
+
+from dancedata.core.errors import DanceDataError
+from dancedata.execution.executors.base import Call, Executor, OnResult, WorkerDiedError, unit_name
+from dancedata.execution.executors.loky import LokyExecutor
+from dancedata.execution.progress import Progress
+from dancedata.execution.threads import exactly, on_one_thread
+
+#: What `run_units` takes: a number of processes on this machine, or an executor.
+Jobs = int | Executor
+
+#: After how many deaths of a worker that runs nothing else a unit is named as their cause.
+DEATHS_ALONE = 2
+#: After how many deaths in a row of workers that have not run a unit a stage ends.
+BLIND_DEATHS = 3
+
+
+def run_units(
+    function: Callable[..., Any],
+    calls: Sequence[Call],
+    *,
+    jobs: Jobs,
+    label: str,
+    progress: Progress,
+    known: Sequence[Any] = (),
+    exact: bool = True,
+) -> list[Any]:
+    """Return function(*call) for every call, in order.
+
+    BLAS and OpenMP run on one thread in each worker, whatever `jobs` is: sums in another order would change
+    last digits, and builds have to be byte-identical.
+
+    Where a worker process dies (out of memory, a crash in a decoder), the units that it may have been running are
+    run again, one at a time, and the others continue. Results in the cache are not computed again.
+
+    Parameters
+    ----------
+    label
+        Name of the stage, shown as its progress and in messages.
+    known
+        Results that are known already, None for each that is not; only those are computed.
+    exact
+        Compute with the instructions that results are promised for, see `arithmetic`; in another process if this
+        one has loaded libraries that use others.
+
+    Raises
+    ------
+    DanceDataError
+        For a unit that kills its worker even when it runs alone, by name.
+    """
+    if not calls:
+        return []
+    results = list(known) or [None] * len(calls)
+    missing = {index: call for index, call in enumerate(calls) if results[index] is None}
+    with progress.stage(label, len(calls), known=len(calls) - len(missing)) as advance:
+
+        def keep(index: int, result: Any) -> None:
+            results[index] = result
+            advance(1)
+
+        if missing:
+            executor = (LokyExecutor(jobs) if isinstance(jobs, int) else jobs).for_calls(len(missing))
+            _run(executor, partial(exactly if exact else on_one_thread, function), missing, label, keep)
+    return results
+
+
+def _run(
+    executor: Executor, function: Callable[..., Any], calls: Mapping[int, Call], label: str, on_result: OnResult
+) -> None:
+    left = dict(calls)
+
+    def finish(index: int, result: Any) -> None:
+        del left[index]
+        on_result(index, result)
+
+    while left:
+        try:
+            executor.run(function, dict(left), label, finish)
+        except WorkerDiedError as death:
+            _check_that_workers_start(executor, function, label)
+            for index in death.suspects:
+                _run_alone(executor, function, index, left[index], label, finish)
+
+
+def _check_that_workers_start(executor: Executor, function: Callable[..., Any], label: str) -> None:
+    """Raise if workers die before they run a unit, so that no unit is blamed for it."""
+    calls = {0: (function,)}
+    death = _last_death(BLIND_DEATHS, lambda: executor.run(_import, calls, label, lambda index, result: None))
+    if death is not None:
+        raise DanceDataError(
+            f"worker processes die during {label} before they run a unit of work",
+            found=f"{death.deaths} times: {death}",
+            fix="run the same command again to resume; if memory ran out, with fewer --jobs",
+        ) from death
+
+
+def _run_alone(
+    executor: Executor, function: Callable[..., Any], index: int, call: Call, label: str, on_result: OnResult
+) -> None:
+    death = _last_death(DEATHS_ALONE, lambda: executor.run(function, {index: call}, label, on_result))
+    if death is not None:
+        raise DanceDataError(
+            f"this unit of work kills its worker process ({label})",
+            where=unit_name(call),
+            found=f"{death.deaths} times, running alone: {death}",
+            fix="if memory ran out, use a machine with more; else remove the file from the source and report it",
+        ) from death
+
+
+def _last_death(limit: int, run: Callable[[], None]) -> WorkerDiedError | None:
+    """Call `run` until no worker dies; after `limit` deaths return the last one, with the number of all."""
+    deaths = 0
+    while True:
+        try:
+            run()
+        except WorkerDiedError as death:
+            deaths += death.deaths
+            if deaths >= limit:
+                death.deaths = deaths
+                return death
+        else:
+            return None
+
+
+def _import(function: Callable[..., Any]) -> None:
+    """Do nothing: a worker that has received the function has imported its modules."""

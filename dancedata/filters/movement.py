@@ -1,0 +1,70 @@
+"""The movement filter: windows in which hardly anything moves are left out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.clip import Reject
+from dancedata.core.columns import Columns
+from dancedata.core.errors import UsageError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.plugins import Float32Array, WindowFilter
+from dancedata.core.registry import FILTERS
+
+#: Lodge's and FineDance's threshold.
+MIN_STD = 0.07
+_SPLITS = ("train", "val", "test", "all")
+
+
+@FILTERS.register("movement")
+@dataclass(frozen=True)
+class Movement(WindowFilter):
+    """Keeps a window if the mean over columns of their standard deviation in time is above a limit.
+
+    As Lodge and FineDance choose training windows, on columns that are not normalised, contacts included;
+    test windows they keep all.
+
+    Attributes
+    ----------
+    min_std
+        Limit, exclusive.
+    field
+        Motion field that is looked at: lodge139 in Lodge, finedance319 in FineDance.
+    splits
+        Splits that are filtered.
+    """
+
+    version: ClassVar[int] = 1
+    reason: ClassVar[str] = "still"
+
+    min_std: float = MIN_STD
+    field: str = "lodge139"
+    splits: tuple[Literal["train", "val", "test", "all"], ...] = ("train",)
+
+    def __post_init__(self) -> None:
+        """Check the limit."""
+        number = isinstance(self.min_std, int | float) and not isinstance(self.min_std, bool)
+        if not number or not self.min_std >= 0 or not np.isfinite(self.min_std):
+            raise UsageError("min_std must be a number of at least 0", found=repr(self.min_std))
+        if isinstance(self.splits, str) or not set(self.splits) <= set(_SPLITS):
+            raise UsageError("splits must be a list of splits", found=repr(self.splits), allowed=", ".join(_SPLITS))
+
+    def reject(self, rows: Float32Array, columns: Columns, grid: FrameGrid) -> Reject | None:
+        """Return why a window (L, D) is left out: its mean standard deviation; None if it is kept."""
+        std = movement_std(rows)
+        if std > self.min_std:
+            return None
+        detail = f"{self.field} hardly moves: mean standard deviation {std:.5g}, the limit is {self.min_std:g}"
+        return Reject(self.reason, detail=detail, numbers={"std": std})
+
+
+def movement_std(rows: npt.NDArray[Any]) -> float:
+    """Return the mean over columns of the standard deviation (ddof 0) over time of rows (L, D).
+
+    In the rows' own dtype, float32, as the references compute it: windows near the limit fall on their side.
+    """
+    return float(rows.std(axis=0).mean())

@@ -1,0 +1,1 @@
+"""BVH files (Biovision hierarchy): parsed, carried over to SMPL's joints, written."""

@@ -1,0 +1,101 @@
+"""Forward kinematics of a BVH file: positions and rotations of its joints in the file's own axes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dancedata.formats.bvh.hierarchy import BvhJoint
+from dancedata.formats.bvh.parse import Bvh
+
+__all__ = ["bone_offsets", "rest_positions", "world"]
+
+Floats = NDArray[np.float64]
+
+
+def bone_offsets(bvh: Bvh) -> Floats:
+    """Return (J, 3) offsets from the parents, in the file's unit.
+
+    Position channels of a joint below the root replace its OFFSET; its bone is their median. Channels that are
+    always 0 are not used.
+    """
+    offsets = np.array([joint.offset for joint in bvh.joints], dtype=np.float64)
+    for k, joint in enumerate(bvh.joints):
+        if joint.parent != -1 and _moves(bvh, joint):
+            for axis, column in joint.position_columns.items():
+                offsets[k, axis] = np.median(bvh.values[:, column])
+    return offsets
+
+
+def rest_positions(joints: Sequence[BvhJoint], offsets: Floats) -> Floats:
+    """Return (J, 3) positions with all angles 0 and the root at 0."""
+    positions = np.zeros((len(joints), 3))
+    for k, joint in enumerate(joints):
+        if joint.parent != -1:
+            positions[k] = positions[joint.parent] + offsets[k]
+    return positions
+
+
+def world(bvh: Bvh, indices: Sequence[int], rows: slice) -> tuple[Floats, Floats]:
+    """Return rotations and positions of some joints.
+
+    Angles are in degrees about the joint's own axes in the order of the channels; the position channels of a
+    joint replace its OFFSET, also for the root, as in all common programs.
+
+    Parameters
+    ----------
+    indices : K joints.
+    rows : frames.
+
+    Returns
+    -------
+    rotations, positions
+        (T, K, 3, 3) from the joint's axes to the file's, and (T, K, 3) in the file's unit.
+    """
+    values = bvh.values[rows]
+    rotations: dict[int, Floats] = {}
+    positions: dict[int, Floats] = {}
+    for k in _with_ancestors(bvh.joints, indices):
+        joint = bvh.joints[k]
+        local, offset = _rotation(joint, values), _offset(bvh, joint, values)
+        if joint.parent == -1:
+            rotations[k], positions[k] = local, offset
+        else:
+            rotations[k] = rotations[joint.parent] @ local
+            positions[k] = positions[joint.parent] + np.einsum("tij,tj->ti", rotations[joint.parent], offset)
+    return np.stack([rotations[k] for k in indices], axis=1), np.stack([positions[k] for k in indices], axis=1)
+
+
+def _with_ancestors(joints: Sequence[BvhJoint], indices: Sequence[int]) -> list[int]:
+    """Return the indices of the joints and of all their ancestors; parents come first."""
+    needed: set[int] = set()
+    for k in indices:
+        while k != -1 and k not in needed:
+            needed.add(k)
+            k = joints[k].parent
+    return sorted(needed)
+
+
+def _rotation(joint: BvhJoint, values: Floats) -> Floats:
+    from scipy.spatial.transform import Rotation
+
+    if not joint.order:
+        return np.broadcast_to(np.eye(3), (len(values), 3, 3))
+    # Capitals: intrinsic rotations. (T, 1) for a hinge.
+    angles = values[:, joint.rotation_columns]
+    return np.asarray(Rotation.from_euler(joint.order, angles, degrees=True).as_matrix(), dtype=np.float64)
+
+
+def _offset(bvh: Bvh, joint: BvhJoint, values: Floats) -> Floats:
+    offset = np.tile(np.array(joint.offset, dtype=np.float64), (len(values), 1))
+    if joint.parent == -1 or _moves(bvh, joint):
+        for axis, column in joint.position_columns.items():
+            offset[:, axis] = values[:, column]
+    return offset
+
+
+def _moves(bvh: Bvh, joint: BvhJoint) -> bool:
+    columns = list(joint.position_columns.values())
+    return bool(columns) and bool(np.any(bvh.values[:, columns]))

@@ -1,0 +1,357 @@
+"""Retargets a BVH's skeleton to SMPL's 24 joints: constant rotations, bones with the file's own lengths.
+
+Each mapped joint keeps the file's world rotation, up to a constant that rotates SMPL's rest pose into the file's:
+world rotation = file's world rotation @ align. `align` follows from the file's rest pose (all angles 0):
+
+- A joint of the back or of a limb: the shortest rotation, applied after its parent's `align`, that maps SMPL's rest
+  direction of its bone to the file's.
+- The pelvis and the joint where neck and arms branch: the rotation that maps left to the file's line between the
+  hips (the arms) and comes closest to up. Up is the neck for the chest; for the pelvis it is the file's up axis, or
+  the spine if that is more than 60 degrees away from it.
+- Head and neck, whose joints have no standard position: the head as the pelvis, the neck as the chest. Other leaf
+  joints: as their parent.
+
+The bones are the file's: an offset is the file's bone in SMPL's rest pose, so where nothing moves between two
+mapped joints, positions agree up to rounding. Where unmapped joints bend in between (four joints of a spine on
+SMPL's three), the upper joint is rotated in every frame to point at the lower one, and the positions agree except
+for the change of length.
+
+The rest pose of some files is not a pose of a body: Rokoko's puts both legs and the spine along +X. The directions
+of the bones then do not determine the rotations about them. Therefore the mean rotation of every joint relative to
+its parent is checked: no dance has a foot or the head rotated by more than 60 degrees on average (120 for hips and
+arms). Where it seems so, `align` is rotated back by the nearest multiple of 90 degrees (180 for hips and arms). This
+has no effect on positions, and none on files whose rest pose is a T-pose or an A-pose.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dancedata.core.errors import DataError
+from dancedata.core.skeleton import SMPL24, Skeleton
+from dancedata.formats.bvh.joint_names import JointMap, ancestors
+from dancedata.formats.bvh.kinematics import bone_offsets, rest_positions, world
+from dancedata.formats.bvh.parse import Bvh
+
+__all__ = ["Rig", "make_rig", "retarget", "skeleton_of", "smpl_rest"]
+
+Floats = NDArray[np.float64]
+
+PELVIS, NECK, HEAD = 0, 12, 15
+_SPINE = (3, 6, 9)
+_SIDES = ((1, 2), (13, 14), (16, 17))
+#: The child at the end of the bone that defines a joint's rotation.
+_CHILD = {1: 4, 2: 5, 4: 7, 5: 8, 7: 10, 8: 11}
+_CHILD |= {13: 16, 14: 17, 16: 18, 17: 19, 18: 20, 19: 21, 20: 22, 21: 23}
+#: Joints with a large range of rotation about their bone.
+_FREE = (1, 2, 16, 17, 18, 19, 20, 21)
+_LEGS = ((1, 4), (4, 7), (2, 5), (5, 8))
+_SAMPLES = 300
+#: Largest movement by position channels, as a fraction of the body.
+_STRETCH = 0.05
+_CHUNK = 4096
+#: Bones shorter than this fraction of the body count as points.
+_POINT = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class Rig:
+    """How the joints of a BVH drive SMPL's.
+
+    Attributes
+    ----------
+    joints : the joint map.
+    align : (24, 3, 3); identity for joints without a counterpart.
+    child_of : the next mapped joint below each joint that has bending unmapped joints in between.
+    offsets : (24, 3) bones in SMPL's rest pose, in the file's unit; the root's is 0.
+    """
+
+    joints: JointMap
+    align: Floats
+    child_of: Mapping[int, int]
+    offsets: Floats
+
+
+def smpl_rest() -> Floats:
+    """Return the rest positions of SMPL's joints relative to the pelvis, (24, 3) metres."""
+    positions = np.zeros((24, 3))
+    for j in range(1, 24):
+        positions[j] = positions[SMPL24.parents[j]] + SMPL24.offsets[j]
+    return positions
+
+
+def make_rig(bvh: Bvh, joints: JointMap, up: Floats) -> Rig:
+    """Compute the constant rotations and the bones.
+
+    Parameters
+    ----------
+    bvh : with frames, or only the header: then the rest pose is assumed to be a pose of a body, which affects
+        rotations but not lengths.
+    up : (3,) the file's up axis.
+
+    Raises
+    ------
+    DataError
+        ``bad_skeleton`` for legs or hips of length 0 and for bones that change their length.
+    """
+    rest = rest_positions(bvh.joints, bone_offsets(bvh))
+    places = {s: rest[b] for s, b in joints.of.items()}
+    size = max(_norm(a - b) for a in places.values() for b in places.values())
+    _check_bones(bvh, joints, places, size)
+    turns = _sampled(bvh, joints)
+    maker = _Aligner(places, size * _POINT, up, turns)
+    align = maker.run()
+    child_of = {s: c for s, c in maker.child_of.items() if _bends(bvh, joints, s, c)}
+    return Rig(joints, align, child_of, _bones(places, align, joints))
+
+
+def skeleton_of(rig: Rig, metres: float) -> Skeleton:
+    """Return SMPL's 24 joints with the file's bones; its name identifies them: "smpl24:bvh-1a2b3c4d"."""
+    offsets = rig.offsets * metres
+    offsets[PELVIS] = SMPL24.offsets[PELVIS]
+    # Rounded to 0.01 mm, so that rounding errors do not change the name. + 0.0 turns -0.0 into 0.0.
+    digest = hashlib.sha256((np.round(offsets, 5) + 0.0).astype("<f8").tobytes()).hexdigest()
+    return Skeleton(f"smpl24:bvh-{digest[:8]}", SMPL24.joints, SMPL24.parents, offsets, SMPL24.pairs, SMPL24.feet)
+
+
+def retarget(bvh: Bvh, rig: Rig, upright: Floats) -> tuple[Floats, Floats]:
+    """Return the rotations of SMPL's joints and the position of the pelvis.
+
+    Parameters
+    ----------
+    upright : (3, 3) from the file's axes to +Y up.
+
+    Returns
+    -------
+    rotations, pelvis
+        (T, 24, 3) axis-angle relative to the parent, radians; (T, 3) in the file's unit, +Y up.
+    """
+    from dancedata.core.rotations import rotvec_from_matrix
+
+    mapped = sorted(rig.joints.of)
+    indices = [rig.joints.of[s] for s in mapped]
+    rotations = np.empty((bvh.n_frames, 24, 3))
+    pelvis = np.empty((bvh.n_frames, 3))
+    for start in range(0, bvh.n_frames, _CHUNK):
+        rows = slice(start, min(start + _CHUNK, bvh.n_frames))
+        turns, places = world(bvh, indices, rows)
+        full = _body_rotations(rig, mapped, turns, places)
+        full = upright @ full
+        local = full.copy()
+        for j in range(1, 24):
+            local[:, j] = np.swapaxes(full[:, SMPL24.parents[j]], -1, -2) @ full[:, j]
+        rotations[rows] = rotvec_from_matrix(local)
+        pelvis[rows] = places[:, 0] @ upright.T
+    return rotations, pelvis
+
+
+def _body_rotations(rig: Rig, mapped: list[int], turns: Floats, places: Floats) -> Floats:
+    """Return world rotations (T, 24, 3, 3) of SMPL's joints; one without a counterpart rotates with its parent."""
+    full = np.empty((len(turns), 24, 3, 3))
+    for j in range(24):
+        if j not in rig.joints.of:
+            full[:, j] = full[:, SMPL24.parents[j]]
+            continue
+        full[:, j] = turns[:, mapped.index(j)] @ rig.align[j]
+        if j in rig.child_of:
+            child = rig.child_of[j]
+            to = places[:, mapped.index(child)] - places[:, mapped.index(j)]
+            full[:, j] = _shortest(full[:, j] @ rig.offsets[child], to) @ full[:, j]
+    return full
+
+
+def _check_bones(bvh: Bvh, joints: JointMap, places: Mapping[int, Floats], size: float) -> None:
+    where, fix = str(bvh.path), "export the file again with the skeleton of the capture"
+    for a, b in (*_LEGS, (1, 2)):
+        if not _norm(places[a] - places[b]) > size * _POINT:
+            names = " and ".join(bvh.joints[joints.of[s]].name for s in (a, b))
+            problem = f"{names} are at the same position"
+            raise DataError(problem, reason="bad_skeleton", where=where, allowed="a distance above 0", fix=fix)
+    for k, joint in enumerate(bvh.joints):
+        columns = list(joint.position_columns.values())
+        if columns and len(bvh.values) and joints.of[PELVIS] in ancestors(bvh.joints, k):
+            moved = np.ptp(bvh.values[:, columns], axis=0).max()
+            if moved > _STRETCH * size:
+                raise DataError(
+                    f"the bone of {joint.name} changes its length, but SMPL's bones are rigid",
+                    reason="bad_skeleton",
+                    where=where,
+                    found=f"its position channels move by {moved:.4g} in a body of {size:.4g}",
+                    allowed=f"at most {_STRETCH:.0%} of the body",
+                    fix="export with fixed bone lengths (rotations only)",
+                )
+
+
+def _bones(places: Mapping[int, Floats], align: Floats, joints: JointMap) -> Floats:
+    """Return the offsets (24, 3) in SMPL's rest pose, in the file's unit."""
+    smpl = smpl_rest()
+    scale = sum(_norm(places[b] - places[a]) for a, b in _LEGS) / sum(_norm(smpl[b] - smpl[a]) for a, b in _LEGS)
+    inner = set(SMPL24.parents)
+    offsets = np.zeros((24, 3))
+    for j in range(1, 24):
+        if j in joints.of:
+            above = _anchor(j, places)
+            offsets[j] = align[above].T @ (places[j] - places[above])
+        elif j not in inner:
+            offsets[j] = SMPL24.offsets[j] * scale
+    return offsets
+
+
+def _anchor(joint: int, places: Mapping[int, Floats]) -> int:
+    """Return the nearest ancestor that the file has."""
+    above = SMPL24.parents[joint]
+    while above not in places:
+        above = SMPL24.parents[above]
+    return above
+
+
+def _sampled(bvh: Bvh, joints: JointMap) -> dict[int, Floats]:
+    """Return world rotations (n, 3, 3) of the mapped joints in up to 300 frames; empty without frames."""
+    if not len(bvh.values):
+        return {}
+    step = -(-len(bvh.values) // _SAMPLES)
+    turns, _ = world(bvh, list(joints.of.values()), slice(None, None, step))
+    return {s: turns[:, k] for k, s in enumerate(joints.of)}
+
+
+def _bends(bvh: Bvh, joints: JointMap, joint: int, child: int) -> bool:
+    """Return whether a joint with rotation channels lies between two mapped ones."""
+    k = bvh.joints[joints.of[child]].parent
+    while k != joints.of[joint]:
+        if bvh.joints[k].order:
+            return True
+        k = bvh.joints[k].parent
+    return False
+
+
+class _Aligner:
+    """Computes the constant rotations from the root outwards."""
+
+    def __init__(self, places: Mapping[int, Floats], point: float, up: Floats, turns: Mapping[int, Floats]) -> None:
+        self.places = places
+        self.point = point
+        self.up = up
+        self.turns = turns
+        self.align = np.tile(np.eye(3), (24, 1, 1))
+        self.child_of: dict[int, int] = {}
+        self._smpl = smpl_rest()
+        spine = [s for s in _SPINE if s in places]
+        self._chest = spine[-1] if spine else PELVIS
+
+    def run(self) -> Floats:
+        """Return (24, 3, 3)."""
+        for j in sorted(self.places):
+            if j == PELVIS:
+                self.align[j] = self._pelvis()
+            elif j == self._chest:
+                self.align[j] = self._chest_rotation()
+            else:
+                self.align[j] = self._limb(j)
+        return self.align
+
+    def _pelvis(self) -> Floats:
+        spine = next((s for s in (*_SPINE, NECK, HEAD) if s in self.places and self._apart(PELVIS, s)), None)
+        rest_up, up = np.array([0.0, 1.0, 0.0]), self.up
+        if spine is not None:
+            bone = self.places[spine] - self.places[PELVIS]
+            if bone @ self.up < np.cos(np.radians(60)) * _norm(bone):
+                rest_up, up = self._smpl[spine], bone
+        return self._frame((1, 2), rest_up, up, np.eye(3))
+
+    def _chest_rotation(self) -> Floats:
+        above: Floats = self.align[_anchor(self._chest, self.places)]
+        sides = next((pair for pair in _SIDES[1:] if set(pair) <= set(self.places) and self._apart(*pair)), (16, 17))
+        neck = next((s for s in (NECK, HEAD) if s in self.places and self._apart(self._chest, s)), None)
+        if neck is None:
+            return above
+        rest_up = self._smpl[neck] - self._smpl[self._chest]
+        return self._frame(sides, rest_up, self.places[neck] - self.places[self._chest], above)
+
+    def _frame(self, sides: tuple[int, int], rest_up: Floats, up: Floats, otherwise: Floats) -> Floats:
+        """Map left to the file's line between two joints, and up as close as possible to `up`."""
+        left, right = sides
+        source = _basis(np.array([1.0, 0.0, 0.0]), rest_up)
+        target = _basis(self.places[left] - self.places[right], up)
+        return otherwise if source is None or target is None else target @ source.T
+
+    def _limb(self, joint: int) -> Floats:
+        above = _anchor(joint, self.places)
+        below = _CHILD.get(joint)
+        if joint in _SPINE:
+            below = next(s for s in (*_SPINE, NECK, HEAD) if s > joint and s in self.places)
+        if below is None or below not in self.places or not self._apart(joint, below):
+            start = self.align[PELVIS] if joint == HEAD else self.align[above]
+            return self._untwisted(joint, above, start, None)
+        self.child_of[joint] = below
+        bone = self._smpl[below] - self._smpl[joint]
+        start = self.align[above]
+        aimed = _shortest(start @ bone, self.places[below] - self.places[joint], start[:, 2]) @ start
+        return self._untwisted(joint, above, aimed, bone / _norm(bone))
+
+    def _untwisted(self, joint: int, above: int, align: Floats, bone: Floats | None) -> Floats:
+        """Remove the multiples of 90 degrees from a joint's mean rotation; about its bone if it has one."""
+        from scipy.spatial.transform import Rotation
+
+        if not self.turns:
+            return align
+        parent = self.turns[above] @ self.align[above]
+        mean = Rotation.from_matrix(np.swapaxes(parent, -1, -2) @ self.turns[joint] @ align).mean()
+        if bone is None:
+            if np.degrees(mean.magnitude()) <= 60:
+                return align
+            quarters = Rotation.create_group("O")
+            nearest = quarters[int(np.argmin((quarters.inv() * mean).magnitude()))]
+            return np.asarray(align @ nearest.inv().as_matrix(), dtype=np.float64)
+        x, y, z, w = mean.as_quat()
+        twist = np.degrees(2 * np.arctan2(np.array([x, y, z]) @ bone, w))
+        twist = (twist + 180) % 360 - 180
+        limit, unit = (120.0, 180.0) if joint in _FREE else (60.0, 90.0)
+        if abs(twist) <= limit:
+            return align
+        back = Rotation.from_rotvec(-np.radians(round(twist / unit) * unit) * bone)
+        return np.asarray(align @ back.as_matrix(), dtype=np.float64)
+
+    def _apart(self, a: int, b: int) -> bool:
+        return _norm(self.places[a] - self.places[b]) > self.point
+
+
+def _norm(vector: Floats) -> float:
+    return float(np.linalg.norm(vector))
+
+
+def _basis(across: Floats, up: Floats) -> Floats | None:
+    """Return axes (columns), the first along `across`; None if up and across are parallel."""
+    first = across / max(_norm(across), 1e-300)
+    third = np.cross(first, up / max(_norm(up), 1e-300))
+    if _norm(third) < 1e-3:
+        return None
+    third /= _norm(third)
+    return np.stack([first, np.cross(third, first), third], axis=1)
+
+
+def _shortest(start: Floats, end: Floats, fallback: Floats | None = None) -> Floats:
+    """Return the shortest rotations (..., 3, 3) from one direction (..., 3) to another.
+
+    For opposite directions: 180 degrees about `fallback`, (3,), or the identity without one.
+    """
+    a = start / np.maximum(np.linalg.norm(start, axis=-1, keepdims=True), 1e-300)
+    b = end / np.maximum(np.linalg.norm(end, axis=-1, keepdims=True), 1e-300)
+    cosine = np.sum(a * b, axis=-1)[..., None, None]
+    axis = np.cross(a, b)
+    cross = np.zeros((*axis.shape[:-1], 3, 3))
+    cross[..., 0, 1], cross[..., 0, 2], cross[..., 1, 2] = -axis[..., 2], axis[..., 1], -axis[..., 0]
+    cross -= np.swapaxes(cross, -1, -2)
+    opposite = cosine < -0.999999
+    turned = np.eye(3) + cross + cross @ cross / np.where(opposite, 1.0, 1 + cosine)
+    half = np.eye(3)
+    if fallback is not None:
+        # 180 degrees about the part of `fallback` perpendicular to the bone.
+        perpendicular = fallback - (fallback @ a) * a
+        perpendicular = perpendicular / max(_norm(perpendicular), 1e-300)
+        half = 2 * np.outer(perpendicular, perpendicular) - np.eye(3)
+    return np.where(opposite, half, turned)

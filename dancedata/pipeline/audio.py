@@ -1,0 +1,253 @@
+"""Units of work on music: functions that worker processes run. Each takes and returns small, picklable things."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.clip import Reject
+from dancedata.core.errors import DataError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.windows import WindowGrid
+from dancedata.execution.cache import Cache, CachedArray, package_version
+from dancedata.execution.reference_process import expected
+from dancedata.pipeline.read_ahead import decoded, read_ahead
+from dancedata.pipeline.rejects import BUILD_AGAIN, CHANGED, reject_of
+from dancedata.recipes.documents import document_of
+from dancedata.recipes.fields import FeatureJob
+
+#: Raised by hand when a stage here gives other numbers for the same input.
+SIGNAL_STAGE, FEATURE_STAGE = 3, 3
+#: Windows of a song in one unit of work: enough for what neighbours share to pay, few enough to share out a long
+#: song among workers.
+_WINDOWS_A_UNIT = 128
+
+
+@dataclass(frozen=True)
+class SignalId:
+    """What an audio file decodes to.
+
+    Attributes
+    ----------
+    file
+        What the file was like then, see `Cache.stat_key`.
+    """
+
+    path: Path
+    file: str
+    sha256: str
+    sample_rate: int
+    n_samples: int
+
+    @cached_property
+    def grid(self) -> FrameGrid:
+        """The grid of the samples."""
+        return FrameGrid.of(self.sample_rate)
+
+
+def window_samples(job: FeatureJob, n_samples: int, sample_rate: int) -> tuple[npt.NDArray[np.int64], int]:
+    """Return the first samples (W,) of a signal's whole windows, and their length in samples.
+
+    Every window starts at its own exact time, rounded down, so that music never drifts away from motion. EDGE
+    adds up a truncated stride, which is the same wherever a stride is a whole number of samples (0.5 s at any
+    even rate).
+    """
+    samples = FrameGrid.of(sample_rate)
+    length = job.window_length(samples)
+    if n_samples < length or length < 1:
+        return np.empty(0, dtype=np.int64), length
+    # A window fits if it begins at a frame whose sample, rounded down, is at most n_samples - length.
+    n_frames = samples.rows_up(n_samples - length + 1, of=job.window_spec.grid)
+    count = WindowGrid(1, job.window_spec.stride).count(n_frames)
+    return np.array([job.window_start(k, samples) for k in range(count)], dtype=np.int64), length
+
+
+def identify_audio(cache: Cache, path: Path) -> SignalId | Reject:
+    """Decode a file and hash its samples; remembered until the file changes."""
+    from dancedata.audio.signal import load_audio
+
+    try:
+        file = Cache.stat_key("signal", path)
+        key = _signal_key(file)
+        known = cache.json("signals", key)
+        if known is None:
+            with cache.lock("signals", key):
+                known = cache.json("signals", key)
+                if known is None:
+                    signal = load_audio(path)
+                    known = [signal.sha256, signal.sample_rate, signal.n_samples]
+                    if Cache.stat_key("signal", path) != file:
+                        raise DataError(CHANGED, reason="changed", where=path, fix=BUILD_AGAIN)
+                    cache.put_json("signals", key, known)
+    except DataError as error:
+        return reject_of(error, file=path)
+    except FileNotFoundError:
+        return Reject("missing_music", file=str(path), detail=f"{path}: the file vanished during the build")
+    return _signal_id(path, file, known)
+
+
+def known_signal(cache: Cache, path: Path) -> SignalId | None:
+    """Return what `identify_audio` remembers of a file, None if it would have to look at it."""
+    try:
+        file = Cache.stat_key("signal", path)
+    except FileNotFoundError:
+        return None
+    known = cache.json("signals", _signal_key(file))
+    return None if known is None else _signal_id(path, file, known)
+
+
+def _signal_key(file: str) -> str:
+    packages = {"soundfile": package_version("soundfile"), "libsndfile": libsndfile_version()}
+    return Cache.key("signal", version=SIGNAL_STAGE, file=file, packages=packages)
+
+
+def _signal_id(path: Path, file: str, known: Sequence[Any]) -> SignalId:
+    return SignalId(path, file, known[0], known[1], known[2])
+
+
+@lru_cache(maxsize=1)
+def libsndfile_version() -> str:
+    """Return the version of the library that decodes music."""
+    import soundfile
+
+    return str(soundfile.__libsndfile_version__)
+
+
+class FeatureKeys:
+    """The cache keys of a feature's rows. What they have in common is hashed once for each tempo."""
+
+    def __init__(self, job: FeatureJob) -> None:
+        self._job = job
+        self._common: dict[float | None, str] = {}
+
+    def track(self, bpm: float | None, signal: str) -> str:
+        """Return the key of a song's rows; `signal` is the hash of its samples."""
+        return Cache.key("track", common=self._of(bpm), signal=signal)
+
+    def window(self, bpm: float | None, signal: SignalId, number: int) -> str:
+        """Return the key of a window's rows: its song and its place there.
+
+        The samples of the window alone are not enough. A feature may compute once what neighbouring windows share,
+        so that equal windows of two songs differ by rounding.
+        """
+        start = self._job.window_start(number, signal.grid)
+        rows = self._job.window_rows
+        return Cache.key("window", common=self._of(bpm), signal=signal.sha256, start=start, rows=rows)
+
+    def _of(self, bpm: float | None) -> str:
+        job, feature = self._job, self._job.feature
+        # Else equal music would be computed again for another tempo, and for none.
+        bpm = None if bpm is None or not feature.uses_tempo else float(bpm)
+        if bpm not in self._common:
+            self._common[bpm] = Cache.key(
+                "feature",
+                version=[FEATURE_STAGE, feature.version],
+                feature={job.name: document_of(feature)},
+                fps=str(job.grid),
+                scope=job.scope,
+                start_bpm=bpm,
+                packages={name: package_version(name) for name in feature.packages},
+                arithmetic=expected() if feature.exact else None,
+            )
+        return self._common[bpm]
+
+
+def extract_track(
+    cache: Cache,
+    job: FeatureJob,
+    signal: SignalId,
+    bpm: float | None,
+    key: str,
+    ahead: Path | None = None,
+) -> CachedArray | Reject:
+    """Compute a feature of a whole signal, and publish it under `key`.
+
+    `ahead` is the file of the next unit, for features that compute on a device: it is decoded meanwhile.
+    """
+    try:
+        return cache.once(
+            "features", key, lambda: job.feature.extract(_decoded(signal, ahead), job.grid, start_bpm=bpm)
+        )
+    except DataError as error:
+        return reject_of(error, file=signal.path)
+
+
+def extract_windows(
+    cache: Cache,
+    job: FeatureJob,
+    signal: SignalId,
+    bpm: float | None,
+    keys: Mapping[int, str],
+    ahead: Path | None = None,
+) -> dict[int, CachedArray] | Reject:
+    """Compute a feature of windows, each by itself, and publish it under `keys`; by the windows' numbers.
+
+    Windows of a song go to the feature together, as many at a time as it likes, and are published after each
+    call: a build that is killed goes on after the last of them. `ahead` is as for `extract_track`.
+    """
+    try:
+        # All cut songs into the same units, see `window_units`, so that the first window's lock keeps others out.
+        with cache.lock("features", keys[min(keys)]):
+            found = {number: cache.array("features", key) for number, key in keys.items()}
+            missing = [number for number, array in found.items() if array is None]
+            if not missing:
+                return {number: array for number, array in found.items() if array is not None}
+            whole = _decoded(signal, ahead)
+            starts, length = window_samples(job, signal.n_samples, signal.sample_rate)
+            at_once = job.feature.windows_a_call or len(missing)
+            for begin in range(0, len(missing), at_once):
+                some = missing[begin : begin + at_once]
+                rows = job.feature.extract_windows(
+                    whole, starts[some], length, job.grid, job.window_rows, start_bpm=bpm
+                )
+                for number, own in zip(some, rows, strict=True):
+                    found[number] = cache.put_array("features", keys[number], own, durable=False)
+    except DataError as error:
+        return reject_of(error, file=signal.path)
+    return {number: array for number, array in found.items() if array is not None}
+
+
+def window_units(keys: Mapping[int, str]) -> list[dict[int, str]]:
+    """Cut a song's windows, keys by number, into the units of work that `extract_windows` takes.
+
+    Whoever asks for windows cuts songs so, for the first window's lock stands for all of its unit.
+    """
+    numbers = sorted(keys)
+    cuts = [numbers[begin : begin + _WINDOWS_A_UNIT] for begin in range(0, len(numbers), _WINDOWS_A_UNIT)]
+    return [{number: keys[number] for number in some} for some in cuts]
+
+
+def known_windows(cache: Cache, keys: Mapping[int, str]) -> dict[int, CachedArray] | None:
+    """Return what `extract_windows` would, if the cache has all of it."""
+    found = {}
+    for number, key in keys.items():
+        array = cache.array("features", key)
+        if array is None:
+            return None
+        found[number] = array
+    return found
+
+
+def _decoded(signal: SignalId, ahead: Path | None = None) -> AudioSignal:
+    """Decode a signal again, and begin with the next; DataError "changed" if the file holds another one by now.
+
+    Without this a file that is replaced during a build would leave its features under the old one's key, and
+    every later build would take them.
+    """
+    found = decoded(signal.path)
+    if ahead is not None:
+        read_ahead(ahead)
+    file = None
+    with suppress(OSError):
+        file = Cache.stat_key("signal", signal.path)
+    if file != signal.file and found.sha256 != signal.sha256:
+        raise DataError(CHANGED, reason="changed", where=signal.path, fix=BUILD_AGAIN)
+    return found

@@ -1,0 +1,39 @@
+"""Stage 2, identified clips -> encoded clips: the motion of every clip, once, for all fields that follow from it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from dancedata.core.clip import Reject
+from dancedata.execution.cache import Cache
+from dancedata.execution.progress import Progress
+from dancedata.execution.units import Jobs, run_units
+from dancedata.pipeline.motion import MotionKeys, MotionResult, encode_motion, known_motion
+from dancedata.pipeline.sources import SourceClip, Sources
+from dancedata.recipes.recipe import Recipe
+
+
+@dataclass(frozen=True)
+class EncodedClip:
+    """A clip with its encoded motion."""
+
+    source: SourceClip
+    motion: MotionResult
+
+
+def encode_clips(
+    cache: Cache, recipe: Recipe, sources: Sources, *, jobs: Jobs, progress: Progress
+) -> tuple[list[EncodedClip], list[Reject]]:
+    """Encode the motion of all clips; those whose music cannot be used are left out afterwards, without a reject."""
+    every = MotionKeys(recipe, sources.content)
+    keys = [every.of(clip.ref, clip.motion_sha256) for clip in sources.clips]
+    known = [known_motion(cache, recipe, own) for own in keys]
+    calls = [(cache, recipe, c.ref, c.motion_sha256, own) for c, own in zip(sources.clips, keys, strict=True)]
+    results = run_units(encode_motion, calls, known=known, jobs=jobs, label="encoding motion", progress=progress)
+    clips, rejects = [], []
+    for clip, result in zip(sources.clips, results, strict=True):
+        if isinstance(result, Reject):
+            rejects.append(replace(result, clip=clip.ref.id))
+        elif clip.music_problem is None:
+            clips.append(EncodedClip(clip, result))
+    return clips, rejects

@@ -1,0 +1,189 @@
+"""Stage 4, windowed clips -> extracted clips: features of each signal or window, once for all its clips."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from dancedata.core.clip import Reject
+from dancedata.core.errors import StoreError
+from dancedata.core.plugins import AudioFeature
+from dancedata.execution.cache import Cache, CachedArray
+from dancedata.execution.executors.base import Executor
+from dancedata.execution.progress import Progress
+from dancedata.execution.units import Jobs, run_units
+from dancedata.pipeline.audio import (
+    FeatureKeys,
+    SignalId,
+    extract_track,
+    extract_windows,
+    known_windows,
+    window_units,
+)
+from dancedata.pipeline.motion import MotionResult
+from dancedata.pipeline.sources import SourceClip
+from dancedata.pipeline.windows import WindowedClip
+from dancedata.recipes.fields import FeatureJob
+from dancedata.recipes.recipe import Recipe
+from dancedata.store import AudioBlock
+
+Blocks = tuple[AudioBlock, ...]
+
+
+@dataclass(frozen=True)
+class ExtractedClip:
+    """A clip with the blocks of rows of every audio field, by name."""
+
+    source: SourceClip
+    motion: MotionResult
+    starts: tuple[int, ...]
+    audio: Mapping[str, Blocks]
+
+
+def extract_features(
+    cache: Cache, recipe: Recipe, clips: Sequence[WindowedClip], *, jobs: Jobs, progress: Progress
+) -> tuple[list[ExtractedClip], list[Reject]]:
+    """Extract all audio fields; a clip whose music fails is left out, and not looked at for the fields after it."""
+    audio: dict[str, dict[str, Blocks]] = {clip.source.ref.id: {} for clip in clips}
+    left, rejects = list(clips), []
+    for job in recipe.audio:
+        extraction = _Extraction(cache, recipe, job, left, jobs, progress)
+        found, failed = extraction.tracks() if recipe.scope == "track" else extraction.windows()
+        for clip, blocks in found.items():
+            audio[clip][job.name] = blocks
+        rejects += [replace(reject, clip=clip) for clip, reject in failed.items()]
+        left = [clip for clip in left if clip.source.ref.id in found]
+    return [ExtractedClip(c.source, c.motion, c.starts, audio[c.source.ref.id]) for c in left], rejects
+
+
+class _Window(NamedTuple):
+    """A window's rows: their key, and the song that they are computed of."""
+
+    key: str
+    song: tuple[Path, float | None]
+
+
+@dataclass(frozen=True)
+class _Extraction:
+    """The extraction of one field."""
+
+    cache: Cache
+    recipe: Recipe
+    job: FeatureJob
+    clips: Sequence[WindowedClip]
+    jobs: Jobs
+    progress: Progress
+
+    def tracks(self) -> tuple[dict[str, Blocks], dict[str, Reject]]:
+        """Return a block for every clip, or what is wrong with its music; equal music and tempo share theirs."""
+        every = FeatureKeys(self.job)
+        timelines: dict[str, list[str]] = {}
+        units: dict[str, _Unit] = {}
+        for clip in self.clips:
+            signal, bpm = _signal(clip), clip.source.ref.tempo_bpm
+            key = every.track(bpm, signal.sha256)
+            units.setdefault(key, _Unit(signal, bpm, key))
+            timelines.setdefault(key, []).append(clip.source.ref.id)
+        known = [self.cache.array("features", key) for key in timelines]
+        results = self._run(extract_track, list(units.values()), known)
+        found: dict[str, Blocks] = {}
+        failed: dict[str, Reject] = {}
+        for (key, clips), result in zip(timelines.items(), results, strict=True):
+            for clip_id in clips:
+                if isinstance(result, Reject):
+                    failed[clip_id] = result
+                else:
+                    found[clip_id] = (AudioBlock(key, result),)
+        return found, failed
+
+    def windows(self) -> tuple[dict[str, Blocks], dict[str, Reject]]:
+        """Return a block for every window; the same window of equal songs, at one tempo, has one."""
+        every = FeatureKeys(self.job)
+        by_clip: dict[str, list[_Window]] = {}
+        owner: dict[str, _Window] = {}
+        signals: dict[Path, SignalId] = {}
+        songs: dict[tuple[Path, float | None], dict[int, str]] = {}
+        for clip in self.clips:
+            signal, bpm = _signal(clip), clip.source.ref.tempo_bpm
+            signals[signal.path] = signal
+            numbered = songs.setdefault((signal.path, bpm), {})
+            mine = by_clip[clip.source.ref.id] = []
+            for number in self.recipe.windows.numbers(clip.starts):
+                key = numbered.get(number) or every.window(bpm, signal, number)
+                window = owner.setdefault(key, _Window(key, (signal.path, bpm)))
+                if window.song == (signal.path, bpm):
+                    numbered[number] = key
+                mine.append(window)
+        units = [
+            _Unit(signals[path], bpm, keys) for (path, bpm), song in songs.items() for keys in window_units(song)
+        ]
+        arrays, broken = self._compute_windows(units)
+        found: dict[str, Blocks] = {}
+        failed: dict[str, Reject] = {}
+        for clip_id, windows in by_clip.items():
+            missing = [window for window in windows if window.key not in arrays]
+            if missing:
+                failed[clip_id] = broken[missing[0].song[0]]
+            else:
+                found[clip_id] = tuple(AudioBlock(window.key, arrays[window.key]) for window in windows)
+        return found, failed
+
+    def _compute_windows(self, units: Sequence[_Unit]) -> tuple[dict[str, CachedArray], dict[Path, Reject]]:
+        """Return rows by key, and what failed by file."""
+        known = [known_windows(self.cache, unit.keys) for unit in units]
+        arrays: dict[str, CachedArray] = {}
+        broken: dict[Path, Reject] = {}
+        for unit, result in zip(units, self._run(extract_windows, units, known), strict=True):
+            if isinstance(result, Reject):
+                broken[unit.signal.path] = result
+            else:
+                arrays.update({unit.keys[number]: array for number, array in result.items()})
+        return arrays, broken
+
+    def _run(self, function: Callable[..., Any], units: Sequence[_Unit], known: list[Any]) -> list[Any]:
+        """Run the units of work that are not known, each with the song that comes next."""
+        missing = [unit.signal.path for unit, result in zip(units, known, strict=True) if result is None]
+        ahead = iter(_next_songs(self.job.feature, missing))
+        calls = [
+            (self.cache, self.job, *unit, next(ahead) if result is None else None)
+            for unit, result in zip(units, known, strict=True)
+        ]
+        # A feature is asked for its devices only if there is something to compute.
+        jobs = _jobs_for(self.job.feature, self.jobs) if missing else self.jobs
+        return run_units(
+            function,
+            calls,
+            known=known,
+            jobs=jobs,
+            label=self.job.name,
+            progress=self.progress,
+            exact=self.job.feature.exact,
+        )
+
+
+class _Unit(NamedTuple):
+    """What a unit of work is about: a song, the tempo to start from, and the key, or keys by number, of its rows."""
+
+    signal: SignalId
+    bpm: float | None
+    keys: Any
+
+
+def _signal(clip: WindowedClip) -> SignalId:
+    if clip.source.signal is None:
+        raise StoreError("a clip without music reached the audio features", where=f"clip {clip.source.ref.id}")
+    return clip.source.signal
+
+
+def _jobs_for(feature: AudioFeature, jobs: Jobs) -> Jobs:
+    """Return the workers for a feature: one that computes on cards takes one process per card."""
+    return replace(jobs, n=feature.workers(jobs.n)) if isinstance(jobs, Executor) else feature.workers(jobs)
+
+
+def _next_songs(feature: AudioFeature, songs: Sequence[Path]) -> list[Path | None]:
+    """Return, for each unit of work, the file of the next one, if the feature computes on a device meanwhile."""
+    if not feature.reads_ahead:
+        return [None] * len(songs)
+    return [then if then != path else None for path, then in zip(songs, [*songs[1:], None], strict=False)]

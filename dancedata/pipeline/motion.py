@@ -1,0 +1,294 @@
+"""Units of work on motion: functions that worker processes run. Each takes and returns small, picklable things."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from fractions import Fraction
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.clip import ClipRef, Reject
+from dancedata.core.errors import DataError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.hashing import sha256_file
+from dancedata.core.motion import Motion
+from dancedata.core.plugins import Dataset
+from dancedata.core.quality import (
+    MAX_ROOT_SPEED_M_S,
+    MAX_TURN_DEG_S,
+    PLAUSIBLE_BODY_M,
+    PLAUSIBLE_ROOT,
+    quality_flags,
+)
+from dancedata.execution.cache import Cache, CachedArray, package_version
+from dancedata.execution.reference_process import expected
+from dancedata.pipeline.rejects import BUILD_AGAIN, CHANGED, reject_of
+from dancedata.recipes.copies import CopySpec
+from dancedata.recipes.documents import document_of
+from dancedata.recipes.fields import KeyMotionField, MotionField
+from dancedata.recipes.recipe import Recipe
+
+#: Raised by hand when a stage here gives other numbers for the same input.
+MOTION_STAGE = 4
+#: Up to this many values, clips remember matrices and joints while they are encoded: 200 MB.
+_REMEMBERED = 2**23
+
+
+@dataclass(frozen=True)
+class MotionResult:
+    """A clip's motion, encoded.
+
+    Attributes
+    ----------
+    n_source, source_rate
+        Frames and rate of the source.
+    n_frames, trim_start
+        Frames at the recipe's rate; the first that belongs to the dance.
+    height_m
+        Vertical extent of the joints, median over frames, metres.
+    arrays
+        Per motion and key motion field: (T, D) in track scope, (W, L, D) in window scope.
+    """
+
+    n_source: int
+    source_rate: Fraction
+    n_frames: int
+    trim_start: int
+    height_m: float
+    flags: tuple[dict[str, Any], ...] = ()
+    arrays: dict[str, CachedArray] = field(default_factory=dict)
+
+    def stored(self, recipe: Recipe, starts: tuple[int, ...]) -> dict[str, CachedArray]:
+        """Return what is stored of the arrays; in window scope only the windows that begin at `starts`."""
+        if recipe.scope == "track":
+            return self.arrays
+        numbers = recipe.windows.numbers(starts)
+        return {name: array.take(numbers) for name, array in self.arrays.items()}
+
+
+@dataclass(frozen=True)
+class ClipKeys:
+    """Cache keys of a clip.
+
+    Attributes
+    ----------
+    info
+        Of what is known of it.
+    fields
+        Of its motion and key motion fields, by name.
+    content
+        Hashes of further files that shaped the keys, see `content_hashes`.
+    """
+
+    info: str
+    fields: dict[str, str]
+    content: dict[str, str]
+
+
+def hash_motion(cache: Cache, path: Path) -> str | Reject:
+    """Return the hash of a motion file, read now."""
+    try:
+        return cache.hashed_sha256(path)
+    except OSError as error:
+        return Reject("broken_file", file=str(path), detail=f"{path}: {error}")
+
+
+def known_hash(cache: Cache, path: Path) -> str | None:
+    """Return what `hash_motion` would, if the cache remembers it."""
+    try:
+        return cache.known_sha256(path)
+    except OSError:
+        return None
+
+
+class MotionKeys:
+    """The cache keys of clips. What they have in common is hashed once.
+
+    Parameters
+    ----------
+    content
+        Hashes of the files that the dataset's parameters name, see `content_hashes`.
+    copies
+        Copies of the clips, whose motion an augmentation changes; None: the clips themselves.
+    """
+
+    def __init__(self, recipe: Recipe, content: Mapping[str, str], copies: CopySpec | None = None) -> None:
+        dataset = recipe.dataset
+        loading = [dataset.name, dataset.version, document_of(dataset, loading=True), dict(content)]
+        loading += [] if copies is None else [copies.key()]
+        limits = [MAX_TURN_DEG_S, MAX_ROOT_SPEED_M_S, *PLAUSIBLE_BODY_M, *PLAUSIBLE_ROOT]
+        self._content = dict(content)
+        arithmetic = expected()
+        self._clip = Cache.key("clip", version=MOTION_STAGE, dataset=loading, limits=limits, arithmetic=arithmetic)
+        self._fields = {
+            field.name: Cache.key(
+                "motion",
+                version=[MOTION_STAGE, *field.version],
+                dataset=loading,
+                representation={field.name: field.document()},
+                fps=str(field.grid),
+                windows=_window_cut(recipe) if recipe.scope == "window" else None,
+                packages={name: package_version(name) for name in ("numpy", "scipy")},
+                arithmetic=arithmetic,
+            )
+            for field in recipe.clip_fields
+        }
+
+    def of(self, ref: ClipRef, sha256: str) -> ClipKeys:
+        """Return the keys of a clip; `sha256` is the hash of its file.
+
+        The clip's id is a part of them: what is cut from FineDance's 004 goes by its name.
+        """
+
+        def key(common: str) -> str:
+            return Cache.key("clip", common=common, clip=[ref.id, ref.declared], file=sha256)
+
+        return ClipKeys(key(self._clip), {name: key(common) for name, common in self._fields.items()}, self._content)
+
+
+def encode_motion(
+    cache: Cache, recipe: Recipe, ref: ClipRef, sha256: str, keys: ClipKeys, copies: CopySpec | None = None
+) -> MotionResult | Reject:
+    """Load, check, resample and encode one clip, or its copy, for every motion and key motion field of the recipe."""
+    try:
+        with cache.lock("clips", keys.info):
+            return _result(recipe, *_encode_missing(cache, recipe, ref, keys, sha256, copies))
+    except DataError as error:
+        return reject_of(error, clip=ref.id, file=ref.motion_path)
+
+
+def known_motion(cache: Cache, recipe: Recipe, keys: ClipKeys) -> MotionResult | None:
+    """Return what `encode_motion` would, if the cache has all of it."""
+    info, arrays = _encoded(cache, keys)
+    return None if info is None or None in arrays.values() else _result(recipe, info, arrays)
+
+
+def _result(recipe: Recipe, info: list[Any], arrays: dict[str, CachedArray | None]) -> MotionResult:
+    n_source, rate, trim = int(info[0]), _rate(info[1]), int(info[3])
+    found = {name: array for name, array in arrays.items() if array is not None}
+    grid = FrameGrid(rate)
+    n_frames = grid.resampled_length(n_source, recipe.grid)
+    first = min(grid.rows_up(trim, of=recipe.grid), n_frames - 1)
+    return MotionResult(n_source, rate, n_frames, first, float(info[4]), tuple(info[2]), found)
+
+
+@lru_cache(maxsize=256)
+def _rate(text: str) -> Fraction:
+    return Fraction(text)
+
+
+def _encoded(cache: Cache, keys: ClipKeys) -> tuple[list[Any] | None, dict[str, CachedArray | None]]:
+    """Return what the cache has of a clip."""
+    return cache.json("clips", keys.info), {name: cache.array("motion", key) for name, key in keys.fields.items()}
+
+
+def _encode_missing(
+    cache: Cache, recipe: Recipe, ref: ClipRef, keys: ClipKeys, sha256: str, copies: CopySpec | None
+) -> tuple[list[Any], dict[str, CachedArray | None]]:
+    """Load a clip and publish what the cache does not have of it by now: another process may have made it."""
+    info, arrays = _encoded(cache, keys)
+    if info is not None and None not in arrays.values():
+        return info, arrays
+    motion = recipe.dataset.load(ref)
+    motion = motion if copies is None else copies.motion_of(motion, ref.id)
+    if motion.rotations.size * 3 <= _REMEMBERED:
+        motion = motion.with_cache()  # what every field, and in window scope every window, asks for
+    made = {f.name: _encode(recipe, f, motion) for f in recipe.clip_fields if arrays[f.name] is None}
+    if sha256_file(ref.motion_path) != sha256:
+        raise DataError(CHANGED, reason="changed", where=ref.motion_path, fix=BUILD_AGAIN)
+    content = content_hashes(recipe.dataset, cache.file_sha256)
+    for named in sorted({*content, *keys.content}):
+        if content.get(named) != keys.content.get(named):
+            raise DataError(CHANGED, reason="changed", where=f"{ref.motion_path} ({named})", fix=BUILD_AGAIN)
+    flags = [f.to_json() for f in quality_flags(motion)]
+    info = [motion.n_frames, str(motion.grid), flags, motion.trim_start, vertical_extent(motion)]
+    for name, array in made.items():
+        arrays[name] = cache.put_array("motion", keys.fields[name], array, durable=False)
+    cache.put_json("clips", keys.info, info)
+    return info, arrays
+
+
+def usable_frames(recipe: Recipe, n_source: int, source_rate: Fraction) -> int:
+    """Return how many frames, at the recipe's rate, every motion field of a clip covers."""
+    source = FrameGrid(source_rate)
+    frames = [source.resampled_length(n_source, recipe.grid)]
+    for own in recipe.motion:
+        if own.grid != recipe.grid:
+            frames.append(own.grid.rows_down(source.resampled_length(n_source, own.grid), of=recipe.grid))
+    return min(frames)
+
+
+def motion_window_count(recipe: Recipe, n_source: int, source_rate: Fraction) -> int:
+    """Return how many windows a motion of `n_source` frames has.
+
+    Track scope counts on the recipe's grid. Window scope counts as EDGE does, before decimation, where the
+    source's rate is a whole multiple: 1,919 frames at 60 FPS have 54 windows there, 55 on the grid.
+    """
+    step = FrameGrid(source_rate).step_to(recipe.grid)
+    count = recipe.windows.count(usable_frames(recipe, n_source, source_rate))
+    if recipe.scope == "window" and step is not None:
+        count = min(count, recipe.windows.times(step).count(n_source))
+    return count
+
+
+def _encode(recipe: Recipe, own: MotionField | KeyMotionField, motion: Motion) -> npt.NDArray[np.float32]:
+    if recipe.scope == "track":
+        return np.asarray(own.encode(motion.resampled(own.grid)))
+    length = recipe.windows.length
+    count = motion_window_count(recipe, motion.n_frames, motion.grid.rate)
+    # EDGE cuts at the source's rate and decimates after that; frames k * step are the same either way, but
+    # where rates are not whole multiples, windows can only be cut on the new grid.
+    whole = motion.grid.step_to(recipe.grid) is not None and motion.grid.step_to(own.grid) is not None
+    source = motion if whole else motion.resampled(own.grid)
+    spans = [
+        [recipe.grid.rows_down(frame, of=source.grid) for frame in (start, start + length)]
+        for start in recipe.windows.starts(count)
+    ]
+    windows = [own.encode(source.part(*span).resampled(own.grid)) for span in spans]
+    rows = recipe.grid.rows(length, of=own.grid)
+    return np.stack(windows) if windows else np.empty((0, rows, own.columns.width), np.float32)
+
+
+def vertical_extent(motion: Motion) -> float:
+    """Return the distance of the highest joint from the lowest along y, median over frames, metres.
+
+    It shows at a glance whether axis and unit are right: a dancer who stands measures 1.4 to 1.7 m from the
+    toes to the head joint.
+    """
+    heights = motion.joints()[..., 1]
+    return round(float(np.median(heights.max(axis=1) - heights.min(axis=1))), 4)
+
+
+def content_hashes(dataset: Dataset, hash_file: Callable[[Path], str]) -> dict[str, str]:
+    """Return the hash of every file that a dataset's parameters name, such as a body model.
+
+    Those files are the fields whose metadata say ``{"content": True}``. Of a folder, all files count.
+
+    Parameters
+    ----------
+    hash_file
+        Gives the SHA-256 of a file, such as `Cache.file_sha256`.
+    """
+    hashes: dict[str, str] = {}
+    for f in dataclasses.fields(dataset):
+        path = getattr(dataset, f.name)
+        if f.metadata.get("content") and path is not None:
+            root = Path(path).expanduser()
+            files = sorted(p for p in root.rglob("*") if p.is_file()) if root.is_dir() else [root]
+            for file in files:
+                if file.exists():
+                    named = file.relative_to(root if root.is_dir() else root.parent).as_posix()
+                    hashes[f"{f.name}/{named}"] = hash_file(file)
+    return hashes
+
+
+def _window_cut(recipe: Recipe) -> list[Any]:
+    # The fields together decide how many windows there are, see usable_frames.
+    rates = sorted({str(own.grid) for own in recipe.motion})
+    return [recipe.windows.length, recipe.windows.stride, str(recipe.grid), rates]

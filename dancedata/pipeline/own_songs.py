@@ -1,0 +1,268 @@
+"""dancedata features: one's own music, with features exactly as in training."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.audio.signal import load_audio
+from dancedata.core.atomic import atomic_file, write_json
+from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.errors import StoreError, UsageError, did_you_mean
+from dancedata.core.grid import FrameGrid
+from dancedata.core.hashing import json_sha256
+from dancedata.core.plugins import AudioFeature
+from dancedata.core.registry import FEATURES
+from dancedata.core.strict_json import read_json
+from dancedata.core.text import listed, shown
+from dancedata.execution.cache import Cache, default_cache
+from dancedata.execution.threads import exactly, on_one_thread
+from dancedata.pipeline.audio import window_samples
+from dancedata.recipes.fields import FeatureJob
+from dancedata.recipes.parse import load_recipe, parse_recipe, recipe_names
+from dancedata.recipes.plugins import make_named
+from dancedata.recipes.recipe import Recipe
+from dancedata.store import open_store
+from dancedata.store.schema import DATASET_FILE
+
+#: Of a .json beside features: the first frames of a day's windows.
+_MAX_ABOUT_BYTES = 1 << 26
+_MUSIC = (".wav", ".flac", ".mp3", ".ogg")
+
+
+def find_jobs(feature: str | None, like: str | None) -> list[FeatureJob]:
+    """Find how features are computed: as in a built dataset or a recipe, or plainly, per track at 30 per second.
+
+    Without `feature`, all audio features of `like` are meant, or librosa35.
+    """
+    if like is None:
+        made = make_named(FEATURES, "audio", feature or "librosa35", {})
+        return [FeatureJob(made.name, FrameGrid.of(30), made)]
+    recipe = _recipe_like(like)
+    names = [job.name for job in recipe.audio]
+    if not names:
+        raise UsageError(f"{like} has no audio features", fix="name another dataset or recipe, or none")
+    if feature is not None and feature not in names:
+        raise UsageError(f"{like} has no audio feature {feature!r}", fix=did_you_mean(str(feature), names))
+    return [job for job in recipe.audio if feature in (None, job.name)]
+
+
+def write_features(
+    songs: Sequence[Path], out: Path, jobs: Sequence[FeatureJob], bpm: float | None, weights: Path | None = None
+) -> list[dict[str, Any]]:
+    """Write OUT/<song>.<feature>.npy and a .json beside it that describes it; returns the content of the JSON files.
+
+    (T, D) in track scope; in window scope (W, L, D), each window by itself as in training. `weights` is the folder of
+    a network's weights, where a feature needs one. Where it fails, nothing is left behind; where it is interrupted,
+    the songs that are done are.
+    """
+    if bpm is not None and not 0 < bpm < float("inf"):
+        fix = "without --bpm the tempo is estimated"
+        raise UsageError("not a valid tempo; nothing was computed", found=bpm, allowed="--bpm above 0", fix=fix)
+    _check_songs(songs)
+    _check_names(songs, out, jobs)
+    # Only now: weights are ten gigabytes to hash.
+    jobs = [replace(job, feature=_ready(job.feature, weights)) for job in jobs]
+    _check_signals(songs, jobs)
+    written = []
+    try:
+        with _undone_if_it_fails(out) as new:
+            for song in songs:
+                signal = load_audio(song)
+                for job in jobs:
+                    path = _rows_file(out, song, job)
+                    new.update(p for p in (path, path.with_suffix(".json")) if not p.exists())
+                    compute = exactly if job.feature.exact else on_one_thread
+                    computed = compute(_compute, job, signal, bpm, song)
+                    with atomic_file(path) as temporary, open(temporary, "wb") as file:
+                        np.save(file, computed.rows)
+                    about = _about(job, song, signal, computed, bpm, path)
+                    write_json(path.with_suffix(".json"), about)
+                    written.append(about)
+    except OSError as error:
+        raise StoreError("the features cannot be written", where=out, found=str(error)) from error
+    return written
+
+
+def _check_songs(songs: Sequence[Path]) -> None:
+    for song in songs:
+        if song.is_dir():
+            raise _not_a_song(song)
+    absent = [str(song) for song in songs if not song.is_file()]
+    if absent:
+        raise UsageError("the song does not exist; nothing was computed", found=", ".join(absent))
+    names = [song.stem for song in songs]
+    twice = sorted({n for n in names if names.count(n) > 1})
+    if twice:
+        raise UsageError("two songs would be written to one file", found=", ".join(twice), fix="rename one of them")
+
+
+def _check_names(songs: Sequence[Path], out: Path, jobs: Sequence[FeatureJob]) -> None:
+    """Raise UsageError if a file would be replaced that this command did not write."""
+    paths = [_rows_file(out, song, job) for song in songs for job in jobs]
+    foreign = [path for path in paths if not _is_free(path)]
+    if foreign:
+        raise UsageError(
+            "files would be replaced that are not known as features of dancedata; nothing was computed",
+            where=out,
+            found=listed(path.name for path in foreign),
+            allowed="no such files, or a .npy with the .json that was written beside it",
+            fix="choose another --out, or move them away",
+        )
+
+
+def _rows_file(out: Path, song: Path, job: FeatureJob) -> Path:
+    return out / f"{song.stem}.{job.name}.npy"
+
+
+def _is_free(path: Path) -> bool:
+    """Tell whether features may be written to a path: nothing is there, or features with what is said of them."""
+    about = path.with_suffix(".json")
+    if not os.path.lexists(about):
+        return not os.path.lexists(path)
+    try:
+        found = read_json(about, _MAX_ABOUT_BYTES)
+    except (OSError, ValueError):
+        return False
+    return isinstance(found, dict) and found.get("file") == path.name and "signal_sha256" in found
+
+
+def _not_a_song(folder: Path) -> UsageError:
+    found = sorted(path.name for path in folder.iterdir() if path.suffix.lower() in _MUSIC)
+    example = f", such as {found[0]}" if found else ""
+    files = f"{folder}/*{Path(found[0]).suffix if found else '.wav'}"
+    return UsageError(
+        "this is a folder, not a song; nothing was computed",
+        where=folder,
+        found=f"{len(found)} audio files{example}",
+        fix=f"name its files: dancedata features {files} --out DIR",
+    )
+
+
+def _check_signals(songs: Sequence[Path], jobs: Sequence[FeatureJob]) -> None:
+    """Raise the error of the first song that cannot be used, before the others are computed."""
+    if len(songs) > 1:  # for a single song, computing it raises the same error
+        for song in songs:
+            signal = load_audio(song)
+            for job in jobs:
+                if job.windows is not None:
+                    _windows(job, signal, song)
+
+
+@contextmanager
+def _undone_if_it_fails(out: Path) -> Iterator[set[Path]]:
+    """Make the folder; on an error remove the files that the caller has added to the set, and what was made."""
+    missing = [folder for folder in (out, *out.parents) if not folder.exists()]
+    new: set[Path] = set()
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        yield new
+    except BaseException as error:
+        if isinstance(error, Exception):
+            for path in new:
+                path.unlink(missing_ok=True)
+        for folder in missing:
+            with suppress(OSError):  # it is not empty
+                folder.rmdir()
+        raise
+
+
+def _ready(feature: AudioFeature, weights: Path | None) -> AudioFeature:
+    """Return a feature with its weights; those of a dataset are known by their hash, not by their place."""
+    if weights is not None:
+        feature = feature.with_weights(weights)
+    return feature.resolved(Cache(default_cache()).file_sha256)
+
+
+@dataclass(frozen=True)
+class _Computed:
+    """Rows of a song, the windows' first frames, and the tempo that was estimated: one, or one a window."""
+
+    rows: Any
+    starts: list[int] | None = None
+    estimated_bpm: float | list[float] | None = None
+
+
+def _compute(job: FeatureJob, signal: AudioSignal, bpm: float | None, song: Path) -> _Computed:
+    feature = job.feature
+    if job.windows is None:
+        estimated = feature.estimated_bpm(signal, job.grid) if bpm is None else None
+        start_bpm = bpm if estimated is None else estimated
+        return _Computed(feature.extract(signal, job.grid, start_bpm=start_bpm), estimated_bpm=estimated)
+    starts, length = _windows(job, signal, song)
+    rows = feature.extract_windows(signal, starts, length, job.grid, job.window_rows, start_bpm=bpm)
+    tempos = feature.estimated_window_bpms(signal, starts, length, job.grid) if bpm is None else None
+    frames = job.windows.grid
+    first_rows = [frames.rows(start, of=job.grid) for start in job.windows.starts(len(starts))]
+    return _Computed(rows, first_rows, tempos)
+
+
+def _windows(job: FeatureJob, signal: AudioSignal, song: Path) -> tuple[npt.NDArray[np.int64], int]:
+    """Return first samples and length of a song's windows; UsageError if it has none."""
+    starts, length = window_samples(job, signal.n_samples, signal.sample_rate)
+    if not len(starts):
+        raise UsageError(
+            "the song is shorter than one window",
+            where=song,
+            found=f"{signal.n_samples / signal.sample_rate:.2f} s",
+            allowed=f"at least {length / signal.sample_rate:g} s",
+        )
+    return starts, length
+
+
+def _about(
+    job: FeatureJob, song: Path, signal: AudioSignal, computed: _Computed, bpm: float | None, path: Path
+) -> dict[str, Any]:
+    return {
+        "song": song.name,
+        "file": path.name,
+        "feature": {job.name: job.document()},
+        "shape": list(computed.rows.shape),
+        "dtype": str(computed.rows.dtype),
+        "fps": str(job.grid),
+        "scope": job.scope,
+        "window_starts": computed.starts,
+        "start_bpm": bpm,
+        "tempo_bpm": computed.estimated_bpm if bpm is None else bpm if job.feature.uses_tempo else None,
+        "tempo_estimated": computed.estimated_bpm is not None,
+        "signal_sha256": signal.sha256,
+        "columns": list(job.feature.columns.labels),
+    }
+
+
+def describe_features(out: Path, about: Mapping[str, Any]) -> str:
+    """Return the line that `features` prints of a song."""
+    shape = " x ".join(str(n) for n in about["shape"])
+    rate = f"{about['fps']} rows per second"
+    text = f"{shown(out / about['file'])}: {shape} {about['dtype']}, {rate}, {about['scope']} scope"
+    tempo = about["tempo_bpm"]
+    if about["tempo_estimated"] and isinstance(tempo, list):
+        return f"{text}; tempo of each window estimated: {min(tempo):.5g} to {max(tempo):.5g} BPM"
+    if about["tempo_estimated"]:
+        return f"{text}; tempo estimated: {tempo:.5g} BPM (--bpm sets it)"
+    return text
+
+
+def _recipe_like(like: str) -> Recipe:
+    folder = Path(like)
+    if not folder.is_dir():
+        if not folder.exists() and folder.suffix not in (".yaml", ".yml") and like not in recipe_names():
+            problem = f"there is neither a dataset folder nor a recipe {shown(like)}"
+            raise UsageError(problem, fix=did_you_mean(like, recipe_names()))
+        return load_recipe(like)
+    if not (folder / DATASET_FILE).exists():
+        raise StoreError("the folder is not a dataset, so it has no feature parameters to use", where=folder)
+    meta = open_store(folder).meta
+    document = json.loads(json.dumps(meta.get("recipe", {})))
+    recipe = parse_recipe(document, where=f"{folder}/{DATASET_FILE}")
+    if json_sha256(recipe.document) != json_sha256(document):
+        raise StoreError("the dataset's recipe reads differently in this version of dancedata", where=folder)
+    return recipe

@@ -1,0 +1,146 @@
+"""Stage 1, sources -> identified clips: what every clip's files are, by the hashes of their contents."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from dancedata.core.clip import ClipRef, Reject, Scan
+from dancedata.core.errors import SourceError
+from dancedata.core.hashing import json_sha256
+from dancedata.core.text import is_unicode, quoted
+from dancedata.execution.cache import Cache
+from dancedata.execution.progress import Progress
+from dancedata.execution.threads import exactly
+from dancedata.execution.units import Jobs, run_units
+from dancedata.pipeline.audio import SignalId, identify_audio, known_signal
+from dancedata.pipeline.motion import content_hashes, hash_motion, known_hash
+from dancedata.pipeline.rejects import missing_music
+from dancedata.recipes.recipe import Recipe
+
+
+@dataclass(frozen=True)
+class SourceClip:
+    """A clip whose files are identified.
+
+    Attributes
+    ----------
+    motion_sha256
+        SHA-256 of the motion file.
+    signal
+        What its music decodes to; None without music.
+    music_problem
+        Why its music cannot be used. Its motion is looked at all the same, so that a build names all that is wrong;
+        then the clip is left out.
+    """
+
+    ref: ClipRef
+    motion_sha256: str
+    signal: SignalId | None = None
+    music_problem: Reject | None = None
+
+    def inputs(self) -> tuple[list[Any], str, str | None]:
+        """Return what goes into a dataset: the clip's metadata, and the hashes of its motion and music."""
+        ref = self.ref
+        about = [ref.id, ref.split, ref.music, ref.tempo_bpm, ref.genre, ref.dancer, ref.lists, ref.declared]
+        return about, self.motion_sha256, self.signal.sha256 if self.signal else None
+
+
+@dataclass(frozen=True)
+class Sources:
+    """A source folder, looked at.
+
+    Attributes
+    ----------
+    clips
+        Clips with a motion file that can be read, in the order of the scan.
+    rejects
+        All that is left out so far, clips without usable music included.
+    content
+        SHA-256 of the files that the dataset's parameters name, such as a body model.
+    """
+
+    scan: Scan
+    clips: tuple[SourceClip, ...]
+    rejects: tuple[Reject, ...]
+    content: Mapping[str, str]
+
+    @property
+    def sha256(self) -> str:
+        """Hash of all that goes in: clips with their files' contents, and what is left out."""
+        left_out = sorted([r.reason, r.clip, Path(r.file).name] for r in self.rejects)
+        inputs = [clip.inputs() for clip in self.clips]
+        return json_sha256({"clips": inputs, "left_out": left_out, "content": self.content})
+
+
+def scan_source(recipe: Recipe, source: Path) -> Scan:
+    """List what the source holds. A dataset that writes its own source computes it as results are computed."""
+    scan = exactly(recipe.dataset.scan, source) if recipe.dataset.generates else recipe.dataset.scan(source)
+    known: dict[str, ClipRef] = {}
+    for ref in scan.clips:
+        other = known.setdefault(ref.id, ref)
+        if other is not ref:
+            raise SourceError(
+                "two clips have the same id",
+                where=f"dataset {recipe.dataset.name}, clip {ref.id}",
+                found=f"{other.motion_path} and {ref.motion_path}",
+                fix="rename one of them; clips of a dataset have different ids",
+            )
+    return scan
+
+
+def identify(cache: Cache, recipe: Recipe, scan: Scan, *, jobs: Jobs, progress: Progress) -> Sources:
+    """Hash motion files, decode and hash music."""
+    content = content_hashes(recipe.dataset, cache.file_sha256)
+    named, rejects = _with_valid_names(scan.clips)
+    hashes = _hash_motion(cache, named, progress)
+    rejects += [replace(sha, clip=ref.id) for ref in named if isinstance(sha := hashes[ref.motion_path], Reject)]
+    refs = [(ref, sha) for ref in named if isinstance(sha := hashes[ref.motion_path], str)]
+    if not recipe.audio:
+        clips = [SourceClip(ref, sha) for ref, sha in refs]
+    else:
+        signals = _identify_music(cache, [ref for ref, _ in refs], jobs, progress)
+        clips = [_with_music(ref, sha, signals) for ref, sha in refs]
+    rejects += [clip.music_problem for clip in clips if clip.music_problem is not None]
+    return Sources(scan, tuple(clips), (*scan.rejects, *rejects), content)
+
+
+def _with_valid_names(clips: Sequence[ClipRef]) -> tuple[list[ClipRef], list[Reject]]:
+    """Set clips aside whose texts no file of a dataset could hold."""
+    valid, rejects = [], []
+    for ref in clips:
+        texts = (ref.id, ref.split, ref.music, ref.genre, ref.dancer, *ref.lists)
+        wrong = [text for text in texts if not is_unicode(text)]
+        if not wrong:
+            valid.append(ref)
+            continue
+        detail = f"clip {ref.id}: {quoted(wrong[0])} is not valid Unicode; rename the file, or correct what names it"
+        rejects.append(Reject("bad_name", ref.id, str(ref.motion_path), detail=detail))
+    return valid, rejects
+
+
+def _hash_motion(cache: Cache, refs: Sequence[ClipRef], progress: Progress) -> dict[Path, str | Reject]:
+    paths = list(dict.fromkeys(ref.motion_path for ref in refs))
+    calls = [(cache, path) for path in paths]
+    known = [known_hash(cache, path) for path in paths]
+    found = run_units(hash_motion, calls, known=known, jobs=1, label="hashing motion", progress=progress, exact=False)
+    return dict(zip(paths, found, strict=True))
+
+
+def _identify_music(
+    cache: Cache, refs: Sequence[ClipRef], jobs: Jobs, progress: Progress
+) -> dict[Path, SignalId | Reject]:
+    paths = sorted({ref.audio_path for ref in refs if ref.audio_path is not None})
+    known = [known_signal(cache, path) for path in paths]
+    calls = [(cache, path) for path in paths]
+    found = run_units(identify_audio, calls, known=known, jobs=jobs, label="decoding music", progress=progress)
+    return dict(zip(paths, found, strict=True))
+
+
+def _with_music(ref: ClipRef, sha256: str, signals: Mapping[Path, SignalId | Reject]) -> SourceClip:
+    found = missing_music(ref) if ref.audio_path is None else signals[ref.audio_path]
+    if isinstance(found, Reject):
+        return SourceClip(ref, sha256, music_problem=replace(found, clip=ref.id))
+    return SourceClip(ref, sha256, found)

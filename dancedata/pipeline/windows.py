@@ -1,0 +1,84 @@
+"""Stage 3, encoded clips -> windowed clips: which windows have motion, music and movement."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from dancedata.core.clip import ClipRef, Reject
+from dancedata.pipeline.audio import window_samples
+from dancedata.pipeline.encode import EncodedClip
+from dancedata.pipeline.motion import MotionResult, motion_window_count
+from dancedata.pipeline.rejects import short_audio, too_short
+from dancedata.pipeline.sources import SourceClip
+from dancedata.pipeline.window_filter import filtered_windows
+from dancedata.recipes.recipe import Recipe
+
+
+@dataclass(frozen=True)
+class WindowedClip:
+    """A clip with the first frames of its windows, at the recipe's rate."""
+
+    source: SourceClip
+    motion: MotionResult
+    starts: tuple[int, ...]
+
+
+def cut_windows(recipe: Recipe, clips: Sequence[EncodedClip]) -> tuple[list[WindowedClip], list[Reject]]:
+    """Cut clips into windows. Windows without music, and windows that the filter leaves out, become rejects."""
+    windowed, rejects = [], []
+    for clip in clips:
+        starts, problems = _starts(recipe, clip.source, clip.motion)
+        rejects += problems
+        starts, problems = filtered_windows(recipe, clip.source.ref, clip.motion, starts)
+        rejects += problems
+        if starts:
+            windowed.append(WindowedClip(clip.source, clip.motion, starts))
+    return windowed, rejects
+
+
+def audio_window_count(recipe: Recipe, n_samples: int, sample_rate: int) -> int:
+    """Return how many windows a signal has: whole windows of samples, or of every feature's rows (track scope)."""
+    if recipe.scope == "window":
+        return len(window_samples(recipe.audio[0], n_samples, sample_rate)[0])
+    counts = []
+    for job in recipe.audio:
+        rows = job.feature.n_rows(n_samples, sample_rate, job.grid)
+        counts.append(recipe.windows.count(job.grid.rows_down(rows, of=recipe.grid)))
+    return min(counts)
+
+
+def _starts(recipe: Recipe, clip: SourceClip, motion: MotionResult) -> tuple[tuple[int, ...], list[Reject]]:
+    """Return the window starts of a clip; windows without music become rejects.
+
+    A clip without any window is left out: "too_short" if its motion is, "short_audio" if its music is.
+    """
+    ref = clip.ref
+    count = motion_window_count(recipe, motion.n_source, motion.source_rate)
+    if not count:
+        return (), [too_short(recipe, ref, motion.n_source, motion.source_rate)]
+    rejects = _short_fields(recipe, ref, motion, count)
+    signal = clip.signal
+    if signal is None:
+        return tuple(recipe.windows.starts(count)), rejects
+    audio_s = round(signal.n_samples / signal.sample_rate, 3)
+    with_music = audio_window_count(recipe, signal.n_samples, signal.sample_rate)
+    if not with_music:
+        return (), [*rejects, short_audio(recipe, ref, signal.path, audio_s)]
+    for k in range(with_music, count):
+        detail = f"window {k} reaches beyond the end of {signal.path.name}"
+        rejects.append(Reject("no_audio", ref.id, "", recipe.windows.start(k), detail, {"audio_s": audio_s}))
+    return tuple(recipe.windows.starts(min(count, with_music))), rejects
+
+
+def _short_fields(recipe: Recipe, ref: ClipRef, motion: MotionResult, count: int) -> list[Reject]:
+    """Say which windows of the recipe's grid are lost because a field of another rate ends before they do."""
+    without = recipe.windows.count(motion.n_frames)
+    if recipe.scope == "window":
+        return []
+    rates = sorted({str(field.grid) for field in recipe.motion})
+    detail = f"fields at {' and '.join(rates)} rows per second do not all reach the end of the window"
+    return [
+        Reject("short_field", ref.id, "", recipe.windows.start(k), f"{detail}, number {k}")
+        for k in range(count, without)
+    ]

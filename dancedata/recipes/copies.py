@@ -1,0 +1,111 @@
+"""Copies of train clips that a recipe asks for: which augmentation makes them, under which name."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.columns import Columns
+from dancedata.core.errors import SourceError, UsageError
+from dancedata.core.motion import Motion
+from dancedata.core.plugins import Augmentation
+from dancedata.recipes.documents import document_of
+
+#: The split whose clips are copied.
+_SPLIT = "train"
+
+
+@dataclass(frozen=True)
+class CopySpec:
+    """One copy of every train clip.
+
+    Attributes
+    ----------
+    name
+        The augmentation's name, or PLUGIN.NAME where a recipe has several of one plug-in; part of the ids of copies.
+    """
+
+    name: str
+    augmentation: Augmentation
+
+    def document(self) -> dict[str, Any] | Literal[True]:
+        """Return the augmentation's parameters, as a recipe gives them; True if it has none."""
+        return document_of(self.augmentation) or True
+
+    def key(self) -> list[Any]:
+        """Return what decides the motion of copies, for keys of the cache."""
+        return [self.augmentation.name, self.augmentation.version, document_of(self.augmentation)]
+
+    def clip_id(self, clip: str) -> str:
+        """Return the id of a clip's copy."""
+        return f"{clip}__{self.name}"
+
+    def motion_of(self, motion: Motion, clip: str) -> Motion:
+        """Return the motion of a clip's copy; UsageError if the augmentation changes its time."""
+        made = self.augmentation.change_motion(motion, clip)
+        times = [(m.n_frames, str(m.grid), m.trim_start) for m in (made, motion)]
+        if times[0] != times[1]:
+            raise UsageError(
+                f"the augmentation {self.name} changes frames, rate or trim_start",
+                where=f"clip {clip}",
+                found="{} frames at {} per second, trim_start {}".format(*times[0]),
+                allowed="{} frames at {} per second, trim_start {}".format(*times[1]),
+            )
+        return made
+
+    def rows_of(
+        self, rows: npt.NDArray[Any], columns: Columns, kind: Literal["motion", "keymotion"], clip: str
+    ) -> npt.NDArray[Any]:
+        """Return the rows of a clip's copy; UsageError if the augmentation changes their shape or dtype."""
+        given = rows.view()
+        given.flags.writeable = False
+        made = np.asarray(self.augmentation.change_rows(given, columns, kind=kind, clip=clip))
+        if made.shape != rows.shape or made.dtype != rows.dtype:
+            raise UsageError(
+                f"the augmentation {self.name} changes the shape or dtype of rows",
+                where=f"clip {clip}",
+                found=f"{made.shape} {made.dtype}",
+                allowed=f"{rows.shape} {rows.dtype}",
+            )
+        return made
+
+
+def augment_document(specs: tuple[CopySpec, ...]) -> dict[str, Any]:
+    """Return the slot `augment` as recipes have it; mirror is spelled out, as in the hashes of earlier versions."""
+    return {"mirror": False, **{spec.name: spec.document() for spec in specs}}
+
+
+def is_copied(split: str) -> bool:
+    """Tell whether clips of a split are copied: those of train are."""
+    return split == _SPLIT
+
+
+def copies_per_clip(specs: tuple[CopySpec, ...], split: str) -> int:
+    """Return how many clips are stored for each clip of a split, itself included."""
+    return 1 + len(specs) if is_copied(split) else 1
+
+
+def check_ids(clips: Iterable[tuple[str, str]], specs: tuple[CopySpec, ...]) -> None:
+    """Raise SourceError if a copy would get the id of a clip or of another copy.
+
+    Parameters
+    ----------
+    clips
+        Id and split of every clip.
+    """
+    clips = list(clips)
+    taken = {clip for clip, _ in clips}
+    for clip in (clip for clip, split in clips if is_copied(split)):
+        for spec in specs:
+            made = spec.clip_id(clip)
+            if made in taken:
+                raise SourceError(
+                    f"the copy of clip {clip} that augment.{spec.name} makes would get the id of another clip",
+                    where=f"clip {made}",
+                    fix=f"rename the clip, or build without augment.{spec.name}",
+                )
+            taken.add(made)

@@ -1,0 +1,27 @@
+"""What plug-ins are, as JSON: for recipes, keys of the cache and dataset.json."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import lru_cache
+from typing import Any
+
+
+def document_of(plugin: Any, *, loading: bool = False) -> dict[str, Any]:
+    """Return a plug-in's parameters as JSON, defaults included; fields marked as paths are left out.
+
+    A field is a path if its metadata contain ``{"path": True}``: what lies there is hashed with the source, and
+    where it lies shapes nothing. With `loading`, a dataset's fields marked ``{"scan": True}`` are left out
+    as well: they decide which clips there are, not what `load` makes of one, so they are not part of its key.
+    """
+    skipped = ("path", "scan") if loading else ("path",)
+    fields = [f for f in dataclasses.fields(plugin) if not any(f.metadata.get(mark) for mark in skipped)]
+    return {f.name: _anything().dump_python(getattr(plugin, f.name), mode="json") for f in fields}
+
+
+@lru_cache(maxsize=1)
+def _anything() -> Any:
+    # Here, so that worker processes, which take keys as they are, need no pydantic.
+    from pydantic import TypeAdapter
+
+    return TypeAdapter(Any)

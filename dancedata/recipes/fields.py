@@ -1,0 +1,207 @@
+"""The fields of a dataset as a recipe asks for them: made once, and all that later steps look at."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.columns import Columns
+from dancedata.core.errors import UsageError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.motion import Motion
+from dancedata.core.plugins import AudioFeature, ContactRule, KeyMotionFinder, Representation, WindowFilter
+from dancedata.core.windows import WindowGrid
+from dancedata.recipes.documents import document_of
+
+Kind = Literal["motion", "keymotion", "audio"]
+
+
+@dataclass(frozen=True)
+class WindowSpec(WindowGrid):
+    """Windows in frames of a grid; their order as in the store's format; which are kept."""
+
+    grid: FrameGrid
+    order: Literal["time", "name"] = "time"
+    filter: WindowFilter | None = None
+
+    @property
+    def length_s(self) -> float:
+        """Length in seconds."""
+        return float(self.grid.seconds(self.length))
+
+    @property
+    def stride_s(self) -> float:
+        """Stride in seconds."""
+        return float(self.grid.seconds(self.stride))
+
+    def numbers(self, starts: tuple[int, ...]) -> tuple[int, ...]:
+        """Return the numbers of windows among all those of their clip, from their first frames."""
+        return tuple(map(self.number, starts))
+
+    def document(self) -> dict[str, Any]:
+        """Return all keys, defaults included."""
+        chosen = None if self.filter is None else {self.filter.name: document_of(self.filter)}
+        return {
+            "length_frames": self.length,
+            "stride_frames": self.stride,
+            "order": self.order,
+            "filter": chosen,
+        }
+
+
+@dataclass(frozen=True)
+class FieldSpec(ABC):
+    """One field: its name, the grid of its rows, and the plug-in that makes it.
+
+    Attributes
+    ----------
+    name
+        The plug-in's name, or PLUGIN.NAME where a recipe has several of one plug-in.
+    grid
+        Grid of the rows.
+    """
+
+    kind: ClassVar[Kind]
+
+    name: str
+    grid: FrameGrid
+
+    @property
+    @abstractmethod
+    def columns(self) -> Columns:
+        """The D columns."""
+
+    @property
+    def dtype(self) -> Literal["float32", "float16"]:
+        """Type on disk."""
+        return "float32"
+
+    @abstractmethod
+    def document(self) -> dict[str, Any]:
+        """Return all parameters, defaults included, as a recipe gives them."""
+
+    def require_whole(self, windows: WindowSpec) -> None:
+        """Raise UsageError unless windows begin and end at rows of the field."""
+        for what, frames in (("length", windows.length), ("stride", windows.stride)):
+            windows.grid.rows(frames, of=self.grid, what=f"windows: the {what} for field {self.name}")
+
+
+@dataclass(frozen=True)
+class MotionField(FieldSpec):
+    """A field that follows from a clip's motion: a representation with its contact rule."""
+
+    kind: ClassVar[Literal["motion"]] = "motion"
+
+    representation: Representation
+    contacts: ContactRule | None
+
+    @property
+    def columns(self) -> Columns:
+        """The representation's columns."""
+        return self.representation.columns
+
+    @property
+    def version(self) -> tuple[int, int]:
+        """Versions of representation and contact rule."""
+        return self.representation.version, 0 if self.contacts is None else self.contacts.version
+
+    def document(self) -> dict[str, Any]:
+        """Return the representation's parameters, and the contact rule."""
+        document = document_of(self.representation)
+        if self.contacts is not None:
+            document["contacts"] = {self.contacts.name: document_of(self.contacts)}
+        return document
+
+    def encode(self, motion: Motion) -> npt.NDArray[np.float32]:
+        """Return (T, D) columns of a motion at the field's rate."""
+        return self.representation.encode(motion, contacts=self.contacts)
+
+
+@dataclass(frozen=True)
+class KeyMotionField(FieldSpec):
+    """A field with a clip's key motions."""
+
+    kind: ClassVar[Literal["keymotion"]] = "keymotion"
+
+    finder: KeyMotionFinder
+
+    @property
+    def columns(self) -> Columns:
+        """The finder's columns."""
+        return self.finder.columns
+
+    @property
+    def version(self) -> tuple[int, int]:
+        """Version of the finder; 0 for the contact rule that it does not have."""
+        return self.finder.version, 0
+
+    def document(self) -> dict[str, Any]:
+        """Return the finder's parameters."""
+        return document_of(self.finder)
+
+    def encode(self, motion: Motion) -> npt.NDArray[np.float32]:
+        """Return (T, D) rows of a motion at the recipe's rate."""
+        return self.finder.analyse(motion)
+
+
+@dataclass(frozen=True)
+class FeatureJob(FieldSpec):
+    """A field of music, and all that units of work need to compute it: of whole songs, or of windows.
+
+    Attributes
+    ----------
+    windows
+        In window scope, windows in frames of the recipe; None in track scope.
+    own_rate
+        Whether `grid` was given for this field, not for the whole recipe.
+    """
+
+    kind: ClassVar[Kind] = "audio"
+
+    feature: AudioFeature
+    windows: WindowSpec | None = None
+    own_rate: bool = False
+
+    @property
+    def columns(self) -> Columns:
+        """The feature's columns."""
+        return self.feature.columns
+
+    @property
+    def dtype(self) -> Literal["float32", "float16"]:
+        """The feature's type on disk."""
+        return self.feature.dtype
+
+    @property
+    def scope(self) -> Literal["track", "window"]:
+        """Scope of the dataset."""
+        return "track" if self.windows is None else "window"
+
+    @property
+    def window_rows(self) -> int:
+        """Rows of a window, in window scope."""
+        return self.window_spec.grid.rows_down(self.window_spec.length, of=self.grid)
+
+    def document(self) -> dict[str, Any]:
+        """Return the feature's parameters, and the rate if it is the field's own."""
+        document = document_of(self.feature)
+        return {**document, "fps": str(self.grid)} if self.own_rate else document
+
+    def window_length(self, samples: FrameGrid) -> int:
+        """Return the length of a window in samples, rounded down."""
+        return self.window_spec.grid.rows_down(self.window_spec.length, of=samples)
+
+    def window_start(self, number: int, samples: FrameGrid) -> int:
+        """Return the first sample of a window, rounded down."""
+        return self.window_spec.grid.rows_down(self.window_spec.start(number), of=samples)
+
+    @property
+    def window_spec(self) -> WindowSpec:
+        """The windows of a field of window scope; UsageError in track scope."""
+        if self.windows is None:
+            raise UsageError("a field of track scope has no windows", where=self.name)
+        return self.windows

@@ -1,0 +1,172 @@
+"""Makes plug-ins from the names and parameters of a recipe."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from pydantic import TypeAdapter, ValidationError
+
+from dancedata.core.errors import DanceDataError, RecipeError, did_you_mean
+from dancedata.core.plugins import Plugin
+from dancedata.core.registry import Registry
+from dancedata.core.text import shown
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+P = TypeVar("P", bound=Plugin)
+T = TypeVar("T", bound="DataclassInstance")
+
+_LABEL = re.compile(r"[A-Za-z0-9_-]+")
+
+
+def make_plugin(
+    registry: Registry[P],
+    where: str,
+    name: str,
+    parameters: Any,
+    problems: list[str],
+    also: tuple[str, ...] = (),
+    beside: Any = None,
+) -> P | None:
+    """Make one plug-in. If there are problems, all of them are added to the list, and None is returned.
+
+    `also` names keys of the slot that the caller has taken out of `parameters` already; `beside` is all that the
+    slot was given: where `name` is not a plug-in, it may be a key of one that stands beside it.
+    """
+    try:
+        cls = registry.get(name, key_paths(registry, where, beside, also))
+    except DanceDataError as error:
+        problems.append(f"{where}: {error}")
+        return None
+    return make_dataclass(cls, f"{where}.{name}", parameters, problems, also)
+
+
+def make_instance(
+    registry: Registry[P],
+    where: str,
+    name: str,
+    parameters: Any,
+    problems: list[str],
+    also: tuple[str, ...] = (),
+    beside: Any = None,
+) -> P | None:
+    """Make one of several plug-ins of a slot, named PLUGIN or PLUGIN.NAME; as `make_plugin`."""
+    plugin, label = split_instance(registry, name)
+    if label is None:
+        return make_plugin(registry, where, name, parameters, problems, also, beside)
+    if not _LABEL.fullmatch(label):
+        problems.append(
+            f"{where}.{shown(name)}: not a valid name for an instance of {plugin}; allowed: letters, digits, - and _ "
+            f"after the point, such as {plugin}.second"
+        )
+        return None
+    return make_dataclass(registry.get(plugin), f"{where}.{name}", parameters, problems, also)
+
+
+def split_instance(registry: Registry[P], name: str) -> tuple[str, str | None]:
+    """Split PLUGIN.NAME at the longest registered name; the second is None without a name after it."""
+    parts = name.split(".")
+    for n in range(len(parts) - 1, 0, -1):
+        plugin = ".".join(parts[:n])
+        if name not in registry.names() and plugin in registry.names():
+            return plugin, ".".join(parts[n:])
+    return name, None
+
+
+def longest_key(at: Any, parts: list[str], registry: Registry[Any] | None) -> tuple[str, list[str]]:
+    """Split off the longest key that a mapping has or that is registered, or else the first part."""
+    known = {*at, *(registry.names() if registry is not None else ())}
+    for n in range(len(parts), 1, -1):
+        key = ".".join(parts[:n])
+        if key in known:
+            return key, parts[n:]
+    return parts[0], parts[1:]
+
+
+def key_paths(registry: Registry[P], where: str, given: Any, also: Sequence[str] = ()) -> list[str]:
+    """Return the keys of the plug-ins that a slot names, as --set takes them: "audio.librosa35.tightness"."""
+    names = [given] if isinstance(given, str) else list(given) if isinstance(given, dict) else []
+    paths = []
+    for name in names:
+        plugin, _ = split_instance(registry, str(name))
+        if plugin not in registry.names():
+            continue
+        keys = [f.name for f in dataclasses.fields(registry.get(plugin))]
+        paths += [f"{where}.{name}", *(f"{where}.{name}.{key}" for key in (*keys, *also))]
+    return paths
+
+
+def make_named(registry: Registry[P], where: str, name: str, parameters: dict[str, Any]) -> P:
+    """Make one plug-in for a call from Python, where a problem is raised at once.
+
+    Raises
+    ------
+    UsageError
+        For an unknown name.
+    RecipeError
+        For parameters that it does not take, all of them.
+    """
+    registry.get(name)  # an unknown name is an error of its own, with the closest known one
+    problems: list[str] = []
+    made = make_plugin(registry, where, name, parameters, problems)
+    if made is None:
+        raise RecipeError("; ".join(problems))
+    return made
+
+
+def raise_problems(problems: list[str]) -> None:
+    """Raise RecipeError if there are any."""
+    if problems:
+        raise RecipeError("; ".join(problems))
+
+
+def make_dataclass(
+    cls: type[T], at: str, parameters: Any, problems: list[str], also: tuple[str, ...] = ()
+) -> T | None:
+    """Make an object of a frozen dataclass from the parameters of a recipe."""
+    parameters = {} if parameters is None else parameters
+    if not isinstance(parameters, dict):
+        problems.append(f"{at}: parameters are a mapping of keys; found {shown(repr(parameters))}")
+        return None
+    known = [f.name for f in dataclasses.fields(cls)]
+    unknown = [str(key) for key in parameters if key not in known]
+    problems += [f"{at}.{shown(key)}: unknown key; {did_you_mean(key, (*known, *also))}" for key in unknown]
+    try:
+        # Defaults are validated as well: a default of 100 and a given 100.0 have to be the same recipe.
+        defaults = {f.name: f.default for f in dataclasses.fields(cls) if f.default is not dataclasses.MISSING}
+        given = {k: v for k, v in parameters.items() if k in known}
+        made = TypeAdapter(cls).validate_python({**defaults, **given})
+    except ValidationError as error:
+        problems += [
+            f"{at}.{'.'.join(str(p) for p in e['loc'])}: {e['msg']}; found {shown(repr(e['input']))}"
+            for e in error.errors()
+        ]
+        return None
+    except DanceDataError as error:
+        problems.append(f"{at}: {error}")
+        return None
+    return None if unknown else made
+
+
+def one_of(registry: Registry[P], where: str, given: Any, problems: list[str]) -> P | None:
+    """Make the one plug-in of a slot, given as ``name`` or ``{name: {parameters}}``."""
+    if isinstance(given, str):
+        given = {given: {}}
+    strange = [name for name in given if name not in registry.names()] if isinstance(given, dict) else []
+    if strange and len(given) - len(strange) == 1:
+        # "dataset.split=all" where "dataset.aist++.split=all" was meant.
+        for name in strange:
+            make_plugin(registry, where, str(name), None, problems, beside=given)
+        return None
+    if not isinstance(given, dict) or len(given) != 1:
+        names = ", ".join(registry.names())
+        problems.append(
+            f"{where}: name one {registry.kind}, as in {{name: {{}}}}; known: {names}; found {shown(repr(given))}"
+        )
+        return None
+    ((name, parameters),) = given.items()
+    return make_plugin(registry, where, str(name), parameters, problems)

@@ -1,0 +1,93 @@
+"""A checked recipe: what shapes a dataset, its plug-ins made. `recipes.parse` reads one from YAML.
+
+Every worker process imports this; what checks documents is imported by the process that reads them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal
+
+from dancedata.core.grid import FrameGrid
+from dancedata.core.hashing import json_sha256
+from dancedata.core.plugins import Dataset
+from dancedata.recipes.copies import CopySpec, augment_document
+from dancedata.recipes.documents import document_of
+from dancedata.recipes.fields import FeatureJob, FieldSpec, KeyMotionField, MotionField, WindowSpec
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """A checked recipe, its plug-ins made."""
+
+    name: str
+    description: str
+    dataset: Dataset
+    grid: FrameGrid
+    scope: Literal["track", "window"]
+    windows: WindowSpec
+    motion: tuple[MotionField, ...]
+    audio: tuple[FeatureJob, ...]
+    keymotion: tuple[KeyMotionField, ...]
+    augment: tuple[CopySpec, ...]
+    shard_mb: int
+
+    def __repr__(self) -> str:
+        """Show name, dataset, rate and fields; `document` has every key."""
+        fields = ", ".join(field.name for field in self.fields)
+        about = f"dataset {self.dataset.name}, {self.grid} FPS, {self.scope} scope, fields: {fields}"
+        return f"Recipe({self.name!r}, {about})"
+
+    @property
+    def fields(self) -> tuple[FieldSpec, ...]:
+        """All fields: motion, key motions, audio."""
+        return (*self.motion, *self.keymotion, *self.audio)
+
+    @property
+    def clip_fields(self) -> tuple[MotionField | KeyMotionField, ...]:
+        """The fields that follow from a clip's motion."""
+        return (*self.motion, *self.keymotion)
+
+    @property
+    def fps(self) -> Fraction:
+        """Frames a second of the store."""
+        return self.grid.rate
+
+    @cached_property
+    def document(self) -> dict[str, Any]:
+        """The recipe with every default spelled out, as JSON; without paths, which are not part of its hash."""
+        return {
+            "recipe": 1,
+            "name": self.name,
+            "description": self.description,
+            "dataset": {self.dataset.name: document_of(self.dataset)},
+            "fps": str(self.grid),
+            "scope": self.scope,
+            "windows": self.windows.document(),
+            "motion": {field.name: field.document() for field in self.motion},
+            "audio": {field.name: field.document() for field in self.audio},
+            "keymotion": {field.name: field.document() for field in self.keymotion},
+            "augment": augment_document(self.augment),
+            "store": {"shard_mb": self.shard_mb},
+        }
+
+    @cached_property
+    def sha256(self) -> str:
+        """Hash of all that shapes the result: not the name or description."""
+        shaping = {k: v for k, v in self.document.items() if k not in ("name", "description")}
+        return json_sha256(shaping)
+
+
+def resolve(recipe: Recipe, hash_file: Callable[[Path], str]) -> Recipe:
+    """Return the recipe with everything fixed that depends on this machine, such as the precision of a network.
+
+    Parameters
+    ----------
+    hash_file
+        Gives the SHA-256 of a file, such as `Cache.file_sha256`.
+    """
+    return replace(recipe, audio=tuple(replace(job, feature=job.feature.resolved(hash_file)) for job in recipe.audio))

@@ -1,0 +1,222 @@
+"""Files that dataset.json lists, recognised when they are opened later.
+
+A reader opens shards late, by path, and uses tables and offsets that it has read before. In the meantime the dataset
+may have been built again in the same place; then opening a file is an error.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from dancedata.core.errors import StoreError
+from dancedata.core.hashing import sha256_bytes
+from dancedata.core.regular_file import read_regular
+from dancedata.store.dataset_json import REBUILD, Description, load_description
+from dancedata.store.schema import DATASET_FILE
+
+_DAMAGED = f"copy the whole folder again, or {REBUILD} with --overwrite"
+#: How many times a folder is read that is being replaced.
+_TRIES = 3
+
+
+@dataclass(frozen=True)
+class FileId:
+    """Identity of a file and its content.
+
+    Times of change are a part of it: the system may reuse the inode of a removed file.
+    """
+
+    device: int
+    inode: int
+    size: int
+    modified_ns: int
+    changed_ns: int
+
+    @classmethod
+    def of(cls, found: os.stat_result) -> FileId:
+        """Make it from the result of os.stat."""
+        return cls(found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns)
+
+    def same_file(self, other: FileId) -> bool:
+        """Whether both are the same file, changed or not."""
+        return (self.device, self.inode) == (other.device, other.inode)
+
+
+class ListedFile:
+    """A file that dataset.json lists, as it was when the dataset was opened.
+
+    Attributes
+    ----------
+    path
+        Where it is.
+    """
+
+    def __init__(self, path: Path, size: int, sha256: str, seen: os.stat_result) -> None:
+        """Make it; `seen` is the result of os.stat for the file."""
+        self.path = path
+        self._size, self._sha256 = size, sha256
+        self._known = FileId.of(seen)
+
+    def require(self, descriptor: int) -> None:
+        """Raise StoreError unless an open file is the one listed.
+
+        A file that was copied, moved or touched since then is accepted if dataset.json still lists the same size and
+        SHA-256 for it.
+        """
+        found = FileId.of(os.fstat(descriptor))
+        if found == self._known:
+            return
+        if not self._is_still_listed() or _identity(self.path) != found:
+            raise self._rebuilt_error()
+        # A file that was truncated in place is an error later, where bytes are missing.
+        if found.size != self._size and not found.same_file(self._known):
+            raise _another_size(self.path, found.size, self._size)
+        self._known = found
+
+    def open(self) -> int:
+        """Open the file for reading and return its descriptor; StoreError unless it is the one listed."""
+        self.require_there()
+        try:
+            # Not blocking: the path may now be a named pipe.
+            descriptor = os.open(self.path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
+        except OSError as error:
+            raise StoreError("a shard cannot be opened", where=str(self.path), found=str(error)) from error
+        try:
+            self.require(descriptor)
+        except BaseException:
+            os.close(descriptor)
+            raise
+        return descriptor
+
+    def require_there(self) -> None:
+        """Raise StoreError if the path does not exist any more or is not a file."""
+        try:
+            mode = os.stat(self.path).st_mode
+        except OSError:
+            mode = None
+        if mode is None and not self._is_still_listed():
+            raise self._rebuilt_error()
+        if mode is None or not stat.S_ISREG(mode):
+            raise _missing(self.path, self._size)
+
+    def _is_still_listed(self) -> bool:
+        try:
+            return lists_file(load_description(self.path.parent), self.path.name, self._size, self._sha256)
+        except StoreError:
+            return False
+
+    def _rebuilt_error(self) -> StoreError:
+        return rebuilt_error(self.path.parent, f"{self.path.name} is not the file that was listed then")
+
+
+def lists_file(description: Description, name: str, size: int, sha256: str) -> bool:
+    """Whether a dataset lists a file of this name, size and hash."""
+    listed = {shard.file: (shard.size, shard.sha256) for shard in description.shards}
+    listed |= {file: (entry["size"], entry["sha256"]) for file, entry in description.files.items()}
+    return listed.get(name) == (size, sha256)
+
+
+def read_listed(folder: Path, description: Description, name: str, limit: int) -> str:
+    """Read a side file of an open dataset, such as stats.json, of at most `limit` bytes.
+
+    A file that was changed in place is read as it is; `check` reports it.
+
+    Raises
+    ------
+    StoreError
+        If the dataset was built again, so that the file belongs to another one.
+    OSError, UnicodeDecodeError
+        If it cannot be read.
+    """
+    entry = description.files.get(name)
+    try:
+        data: bytes | None = read_regular(folder / name, limit)
+    except FileNotFoundError:
+        data = None
+    if entry is not None and (data is None or sha256_bytes(data) != entry["sha256"]):
+        try:
+            same = lists_file(load_description(folder), name, entry["size"], entry["sha256"])
+        except StoreError:
+            same = False
+        if not same:
+            raise rebuilt_error(folder, f"{name} is not the file that was listed then")
+    if data is None:
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(folder / name))
+    return data.decode("utf-8")
+
+
+def rebuilt_error(folder: Path, found: str) -> StoreError:
+    """Return the error of a reader whose dataset was replaced."""
+    gone = "" if (folder / DATASET_FILE).exists() else "removed, or "
+    return StoreError(
+        f"the dataset was {gone}built again since it was opened",
+        where=str(folder),
+        found=found,
+        fix="open it again; values that were read before belong to the old dataset",
+    )
+
+
+def open_listed(folder: Path) -> tuple[Description, Mapping[str, ListedFile]]:
+    """Read dataset.json and find the shards, by name, all of the same dataset.
+
+    Raises
+    ------
+    StoreError
+        If there is no finished dataset, or a shard is missing or of another size.
+    """
+    for _ in range(_TRIES):
+        before = _identity(folder / DATASET_FILE)
+        try:
+            description = load_description(folder)
+            shards = {s.file: _shard(folder / s.file, s.size, s.sha256) for s in description.shards}
+        except StoreError:
+            if before == _identity(folder / DATASET_FILE):
+                raise
+        else:
+            if before == _identity(folder / DATASET_FILE):
+                return description, shards
+    raise StoreError("the dataset is being replaced", where=str(folder), fix="open it again after the build")
+
+
+def _identity(path: Path) -> FileId | None:
+    try:
+        return FileId.of(os.stat(path))
+    except OSError:
+        return None
+
+
+def _shard(path: Path, size: int, sha256: str) -> ListedFile:
+    try:
+        found = os.stat(path)
+    except OSError:
+        found = None
+    if found is None or not stat.S_ISREG(found.st_mode):
+        raise _missing(path, size)
+    if found.st_size != size:
+        raise _another_size(path, found.st_size, size)
+    return ListedFile(path, size, sha256, found)
+
+
+def _missing(path: Path, size: int) -> StoreError:
+    return StoreError(
+        "a shard is missing",
+        where=str(path),
+        found="not a regular file" if path.exists() else "no such file",
+        allowed=f"{size} bytes",
+        fix=_DAMAGED,
+    )
+
+
+def _another_size(path: Path, found: int, size: int) -> StoreError:
+    return StoreError(
+        "the size of a shard differs from dataset.json",
+        where=str(path),
+        found=f"{found} bytes",
+        allowed=f"{size} bytes",
+        fix=_DAMAGED,
+    )

@@ -1,0 +1,215 @@
+"""Assigns clips to shards and rows, before anything is written."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.errors import StoreError
+from dancedata.store.clip_check import check_clip
+from dancedata.store.schema import (
+    StoreHeader,
+    check_name,
+    shard_name,
+    slice_name,
+    sort_splits,
+)
+from dancedata.store.stored_clip import AudioBlock, LazyArray, StoredClip
+from dancedata.store.window_order import window_order
+
+IntArray = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Span:
+    """Rows [start, start + length) of a field in a shard; `offset` is the clip's frame 0, from start."""
+
+    start: int
+    length: int
+    offset: int = 0
+
+
+@dataclass
+class ShardPlan:
+    """One shard to be written: its clips in order, and their rows. Clips are added one by one.
+
+    Attributes
+    ----------
+    rows
+        Rows so far, per field.
+    motion
+        Per motion field: the span of every clip.
+    audio
+        Per audio field: the span of every clip (track scope; empty in window scope).
+    blocks
+        Per audio field: block key -> (first row, array), each stored once.
+    """
+
+    header: StoreHeader
+    split: str
+    file: str = ""
+    clips: list[StoredClip] = field(default_factory=list)
+    rows: dict[str, int] = field(default_factory=dict)
+    motion: dict[str, list[Span]] = field(default_factory=dict)
+    audio: dict[str, list[Span]] = field(default_factory=dict)
+    blocks: dict[str, dict[str, tuple[int, LazyArray]]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Start with no rows in any field."""
+        for f in self.header.fields:
+            self.rows[f.name] = 0
+            if f.per_clip:
+                self.motion[f.name] = []
+            else:
+                self.audio[f.name] = []
+                self.blocks[f.name] = {}
+
+    def bytes_with(self, clip: StoredClip | None = None) -> int:
+        """Count the bytes of the fields' rows, with `clip` added."""
+        total = 0
+        for f in self.header.fields:
+            rows = self.rows[f.name]
+            if clip is not None and f.per_clip:
+                rows += _n_rows(clip.motion[f.name])
+            elif clip is not None:
+                known = self.blocks[f.name]
+                new = {b.key: b.array.shape[0] for b in clip.audio[f.name] if b.key not in known}
+                rows += sum(new.values())
+            total += rows * f.row_bytes
+        return total
+
+    def add(self, clip: StoredClip) -> None:
+        """Add a clip, and assign its rows."""
+        for name, spans in self.motion.items():
+            n = _n_rows(clip.motion[name])
+            spans.append(Span(self.rows[name], n))
+            self.rows[name] += n
+        for name, spans in self.audio.items():
+            starts = [self._add_block(name, block, clip.id) for block in clip.audio[name]]
+            if self.header.scope == "track":
+                block = clip.audio[name][0]
+                spans.append(Span(starts[0], block.array.shape[0], block.offset))
+        self.clips.append(clip)
+
+    def _add_block(self, name: str, block: AudioBlock, clip: str) -> int:
+        known = self.blocks[name].get(block.key)
+        if known is None:
+            start = self.rows[name]
+            self.blocks[name][block.key] = (start, block.array)
+            self.rows[name] += block.array.shape[0]
+            return start
+        if known[1].shape != block.array.shape:
+            raise StoreError(
+                "two audio blocks with the same key have different shapes",
+                where=f"clip {clip}, field {name}, key {block.key}",
+                found=f"{known[1].shape} and {block.array.shape}",
+            )
+        return known[0]
+
+    def window_table(self) -> WindowTable:
+        """Return the windows of the shard, in the store's order."""
+        counts = [len(c.starts) for c in self.clips]
+        clip = np.repeat(np.arange(len(self.clips), dtype=np.int64), counts)
+        starts = [np.asarray(c.starts, dtype=np.int64) for c in self.clips]
+        start = np.concatenate([*starts, np.empty(0, np.int64)])
+        index = np.concatenate([*(np.arange(n, dtype=np.int64) for n in counts), np.empty(0, np.int64)])
+        order = window_order([c.id for c in self.clips], clip, index, self.header.order)
+        rows = {f.name: self._window_rows(f.name, clip, start, index)[order] for f in self.header.fields}
+        return WindowTable(clip[order], start[order], index[order], rows)
+
+    def _window_rows(self, name: str, clip: IntArray, start: IntArray, index: IntArray) -> IntArray:
+        """Find the first row of every window in a field."""
+        f = next(f for f in self.header.fields if f.name == name)
+        grid = self.header.grid
+        if self.header.scope == "window" and f.kind == "audio":
+            blocks = self.blocks[name]
+            flat = [blocks[b.key][0] + b.offset for c in self.clips for b in c.audio[name]]
+            return np.asarray(flat, dtype=np.int64)
+        spans = self.motion[name] if f.per_clip else self.audio[name]
+        first = np.asarray([s.start + s.offset for s in spans], dtype=np.int64)
+        if self.header.scope == "window":
+            return first[clip] + index * grid.rows(self.header.length, of=f.grid)
+        return first[clip] + grid.rows_of_all(start, of=f.grid)[0]
+
+
+@dataclass(frozen=True)
+class WindowTable:
+    """The table /windows of a shard; every array (W,). `index` is the window's number in its clip."""
+
+    clip: IntArray
+    start: IntArray
+    index: IntArray
+    rows: Mapping[str, IntArray]
+
+
+def plan_shards(header: StoreHeader, clips: Sequence[StoredClip], shard_bytes: int) -> list[ShardPlan]:
+    """Distribute the clips among shards; loads no array.
+
+    Parameters
+    ----------
+    header
+        Of the store.
+    clips
+        In any order.
+    shard_bytes
+        A shard takes clips, in order, while its rows stay within this many bytes; it has at least one clip.
+
+    Returns
+    -------
+    list of ShardPlan
+        Splits in their fixed order; within one, clips in the store's order.
+
+    Raises
+    ------
+    StoreError
+        For clips that format 1 cannot hold, and if there are no windows.
+    """
+    header.check()
+    if shard_bytes < 1:
+        raise StoreError("the size of a shard is not a positive number of bytes", found=shard_bytes)
+    _check_ids(clips)
+    for clip in clips:
+        check_clip(header, clip)
+    if not any(clip.starts for clip in clips):
+        raise StoreError(
+            "there are no windows to store",
+            found=f"{len(clips)} clips, each shorter than a window of {header.length} frames",
+            fix="look at the rejects, or choose shorter windows",
+        )
+    plans: list[ShardPlan] = []
+    for split in sort_splits({c.split for c in clips}):
+        check_name(split, "split")
+        plans += _plan_split(header, split, [c for c in clips if c.split == split], shard_bytes)
+    return plans
+
+
+def _plan_split(header: StoreHeader, split: str, clips: list[StoredClip], limit: int) -> list[ShardPlan]:
+    # In order "name", clips are sorted by the name of their first window: shards keep that order.
+    by_name = header.order == "name"
+    ordered = sorted(clips, key=lambda c: slice_name(c.id, 0) if by_name else c.id)
+    plans: list[ShardPlan] = []
+    for clip in ordered:
+        if not plans or plans[-1].bytes_with(clip) > limit:
+            plans.append(ShardPlan(header, split))
+        plans[-1].add(clip)
+    for number, plan in enumerate(plans):
+        plan.file = shard_name(split, number, len(plans))
+    return plans
+
+
+def _check_ids(clips: Sequence[StoredClip]) -> None:
+    seen: dict[str, str] = {}
+    for clip in clips:
+        if clip.id in seen:
+            raise StoreError("two clips share an id", where=clip.id, found=f"splits {seen[clip.id]} and {clip.split}")
+        seen[clip.id] = clip.split
+
+
+def _n_rows(array: Any) -> int:
+    """Return the number of rows of (T, D) or (W, L, D)."""
+    shape = array.shape
+    return int(shape[0]) if len(shape) == 2 else int(shape[0] * shape[1])

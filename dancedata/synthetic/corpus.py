@@ -1,0 +1,271 @@
+"""The corpus on disk: AIST++ in its official layout, with ground truth and a marker with its parameters."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import json
+import pickle
+import wave
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dancedata.core import atomic
+from dancedata.core.errors import SourceError
+from dancedata.core.locks import writing_lock
+from dancedata.core.motion import Motion
+from dancedata.core.regular_file import read_regular
+from dancedata.core.strict_json import read_json
+from dancedata.core.text import listed, shown
+from dancedata.synthetic.plan import ClipPlan, Plan, SongPlan, generator, make_plan, music_of
+
+if TYPE_CHECKING:
+    from dancedata.synthetic.motion import MotionTruth
+    from dancedata.synthetic.music import SyntheticSong
+
+__all__ = ["VERSION", "is_example", "synthesise_motion", "synthesise_song", "write_example", "write_synthetic"]
+
+#: Incremented whenever the bytes for equal parameters change.
+VERSION = 1
+MARKER = "synthetic.json"
+MAX_MARKER_BYTES = 1 << 16
+UNFINISHED = "synthetic.partial.json"
+
+
+def write_synthetic(
+    folder: Path | str, *, seed: int = 0, songs: int = 11, clips_per_song: int = 4, clip_s: float = 13.5
+) -> Path:
+    """Write the corpus into `folder`, unless it already contains this corpus.
+
+    The next call resumes an interrupted one. Equal arguments give equal bytes, and no clip or song depends on the
+    number of others.
+
+    Parameters
+    ----------
+    folder : created if missing; otherwise it must be empty or contain this corpus.
+    seed, songs, clips_per_song, clip_s : as in the dataset `synthetic`.
+
+    Returns
+    -------
+    Path
+        The folder.
+
+    Raises
+    ------
+    SourceError
+        If the folder contains something else, or a synthetic corpus with other parameters, or is not writable.
+    UsageError
+        If a parameter is out of range.
+    """
+    made_by = _made_by(seed, songs, clips_per_song, clip_s)
+    _write(Path(folder), make_plan(songs, clips_per_song, clip_s), made_by)
+    return Path(folder)
+
+
+def write_example(
+    folder: Path | str, *, seed: int = 0, songs: int = 11, clips_per_song: int = 4, clip_s: float = 13.5
+) -> None:
+    """Write the example of a corpus: four clips of six seconds, two of train, one of val, one of test; two songs."""
+    made_by = {**_made_by(seed, songs, clips_per_song, clip_s), "example": True}
+    _write(Path(folder), make_plan(songs=2, clips_per_song=2, clip_s=6.0), made_by)
+
+
+def is_example(folder: Path, *, seed: int, songs: int, clips_per_song: int, clip_s: float) -> bool:
+    """Return whether a folder contains the complete example of a corpus."""
+    return _found(folder, {**_made_by(seed, songs, clips_per_song, clip_s), "example": True}) == MARKER
+
+
+def _made_by(seed: int, songs: int, clips_per_song: int, clip_s: float) -> dict[str, Any]:
+    made_by = {"version": VERSION, "seed": seed, "songs": songs, "clips_per_song": clips_per_song}
+    return {**made_by, "clip_s": float(clip_s)}
+
+
+def synthesise_song(
+    music: str, *, seed: int = 0, length_s: float = 14.5, sample_rate: int = 48_000, n_channels: int = 2
+) -> SyntheticSong:
+    """Generate one song in memory.
+
+    Parameters
+    ----------
+    music : AIST++ music id, which encodes the tempo: ``mBR0`` or ``BR0``.
+    length_s : seconds. The beats do not depend on it.
+
+    Returns
+    -------
+    SyntheticSong
+        .signal (mono AudioSignal), .pcm (n, channels) int16, .beat_times_s, .downbeat_times_s, .chord_roots,
+        .tempo_bpm.
+
+    Raises
+    ------
+    UsageError
+        If `music` is not an AIST++ music id.
+    """
+    from dancedata.synthetic.music import make_song
+
+    return make_song(SongPlan(music_of(music), sample_rate, n_channels, length_s), seed)
+
+
+def synthesise_motion(name: str, *, seed: int = 0, n_frames: int = 810) -> tuple[Motion, MotionTruth]:
+    """Generate one clip in memory, in full precision (files are float32).
+
+    Parameters
+    ----------
+    name : AIST++ clip name, such as ``gBR_sBM_cAll_d04_mBR0_ch01``; its song defines the beats.
+    n_frames : length in frames at 60 per second.
+
+    Returns
+    -------
+    (Motion, MotionTruth)
+        MotionTruth: .beat_times_s, .beat_frames, .key_frames, .planted (N, 4), .moving (N, 4),
+        .foot_positions (N, 4, 3), .floor_height_m.
+
+    Raises
+    ------
+    UsageError
+        If the name contains no AIST++ music id.
+    """
+    from dancedata.synthetic.motion import make_motion
+
+    return make_motion(name, n_frames, seed)
+
+
+def _write(folder: Path, plan: Plan, made_by: dict[str, Any]) -> None:
+    """Write the planned files unless they exist; a second writer waits for the first."""
+    if _check_folder(folder, made_by):
+        return
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with writing_lock(folder, "process", wait=True):
+            if not _check_folder(folder, made_by):
+                _write_all(folder, plan, made_by)
+    except OSError as error:
+        raise SourceError(
+            "synthetic: the corpus is generated on first use, but cannot be written here",
+            where=str(folder),
+            found=str(error),
+            fix="set --source to a writable folder on a disk with enough space",
+        ) from error
+
+
+def _write_all(folder: Path, plan: Plan, made_by: dict[str, Any]) -> None:
+    _claim(folder, made_by)
+    _write_lists(folder, plan)
+    for song in plan.songs:
+        _write_song(folder, song, made_by["seed"])
+    for clip in plan.clips:
+        _write_clip(folder, clip, made_by["seed"])
+    atomic.write_json(folder / MARKER, made_by)
+    (folder / UNFINISHED).unlink()
+
+
+def _found(folder: Path, made_by: dict[str, Any]) -> str | None:
+    """Return the marker in the folder that has exactly these parameters, if there is one."""
+    for name in (MARKER, UNFINISHED):
+        try:
+            content = read_json(folder / name, MAX_MARKER_BYTES)
+        except (OSError, ValueError):
+            continue
+        if content == made_by:
+            return name
+    return None
+
+
+def _check_folder(folder: Path, made_by: dict[str, Any]) -> bool:
+    """Return whether the complete corpus exists (True) or may be written (False); else SourceError."""
+    if folder.exists() and not folder.is_dir():
+        raise SourceError(
+            "synthetic: the source is not a folder", where=str(folder), fix="set --source to a new folder"
+        )
+    names = sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
+    names = [name for name in names if not atomic.is_temporary(name)]
+    marker = _found(folder, made_by)
+    if marker is not None or not names:
+        return marker == MARKER
+    other = next((name for name in (MARKER, UNFINISHED) if name in names), None)
+    if other is None:
+        raise SourceError(
+            "synthetic: the source folder contains files that this dataset did not write; nothing was changed",
+            where=str(folder),
+            found=listed(names, 8),
+            allowed=f"a new folder, an empty folder, or one with a {MARKER}",
+            fix="set --source to a folder of its own",
+        )
+    raise SourceError(
+        "synthetic: the source folder contains a synthetic corpus with other parameters; nothing was changed",
+        where=str(folder / other),
+        found=_marker_text(folder / other),
+        allowed=json.dumps(made_by),
+        fix="use those parameters, delete the folder, or set --source to another one",
+    )
+
+
+def _marker_text(path: Path) -> str:
+    try:
+        return shown(read_regular(path, MAX_MARKER_BYTES).decode("utf-8", "replace").strip())
+    except OSError as error:
+        return shown(error)
+
+
+def _claim(folder: Path, made_by: dict[str, Any]) -> None:
+    """Create the folders; the marker of an incomplete corpus comes first, so that an interrupted write can resume."""
+    folder.mkdir(parents=True, exist_ok=True)
+    atomic.write_json(folder / UNFINISHED, made_by)
+    for name in ("motions", "wavs", "cameras", "splits", "truth"):
+        (folder / name).mkdir(exist_ok=True)
+    for left in folder.rglob("*"):
+        if atomic.is_temporary(left.name):  # of a process that was killed
+            left.unlink()
+
+
+def _write_lists(folder: Path, plan: Plan) -> None:
+    """Write the lists of names of the official layout: mapping, splits, ignore list."""
+    mapping = "".join(f"{clip.name} setting1\n" for clip in plan.clips)
+    atomic.write_text(folder / "cameras" / "mapping.txt", mapping)
+    for split in ("train", "val", "test"):
+        text = "".join(f"{name}\n" for name in plan.names(split))
+        atomic.write_text(folder / "splits" / f"crossmodal_{split}.txt", text)
+    atomic.write_text(folder / "ignore_list.txt", "".join(f"{name}\n" for name in plan.ignored))
+
+
+def _write_song(folder: Path, plan: SongPlan, seed: int) -> None:
+    """Write one wav, PCM 16, and its ground truth."""
+    from dancedata.synthetic.music import make_song
+
+    song = make_song(plan, seed)
+    stream = io.BytesIO()
+    with wave.open(stream, "wb") as file:
+        file.setnchannels(plan.n_channels)
+        file.setsampwidth(2)
+        file.setframerate(plan.sample_rate)
+        file.writeframes(song.pcm.astype("<i2").tobytes())
+    atomic.write_bytes(folder / "wavs" / f"m{plan.music}.wav", stream.getvalue())
+    names = ("beat_times_s", "downbeat_times_s", "chord_roots", "tempo_bpm")
+    truth = {name: np.asarray(getattr(song, name)) for name in names}
+    _write_npz(folder / "truth" / f"m{plan.music}.npz", truth)
+
+
+def _write_clip(folder: Path, plan: ClipPlan, seed: int) -> None:
+    """Write one motion pickle as published by AIST++, and its ground truth."""
+    from dancedata.synthetic.motion import make_motion
+
+    motion, truth = make_motion(plan.name, plan.n_frames, seed)
+    rng = generator(seed, "scaling", plan.name)
+    scaling = rng.uniform(89.0, 99.0, 1).astype(np.float32)
+    content = {
+        "smpl_loss": float(rng.uniform(1.0, 2.5)),
+        "smpl_poses": motion.rotations.reshape(-1, 72).astype(np.float32),
+        "smpl_scaling": scaling,
+        "smpl_trans": (motion.translation * float(scaling[0])).astype(np.float32),
+    }
+    atomic.write_bytes(folder / "motions" / f"{plan.name}.pkl", pickle.dumps(content, protocol=4))
+    arrays = {field.name: np.asarray(getattr(truth, field.name)) for field in dataclasses.fields(truth)}
+    _write_npz(folder / "truth" / f"{plan.name}.npz", arrays)
+
+
+def _write_npz(path: Path, arrays: dict[str, Any]) -> None:
+    stream = io.BytesIO()
+    np.savez(stream, **arrays)
+    atomic.write_bytes(path, stream.getvalue())

@@ -1,0 +1,113 @@
+"""dancedata new: every template passes the conformance suite as it is, and nothing is overwritten."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from dancedata.cli.app import app
+from dancedata.cli.new import KINDS, write_plugin
+from dancedata.core.errors import UsageError
+from dancedata.core.registry import REGISTRIES
+from dancedata.recipes.yaml import load_yaml
+from dancedata.testing.conformance import check
+
+
+def _run(*arguments: str) -> Any:
+    return CliRunner().invoke(app, ["new", *arguments])
+
+
+def test_there_is_a_template_of_every_kind() -> None:
+    assert {id(kind.registry) for kind in KINDS.values()} == {id(registry) for registry in REGISTRIES.values()}
+    text = " ".join(_run("--help").stdout.split())
+    assert all(kind in text for kind in KINDS)
+
+
+# The second name is that of a class that templates import.
+@pytest.mark.parametrize("name", ["my_first2", "motion"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_template_passes_as_it_is(kind: str, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    made = write_plugin(kind, name, tmp_path / "here")
+    registry = made.kind.registry
+    registry.names()
+    monkeypatch.setattr(registry, "_classes", dict(registry._classes))
+    monkeypatch.syspath_prepend(tmp_path / "here")
+    importlib.import_module(name)
+    try:
+        assert name in registry.names()
+        if name == "my_first2":
+            check(registry.get(name), tmp_path)
+    finally:
+        del sys.modules[name]
+
+
+def test_the_test_that_is_written_passes(tmp_path: Path) -> None:
+    write_plugin("contact-rule", "toes", tmp_path)
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "test_toes.py"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, env=os.environ, check=False)
+    assert done.returncode == 0, done.stdout
+    assert "1 passed" in done.stdout
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_to_do_next(kind: str, tmp_path: Path) -> None:
+    done = _run(kind, "shake", "--out", str(tmp_path / "a folder"))
+    assert done.exit_code == 0, done.output
+    assert sorted(p.name for p in (tmp_path / "a folder").iterdir()) == ["shake.py", "test_shake.py"]
+    group = KINDS[kind].registry.package
+    assert f'[project.entry-points."{group}"]\nshake = "shake"\n' in done.stdout
+    assert f"'{tmp_path}/a folder/test_shake.py'" in done.stdout
+    recipe = load_yaml(done.stdout.split("a recipe may have: ")[1].splitlines()[0])
+    assert "shake" in json.dumps(recipe)
+
+
+def test_as_json(tmp_path: Path) -> None:
+    about = json.loads(_run("filter", "shake", "--out", str(tmp_path), "--json").stdout)
+    assert about == {
+        "name": "shake",
+        "group": "dancedata.filters",
+        "module": str(tmp_path / "shake.py"),
+        "test": str(tmp_path / "test_shake.py"),
+    }
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "message"),
+    [
+        ("augmentatoin", "shake", "unknown kind of plug-in 'augmentatoin'. Did you mean 'augmentation'"),
+        ("augmentation", "mirror", "the augmentation 'mirror' exists already. Choose another name; known: mirror"),
+        ("filter", "two-words", "not a valid name for a plug-in; found 'two-words'"),
+        ("filter", "class", "not a valid name for a plug-in"),
+        ("filter", "_hidden", "not a valid name for a plug-in"),
+        ("filter", "../up", "not a valid name for a plug-in"),
+        ("filter", "random", "random is the name of an installed Python module"),
+        ("dataset", "numpy", "numpy is the name of an installed Python module"),
+    ],
+)
+def test_bad_names(kind: str, name: str, message: str, tmp_path: Path) -> None:
+    done = _run(kind, name, "--out", str(tmp_path / "out"))
+    assert done.exit_code == 2
+    assert message in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("taken", ["shake.py", "test_shake.py"])
+def test_nothing_is_overwritten(taken: str, tmp_path: Path) -> None:
+    (tmp_path / taken).write_text("mine")
+    with pytest.raises(UsageError, match=f"{taken}: the file exists already"):
+        write_plugin("filter", "shake", tmp_path)
+    assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [(taken, "mine")]
+
+
+def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(UsageError, match="the plug-in cannot be written"):
+        write_plugin("filter", "shake", tmp_path / "file" / "out")

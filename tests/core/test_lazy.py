@@ -1,0 +1,53 @@
+"""Names that are imported when they are first used."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+import dancedata
+import dancedata.audio.jukebox
+import dancedata.readers
+from dancedata.core.lazy import lazy_names
+from dancedata.store.dataset import open_store
+
+load, names = lazy_names(__name__, {"dump": "json:dumps", "loads": "json", "EpochSampler": "no_such_module"})
+
+
+def test_a_name_may_be_another_one_in_its_module() -> None:
+    assert load("dump")([1]) == "[1]"
+    assert load("loads")("[1]") == [1]
+    assert dancedata.open is open_store
+    assert {"dump", "loads", "names"} <= set(names())
+
+
+@pytest.mark.parametrize("package", [dancedata, dancedata.readers, dancedata.audio.jukebox])
+def test_an_unknown_name_lists_the_known_ones(package: object) -> None:
+    with pytest.raises(AttributeError, match=r"has no attribute 'opne'; it has \w+, \w+"):
+        _ = package.opne  # type: ignore[attr-defined]
+
+
+def test_another_missing_module_is_not_torch() -> None:
+    with pytest.raises(ModuleNotFoundError, match="no_such_module"):
+        load("EpochSampler")
+
+
+WITHOUT_TORCH = """
+import sys
+sys.modules["torch"] = None
+import dancedata.readers
+try:
+    dancedata.readers.WindowDataset
+except ImportError as error:
+    print(error)
+"""
+
+
+def test_readers_without_torch_name_the_extra() -> None:
+    done = subprocess.run([sys.executable, "-c", WITHOUT_TORCH], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == (
+        "dancedata.readers.WindowDataset needs torch, which is not installed here: pip install 'dancedata[torch]'. "
+        "Reading with numpy alone is dancedata.open(path)."
+    )

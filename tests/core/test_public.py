@@ -1,0 +1,73 @@
+"""The public list: what `import dancedata` offers is loaded on first use, typed and documented."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import inspect
+import pkgutil
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+import dancedata
+import dancedata.audio.jukebox
+import dancedata.readers
+
+PUBLIC = {
+    "open", "build", "plan", "check", "diff", "extract", "encode", "decode", "Motion", "Skeleton", "AudioSignal",
+    "FeatureCache", "__version__",
+}  # fmt: skip
+
+
+def for_type_checkers(package: ModuleType) -> dict[str, str]:
+    """Names that a package imports under TYPE_CHECKING, and where from; and those that it loads by itself."""
+    (branch,) = (
+        node
+        for node in ast.parse(Path(str(package.__file__)).read_text(encoding="utf-8")).body
+        if isinstance(node, ast.If)
+    )
+    return {
+        alias.asname or alias.name: f"{node.module}:{alias.name}"
+        for node in branch.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+
+
+def test_the_list_is_what_it_was_meant_to_be() -> None:
+    assert set(dancedata.__all__) == PUBLIC
+    assert set(dancedata.__all__) <= set(dir(dancedata))
+
+
+@pytest.mark.parametrize("package", [dancedata, dancedata.readers, dancedata.audio.jukebox], ids=lambda p: p.__name__)
+def test_type_checkers_see_what_is_loaded(package: ModuleType) -> None:
+    if package is not dancedata:
+        pytest.importorskip("torch")
+    typed = for_type_checkers(package)
+    assert typed
+    modules = {module.name for module in pkgutil.iter_modules(package.__path__)}
+    for name, home in typed.items():
+        module, _, attribute = home.partition(":")
+        assert getattr(package, name) is getattr(importlib.import_module(module), attribute), name
+        assert name in dir(package)
+        assert name not in modules, "importing the module would put it in the name's place"
+
+
+@pytest.mark.parametrize("name", sorted(PUBLIC - {"__version__"}))
+def test_every_name_is_documented(name: str) -> None:
+    public = getattr(dancedata, name)
+    text = inspect.getdoc(public) or ""
+    assert text
+    sections = ("Parameters", "Returns", "Raises", "Examples") if inspect.isfunction(public) else ()
+    for section in sections:
+        assert f"\n{section}\n{'-' * len(section)}\n" in text, section
+    for parameter in inspect.signature(public).parameters if sections else ():
+        assert parameter in text, parameter
+
+
+def test_a_misspelt_name_is_explained() -> None:
+    with pytest.raises(AttributeError, match="module 'dancedata' has no attribute 'encoder'") as caught:
+        _ = dancedata.encoder  # type: ignore[attr-defined]
+    assert (caught.value.name, caught.value.obj) == ("encoder", dancedata)

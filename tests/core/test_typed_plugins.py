@@ -1,0 +1,46 @@
+"""What a plug-in does not have is found by the type checker, on the side of those who call plug-ins."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from mypy import api
+
+# One misspelt member for each of four kinds, as the pipeline would call them.
+CODE = """
+from pathlib import Path
+
+import numpy as np
+
+from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.motion import Motion
+from dancedata.recipes.recipe import Recipe
+
+
+def use(recipe: Recipe, signal: AudioSignal, motion: Motion) -> None:
+    recipe.dataset.scann(Path("source"))
+    recipe.audio[0].feature.extrakt(signal, recipe.grid)
+    recipe.motion[0].representation.encod(motion)
+    recipe.keymotion[0].finder.analyze(motion)
+    recipe.dataset.scan(Path("source"))
+    recipe.audio[0].feature.extract(signal, recipe.grid)
+"""
+
+
+def test_misspelt_calls_of_plug_ins_are_errors(tmp_path: Path) -> None:
+    path = tmp_path / "uses.py"
+    path.write_text(CODE)
+    root = Path(__file__).resolve().parents[2]
+    out, _, status = api.run(
+        [
+            "--config-file",
+            str(root / "pyproject.toml"),
+            "--cache-dir",
+            str(tmp_path / "cache"),
+            "--no-incremental",
+            str(path),
+        ]
+    )
+    errors = [line for line in out.splitlines() if ": error:" in line]
+    assert status == 1
+    assert [line.split('"')[3] for line in errors] == ["scann", "extrakt", "encod", "analyze"], out

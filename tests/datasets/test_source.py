@@ -1,0 +1,94 @@
+"""What the readers share: their files, the folder of a data set, the choice of audio files, .npy headers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dancedata
+from dancedata.core.bodies import SMPLX55
+from dancedata.core.errors import DataError, SourceError, UsageError
+from dancedata.datasets._source import audio_files, files_by_stem, find_root, require_choice
+from dancedata.datasets.finedance.load import load_motion, motion_length
+from dancedata.formats import arrays
+
+PACKAGE = Path(dancedata.__file__).parent
+
+
+@pytest.mark.parametrize("name", ["aistpp", "finedance", "folder"])
+def test_all_readers_have_the_same_files(name: str) -> None:
+    there = {path.stem for path in (PACKAGE / "datasets" / name).glob("*.py")}
+    assert {"__init__", "reader", "layout", "load", "facts", "notes", "example"} <= there
+    text = (PACKAGE / "datasets" / name / "__init__.py").read_text()
+    assert ".. code-block:: text" in text
+    assert "    SOURCE/\n" in text
+
+
+def test_one_parser_of_npy_headers() -> None:
+    calls = ("read_magic", "read_array_header", "lib.format.read_array(", "np.load(")
+    # Templates of `dancedata new` become the code of users.
+    files = [path for path in PACKAGE.rglob("*.py") if "templates" not in path.parts]
+    using = {path.relative_to(PACKAGE).as_posix() for path in files if any(c in path.read_text() for c in calls)}
+    assert using == {"formats/arrays.py"}
+
+
+def test_a_finedance_file_above_the_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    np.save(tmp_path / "001.npy", np.zeros((5, 315), np.float32))
+    assert motion_length(tmp_path / "001.npy") == 5
+    monkeypatch.setattr(arrays, "MAX_ARRAY_BYTES", 1000)
+    with pytest.raises(DataError, match="larger than the limit") as error:
+        load_motion(tmp_path / "001.npy", 30, SMPLX55)
+    assert error.value.reason == "too_large"
+    assert motion_length(tmp_path / "001.npy") is None
+
+
+def test_the_root_is_the_source_or_one_folder_in_it(tmp_path: Path) -> None:
+    def root(known: str = "") -> tuple[str, list[str]]:
+        found, others = find_root(
+            "x", "X", tmp_path, "motion", looked_for="motion/", is_known=known.__eq__, advice=lambda _: "look again"
+        )
+        return found.name, [path.name for path in others]
+
+    (tmp_path / "a").mkdir()
+    with pytest.raises(SourceError, match=r"x: no X motion found.*Look again"):
+        root()
+    (tmp_path / "a" / "motion").mkdir()
+    assert root() == ("a", [])
+    (tmp_path / "b" / "motion").mkdir(parents=True)
+    with pytest.raises(SourceError, match="several folders"):
+        root()
+    assert root("b") == ("b", ["a"])
+    (tmp_path / "motion").mkdir()
+    assert root("b") == (tmp_path.name, [])
+
+
+def test_audio_by_format_then_by_folder(tmp_path: Path) -> None:
+    paths = [tmp_path / name for name in ("one/a.mp3", "one/b.WAV", "two/a.flac", "two/b.wav", "two/c.ogg")]
+    found = audio_files(paths, tmp_path, [])
+    assert {stem: path.parent.name for stem, path in found.files.items()} == {"a": "two", "b": "one", "c": "two"}
+    assert [(r.reason, r.file, r.detail) for r in found.rejects] == [
+        ("unused_music", "one/a.mp3", "two/a.flac is used instead"),
+        ("unused_music", "two/b.wav", "one/b.WAV is used instead"),
+    ]
+    (note,) = found.notes
+    assert "for 2 of the names" in note
+
+
+def test_the_published_spelling_of_a_suffix_first(tmp_path: Path) -> None:
+    for name in ("a.NPY", "a.npy", "b.NPY", "no.npy", "c.txt"):
+        (tmp_path / name).touch()
+    found = files_by_stem(tmp_path, tmp_path, ".npy", lambda stem: "not a name" if stem == "no" else "")
+    assert {stem: path.name for stem, path in found.files.items()} == {"a": "a.npy", "b": "b.NPY"}
+    assert {r.file: r.detail for r in found.rejects} == {
+        "a.NPY": "the same name as a.npy, which is read",
+        "no.npy": "not a name",
+        "c.txt": "not a .npy file",
+    }
+
+
+def test_an_invalid_value_names_the_closest() -> None:
+    require_choice("x", "split", "all", ("all", "none"))
+    with pytest.raises(UsageError, match=r"x: invalid value for split; found 'non'\. Did you mean 'none'\?"):
+        require_choice("x", "split", "non", ("all", "none"))

@@ -1,0 +1,88 @@
+"""docs/architecture.md is true: its rooms, its layers, and the functions that data pass."""
+
+from __future__ import annotations
+
+import importlib
+import re
+import sys
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from types import CodeType, FrameType
+from typing import Any
+
+import pytest
+
+import dancedata
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+
+
+def section(title: str) -> str:
+    return PAGE.split(f"\n## {title}\n")[1].split("\n## ")[0]
+
+
+def function_of(path: str) -> Callable[..., Any]:
+    module, _, name = path.rpartition(".")
+    found = getattr(importlib.import_module(module), name)
+    assert found.__module__ == module, f"{path} is defined in {found.__module__}"
+    return found
+
+
+def first_column(text: str) -> list[str]:
+    return re.findall(r"^\| `([^`]+)` \|", text, flags=re.MULTILINE)
+
+
+def test_the_rooms_are_those_of_the_tree() -> None:
+    package = ROOT / "dancedata"
+    modules = {path.name.removesuffix(".py") for path in package.iterdir() if path.suffix == ".py"}
+    rooms = {path.parent.name for path in package.glob("*/__init__.py")}
+    assert sorted(first_column(section("Rooms"))) == sorted((modules | rooms) - {"__init__", "__main__"})
+
+
+def test_the_layers_are_those_of_the_contract() -> None:
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"][
+        "contracts"
+    ]
+    (layers,) = (contract["layers"] for contract in contracts if contract["type"] == "layers")
+    (block,) = re.findall(r"^```layers\n(.*?)^```", PAGE, flags=re.DOTALL | re.MULTILINE)
+    assert block.splitlines() == layers
+
+
+def test_every_function_on_the_page_is_there() -> None:
+    named = re.findall(r"`(dancedata(?:\.\w+)+)`", PAGE)
+    modules = {name for name in named if name.count(".") < 3 or name.endswith("commands")}
+    assert len(set(named) - modules) >= 10
+    for name in set(named) - modules:
+        assert callable(function_of(name))
+    for name in modules:
+        importlib.import_module(name)
+
+
+def test_data_pass_the_functions_in_this_order(tmp_path: Path) -> None:
+    names = first_column(section("From build to write_store").split("Two stages hand")[0])
+    assert len({name.rpartition(".")[0] for name in names}) == len(names) >= 8, "each file once"
+    codes: dict[CodeType, str] = {function_of(name).__code__: name for name in names}
+    passed: list[str] = []
+
+    def trace(frame: FrameType, event: str, argument: Any) -> None:
+        if event == "call" and frame.f_code in codes:
+            passed.append(codes[frame.f_code])
+
+    small = {"dataset.synthetic": {"songs": 2, "clips_per_song": 2, "clip_s": 6, "split": "all"}, "audio": {}}
+    before = sys.getprofile()
+    sys.setprofile(trace)
+    try:
+        dancedata.build(
+            "demo", out=tmp_path / "demo", overrides=small, jobs=1, cache=tmp_path / "cache", progress=False
+        )
+    finally:
+        sys.setprofile(before)
+    assert passed == names
+
+
+@pytest.mark.parametrize("name", dancedata.__all__)
+def test_the_python_page_names_the_public_list(name: str) -> None:
+    page = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
+    assert name == "__version__" or f"`{name}`" in page.rpartition("The public names are those of")[2]

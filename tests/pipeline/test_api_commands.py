@@ -1,0 +1,170 @@
+"""dancedata.build, plan, check and diff do what the command line does, through the same functions."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+import dancedata
+from dancedata.api.commands import build_part
+from dancedata.cli.text import store_json
+from dancedata.core.errors import DanceDataError, DataError, RecipeError, UsageError
+from dancedata.core.resources import resource
+from dancedata.recipes.parse import load_recipe
+
+#: Small, and the same in the three ways to say it.
+CHANGED = {"dataset.synthetic.songs": 2, "dataset.synthetic.clips_per_song": 2, "dataset.synthetic.clip_s": 6}
+SET = [f"{key}={value}" for key, value in CHANGED.items()]
+
+
+def command(*arguments: Any) -> str:
+    """Run the command line; what it prints on stdout."""
+    run = [sys.executable, "-m", "dancedata", *map(str, arguments)]
+    return subprocess.run(run, capture_output=True, text=True, check=True).stdout
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory: pytest.TempPathFactory, cache: Path) -> dancedata.api.commands.BuildResult:
+    """A small demo, built from Python, its source made beside it."""
+    out = tmp_path_factory.mktemp("api") / "demo"
+    return dancedata.build("demo", out=out, overrides=CHANGED, jobs=1, cache=cache, progress=False)
+
+
+def test_build_shows_what_was_built(demo: Any) -> None:
+    assert demo.built
+    assert demo.path.with_name("demo-source").is_dir()
+    about = store_json(demo.path)
+    assert demo.counts == about["counts"]
+    assert demo.left_out == about["rejects"]
+    assert demo.notes == tuple(about["notes"])
+    assert demo.summary.startswith("demo: 4 clips, ")
+    assert repr(demo) == f"BuildResult({str(demo.path)!r}, 4 clips, 12 windows, 0 left out, built=True)"
+    with demo.open() as ds:
+        assert ds.path == demo.path
+
+
+def test_python_and_the_command_line_make_the_same_dataset(
+    demo: Any, tmp_path: Path, hashes: Callable[[Path], dict[str, str]]
+) -> None:
+    out = tmp_path / "demo"
+    words = [word for text in SET for word in ("--set", text)]
+    source = ("--source", demo.path.with_name("demo-source"))
+    text = command("build", "demo", *source, "--out", out, *words, "--jobs", 1)
+    assert text == f"{demo.summary.replace(str(demo.path), str(out))}\n"
+    assert hashes(out) == hashes(demo.path)
+    again = dancedata.build("demo", *source[1:], out, overrides=SET, progress=False)
+    assert not again.built
+    assert again.counts == demo.counts
+    assert command("build", "demo", *source, "--out", out, *words, "--jobs", 1) == f"{again.summary}\n"
+    assert dancedata.diff(demo.path, out) == []
+
+
+def test_a_recipe_is_a_name_a_file_a_document_or_checked(demo: Any, tmp_path: Path) -> None:
+    path = resource("pipelines", "demo.yaml")
+    document = yaml.safe_load(path.read_text(encoding="utf-8"))
+    before = json.dumps(document)
+    ways: list[Any] = ["demo", path, str(path), document]
+    plans = [dancedata.plan(way, out=demo.path, overrides=CHANGED, progress=False) for way in ways]
+    plans.append(dancedata.plan(load_recipe("demo", SET), out=demo.path, progress=False))
+    assert len({plan.recipe.sha256 for plan in plans}) == 1
+    assert json.dumps(document) == before, "the caller's dict is left alone"
+    with pytest.raises(UsageError, match="a recipe that is checked already takes no overrides"):
+        dancedata.plan(load_recipe("demo"), out=demo.path, overrides=CHANGED)
+
+
+def test_plan_prints_what_the_command_prints(demo: Any) -> None:
+    words = [word for text in SET for word in ("--set", text)]
+    plan = dancedata.plan("demo", out=demo.path, overrides=CHANGED, progress=False)
+    arguments = ("plan", "demo", "--out", demo.path, *words)
+    assert json.loads(command(*arguments, "--json")) == plan.to_json()
+    assert command(*arguments) == f"{plan.describe(demo.path)}\n"
+    assert plan.summary == plan.describe(demo.path).replace(f" into {demo.path}", "", 1)
+    assert "in the cache: 4 of 4 clips" in plan.summary
+
+
+def test_overrides_are_values_or_texts() -> None:
+    by_value = load_recipe(
+        "demo", {"windows.stride_s": 1e-05 * 1e5, "motion.edge151.contacts.velocity.max_speed_m_s": 1e-05}
+    )
+    assert by_value.windows.stride == 30
+    assert by_value.motion[0].contacts is not None
+    assert by_value.document["motion"]["edge151"]["contacts"] == {"velocity": {"max_speed_m_s": 1e-05}}
+    assert load_recipe("demo", "windows.stride_s=1").windows.stride == 30
+    with pytest.raises(RecipeError, match=r"windows\.strid: unknown key; did you mean"):
+        load_recipe("demo", {"windows.strid": 1})
+    with pytest.raises(UsageError, match=r"not a key of a recipe; found 'windows\.\.stride_s'"):
+        load_recipe("demo", {"windows..stride_s": 1})
+
+
+def test_check_reads_datasets_and_sources(demo: Any, source: Path) -> None:
+    assert {problem.severity for problem in dancedata.check(demo.path)} <= {"note"}
+    next((source / "motions").iterdir()).write_bytes(b"not a pickle")
+    ways: list[dict[str, Any]] = [{}, {"dataset": "aist++"}, {"recipe": "aist++", "overrides": ["audio={}"]}]
+    for chosen in ways:
+        (error,) = (p for p in dancedata.check(source, progress=False, **chosen) if p.severity == "error")
+        assert error.message.startswith("broken_file")
+
+
+def test_progress_is_printed_or_not(demo: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    dancedata.plan("demo", out=demo.path, overrides=CHANGED)
+    assert "lengths of motion: 4/4" in capsys.readouterr().err
+    dancedata.plan("demo", out=demo.path, overrides=CHANGED, progress=False)
+    assert capsys.readouterr() == ("", "")
+
+
+def test_a_script_needs_no_guard(demo: Any, corpus: Path, tmp_path: Path) -> None:
+    """Worker processes do not run the script again."""
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import sys, dancedata\n"
+        "print('once')\n"
+        "built = dancedata.build('aist++', sys.argv[1], sys.argv[2], jobs=2, cache=sys.argv[3])\n"
+        "print(built.built, built.counts['train']['clips'])\n"
+    )
+    run = [sys.executable, script, corpus, tmp_path / "out", tmp_path / "cache"]
+    done = subprocess.run(run, capture_output=True, text=True, check=True)
+    with dancedata.open(tmp_path / "out") as ds:
+        train = sum(clip.split == "train" for clip in ds.clips)
+    assert done.stdout == f"once\nTrue {train}\n"
+
+
+def test_a_part_is_computed(demo: Any, corpus: Path, tmp_path: Path) -> None:
+    share = build_part("aist++", corpus, "1/2", cache=tmp_path / "cache", jobs=1, progress=False)
+    assert share.clips_in_all == 4
+    assert 0 < share.clips < 4
+
+
+@pytest.mark.parametrize(
+    ("call", "kind", "words"),
+    [
+        (lambda: dancedata.build("aist++"), UsageError, r"aist\+\+ needs a source\. Name .* source=DIR"),
+        (lambda: dancedata.build("demmo"), UsageError, "did you mean 'demo'"),
+        (lambda: dancedata.build("demo", jobs=0), UsageError, "invalid number of worker processes; found 0"),
+        (lambda: dancedata.build("demo", backend="slurm"), UsageError, "slurm"),
+        (lambda: dancedata.plan("aist++", "/none"), DanceDataError, "/none"),
+        (lambda: dancedata.plan({"recipe": 1}), RecipeError, "name: missing"),
+        (lambda: dancedata.check("x", dataset="a", recipe="b"), UsageError, "both choose a reader"),
+        (lambda: dancedata.check("x", overrides=["fps=30"]), UsageError, "name the recipe as well"),
+        (lambda: dancedata.diff("/none", "/none"), DanceDataError, "/none"),
+    ],
+)  # fmt: skip
+def test_errors_are_ours(
+    call: Callable[[], Any], kind: type[Exception], words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(kind, match=f"(?i){words}"):
+        call()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_strict_raises(source: Path, out: Path) -> None:
+    next((source / "motions").iterdir()).write_bytes(b"not a pickle")
+    with pytest.raises(DataError, match="1 broken clip"):
+        dancedata.build("aist++", source, out, strict=True, jobs=1, progress=False)

@@ -1,0 +1,191 @@
+"""Augmentations at building: copies of motion that is changed, and of rows that are changed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+
+import dancedata
+from dancedata.core.columns import Columns
+from dancedata.core.errors import DataError, RecipeError, SourceError, UsageError
+from dancedata.core.motion import Motion
+from dancedata.core.plugins import Augmentation
+from dancedata.core.registry import AUGMENTATIONS
+from dancedata.execution.progress import Progress
+from dancedata.pipeline.part import Part, build_part
+from dancedata.pipeline.plan import make_plan
+from dancedata.recipes.copies import CopySpec, check_ids
+from dancedata.recipes.parse import load_recipe
+from dancedata.store import verify_store
+
+SMALL = ("motion={edge151: {}, joints: {}}", "keymotion=lodge", "windows.length_s=3", "audio={}")
+
+
+@dataclass(frozen=True)
+class Shift(Augmentation):
+    """Moves the dancer along x.
+
+    metres : how far.
+    broken : id of a clip that cannot be moved.
+    """
+
+    version: ClassVar[int] = 1
+
+    metres: float = 0.5
+    broken: str = ""
+
+    def change_motion(self, motion: Motion, clip: str) -> Motion:
+        if clip == self.broken:
+            raise DataError("too near to the wall", reason="wall")
+        return replace(motion, translation=np.add(motion.translation, (self.metres, 0, 0)))
+
+
+@dataclass(frozen=True)
+class Noise(Augmentation):
+    """Rows with noise, another one for each clip; key motions as they are."""
+
+    version: ClassVar[int] = 1
+
+    def change_rows(self, rows: Any, columns: Columns, *, kind: str, clip: str) -> Any:
+        noise = np.random.default_rng([*clip.encode()]).integers(-1, 2, rows.shape)
+        return rows + noise.astype(rows.dtype) if kind == "motion" else rows
+
+
+@dataclass(frozen=True)
+class Slower(Augmentation):
+    """Cuts the motion short, which is not allowed."""
+
+    version: ClassVar[int] = 1
+
+    def change_motion(self, motion: Motion, clip: str) -> Motion:
+        return motion.part(0, motion.n_frames - 1)
+
+
+@dataclass(frozen=True)
+class Wider(Augmentation):
+    """Gives rows of another shape, which is not allowed."""
+
+    version: ClassVar[int] = 1
+
+    def change_rows(self, rows: Any, columns: Columns, *, kind: str, clip: str) -> Any:
+        return rows[..., :1]
+
+    def check(self, columns: Columns) -> None:
+        if "position" in columns.names:
+            raise UsageError("positions cannot be made wider")
+
+
+@pytest.fixture(autouse=True)
+def _registered(monkeypatch: pytest.MonkeyPatch) -> None:
+    AUGMENTATIONS.names()
+    monkeypatch.setattr(AUGMENTATIONS, "_classes", dict(AUGMENTATIONS._classes))
+    for cls in (Shift, Noise, Slower, Wider):
+        AUGMENTATIONS.register(cls.__name__.lower())(cls)
+
+
+@pytest.mark.parametrize("scope", ["track", "window"])
+def test_copies_of_changed_motion_and_rows(corpus: Path, run_build, scope: str, tmp_path: Path) -> None:
+    plain = (*SMALL, f"scope={scope}")
+    run_build(corpus, tmp_path / "plain", "aist++", plain, cache=tmp_path / "cache")
+    entries = set((tmp_path / "cache").rglob("*.npy"))
+    run_build(
+        corpus,
+        tmp_path / "out",
+        "aist++",
+        (*plain, "augment={mirror: true, noise: true, shift: {metres: 0.25}, shift.far: {metres: 2}}"),
+        cache=tmp_path / "cache",
+    )
+    assert [p for p in verify_store(tmp_path / "out") if p.severity == "error"] == []
+    one, all_of_it = dancedata.open(tmp_path / "plain"), dancedata.open(tmp_path / "out")
+    train = [c.id for c in one.clips if c.split == "train"]
+    copies = {f"{clip}__{name}": clip for clip in train for name in ("mirror", "noise", "shift", "shift.far")}
+    assert {c.id: c.source for c in all_of_it.clips if c.source} == copies
+    # Clips are those of a build without copies, from the cache; only shift is encoded.
+    assert len(set((tmp_path / "cache").rglob("*.npy")) - entries) == 2 * 3 * len(train)
+    for window in one.windows("train"):
+        for field in one.fields:
+            rows = one.read(window, field)
+            np.testing.assert_array_equal(all_of_it.read(window, field), rows)
+            shifted = all_of_it.read(replace(window, clip=f"{window.clip}__shift"), field)
+            noisy = all_of_it.read(replace(window, clip=f"{window.clip}__noise"), field)
+            far = all_of_it.read(replace(window, clip=f"{window.clip}__shift.far"), field)
+            if field == "joints":
+                for moved, metres in ((shifted, 0.25), (far, 2)):
+                    wanted = rows.reshape(-1, 24, 3) + np.float32((metres, 0, 0))
+                    np.testing.assert_allclose(moved.reshape(-1, 24, 3), wanted, atol=1e-6)
+            if field == "lodge":
+                np.testing.assert_array_equal(noisy, rows)
+            else:
+                assert (noisy != rows).any()
+                assert (noisy != all_of_it.read(replace(window, clip=f"{window.clip}__mirror"), field)).any()
+        # Contacts do not depend on where one dances: they were labelled on the moved joints.
+        contact = one.fields["edge151"].slice("contact")
+        moved = all_of_it.read(replace(window, clip=f"{window.clip}__shift"), "edge151")
+        np.testing.assert_array_equal(moved[:, contact], one.read(window, "edge151")[:, contact])
+
+
+def test_plan_and_parts_count_copies(corpus: Path, tmp_path: Path) -> None:
+    recipe = load_recipe("aist++", (*SMALL, "augment={mirror: true, shift: {}}"))
+    before = make_plan(recipe, corpus, cache=tmp_path).to_json()
+    n_train = before["splits"]["train"]["clips"] // 3
+    of = before["cached"]["edge151"]["of"]
+    assert of == sum(split["clips"] for split in before["splits"].values()) - n_train
+    for number in (1, 2):
+        build_part(recipe, corpus, Part(number, 2), cache=tmp_path)
+    assert make_plan(recipe, corpus, cache=tmp_path).to_json()["cached"]["edge151"]["cached"] == of
+
+
+def test_a_copy_that_cannot_be_made_is_a_reject(corpus: Path, run_build, built: Path, tmp_path: Path) -> None:
+    broken = next(c.id for c in dancedata.open(built).clips if c.split == "train")
+    changes = (*SMALL, f"augment={{shift: {{broken: {broken}}}}}")
+    run_build(corpus, tmp_path / "out", "aist++", changes, progress=Progress(quiet=True))
+    store = dancedata.open(tmp_path / "out")
+    assert [r["reason"] for r in store.rejects if r.get("clip") == f"{broken}__shift"] == ["wall"]
+    assert broken in {c.id for c in store.clips}
+    assert f"{broken}__shift" not in {c.id for c in store.clips}
+    with pytest.raises(DataError, match="too near to the wall"):
+        run_build(corpus, tmp_path / "strict", "aist++", changes, strict=True)
+
+
+def test_what_an_augmentation_may_not_change(corpus: Path, run_build, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="slower changes frames, rate or trim_start; found 359 frames at 60"):
+        run_build(corpus, tmp_path / "a", "aist++", (*SMALL, "augment={slower: {}}"))
+    with pytest.raises(UsageError, match="wider changes the shape or dtype of rows"):
+        run_build(corpus, tmp_path / "b", "aist++", ("audio={}", "augment={wider: {}}"))
+
+
+def test_augment_in_recipes() -> None:
+    plain = load_recipe("aist++", ("augment={}",))
+    assert plain.document["augment"] == {"mirror": False}
+    assert load_recipe("aist++", ("augment.mirror=false",)).sha256 == plain.sha256
+    assert load_recipe("aist++", ("augment={shift: false}",)).sha256 == plain.sha256
+    mirrored = load_recipe("aist++", ("augment.mirror=true",))
+    assert mirrored.document["augment"] == {"mirror": True}
+    assert load_recipe("aist++", ("augment={mirror: {}}",)).sha256 == mirrored.sha256
+    both = load_recipe("aist++", ("augment.shift=true", "augment.noise={}"))
+    shift = {"metres": 0.5, "broken": ""}
+    assert both.document["augment"] == {"mirror": False, "noise": True, "shift": shift}
+    two = load_recipe("aist++", ("augment={shift: true, shift.left: {}}", "augment.shift.left.metres=-1"))
+    assert [(spec.name, spec.augmentation) for spec in two.augment] == [("shift", Shift()), ("shift.left", Shift(-1))]
+    assert [spec.clip_id("clip") for spec in two.augment] == ["clip__shift", "clip__shift.left"]
+    with pytest.raises(RecipeError) as error:
+        load_recipe("aist++", ("augment={shift: {metres: x}, shif: true, noise: 3, wider: {}}", "motion=joints"))
+    for text in ("augment.shift.metres", "Did you mean 'shift'", "augment.noise: parameters are a mapping"):
+        assert text in str(error.value)
+    assert "augment.wider: field joints: positions cannot be made wider" in str(error.value)
+    with pytest.raises(RecipeError, match="augment: must be a mapping such as"):
+        load_recipe("aist++", ("augment=[mirror]",))
+
+
+def test_ids_of_copies() -> None:
+    specs = (CopySpec("b", Shift()), CopySpec("x__b", Shift()))
+    check_ids([("a", "train"), ("c", "train")], specs)
+    check_ids([("a", "test"), ("a__b", "test")], specs)
+    with pytest.raises(SourceError, match=r"clip a__b: the copy of clip a that augment.b makes would get the id"):
+        check_ids([("a", "train"), ("a__b", "val")], specs)
+    with pytest.raises(SourceError, match=r"clip a__x__b: "):
+        check_ids([("a", "train"), ("a__x", "train")], specs)
