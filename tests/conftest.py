@@ -5,6 +5,8 @@ from __future__ import annotations
 import lzma
 import os
 import shutil
+import subprocess
+import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
@@ -30,6 +32,16 @@ DATA = ROOT / "tests" / "golden" / "data"
 #: The whole set, and real recordings, which are not.
 SHARED = Path(os.environ.get("DANCEDATA_SHARED", ROOT.parent / "shared"))
 HAS_SHARED = (SHARED / "golden").is_dir()
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Before pytest's workers start, compile librosa's kernels in one process: they would import librosa all at once.
+
+    Importing it compiles some kernels already, at the top of test modules, where no lock can be held.
+    """
+    if getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput"):
+        code = "from dancedata.audio.librosa35.reference import compile_kernels; compile_kernels()"
+        subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

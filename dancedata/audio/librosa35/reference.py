@@ -52,8 +52,18 @@ def compile_kernels() -> None:
     rng = np.random.default_rng(0)
     noise = rng.standard_normal(3 * TEMPO_SAMPLE_RATE).astype(np.float32)
     noise[:: TEMPO_SAMPLE_RATE // 2] = 10.0
-    with file_lock(_lock_file()):
+    with kernel_lock():
         _compute(noise, Settings(TEMPO_SAMPLE_RATE, 30 * HOP, None, 100.0))
+
+
+@contextmanager
+def kernel_lock() -> Iterator[None]:
+    """Hold the lock under which librosa is imported for the first time, and its kernels are compiled.
+
+    Importing it compiles some of them already.
+    """
+    with file_lock(_lock_file()):
+        yield
 
 
 def _lock_file() -> Path:
