@@ -26,6 +26,8 @@ MAX_BYTES = 1 << 26
 MAX_RECIPE = 1 << 17
 #: Larger numbers are refused.
 _LARGE = 1e300
+#: Frames after which frames and rows coincide, at most: numbers of frames times that fit into 64 bits.
+_MAX_PERIOD = 1 << 31
 #: Largest rejects.jsonl and quality.jsonl, bytes.
 MAX_LINES_BYTES = 1 << 28
 
@@ -166,6 +168,7 @@ def _parse(document: dict[str, Any], path: Path) -> Description:
         if not document["fields"]:
             raise ValueError("there are no fields")
         _check_about(document)
+        _check_rates(document)
         return Description(
             meta=document,
             scope=_one_of(document["scope"], ("track", "window")),
@@ -193,6 +196,17 @@ _ABOUT: dict[str, type] = {
     **dict.fromkeys(("recipe", "source", "counts", "rejects", "axes", "content", "genre_ids", "packages"), dict),
     "quality_flags": int,
 }
+
+
+def _check_rates(document: Mapping[str, Any]) -> None:
+    """Raise ValueError for rates that frames and rows in 64-bit integers cannot be converted between."""
+    grid = FrameGrid(as_rate(document["fps"]))
+    for field in document["fields"]:
+        rate = as_rate(field["rate"])
+        if max(grid.common_period(FrameGrid(rate))) > _MAX_PERIOD:
+            raise ValueError(
+                f"a field has {quoted(field['rate'])} rows per second, at {quoted(document['fps'])} frames"
+            )
 
 
 def _check_about(document: Mapping[str, Any]) -> None:

@@ -165,3 +165,10 @@ def test_files_beside_a_dataset_are_named_without_their_control_characters(folde
     with pytest.raises(DanceDataError) as error:
         open_store(folder)
     assert SAFE in str(error.value)
+
+
+@pytest.mark.parametrize("rate", ["1000000000000000000000/7", "30/1000000000000000000001"])
+def test_rates_that_no_integer_holds_are_an_error(folder: Path, rate: str) -> None:
+    edit(folder, lambda document: document["fields"][0].update(rate=rate))
+    with pytest.raises(StoreError, match=r"dataset\.json is incomplete.*rows per second"):
+        everything(folder)
