@@ -26,7 +26,7 @@ from dancedata.core.registry import FEATURES
 from dancedata.execution.cache import Cache, CachedArray, default_cache
 from dancedata.execution.lost_entries import with_lost_entries
 from dancedata.execution.progress import Progress
-from dancedata.execution.threads import exactly, on_one_thread
+from dancedata.execution.threads import as_in_builds
 from dancedata.pipeline.audio import (
     FeatureKeys,
     SignalId,
@@ -191,7 +191,7 @@ class FeatureCache:
 
 def _computed(job: FeatureJob, function: Callable[..., Any], cache: Cache, *args: Any) -> Any:
     """Run a unit of work as a build does."""
-    compute = exactly if job.feature.exact else on_one_thread
+    compute = as_in_builds(job.feature.exact)
     return _found(compute(function, cache, job, *args))
 
 

@@ -16,7 +16,7 @@ from dancedata.core.hashing import sha256_file
 from dancedata.core.motion import Motion
 from dancedata.core.registry import CONTACTS, FEATURES, REPRESENTATIONS
 from dancedata.core.text import shown
-from dancedata.execution.threads import exactly, on_one_thread
+from dancedata.execution.threads import as_in_builds
 from dancedata.recipes.plugins import make_named, one_of, raise_problems
 
 
@@ -65,7 +65,7 @@ def extract(
 
     plugin = make_named(FEATURES, "audio", feature, parameters).resolved(sha256_file)
     signal = song if isinstance(song, AudioSignal) else load_audio(song)
-    compute = exactly if plugin.exact else on_one_thread
+    compute = as_in_builds(plugin.exact)
     rows: npt.NDArray[Any] = compute(partial(plugin.extract, start_bpm=start_bpm), signal, FrameGrid.of(fps))
     return rows
 

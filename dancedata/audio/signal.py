@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import os
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -162,11 +161,9 @@ def resample(samples: NDArray[np.float32], from_rate: int, to_rate: int) -> NDAr
     """
     if from_rate == to_rate:
         return samples
-    if "librosa" not in sys.modules:
-        from dancedata.audio.librosa35.reference import kernel_lock
+    from dancedata.audio.librosa35.reference import load_librosa
 
-        with kernel_lock():
-            import librosa  # noqa: F401 -- it compiles kernels; two processes at once would spoil numba's cache
+    load_librosa()
     import librosa
 
     resampled: NDArray[np.float32] = librosa.resample(samples, orig_sr=from_rate, target_sr=to_rate)

@@ -121,13 +121,15 @@ class FrameGrid:
         UsageError
             If it is not a whole number of rows.
         """
-        if not self.is_whole(frames, of=of):
+        here, there = self.common_period(of)
+        rows, rest = divmod(int(frames) * there, here)
+        if rest:
             raise UsageError(
                 f"{what or 'a number of frames'} is not a whole number of rows",
                 found=f"{frames} frames at {self} per second, rows at {of} per second",
-                allowed=f"multiples of {self.common_period(of)[0]} frames",
+                allowed=f"multiples of {here} frames",
             )
-        return self.rows_down(frames, of=of)
+        return rows
 
     def is_whole(self, frames: int, *, of: FrameGrid) -> bool:
         """Whether `frames` frames are a whole number of rows of the grid `of`."""

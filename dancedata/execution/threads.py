@@ -25,6 +25,11 @@ def exactly(function: Callable[..., T], *args: Any) -> T:
     return found
 
 
+def as_in_builds(exact: bool) -> Callable[..., Any]:
+    """Return the one of `exactly` and `on_one_thread` by which a build calls units, such as those of a feature."""
+    return exactly if exact else on_one_thread
+
+
 def on_one_thread(function: Callable[..., T], *args: Any) -> T:
     """Return ``function(*args)``, computed on one thread."""
     with one_thread():

@@ -13,7 +13,7 @@ from dancedata.core.errors import DanceDataError
 from dancedata.execution.executors.base import Call, Executor, OnResult, WorkerDiedError, unit_name
 from dancedata.execution.executors.loky import LokyExecutor
 from dancedata.execution.progress import Progress
-from dancedata.execution.threads import exactly, on_one_thread
+from dancedata.execution.threads import as_in_builds
 
 #: What `run_units` takes: a number of processes on this machine, or an executor.
 Jobs = int | Executor
@@ -69,7 +69,7 @@ def run_units(
 
         if missing:
             executor = (LokyExecutor(jobs) if isinstance(jobs, int) else jobs).for_calls(len(missing))
-            _run(executor, partial(exactly if exact else on_one_thread, function), missing, label, keep)
+            _run(executor, partial(as_in_builds(exact), function), missing, label, keep)
     return results
 
 

@@ -6,10 +6,10 @@ import shlex
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from dancedata.core.clip import Reject, Scan
 from dancedata.core.errors import DataError, StoreError
+from dancedata.core.plugins import Dataset
 from dancedata.core.text import counted, listed, shown
 from dancedata.pipeline.rejects import BY_CHOICE
 
@@ -40,12 +40,11 @@ def left_out_lines(rejects: Sequence[Reject], *, details: bool = False) -> list[
     return [*lines, f"{len(ordered) - _REASONS} more reasons: {rest}"] if rest else lines
 
 
-def nothing_left(source: Path, dataset: Any, scan: Scan, rejects: Sequence[Reject]) -> StoreError:
+def nothing_left(source: Path, dataset: Dataset, scan: Scan, rejects: Sequence[Reject]) -> StoreError:
     """Return the error of a source of which no clip can be stored: why, what the reader found, what to do."""
     text = _report("no clip is left to build from", rejects, scan)
     # Only the recipe has what is declared for files of any layout.
-    generic = getattr(dataset, "generic", False)
-    reader = "--recipe RECIPE, with this recipe" if generic else f"--dataset {dataset.name}"
+    reader = "--recipe RECIPE, with this recipe" if dataset.generic else f"--dataset {dataset.name}"
     fix = f"see every file: dancedata check {shlex.quote(shown(source))} {reader}"
     without_music = {clip.id for clip in scan.clips if clip.audio_path is None}
     if any(r.reason == "missing_music" and r.clip in without_music for r in rejects):

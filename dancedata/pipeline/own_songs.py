@@ -24,7 +24,7 @@ from dancedata.core.registry import FEATURES
 from dancedata.core.strict_json import read_json
 from dancedata.core.text import listed, shown
 from dancedata.execution.cache import Cache, default_cache
-from dancedata.execution.threads import exactly, on_one_thread
+from dancedata.execution.threads import as_in_builds
 from dancedata.pipeline.audio import window_samples
 from dancedata.recipes.fields import FeatureJob
 from dancedata.recipes.parse import load_recipe, parse_recipe, recipe_names
@@ -80,7 +80,7 @@ def write_features(
                 for job in jobs:
                     path = _rows_file(out, song, job)
                     new.update(p for p in (path, path.with_suffix(".json")) if not p.exists())
-                    compute = exactly if job.feature.exact else on_one_thread
+                    compute = as_in_builds(job.feature.exact)
                     computed = compute(_compute, job, signal, bpm, song)
                     with atomic_file(path) as temporary, open(temporary, "wb") as file:
                         np.save(file, computed.rows)

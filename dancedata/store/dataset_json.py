@@ -168,8 +168,7 @@ def _parse(document: dict[str, Any], path: Path) -> Description:
         if not document["fields"]:
             raise ValueError("there are no fields")
         _check_about(document)
-        _check_rates(document)
-        return Description(
+        description = Description(
             meta=document,
             scope=_one_of(document["scope"], ("track", "window")),
             fps=as_rate(document["fps"]),
@@ -181,6 +180,8 @@ def _parse(document: dict[str, Any], path: Path) -> Description:
             shards=tuple(_shard(s) for s in document["shards"]),
             files={str(k): {"size": v["size"], "sha256": v["sha256"]} for k, v in document["files"].items()},
         )
+        _check_rates(description)
+        return description
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, DanceDataError) as error:
         raise StoreError(
             "dataset.json is incomplete or has a wrong value",
@@ -198,15 +199,12 @@ _ABOUT: dict[str, type] = {
 }
 
 
-def _check_rates(document: Mapping[str, Any]) -> None:
+def _check_rates(description: Description) -> None:
     """Raise ValueError for rates that frames and rows in 64-bit integers cannot be converted between."""
-    grid = FrameGrid(as_rate(document["fps"]))
-    for field in document["fields"]:
-        rate = as_rate(field["rate"])
-        if max(grid.common_period(FrameGrid(rate))) > _MAX_PERIOD:
-            raise ValueError(
-                f"a field has {quoted(field['rate'])} rows per second, at {quoted(document['fps'])} frames"
-            )
+    for field in description.fields:
+        if max(description.grid.common_period(field.grid)) > _MAX_PERIOD:
+            rates = f"{shown(field.rate)} rows per second, at {shown(description.fps)} frames"
+            raise ValueError(f"field {shown(field.name)} has {rates}")
 
 
 def _check_about(document: Mapping[str, Any]) -> None:

@@ -56,7 +56,7 @@ def _add_octave(windows: Windows, hop: int, tunings: Sequence[int], rate: int, p
     if windows.is_whole:
         _add_track_pitches(windows.track, hop, filter_bank(tunings[0], rate), pitches[0])
         return
-    # At some rates, such as 20 and 40 frames a second, filters are half as long for some tunings as for others.
+    # At some rates, such as 20 and 40 frames per second, filters are half as long for some tunings as for others.
     for half, alike in _runs([len(filter_bank(tuning, rate).even) for tuning in tunings]):
         for first in range(alike.start, alike.stop, _WINDOWS_AT_ONCE):
             part = slice(first, min(first + _WINDOWS_AT_ONCE, alike.stop))

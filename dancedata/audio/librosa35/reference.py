@@ -14,6 +14,7 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import lru_cache
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,8 @@ from dancedata.audio.signal import pcm16, resample
 from dancedata.core.errors import UsageError
 from dancedata.core.locks import file_lock
 from dancedata.execution.cache import user_cache
+
+_RESAMPLING = ("librosa.core.audio", "librosa.util.utils")
 
 
 def track_features(samples: NDArray[np.float32], settings: Settings) -> NDArray[np.float32]:
@@ -52,18 +55,20 @@ def compile_kernels() -> None:
     rng = np.random.default_rng(0)
     noise = rng.standard_normal(3 * TEMPO_SAMPLE_RATE).astype(np.float32)
     noise[:: TEMPO_SAMPLE_RATE // 2] = 10.0
-    with kernel_lock():
+    load_librosa()  # here, not in `resample`, which would wait for the lock that this process holds
+    with file_lock(_lock_file()):
         _compute(noise, Settings(TEMPO_SAMPLE_RATE, 30 * HOP, None, 100.0))
 
 
-@contextmanager
-def kernel_lock() -> Iterator[None]:
-    """Hold the lock under which librosa is imported for the first time, and its kernels are compiled.
+def load_librosa() -> None:
+    """Import the modules of librosa that `resample` uses under the same lock: that compiles kernels already.
 
-    Importing it compiles some of them already.
+    ``import librosa`` alone loads none of its modules.
     """
-    with file_lock(_lock_file()):
-        yield
+    if any(module not in sys.modules for module in _RESAMPLING):
+        with file_lock(_lock_file()):
+            for module in _RESAMPLING:
+                import_module(module)
 
 
 def _lock_file() -> Path:
