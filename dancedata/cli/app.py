@@ -241,6 +241,16 @@ def diff(
         raise typer.Exit(1)
 
 
+@app.command()
+@_errors_to_exit_codes
+def doctor(as_json: AsJson = False) -> None:
+    """Check in half a minute that this installation works; exit code 1 if something fails. Leaves nothing behind."""
+    from dancedata.cli.doctor import run_doctor
+
+    if not run_doctor(as_json=as_json):
+        raise typer.Exit(1)
+
+
 @caches.command("info")
 @_errors_to_exit_codes
 def cache_info(cache: CacheFolder = None, as_json: AsJson = False) -> None:
