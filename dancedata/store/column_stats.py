@@ -45,44 +45,71 @@ def column_stats(column: npt.NDArray[np.float32], weights: npt.NDArray[np.intege
     """
     if weights is None:
         column.sort()
+        values: _Sorted = _Sorted(column)
     else:
-        column = _sorted_with(column, weights)
-    n = len(column)
-    low, high = float(column[0]), float(column[-1])
-    piece = np.empty(min(n, _PIECE))
+        values = _Weighted.of(column, weights)
+    n = len(values)
+    low, high = values.at(0), values.at(n - 1)
+    mean = low if low == high else _pairwise(0, n, lambda *piece: float(np.add.reduce(values.piece(*piece)))) / n
 
-    def total(change: Callable[[Float64Array], None]) -> float:
-        def of_piece(begin: int, end: int) -> float:
-            values = piece[: end - begin]
-            values[...] = column[begin:end]
-            change(values)
-            return float(np.add.reduce(values))
+    def squares(begin: int, end: int) -> float:
+        piece = values.piece(begin, end)
+        np.subtract(piece, mean, out=piece)
+        np.multiply(piece, piece, out=piece)
+        return float(np.add.reduce(piece))
 
-        return _pairwise(0, n, of_piece)
-
-    mean = low if low == high else total(lambda values: None) / n
-
-    def square(values: Float64Array) -> None:
-        np.subtract(values, mean, out=values)
-        np.multiply(values, values, out=values)
-
-    std = float(np.sqrt(total(square) / n))
-    return ColumnStats(mean, std, low, high, tuple(_quantile(column, q) for q in QUANTILES))
+    std = float(np.sqrt(_pairwise(0, n, squares) / n))
+    return ColumnStats(mean, std, low, high, tuple(_quantile(values, q) for q in QUANTILES))
 
 
-def _sorted_with(column: npt.NDArray[np.float32], weights: npt.NDArray[np.integer[Any]]) -> npt.NDArray[np.float32]:
-    """Return the values in order, each as often as it counts.
+@dataclass(frozen=True)
+class _Sorted:
+    """Values in order, given out by pieces."""
 
-    A float32 leaves the last 29 bits of a float64 free. A value is sorted with its weight there, which changes only
-    the order of equal values.
-    """
-    values = column.astype(np.float64)
-    bits = values.view(np.int64)
-    bits |= weights
-    values.sort()
-    counts = bits & _WEIGHT
-    bits &= ~_WEIGHT
-    return np.repeat(values.astype(np.float32), counts)
+    values: npt.NDArray[np.floating[Any]]
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    def at(self, place: int) -> float:
+        return float(self.values[place])
+
+    def piece(self, begin: int, end: int) -> Float64Array:
+        return self.values[begin:end].astype(np.float64)
+
+
+@dataclass(frozen=True)
+class _Weighted(_Sorted):
+    """Values in order, each of which counts several times; `ends` are the places behind the last time."""
+
+    ends: npt.NDArray[np.int64]
+
+    @classmethod
+    def of(cls, column: npt.NDArray[np.float32], weights: npt.NDArray[np.integer[Any]]) -> _Weighted:
+        """Sort.
+
+        A float32 leaves the last 29 bits of a float64 free. A value is sorted with its weight there, which changes
+        only the order of equal values.
+        """
+        values = column.astype(np.float64)
+        bits = values.view(np.int64)
+        bits |= weights
+        values.sort()
+        ends = bits & _WEIGHT
+        np.cumsum(ends, out=ends)
+        bits &= ~_WEIGHT
+        return cls(values, ends)
+
+    def __len__(self) -> int:
+        return int(self.ends[-1])
+
+    def at(self, place: int) -> float:
+        return float(self.values[np.searchsorted(self.ends, place, "right")])
+
+    def piece(self, begin: int, end: int) -> Float64Array:
+        first, last = np.searchsorted(self.ends, (begin, end - 1), "right").tolist()
+        ends = np.minimum(self.ends[first : last + 1], end)
+        return np.repeat(self.values[first : last + 1], np.diff(ends, prepend=begin))
 
 
 def _pairwise(begin: int, end: int, of_piece: Callable[[int, int], float]) -> float:
@@ -95,9 +122,8 @@ def _pairwise(begin: int, end: int, of_piece: Callable[[int, int], float]) -> fl
     return _pairwise(begin, middle, of_piece) + _pairwise(middle, end, of_piece)
 
 
-def _quantile(column: npt.NDArray[np.float32], q: float) -> float:
-    position = q * (len(column) - 1)
+def _quantile(values: _Sorted, q: float) -> float:
+    position = q * (len(values) - 1)
     below = int(position)
-    above = min(below + 1, len(column) - 1)
-    low, high = float(column[below]), float(column[above])
+    low, high = values.at(below), values.at(min(below + 1, len(values) - 1))
     return low + (high - low) * (position - below)

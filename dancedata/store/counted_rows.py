@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from dancedata.store import hdf5
 
-Counts = npt.NDArray[np.int64 | np.int32]
+Counts = npt.NDArray[np.int32]
 
 #: Bytes of a shard that are mapped at a time. What is mapped counts as memory of the process.
 _MAPPED_BYTES = 1 << 24

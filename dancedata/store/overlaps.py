@@ -15,7 +15,6 @@ import numpy.typing as npt
 
 BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.int64]
-Counts = npt.NDArray[np.int32]
 
 #: Per field of motion: which columns have the same value in all windows that cover a frame; (D,).
 SameColumns = Mapping[str, BoolArray]
@@ -44,7 +43,7 @@ def same_columns(windows: npt.NDArray[Any], starts: IntArray) -> BoolArray:
     return same
 
 
-def rows_once(starts: IntArray, length: int) -> Counts:
+def rows_once(starts: IntArray, length: int) -> npt.NDArray[np.int32]:
     """Count the windows of a clip that cover each row, at the first window that does; 0 at the others.
 
     Parameters

@@ -108,7 +108,7 @@ def _covered(out: Path, header: StoreHeader, f: Field, train: Sequence[ShardPlan
         edges = np.zeros(plan.rows[f.name] + 1, dtype=np.int64)
         np.add.at(edges, starts, 1)
         np.add.at(edges, starts + length, -1)
-        counts = np.cumsum(edges[:-1])
+        counts = np.cumsum(edges[:-1], dtype=np.int32)
         if header.scope == "track":
             counts = np.minimum(counts, 1)
             if f.kind == "audio":
