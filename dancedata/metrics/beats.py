@@ -144,8 +144,8 @@ def beat_alignment(from_: Numbers, to: Numbers, *, sigma: float) -> float:
 def chance_level(to: Numbers, end: float, *, sigma: float, step: float = 1.0) -> float:
     """Return the score of beats that are shifted at random within a clip, which depends on `to` alone.
 
-    It is the mean of the kernel over the instants 0, step, 2 step, ... before `end`: the mean over all circular shifts
-    of the other beats.
+    It is the mean of the kernel over the instants 0, step, 2 step, ... before `end`, which is the mean over all
+    circular shifts of the other beats.
 
     Parameters
     ----------
