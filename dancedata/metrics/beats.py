@@ -168,7 +168,7 @@ def chance_level(to: Numbers, end: float, *, sigma: float, step: float = 1.0) ->
     n = round(end / step)
     if n < 1:
         raise Undefined("short", found=f"a length of {end}")
-    return float(_kernel(step * np.arange(n), to, sigma).mean())
+    return float(_kernel(np.linspace(0, n * step, n, endpoint=False), to, sigma).mean())
 
 
 def cut_beats(music: MusicBeats, n_frames: int, grid: FrameGrid, cut: Cut) -> IntArray:
