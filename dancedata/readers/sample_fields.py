@@ -50,5 +50,5 @@ def _made(registry: Registry[Any], name: str, parameters: Mapping[str, Any]) -> 
     plugin = name if name in registry.names() else name.partition(".")[0]
     try:
         return named_plugin(registry, plugin, parameters)
-    except (DanceDataError, TypeError, ValueError):
+    except (DanceDataError, TypeError, ValueError, LookupError, ArithmeticError, AttributeError):
         return None

@@ -284,9 +284,10 @@ class WindowDataset(Dataset[dict[str, Any]]):
     def __repr__(self) -> str:
         """Show store, split, number of windows and fields."""
         normalized = ", ".join(self._normalizers) or "nothing"
+        augment = "".join(f"; augment: {step.name}, p={step.p:g}" for step in self._augmenter.steps)
         return (
             f"WindowDataset({str(self.store.path)!r}, split={self.split!r}, {len(self):,} windows, "
-            f"fields: {', '.join(self.fields)}; normalised: {normalized}; mirror={self.mirror:g})"
+            f"fields: {', '.join(self.fields)}; normalised: {normalized}; mirror={self.mirror:g}{augment})"
         )
 
     def __getstate__(self) -> dict[str, Any]:

@@ -29,7 +29,12 @@ from dancedata.recipes.copies import CopySpec
 from dancedata.testing.examples import FPS, contact_rule_of, example_fields, random_motion
 
 NAMES = [name for name in REPRESENTATIONS.names() if REPRESENTATIONS.get(name).spatial is not None]
-DECODED = [name for name in NAMES if REPRESENTATIONS.get(name).decodes]
+#: Those whose columns hold the dancer's place, so that decoding gives it back.
+DECODED = [
+    name
+    for name in NAMES
+    if REPRESENTATIONS.get(name).decodes and "place" in REPRESENTATIONS.get(name).spatial.roles.values()
+]
 ANGLES = st.floats(-np.pi, np.pi)
 METRES = st.floats(-3, 3)
 MOTION = random_motion(SMPL24, 20, turn_rad=0.6)
@@ -113,7 +118,7 @@ def test_mirrored_twice_is_the_identity(name: str) -> None:
         return
     image = mirror.change_sample(rows, field, Draw(0))
     np.testing.assert_array_equal(mirror.change_sample(image, field, Draw(0)), rows)
-    if field.representation.decodes:
+    if name in DECODED:
         # Bones are not symmetric to the millimetre: the image is that of the dancer with mirrored bones.
         own = field.representation.skeleton
         joints = field.representation.decode(rows, FPS).joints()
