@@ -50,10 +50,9 @@ def stretched(signal: AudioSignal, speed: Fraction) -> AudioSignal:
 
 @lru_cache(maxsize=1)
 def _compile_kernels() -> None:
-    from dancedata.audio.librosa35.reference import kernel_lock, load_librosa
+    from dancedata.audio.librosa35.reference import compiling
 
-    load_librosa()
-    with kernel_lock():
+    with compiling():
         _stretched(np.zeros(4096, dtype=np.float32), 1.5, 1024)
 
 
