@@ -123,6 +123,18 @@ class Augmenter:
         droppable = tuple(dict.fromkeys(name for made in drops for name in made.droppable(own)))
         return cls(own, steps, seed, droppable)
 
+    @classmethod
+    def covering(cls, store: Store, names: Sequence[str], augment: Augment) -> Augmenter:
+        """Make an augmenter for its `scaler` alone: of those augmentations that change rows.
+
+        Raises
+        ------
+        UsageError
+            As `of`, for those.
+        """
+        changing = [step for step in _steps(augment) if step.augmentation.changes_samples]
+        return cls.of(store, names, [Chance(step.augmentation, step.p) for step in changing], seed=0)
+
     @property
     def crops(self) -> bool:
         """Whether other windows are read than those that are listed."""

@@ -215,7 +215,7 @@ class WindowDataset(Dataset[dict[str, Any]]):
         self._augmenter = Augmenter.of(self.store, self.fields, augment, seed=self.seed, mirrored=self.mirror > 0)
         self._covering = self._augmenter
         if normalizer_covers is not None:
-            self._covering = Augmenter.of(self.store, self.fields, normalizer_covers, seed=self.seed)
+            self._covering = Augmenter.covering(self.store, self.fields, normalizer_covers)
         self._mirrors = mirrors_of(self.store, self.fields) if self.mirror > 0 else {}
         scaled = normalized_fields(self.store, self.fields, given_or_preset(normalize, known, "normalize", True))
         self._normalizers = {name: self._scaler(name) for name in scaled}

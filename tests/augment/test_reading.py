@@ -116,6 +116,8 @@ def test_scaled_values_lie_within_the_range_and_other_splits_share_it(store_path
             np.testing.assert_array_equal(data[k][name], scaler.normalize(raw[k][name]))
     val = dataset(store_path, split="val", normalizer_covers=augment)
     np.testing.assert_array_equal(val.normalizer("edge151").data_min, data.normalizer("edge151").data_min)
+    motion = dataset(store_path, split="val", fields="edge151", normalizer_covers=[*augment, "drop"])
+    np.testing.assert_array_equal(motion.normalizer("edge151").data_max, data.normalizer("edge151").data_max)
     narrow = dataset(store_path, augment, normalizer_covers=())
     stored = dancedata.open(store_path).normalizer("edge151")
     np.testing.assert_array_equal(narrow.normalizer("edge151").data_min, stored.data_min)
