@@ -55,9 +55,16 @@ def compile_kernels() -> None:
     rng = np.random.default_rng(0)
     noise = rng.standard_normal(3 * TEMPO_SAMPLE_RATE).astype(np.float32)
     noise[:: TEMPO_SAMPLE_RATE // 2] = 10.0
+    with compiling():
+        _compute(noise, Settings(TEMPO_SAMPLE_RATE, 30 * HOP, None, 100.0))
+
+
+@contextmanager
+def compiling() -> Iterator[None]:
+    """Let kernels of librosa be compiled within the context, which one process at a time enters."""
     load_librosa()  # here, not in `resample`, which would wait for the lock that this process holds
     with file_lock(_lock_file()):
-        _compute(noise, Settings(TEMPO_SAMPLE_RATE, 30 * HOP, None, 100.0))
+        yield
 
 
 def load_librosa() -> None:
