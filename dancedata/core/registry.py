@@ -18,6 +18,7 @@ from dancedata.core.plugins import (
     ContactRule,
     Dataset,
     KeyMotionFinder,
+    Metric,
     Plugin,
     Representation,
     WindowFilter,
@@ -147,6 +148,7 @@ FEATURES = Registry("audio feature", "dancedata.audio", AudioFeature)
 KEYMOTIONS = Registry("key motion", "dancedata.keymotion", KeyMotionFinder)
 AUGMENTATIONS = Registry("augmentation", "dancedata.augment", Augmentation)
 FILTERS = Registry("window filter", "dancedata.filters", WindowFilter)
+METRICS = Registry("metric", "dancedata.metrics", Metric)
 
 #: All of them, by what `dancedata list` calls them.
 REGISTRIES: dict[str, Registry[Any]] = {
@@ -157,4 +159,5 @@ REGISTRIES: dict[str, Registry[Any]] = {
     "key motions": KEYMOTIONS,
     "augmentations": AUGMENTATIONS,
     "window filters": FILTERS,
+    "metrics": METRICS,
 }

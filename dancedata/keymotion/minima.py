@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.errors import DataError, UsageError
+from dancedata.core.dance import checked_joints
+from dancedata.core.errors import UsageError
 from dancedata.core.rotations import Float64Array, FloatArray
 
 IntArray = npt.NDArray[np.int64]
@@ -102,24 +103,7 @@ def kinetic_curve(joints: FloatArray) -> Float64Array:
     DataError
         "bad_shape", "empty" or "nan".
     """
-    joints = np.asarray(joints, dtype=np.float64)
-    if joints.ndim != 3 or joints.shape[2] != 3:
-        raise DataError("invalid shape of joints", reason="bad_shape", found=f"{joints.shape}", allowed="(T, J, 3)")
-    if joints.size == 0:
-        raise DataError(
-            "the joints are empty",
-            reason="empty",
-            found=f"{joints.shape}",
-            allowed="at least one frame and one joint",
-        )
-    bad = ~np.isfinite(joints).all(axis=(1, 2))
-    if bad.any():
-        raise DataError(
-            "the joints hold NaN or infinity",
-            reason="nan",
-            found=f"{int(bad.sum())} of {len(joints)} frames, the first at frame {int(np.argmax(bad))}",
-        )
-    displacement = np.linalg.norm(np.diff(joints, axis=0), axis=2)
+    displacement = np.linalg.norm(np.diff(checked_joints(joints), axis=0), axis=2)
     return np.asarray(displacement.mean(axis=1), dtype=np.float64)
 
 
@@ -133,11 +117,14 @@ def smoothed(curve: FloatArray, sigma_frames: float = SIGMA_FRAMES) -> Float64Ar
     return np.asarray(gaussian_filter1d(numbers, sigma_frames, mode="reflect"), dtype=np.float64)
 
 
-def local_minima(curve: FloatArray) -> IntArray:
-    """Return the indices, ascending, at which a curve (n,) is below both neighbours; no ends and no plateaus."""
+def local_minima(curve: FloatArray, order: int = 1) -> IntArray:
+    """Return the indices, ascending, at which a curve (n,) is below all neighbours within `order`; no plateaus.
+
+    Within `order` of an end, the end itself is a neighbour, so that an end is never a minimum.
+    """
     from scipy.signal import argrelextrema
 
-    return np.asarray(argrelextrema(np.asarray(curve), np.less)[0], dtype=np.int64)
+    return np.asarray(argrelextrema(np.asarray(curve), np.less, order=order)[0], dtype=np.int64)
 
 
 def prominences(curve: FloatArray, minima: IntArray) -> Float64Array:

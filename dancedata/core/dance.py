@@ -1,0 +1,140 @@
+"""What metrics measure: joint positions at an exact rate, beats of music, and outcomes that are not numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.errors import DataError, UsageError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.rotations import Float64Array
+
+IntArray = npt.NDArray[np.int64]
+
+#: Why a metric has no value for a clip or a set, and what that means.
+OUTCOMES = {
+    "short": "the clip has too few frames",
+    "still": "the dancer does not move, or the root never accelerates",
+    "no_motion_beats": "the motion has no beat",
+    "no_music_beats": "the music has no beat within the clip",
+    "no_beats": "the motion or the music has no beat",
+    "no_contact": "a foot never touches the ground",
+    "few_clips": "the set has too few clips",
+}
+
+
+class Undefined(DataError):  # noqa: N818 (an outcome, which callers catch and count)
+    """A metric has no value here: 0 / 0, no beat, too few frames. Such clips are set aside and counted by name.
+
+    Parameters
+    ----------
+    outcome
+        A key of `OUTCOMES`; it is also `reason`.
+    """
+
+    def __init__(self, outcome: str, *, found: object = None, allowed: object = None) -> None:
+        super().__init__(
+            f"the metric is undefined: {OUTCOMES[outcome]}", reason=outcome, found=found, allowed=allowed
+        )
+
+
+def checked_joints(joints: npt.ArrayLike) -> Float64Array:
+    """Return joint positions (T, J, 3) as float64.
+
+    Raises
+    ------
+    DataError
+        "bad_shape", "empty" or "nan".
+    """
+    array = np.asarray(joints, dtype=np.float64)
+    if array.ndim != 3 or array.shape[2] != 3:
+        raise DataError("invalid shape of joints", reason="bad_shape", found=f"{array.shape}", allowed="(T, J, 3)")
+    if array.size == 0:
+        raise DataError(
+            "the joints are empty",
+            reason="empty",
+            found=f"{array.shape}",
+            allowed="at least one frame and one joint",
+        )
+    bad = ~np.isfinite(array).all(axis=(1, 2))
+    if bad.any():
+        raise DataError(
+            "the joints hold NaN or infinity",
+            reason="nan",
+            found=f"{int(bad.sum())} of {len(array)} frames, the first at frame {int(np.argmax(bad))}",
+        )
+    return array
+
+
+@dataclass(frozen=True, eq=False)
+class MusicBeats:
+    """Beats of music: frames of a grid that begins with the clip.
+
+    Attributes
+    ----------
+    frames
+        (B,) int64, ascending; those behind the end of the clip may be among them.
+    grid
+        Rate of these frames.
+    """
+
+    frames: IntArray
+    grid: FrameGrid
+
+    @classmethod
+    def of(cls, frames: Sequence[int] | npt.NDArray[Any], grid: FrameGrid) -> MusicBeats:
+        """Make beats of whole numbers in any order; UsageError for others, or below 0."""
+        numbers = np.asarray(frames)
+        if numbers.size == 0:
+            return cls(np.zeros(0, np.int64), grid)
+        if numbers.ndim != 1 or numbers.dtype.kind not in "iu" or int(numbers.min()) < 0:
+            raise UsageError(
+                "beats are frame numbers",
+                found=f"{numbers.dtype} of shape {numbers.shape}",
+                allowed="(B,) whole numbers of at least 0",
+            )
+        return cls(np.sort(numbers.astype(np.int64)), grid)
+
+
+@dataclass(frozen=True, eq=False)
+class Dance:
+    """Joint positions of one clip, and the beats of its music.
+
+    Attributes
+    ----------
+    joints
+        (T, J, 3) float64, metres; checked and made read-only.
+    grid
+        Rate of the frames.
+    music
+        Beats of the music; None if there is no music.
+    """
+
+    joints: Float64Array
+    grid: FrameGrid
+    music: MusicBeats | None = None
+
+    def __post_init__(self) -> None:
+        """Check the joints."""
+        joints = checked_joints(self.joints).view()
+        joints.setflags(write=False)
+        object.__setattr__(self, "joints", joints)
+
+    @property
+    def n_frames(self) -> int:
+        """Number of frames T."""
+        return len(self.joints)
+
+    @property
+    def fps(self) -> float:
+        """Frames per second."""
+        return float(self.grid.rate)
+
+    def __repr__(self) -> str:
+        """Show the size."""
+        beats = "no music" if self.music is None else f"{len(self.music.frames)} beats of music"
+        return f"Dance({self.n_frames} frames at {self.grid} per second, {self.joints.shape[1]} joints, {beats})"

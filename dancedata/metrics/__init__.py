@@ -1,0 +1,70 @@
+"""Metrics of dances: pure functions of joint positions, and the plug-ins that name their variants.
+
+The names in `__all__` are the public functions. The right definition is the default; a published program's slip is
+chosen by name.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from dancedata.core.lazy import lazy_names
+
+__all__ = [
+    "Dance",
+    "Interval",
+    "MusicBeats",
+    "Undefined",
+    "beat_alignment",
+    "bootstrap",
+    "chance_level",
+    "constant_columns",
+    "diversity",
+    "diversity_bound",
+    "frechet",
+    "geometric",
+    "kinetic",
+    "motion_beats",
+    "pbc",
+    "pfc",
+    "physics",
+    "rooted",
+    "skating",
+]
+
+if TYPE_CHECKING:
+    from dancedata.core.dance import Dance, MusicBeats, Undefined
+    from dancedata.metrics.beats import beat_alignment, chance_level, motion_beats
+    from dancedata.metrics.foot_skating import skating
+    from dancedata.metrics.geometric_features import geometric
+    from dancedata.metrics.intervals import Interval, bootstrap
+    from dancedata.metrics.kinetic_features import kinetic
+    from dancedata.metrics.motius_physics import physics
+    from dancedata.metrics.physical_contact import pbc, pfc
+    from dancedata.metrics.root import rooted
+    from dancedata.metrics.set_statistics import constant_columns, diversity, diversity_bound, frechet
+else:  # type checkers take the imports above, and so find misspelt names
+    __getattr__, __dir__ = lazy_names(
+        __name__,
+        {
+            "Dance": "dancedata.core.dance",
+            "Interval": "dancedata.metrics.intervals",
+            "MusicBeats": "dancedata.core.dance",
+            "Undefined": "dancedata.core.dance",
+            "beat_alignment": "dancedata.metrics.beats",
+            "bootstrap": "dancedata.metrics.intervals",
+            "chance_level": "dancedata.metrics.beats",
+            "constant_columns": "dancedata.metrics.set_statistics",
+            "diversity": "dancedata.metrics.set_statistics",
+            "diversity_bound": "dancedata.metrics.set_statistics",
+            "frechet": "dancedata.metrics.set_statistics",
+            "geometric": "dancedata.metrics.geometric_features",
+            "kinetic": "dancedata.metrics.kinetic_features",
+            "motion_beats": "dancedata.metrics.beats",
+            "pbc": "dancedata.metrics.physical_contact",
+            "pfc": "dancedata.metrics.physical_contact",
+            "physics": "dancedata.metrics.motius_physics",
+            "rooted": "dancedata.metrics.root",
+            "skating": "dancedata.metrics.foot_skating",
+        },
+    )

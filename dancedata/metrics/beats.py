@@ -1,0 +1,272 @@
+"""Beats of a dance, and how well they meet the beats of the music."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import ClassVar, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.dance import Dance, MusicBeats, Undefined, checked_joints
+from dancedata.core.errors import UsageError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.plugins import Metric
+from dancedata.core.registry import METRICS
+from dancedata.core.rotations import Float64Array
+from dancedata.keymotion.minima import kinetic_curve, local_minima, smoothed
+from dancedata.metrics.arguments import checked_rate, first_joints, known_name
+
+IntArray = npt.NDArray[np.int64]
+Cut = Literal["frames", "steps", "none"]
+Numbers = npt.NDArray[np.int64] | npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class BeatDetector:
+    """How the beats of a motion are found: minima of its speed.
+
+    Attributes
+    ----------
+    source
+        Paper or file.
+    curve
+        "mean": the mean over joints of the step t -> t + 1, T - 1 values. "sum": the sum over joints of the step
+        t - 1 -> t in float32, T values, the first 0, so that no beat lies at `order` or before.
+    sigma_frames, sigma_s
+        Of the Gaussian that smooths the curve, in frames whatever the rate or in seconds; both None: none.
+    order
+        Neighbours on each side that a minimum has to be below.
+    """
+
+    source: str
+    curve: Literal["mean", "sum"]
+    sigma_frames: float | None = None
+    sigma_s: Fraction | None = None
+    order: int = 1
+
+    def __call__(self, joints: Float64Array, fps: float) -> IntArray:
+        """Return the frames of the beats, ascending."""
+        if self.curve == "sum":
+            return local_minima(summed_steps(joints), self.order)
+        curve = kinetic_curve(joints)
+        sigma = self.sigma_frames if self.sigma_s is None else float(self.sigma_s) * checked_rate(fps)
+        return local_minima(curve if sigma is None else smoothed(curve, sigma), self.order)
+
+
+#: By name. "seconds" is Bailando's with its Gaussian in seconds, so that it does not depend on the rate.
+DETECTORS = {
+    "seconds": BeatDetector(
+        "Bailando's, its 5 frames at 60 per second taken as 1/12 s", "mean", sigma_s=Fraction(1, 12)
+    ),
+    "bailando": BeatDetector(
+        "lisiyao21/Bailando cc90b98b, utils/beat_align_score.py; Lodge, DGSDP, MEGADance", "mean", sigma_frames=5
+    ),
+    "fact": BeatDetector("liruilong940607/mint d40065a, tools/calculate_beat_scores.py; POPDG", "sum", order=10),
+    "gcd": BeatDetector("aioz-ai/GCD b9524d8, eval/calculate_beat_scores.py", "sum", order=5),
+}
+
+
+def summed_steps(joints: Float64Array) -> npt.NDArray[np.float32]:
+    """Return FACT's curve (T,) float32: the sum over joints of the step to each frame; 0 for frame 0."""
+    positions = checked_joints(joints).astype(np.float32)
+    curve = np.zeros(len(positions), dtype=np.float32)
+    curve[1:] = np.linalg.norm(np.diff(positions, axis=0), axis=2).sum(axis=1)
+    return curve
+
+
+def motion_beats(joints: Float64Array, fps: float, *, detector: str = "seconds") -> IntArray:
+    """Return the beats of a motion: frames in which it is slowest.
+
+    Index t of "seconds" and "bailando" stands for the step from frame t to t + 1, so the instant is t + 1/2.
+
+    Parameters
+    ----------
+    joints
+        (T, J, 3) positions, metres.
+    fps
+        Frames per second; only "seconds" depends on it.
+    detector
+        A key of `DETECTORS`.
+
+    Returns
+    -------
+    (B,) int64
+        Ascending; empty for a motion without beats.
+    """
+    known_name("detector", detector, DETECTORS)
+    return DETECTORS[detector](joints, fps)
+
+
+def _distances(points: Numbers, to: Numbers) -> Float64Array:
+    """Return the distance from each point to the nearest of `to`."""
+    targets = np.sort(np.asarray(to, dtype=np.float64))
+    values = np.asarray(points, dtype=np.float64)
+    right = np.searchsorted(targets, values).clip(0, len(targets) - 1)
+    left = (right - 1).clip(0)
+    return np.asarray(np.minimum(np.abs(values - targets[right]), np.abs(values - targets[left])))
+
+
+def _kernel(points: Numbers, to: Numbers, sigma: float) -> Float64Array:
+    if not (np.isfinite(sigma) and sigma > 0):
+        raise UsageError("sigma must be above 0", found=sigma)
+    return np.asarray(np.exp(-(_distances(points, to) ** 2) / (2 * sigma**2)))
+
+
+def beat_alignment(from_: Numbers, to: Numbers, *, sigma: float) -> float:
+    """Return the mean over `from_` of exp(-d^2 / (2 sigma^2)), d the distance to the nearest of `to`.
+
+    The direction is the protocol's: FACT goes from the motion to the music, Bailando from the music to the motion.
+
+    Parameters
+    ----------
+    from_, to
+        (A,), (B,) beats, all in frames of one rate or all in seconds.
+    sigma
+        In the same unit.
+
+    Returns
+    -------
+    float
+        0 to 1; compare it with `chance_level`.
+
+    Raises
+    ------
+    Undefined
+        "no_beats": one of them is empty.
+    """
+    if not len(from_) or not len(to):
+        raise Undefined("no_beats", found=f"{len(from_)} and {len(to)} beats")
+    return float(_kernel(from_, to, sigma).mean())
+
+
+def chance_level(to: Numbers, end: float, *, sigma: float, step: float = 1.0) -> float:
+    """Return the score of beats that are shifted at random within a clip, which depends on `to` alone.
+
+    It is the mean of the kernel over the instants 0, step, 2 step, ... below `end`: the mean over all circular shifts
+    of the other beats.
+
+    Parameters
+    ----------
+    to
+        (B,) the beats that the nearest is taken of.
+    end
+        Length of the clip, in the unit of the beats.
+    sigma
+        As `beat_alignment`.
+    step
+        Duration of a frame in that unit.
+
+    Raises
+    ------
+    Undefined
+        "no_beats" or "short".
+    """
+    if not len(to):
+        raise Undefined("no_beats", found="0 beats")
+    instants = np.arange(0, end, step)
+    if not len(instants):
+        raise Undefined("short", found=f"a length of {end}")
+    return float(_kernel(instants, to, sigma).mean())
+
+
+def cut_beats(music: MusicBeats, n_frames: int, grid: FrameGrid, cut: Cut) -> IntArray:
+    """Return the beats before the end of a clip of T frames: before frame T, before the last frame, or all."""
+    if cut == "none":
+        return music.frames
+    end = grid.rows_up(n_frames if cut == "frames" else n_frames - 1, of=music.grid)
+    return np.asarray(music.frames[music.frames < end])
+
+
+@METRICS.register("beat_alignment")
+@dataclass(frozen=True)
+class BeatAlignment(Metric):
+    """Beat alignment score, BAS (BA, Beat Align), with its chance level.
+
+    Attributes
+    ----------
+    detector
+        How beats of the motion are found, a key of `DETECTORS`.
+    direction
+        Which beats the mean is over: of the "music" (to the nearest of the motion), or of the "motion".
+    sigma
+        Width of the kernel.
+    unit
+        Unit of sigma: "s", or "frames" of the clip; then the beats of the music have to be at the clip's rate.
+    cut
+        Beats of the music that count: those within the T "frames", within the T - 1 "steps", or "none" is cut.
+    no_motion_beats, no_music_beats
+        A clip without them is undefined and set "aside", or has the score "zero".
+    joints
+        The first joints of the clip that are measured.
+    clips
+        What the sum over clips is divided by; 0: their number. POPDG divides by 24.
+    """
+
+    version: ClassVar[int] = 1
+    source: ClassVar[str] = "Li et al. 2021, AI Choreographer, 5.2.2; Siyao et al. 2022, Bailando, 4.1"
+    needs_music: ClassVar[bool] = True
+    better: ClassVar[dict[str, Literal["higher", "lower", "closer"]]] = {"bas": "closer"}
+
+    detector: str = "seconds"
+    direction: Literal["music", "motion"] = "music"
+    sigma: float = 0.05
+    unit: Literal["s", "frames"] = "s"
+    cut: Cut = "steps"
+    no_motion_beats: Literal["aside", "zero"] = "aside"
+    no_music_beats: Literal["aside", "zero"] = "aside"
+    joints: int = 24
+    clips: int = 0
+
+    def __post_init__(self) -> None:
+        """Check the detector and sigma."""
+        known_name("detector", self.detector, DETECTORS)
+        if not (np.isfinite(self.sigma) and self.sigma > 0):
+            raise UsageError("sigma must be above 0", found=self.sigma)
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Score and chance level."""
+        return ("bas", "bas_chance")
+
+    def measure(self, dance: Dance) -> Float64Array:
+        """Return score and chance level of one clip, (2,)."""
+        motion, music, step = self._beats(dance)
+        empty = [
+            (not len(motion), "no_motion_beats", self.no_motion_beats),
+            (not len(music), "no_music_beats", self.no_music_beats),
+        ]
+        for is_empty, outcome, what in empty:
+            if is_empty and what == "aside":
+                raise Undefined(outcome)
+        if not len(motion) or not len(music):
+            return np.zeros(2)
+        here, there = (music, motion) if self.direction == "music" else (motion, music)
+        score = beat_alignment(here, there, sigma=self.sigma)
+        chance = chance_level(there, dance.n_frames * step, sigma=self.sigma, step=step)
+        return np.array([score, chance])
+
+    def _beats(self, dance: Dance) -> tuple[Float64Array, Float64Array, float]:
+        """Return the beats of the motion and of the music, and the duration of a frame, in the unit of sigma."""
+        if dance.music is None:
+            raise UsageError("beat alignment needs the beats of the music", found="a clip without music")
+        positions = first_joints(dance.joints, self.joints)
+        motion = motion_beats(positions, dance.fps, detector=self.detector).astype(np.float64)
+        music = cut_beats(dance.music, dance.n_frames, dance.grid, self.cut).astype(np.float64)
+        if self.unit == "s":
+            return motion / dance.fps, music / float(dance.music.grid.rate), 1 / dance.fps
+        if dance.music.grid != dance.grid:
+            raise UsageError(
+                "sigma is in frames, so the beats of the music have to be at the clip's rate",
+                found=f"beats at {dance.music.grid} per second, motion at {dance.grid}",
+                fix='take unit="s"',
+            )
+        return motion, music, 1.0
+
+    def summarise(self, rows: Float64Array, pool: Float64Array | None = None) -> dict[str, float]:
+        """Return the means over clips: bas and bas_chance."""
+        scores = super().summarise(rows, pool)
+        if self.clips:
+            scores["bas"] *= len(rows) / self.clips
+        return scores
