@@ -1,4 +1,4 @@
-"""Measures clips: one unit of work a clip, whose numbers are kept in the cache for all protocols that ask for them."""
+"""Measures clips: one unit of work a clip. Numbers are kept in the cache by metric, for all protocols that share them."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 
 from dancedata.core.clip import Reject
-from dancedata.core.dance import Dance, MusicBeats, Undefined
+from dancedata.core.dance import Dance, Undefined
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.rotations import Float64Array
+from dancedata.evaluation.clip_music import ClipMusic
 from dancedata.evaluation.inputs.clip import ClipInput
-from dancedata.evaluation.music import ClipMusic, beats_after
 from dancedata.evaluation.pose import Pose, in_axes, interpolated
-from dancedata.evaluation.protocol import Measure, Pieces, Protocol, Role
+from dancedata.evaluation.protocol import Measure, Protocol, Role
 from dancedata.execution.cache import Cache, package_version
 from dancedata.execution.progress import Progress
 from dancedata.execution.reference_process import expected
@@ -47,7 +47,7 @@ class MeasuredClip:
     n_frames
         Frames of each piece.
     rows
-        For each measure of the protocol the outcome of each piece; None where there is no music for it.
+        By the number of a protocol's measure, the outcome of each piece; None where there is no music for it.
     notes
         What was changed before measuring.
     """
@@ -56,22 +56,38 @@ class MeasuredClip:
     clip: str
     fps: str
     n_frames: tuple[int, ...]
-    rows: tuple[tuple[Outcome, ...] | None, ...]
+    rows: Mapping[int, tuple[Outcome, ...] | None]
     notes: tuple[str, ...] = ()
-
-    @property
-    def grid(self) -> FrameGrid:
-        """The rate as a grid."""
-        return FrameGrid.of(self.fps)
 
     @property
     def seconds(self) -> list[float]:
         """Length of each piece."""
-        return [float(self.grid.seconds(n)) for n in self.n_frames]
+        grid = FrameGrid.of(self.fps)
+        return [float(grid.seconds(n)) for n in self.n_frames]
+
+    @classmethod
+    def of(cls, clip: ClipInput, found: Mapping[int, list[Any] | None]) -> MeasuredClip:
+        """Join what `measure_pose` has found, or the cache has kept, by measure."""
+        rows: dict[int, tuple[Outcome, ...] | None] = {}
+        fps, lengths, notes = "", [], []
+        for number, result in found.items():
+            if result is None:
+                rows[number] = None
+                continue
+            fps, lengths, notes, outcomes = result
+            rows[number] = tuple(piece if isinstance(piece, str) else tuple(piece) for piece in outcomes)
+        return cls(clip.id, clip.clip, str(fps), tuple(lengths), rows, tuple(notes))
 
 
-def measure_pose(protocol: Protocol, role: Role, pose: Pose, music: ClipMusic | None) -> list[Any]:
-    """Measure a pose: return [rate, frames of pieces, outcomes by measure, notes], as the cache keeps it.
+def measure_pose(
+    protocol: Protocol, role: Role, numbers: Sequence[int], pose: Pose, music: ClipMusic | None
+) -> dict[int, list[Any] | None]:
+    """Measure a pose: return [rate, frames of pieces, notes, outcomes] by measure, as the cache keeps it.
+
+    Parameters
+    ----------
+    numbers
+        Which of the protocol's measures; those that need music are None without it.
 
     Raises
     ------
@@ -81,43 +97,38 @@ def measure_pose(protocol: Protocol, role: Role, pose: Pose, music: ClipMusic | 
     placed, notes = pose.conformed(protocol.motion)
     joints = in_axes(placed.joints, protocol.motion.up)
     cuts = protocol.pieces(role).of(len(joints), placed.grid)
-    rows: list[list[Any] | None] = []
-    for measure in protocol.measures:
+    found: dict[int, list[Any] | None] = {}
+    for number in numbers:
+        measure = protocol.measures[number]
         if measure.metric.needs_music and music is None:
-            rows.append(None)
+            found[number] = None
             continue
-        rows.append([_outcome(measure, role, joints, placed.grid, cut, music) for cut in cuts])
-    return [str(placed.grid), [length for _, length in cuts], rows, list(notes)]
+        outcomes = [_outcome(measure, role, joints, placed.grid, cut, music) for cut in cuts]
+        found[number] = [str(placed.grid), [length for _, length in cuts], list(notes), outcomes]
+    return found
 
 
 def _outcome(
     measure: Measure, role: Role, joints: Float64Array, grid: FrameGrid, cut: tuple[int, int], music: ClipMusic | None
 ) -> list[float] | str:
     start, length = cut
-    beats = None if music is None else beats_after(music.beats, start, grid)
-    try:
-        dance = _dance(measure, role, joints[start : start + length], grid, beats)
-        numbers = measure.metric.measure(dance)
-    except Undefined as error:
-        return error.reason
-    if not np.isfinite(numbers).all():
-        return "not_finite"
-    return [float(number) for number in numbers]
-
-
-def _dance(
-    measure: Measure, role: Role, joints: Float64Array, grid: FrameGrid, beats: MusicBeats | None
-) -> Dance:
+    beats = music.after(start, grid) if music is not None and measure.metric.needs_music else None
+    piece = joints[start : start + length]
     if measure.fps is not None:
         target = FrameGrid.of(measure.fps)
-        joints, grid = interpolated(joints, grid, target), target
-    return Dance(joints[: measure.frames(role)], grid, beats)
+        piece, grid = interpolated(piece, grid, target), target
+    try:
+        numbers = measure.metric.measure(Dance(piece[: measure.frames(role)], grid, beats))
+    except Undefined as error:
+        return error.reason
+    return [float(number) for number in numbers] if np.isfinite(numbers).all() else "not_finite"
 
 
 def measure_clips(
     cache: Cache,
     protocol: Protocol,
     role: Role,
+    numbers: Sequence[int],
     clips: Sequence[ClipInput],
     music: Mapping[str, ClipMusic],
     *,
@@ -129,66 +140,72 @@ def measure_clips(
 
     Parameters
     ----------
+    numbers
+        Which of the protocol's measures.
     music
         Beats by the id of a clip.
     """
-    common = _common_key(protocol, role)
-    ready, rejects, keys = [], [], []
+    common = {number: _common_key(protocol, role, protocol.measures[number]) for number in numbers}
+    ready, rejects, calls, known = [], [], [], []
     for clip in clips:
+        beats = music.get(clip.id)
         try:
-            keys.append(_key(cache, common, clip, music.get(clip.id)))
-            ready.append(clip)
-        except OSError as error:
+            keys = _keys(cache, protocol, common, clip, beats)
+        except (OSError, DataError) as error:
             rejects.append(Reject("broken_file", clip=clip.id, detail=str(error)))
-    known = [cache.json(_STAGE, key) for key in keys]
-    calls = [(cache, key, clip, protocol, role, music.get(clip.id)) for key, clip in zip(keys, ready, strict=True)]
+            continue
+        ready.append(clip)
+        calls.append((cache, keys, clip, protocol, role, beats))
+        kept = {number: cache.json(_STAGE, key) for number, key in keys.items()}
+        known.append(kept if None not in kept.values() else None)
     found = run_units(measure_clip, calls, known=known, jobs=jobs, label=label, progress=progress)
     measured = []
     for clip, result in zip(ready, found, strict=True):
         if isinstance(result, Reject):
             rejects.append(result)
         else:
-            measured.append(_measured(clip, result))
+            measured.append(MeasuredClip.of(clip, {number: result.get(number) for number in numbers}))
     return measured, rejects
 
 
 def measure_clip(
-    cache: Cache, key: str, clip: ClipInput, protocol: Protocol, role: Role, music: ClipMusic | None
-) -> list[Any] | Reject:
+    cache: Cache, keys: Mapping[int, str], clip: ClipInput, protocol: Protocol, role: Role, music: ClipMusic | None
+) -> dict[int, Any] | Reject:
     """Load and measure one clip, and publish the numbers: a unit of work."""
     try:
-        found = measure_pose(protocol, role, clip.load(), music)
+        found = measure_pose(protocol, role, list(keys), clip.load(), music)
     except DataError as error:
         return reject_of(error, clip=clip.id)
-    cache.put_json(_STAGE, key, found)
+    for number, result in found.items():
+        cache.put_json(_STAGE, keys[number], result)
     return found
 
 
-def _measured(clip: ClipInput, found: list[Any]) -> MeasuredClip:
-    fps, lengths, rows, notes = found
-    outcomes = tuple(
-        None if row is None else tuple(piece if isinstance(piece, str) else tuple(piece) for piece in row)
-        for row in rows
-    )
-    return MeasuredClip(clip.id, clip.clip, str(fps), tuple(lengths), outcomes, tuple(notes))
-
-
-def _common_key(protocol: Protocol, role: Role) -> str:
-    """Return the hash of what the numbers of all clips depend on."""
-    pieces: Pieces = protocol.pieces(role)
+def _common_key(protocol: Protocol, role: Role, measure: Measure) -> str:
+    """Return the hash of what a measure's numbers of all clips depend on."""
+    metric = measure.metric
     return Cache.key(
         _STAGE,
         version=EVALUATE_STAGE,
         motion=repr(protocol.motion),
-        pieces=repr(pieces),
-        measures=[
-            [m.metric.name, m.metric.version, document_of(m.metric), m.fps, m.frames(role)] for m in protocol.measures
-        ],
+        pieces=repr(protocol.pieces(role)),
+        metric=[metric.name, metric.version, document_of(metric)],
+        measured=[measure.fps, measure.frames(role)],
         packages={name: package_version(name) for name in ("numpy", "scipy")},
         arithmetic=expected(),
     )
 
 
-def _key(cache: Cache, common: str, clip: ClipInput, music: ClipMusic | None) -> str:
-    beats = None if music is None else [str(music.beats.grid), music.beats.frames.tolist()]
-    return Cache.key(_STAGE, common=common, clip=clip.identity(cache), beats=beats)
+def _keys(
+    cache: Cache, protocol: Protocol, common: Mapping[int, str], clip: ClipInput, music: ClipMusic | None
+) -> dict[int, str]:
+    """Return the cache keys of a clip by measure; a measure that needs music has none without it."""
+    identity = clip.identity(cache)
+    keys = {}
+    for number, shared in common.items():
+        needs_music = protocol.measures[number].metric.needs_music
+        if needs_music and music is None:
+            continue
+        beats = music.identity() if needs_music and music is not None else None
+        keys[number] = Cache.key(_STAGE, common=shared, clip=identity, beats=beats)
+    return keys

@@ -10,6 +10,7 @@ import numpy as np
 
 from dancedata.core.errors import UsageError
 from dancedata.core.text import counted, listed, shown, table
+from dancedata.evaluation.measuring import MeasuredClip
 from dancedata.evaluation.protocol import Protocol
 from dancedata.evaluation.scores import Score, describe_outcome
 
@@ -22,6 +23,8 @@ LABELS = {
 }  # fmt: skip
 _ARROWS = {"higher": "up", "lower": "down", "closer": "truth"}
 _NAMED = 3
+#: Metrics with more numbers a clip than this are features, which no table of clips shows.
+_FEW = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,3 +233,21 @@ def lengths_of(seconds: Sequence[float]) -> tuple[float, float, float]:
     if not seconds:
         return 0.0, 0.0, 0.0
     return float(min(seconds)), float(np.median(seconds)), float(max(seconds))
+
+
+def per_clip_rows(protocol: Protocol, measured: Sequence[MeasuredClip]) -> list[dict[str, Any]]:
+    """Return a row for each piece: id, frames, and the numbers of metrics that have at most ten, or the outcome."""
+    rows = []
+    for m in measured:
+        for k, n_frames in enumerate(m.n_frames):
+            row: dict[str, Any] = {"clip": m.id, "piece": k, "frames": n_frames}
+            for number, measure in enumerate(protocol.measures):
+                columns = measure.metric.columns
+                outcomes = m.rows.get(number)
+                if len(columns) > _FEW or outcomes is None:
+                    continue
+                outcome = outcomes[k]
+                values = [outcome] * len(columns) if isinstance(outcome, str) else list(outcome)
+                row |= dict(zip(columns, values, strict=True))
+            rows.append(row)
+    return rows

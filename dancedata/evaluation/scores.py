@@ -97,7 +97,7 @@ def rows_of(measured: Sequence[MeasuredClip], number: int, metric: Metric) -> Me
     undefined: dict[str, list[str]] = {}
     order = {clip: k for k, clip in enumerate(dict.fromkeys(m.clip for m in measured))}
     for m in measured:
-        outcomes = m.rows[number]
+        outcomes = m.rows.get(number)
         if outcomes is None:
             undefined.setdefault("no_music", []).append(m.id)
             continue
