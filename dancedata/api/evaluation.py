@@ -15,13 +15,15 @@ from dancedata.evaluation.music import read_songs
 from dancedata.evaluation.protocol import Protocol
 from dancedata.evaluation.report import Report
 from dancedata.evaluation.request import Request, protocol_named
+from dancedata.evaluation.self_test import SelfTest
+from dancedata.evaluation.self_test import self_test as _self_test
 from dancedata.execution.progress import Progress
 from dancedata.store import Store, open_store
 
 if TYPE_CHECKING:
     from dancedata.core.motion import Motion
 
-__all__ = ["evaluate"]
+__all__ = ["evaluate", "self_test"]
 
 
 def evaluate(
@@ -134,4 +136,35 @@ def evaluate(
     return _evaluate(
         request, save=folder_of(save_pool), jobs=jobs_of(jobs), cache=folder_of(cache), backend=backend,
         scheduler=scheduler, progress=Progress(quiet=not progress),
+    )  # fmt: skip
+
+
+def self_test(
+    source: str | Path,
+    *,
+    protocol: str | Protocol | None = None,
+    bootstrap: int = 200,
+    jobs: int | None = 1,
+    cache: str | Path | None = None,
+    progress: bool = False,
+) -> SelfTest:
+    """Compare a copy of AIST++ or FineDance with published ground truth, as ``dancedata evaluate --self-test`` does.
+
+    Parameters
+    ----------
+    source
+        Folder with the data set's files, as for `build`.
+    protocol
+        Only this protocol. Default: every one that has a published row of the data set.
+    bootstrap, jobs, cache, progress
+        As in `evaluate`.
+
+    Returns
+    -------
+    SelfTest
+        ``str(...)`` is the table, `rows()` its lines, `reports` the whole results.
+    """
+    return _self_test(
+        Path(source).expanduser(), protocol=protocol, draws=bootstrap, jobs=jobs_of(jobs), cache=folder_of(cache),
+        progress=Progress(quiet=not progress),
     )  # fmt: skip

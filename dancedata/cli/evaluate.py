@@ -37,7 +37,9 @@ def evaluate(
     fps: Annotated[str | None, typer.Option(help="Frame rate of files that do not state it.")] = None,
     up: Annotated[str | None, typer.Option(help="Up axis of files that do not state it: y or z.")] = None,
     unit: Annotated[str | None, typer.Option(help="Unit of files that do not state it: m, cm, mm, inch.")] = None,
-    body: Annotated[str | None, typer.Option(help="Body of joint positions: smpl24, smpl24-edge, smplx24, ...")] = None,
+    body: Annotated[
+        str | None, typer.Option(help="Body of joint positions: smpl24, smpl24-edge, smplx24, ...")
+    ] = None,
     source: Annotated[Path | None, typer.Option(help=SOURCE_HELP)] = None,
     music_of: Annotated[Path | None, typer.Option(help="CSV file with the song of each clip: clip,song.")] = None,
     bootstrap: Annotated[int, typer.Option(min=0, help="Draws for intervals; 0: none.")] = 200,

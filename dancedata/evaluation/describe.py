@@ -29,7 +29,9 @@ def _json(protocol: Protocol) -> dict[str, Any]:
         "truth": str(protocol.truth),
         "generated": str(protocol.generated),
         "metrics": [{m.metric.name: document_of(m.metric), "fps": m.fps} for m in protocol.measures],
-        "music": None if music is None else {"features": list(music.features), "fps": music.fps, "scope": music.scope},
+        "music": None
+        if music is None
+        else {"features": list(music.features), "fps": music.fps, "scope": music.scope},
         "published": [
             {"what": p.what, "values": dict(p.values), "source": p.source, "note": p.note} for p in protocol.published
         ],
@@ -44,7 +46,10 @@ def describe_protocols() -> str:
     for name, about in protocols_json().items():
         motion = about["motion"]
         rate = f"{motion['fps']} frames per second" if motion["fps"] else "any frame rate"
-        lines += [f"{name}, version {about['version']}: {about['about']}", f"  {motion['body']}, {rate}, {motion['up']} up"]
+        lines += [
+            f"{name}, version {about['version']}: {about['about']}",
+            f"  {motion['body']}, {rate}, {motion['up']} up",
+        ]
         lines.append(f"  ground truth: {about['truth']}; generated: {about['generated']}")
         metrics = ["".join(_call(n, d) for n, d in m.items() if n != "fps") for m in about["metrics"]]
         lines.append(f"  metrics: {', '.join(metrics)}")

@@ -19,14 +19,15 @@ from dancedata.evaluation.protocol import Protocol
 from dancedata.evaluation.report import Report, lengths_of, per_clip_rows
 from dancedata.evaluation.request import Request, Side
 from dancedata.evaluation.scores import Score, rows_of, scores_of
-from dancedata.evaluation.song_beats import song_beats, song_files
+from dancedata.evaluation.song_beats import song_beats
 from dancedata.execution.cache import Cache, default_cache, package_version
 from dancedata.execution.executors.base import Executor
+from dancedata.execution.executors.loky import LokyExecutor
 from dancedata.execution.lost_entries import with_lost_entries
 from dancedata.execution.progress import Progress
 from dancedata.execution.workers import check_backend, start_workers
 
-__all__ = ["evaluate", "report_of"]
+__all__ = ["evaluate", "pool_for", "report_of"]
 
 
 def evaluate(
@@ -59,8 +60,17 @@ def evaluate(
     side = request.set_side()
     packages = {"numpy", "scipy"}
     with start_workers(jobs, root, _folder(side), packages, backend=backend, scheduler=scheduler) as workers:
-        report = with_lost_entries(root, lambda kept: _Run(kept, request, workers, progress).report(side, save), progress)
+        report = with_lost_entries(
+            root, lambda kept: _Run(kept, request, workers, progress).report(side, save), progress
+        )
     return report
+
+
+def pool_for(request: Request, *, jobs: int = 1, cache: Path | None = None) -> Pool | None:
+    """Measure or read the pool of a request; None if its protocol needs none, or there is none."""
+    root = Cache((cache or default_cache()).absolute())
+    quiet = Progress(quiet=True)
+    return with_lost_entries(root, lambda kept: _Run(kept, request, LokyExecutor(jobs), quiet).pool(), quiet)
 
 
 @dataclass(frozen=True)
@@ -74,7 +84,7 @@ class _Run:
 
     def report(self, side: Side, save: Path | None) -> Report:
         protocol = self.request.protocol
-        pool = self._pool()
+        pool = self.pool()
         if save is not None:
             if pool is None:
                 raise UsageError("there is no pool to save", fix="name a dataset: --pool STORE")
@@ -100,7 +110,7 @@ class _Run:
             )
         return measured, rejects
 
-    def _pool(self) -> Pool | None:
+    def pool(self) -> Pool | None:
         protocol = self.request.protocol
         numbers = [n for n, measure in enumerate(protocol.measures) if measure.metric.needs_pool]
         given = self.request.pool
@@ -119,9 +129,9 @@ class _Run:
             return {}, []
         found = {clip: ClipMusic(beats) for clip, beats in request.given_beats(side.clips).items()}
         problems: list[str] = []
-        if request.source is not None:
+        files = request.music_files()
+        if files:
             left = [clip for clip in side.clips if clip.id not in found]
-            files = song_files(request.source)
             computed, problems = song_beats(
                 self.cache, request.protocol, side.role, left, files, jobs=self.workers, progress=self.progress
             )
@@ -168,7 +178,9 @@ def report_of(
         own, about = scores_of(measure.metric, found, vectors, draws=draws)
         scores += own
         warnings += about
-    published = {name: value for p in protocol.published if p.what == "ground truth" for name, value in p.values.items()}
+    published = {
+        name: value for p in protocol.published if p.what == "ground truth" for name, value in p.values.items()
+    }
     scores = [replace(score, published=published.get(score.name)) for score in scores]
     changed = sorted({note for m in ordered for note in m.notes})
     return Report(

@@ -1,4 +1,4 @@
-"""Measures clips: one unit of work a clip. Numbers are kept in the cache by metric, for all protocols that share them."""
+"""Measures clips, one unit of work each; numbers are cached by metric, for all protocols that share them."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def measure_pose(
         If the protocol cannot measure this motion: other joints, another rate.
     """
     placed, notes = pose.conformed(protocol.motion)
-    joints = in_axes(placed.joints, protocol.motion.up)
+    joints = in_axes(placed.joints, protocol.motion)
     cuts = protocol.pieces(role).of(len(joints), placed.grid)
     found: dict[int, list[Any] | None] = {}
     for number in numbers:

@@ -16,7 +16,7 @@ from dancedata.evaluation.inputs.store import StoreClip
 from dancedata.evaluation.protocol import MusicRule, Pieces
 from dancedata.store import Store
 
-__all__ = ["named_songs", "read_songs", "stored_beats"]
+__all__ = ["beat_field", "named_songs", "read_songs", "stored_beats"]
 
 _MAX_CSV_BYTES = 1 << 24
 
@@ -24,9 +24,9 @@ _MAX_CSV_BYTES = 1 << 24
 def stored_beats(store: Store, rule: MusicRule, pieces: Pieces, clips: Sequence[ClipInput]) -> dict[str, ClipMusic]:
     """Return the beats that a store has for clips, by their ids; empty if it has no field of the protocol.
 
-    A clip takes its own rows, or, if it is not in the store, those of the longest clip with the same music.
+    A clip takes its own rows or, if it is not in the store, those of the longest clip with the same music.
     """
-    name = _field(store, rule, pieces)
+    name = beat_field(store, rule, pieces)
     if name is None:
         return {}
     column, grid = store.fields[name].slice(BEAT).start, store.field(name).grid
@@ -43,7 +43,7 @@ def stored_beats(store: Store, rule: MusicRule, pieces: Pieces, clips: Sequence[
     return found
 
 
-def _field(store: Store, rule: MusicRule, pieces: Pieces) -> str | None:
+def beat_field(store: Store, rule: MusicRule, pieces: Pieces) -> str | None:
     """Return the audio field of a store that has the protocol's beats."""
     if store.scope == "window" and store.meta["windows"]["length"] != pieces.frames(store.grid)[0]:
         return None
@@ -77,19 +77,20 @@ def read_songs(path: Path) -> dict[str, str]:
             continue
         if len(line) != 2:
             raise UsageError(
-                "a line does not have two columns", where=f"{path}, line {number}", found=len(line), allowed="clip,song"
+                "a line does not have two columns",
+                where=f"{path}, line {number}",
+                found=len(line),
+                allowed="clip,song",
             )
         songs[line[0].strip()] = Path(line[1].strip()).stem
     return songs
 
 
-def named_songs(
-    clips: Sequence[ClipInput], songs: Mapping[str, str], like: Store | None
-) -> tuple[ClipInput, ...]:
+def named_songs(clips: Sequence[ClipInput], songs: Mapping[str, str], like: Store | None) -> tuple[ClipInput, ...]:
     """Return clips with the names and tempos of their songs.
 
-    The name is from the list, the clip itself, the clip of that id in a store, or AIST++'s name of a sequence; else it
-    is the clip's id.
+    The name is from the list, the clip itself, the clip of that id in a store, or AIST++'s name of a sequence;
+    else it is the clip's id.
     """
     records = {} if like is None else {c.id: c for c in like.clips}
     unknown = sorted(set(songs) - {clip.id for clip in clips})

@@ -60,7 +60,8 @@ class Pose:
     @property
     def rest(self) -> Float64Array:
         """Rest position of the pelvis, (3,): of the motion's body, else of SMPL's."""
-        return (SMPL24 if self.motion is None else self.motion.skeleton).offsets[0]
+        skeleton = SMPL24 if self.motion is None else self.motion.skeleton
+        return np.asarray(skeleton.offsets[0], dtype=np.float64)
 
     @classmethod
     def of_motion(cls, motion: Motion) -> Pose:
@@ -132,7 +133,9 @@ class Pose:
             return self._on_smplx()
         if rule.body == "smpl24" and self.motion is not None and has_body(self.motion.skeleton):
             placed = carried_over(self.motion, SMPL24)
-            note = () if placed is self.motion else (f"{self.motion.skeleton.name}: carried over to SMPL's 24 joints",)
+            note = (
+                () if placed is self.motion else (f"{self.motion.skeleton.name}: carried over to SMPL's 24 joints",)
+            )
             return Pose.of_motion(placed), note
         if self.names[: len(wanted)] != wanted:
             raise self._missing(rule)
@@ -158,11 +161,13 @@ class Pose:
         )
 
 
-def in_axes(joints: Float64Array, up: str) -> Float64Array:
-    """Return +Y-up positions in the axes of a protocol: for z, (x, y, z) becomes (x, -z, y)."""
-    if up == "y":
-        return joints
-    return np.stack([joints[..., 0], -joints[..., 2], joints[..., 1]], axis=-1)
+def in_axes(joints: Float64Array, rule: MotionRule) -> Float64Array:
+    """Return +Y-up positions in the axes of a protocol: for z up, (x, y, z) becomes (x, -z, y)."""
+    if rule.up == "z":
+        joints = np.stack([joints[..., 0], -joints[..., 2], joints[..., 1]], axis=-1)
+    if rule.turned:
+        joints = np.stack([-joints[..., 1], joints[..., 0], joints[..., 2]], axis=-1)
+    return joints
 
 
 def interpolated(joints: Float64Array, grid: FrameGrid, target: FrameGrid) -> Float64Array:

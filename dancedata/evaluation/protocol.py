@@ -41,6 +41,8 @@ class MotionRule:
         for all clips.
     up
         Axis that points up in the coordinates that metrics get.
+    turned
+        Whether they are turned by 90 degrees about z after that: (x, y, z) becomes (-y, x, z).
     pelvis
         "any": constant shifts do not change the numbers. "body": the pelvis has to lie where the body has it.
         "translation": it lies at SMPL's translation, as in EDGE's kinematics, which omit its rest position.
@@ -49,6 +51,7 @@ class MotionRule:
     body: Body
     fps: int | None
     up: Literal["y", "z"] = "y"
+    turned: bool = False
     pelvis: Literal["any", "body", "translation"] = "any"
 
     @property

@@ -14,7 +14,7 @@ from dancedata.evaluation.measuring import MeasuredClip
 from dancedata.evaluation.protocol import Protocol
 from dancedata.evaluation.scores import Score, describe_outcome
 
-__all__ = ["LABELS", "Report", "TABLES"]
+__all__ = ["LABELS", "TABLES", "Report"]
 
 #: How papers write the names of scores.
 LABELS = {

@@ -23,6 +23,7 @@ from dancedata.evaluation.inputs.columns import ColumnsReader, field_readers
 from dancedata.evaluation.inputs.files import FileClip, FileFormat, folder_clips
 from dancedata.evaluation.inputs.store import store_clips
 from dancedata.evaluation.protocol import PROTOCOLS, ROLES, Protocol, Role
+from dancedata.evaluation.song_beats import song_files
 from dancedata.recipes.plugins import make_named
 from dancedata.store import Store, open_store
 from dancedata.store.schema import DATASET_FILE
@@ -101,7 +102,9 @@ class Request:
             raise UsageError("only a dataset has splits", found=f"split {split}", where=_name(what))
         own_role = role or "generated"
         if isinstance(what, Mapping):
-            return Side(_filled(_in_memory(what, self._grid(), self.body), "clips in memory"), "clips in memory", own_role)
+            return Side(
+                _filled(_in_memory(what, self._grid(), self.body), "clips in memory"), "clips in memory", own_role
+            )
         path = Path(what).expanduser() if isinstance(what, str | Path) else what.path
         form = FileFormat(
             fps=None if self._grid() is None else str(self._grid()), up=self.up, unit=self.unit, body=self.body,
@@ -135,9 +138,15 @@ class Request:
         if self.representation is None:
             return None
         if self.fps is None:
-            raise UsageError("the frame rate of the columns is unknown", fix="declare it: --fps RATE, or --like STORE")
+            raise UsageError(
+                "the frame rate of the columns is unknown", fix="declare it: --fps RATE, or --like STORE"
+            )
         plugin: Representation = make_named(REPRESENTATIONS, "motion", self.representation, {})
         return ColumnsReader(plugin, FrameGrid.of(self.fps))
+
+    def music_files(self) -> dict[str, Path]:
+        """Return the music files by song; empty where none are given."""
+        return {} if self.source is None else song_files(self.source)
 
     def given_beats(self, clips: Sequence[ClipInput]) -> dict[str, MusicBeats]:
         """Return the beats that the caller gives, frames at the protocol's rate."""

@@ -112,7 +112,9 @@ def rows_of(measured: Sequence[MeasuredClip], number: int, metric: Metric) -> Me
                 clips.append(order[m.clip])
                 ids.append(name)
     array = np.array(rows, dtype=np.float64).reshape(len(rows), len(metric.columns))
-    return MetricRows(array, np.array(clips, dtype=np.float64), tuple(ids), {k: tuple(v) for k, v in undefined.items()})
+    return MetricRows(
+        array, np.array(clips, dtype=np.float64), tuple(ids), {k: tuple(v) for k, v in undefined.items()}
+    )
 
 
 def scores_of(

@@ -122,7 +122,9 @@ def _job(protocol: Protocol, rule: MusicRule, role: Role) -> FeatureJob:
         return FeatureJob(feature.name, grid, feature)
     length, stride = protocol.pieces(role).frames(grid)
     if length is None or stride is None:
-        raise UsageError(f"{protocol.name}: music by pieces needs pieces", fix="set the protocol's music to scope track")
+        raise UsageError(
+            f"{protocol.name}: music by pieces needs pieces", fix="set the protocol's music to scope track"
+        )
     return FeatureJob(feature.name, grid, feature, WindowSpec(length, stride, grid))
 
 

@@ -67,6 +67,7 @@ class MemoryClip(ClipInput):
 
     def identity(self, cache: Cache) -> Any:
         """See `ClipInput.identity`."""
+        arrays: tuple[npt.NDArray[np.float64], ...]
         if self.motion is not None:
             skeleton, arrays = self.motion.skeleton, (self.motion.translation, self.motion.rotations)
             about: Any = [skeleton.name, list(skeleton.joints), skeleton.offsets.tolist(), str(self.motion.grid)]

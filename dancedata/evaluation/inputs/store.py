@@ -99,9 +99,7 @@ def store_clips(
     if store.scope == "window":
         return _windows(store, protocol, splits, name, reader, role)
     return tuple(
-        StoreClip(
-            id=c.id, music=c.music, tempo_bpm=c.tempo_bpm, reference=store.reference, field=name, reader=reader
-        )
+        StoreClip(id=c.id, music=c.music, tempo_bpm=c.tempo_bpm, reference=store.reference, field=name, reader=reader)
         for c in store.clips
         if c.split in splits and not c.source
     )
@@ -122,11 +120,16 @@ def _windows(
             fix="build it with scope: track",
         )
     records = {c.id: c for c in store.clips}
+    kept = [w for w in windows if not records[w.clip].source and (stride is None or w.start % stride == 0)]
     return tuple(
         StoreClip(
-            id=f"{w.clip}@{w.start}", music=records[w.clip].music, tempo_bpm=records[w.clip].tempo_bpm,
-            reference=store.reference, field=name, reader=reader, window=w,
-        )  # fmt: skip
-        for w in windows
-        if not records[w.clip].source and (stride is None or w.start % stride == 0)
+            id=f"{w.clip}@{w.start}",
+            music=records[w.clip].music,
+            tempo_bpm=records[w.clip].tempo_bpm,
+            reference=store.reference,
+            field=name,
+            reader=reader,
+            window=w,
+        )
+        for w in kept
     )

@@ -14,7 +14,7 @@ from dancedata.metrics.kinetic_features import Kinetic
 @PROTOCOLS.register("bailando-aistpp")
 @dataclass(frozen=True)
 class BailandoAistpp(Protocol):
-    """Bailando on AIST++: positions from the first pelvis, 60 frames per second, beats from the music to the motion."""
+    """Bailando on AIST++: positions from the first pelvis at 60 frames per second; from music to motion."""
 
     version: ClassVar[int] = 1
     citation: ClassVar[str] = "Siyao et al., Bailando: 3D Dance Generation by Actor-Critic GPT, CVPR 2022."
@@ -35,7 +35,7 @@ class BailandoAistpp(Protocol):
             "ground truth",
             {"fid_k": 17.10, "fid_g": 10.60, "div_k": 8.19, "div_g": 7.45, "bas": 0.2374},
             "Bailando, table 1",
-            "40 clips of val and test against the pool; 0.2374 is not reached from the released data, see motius-aistpp",
+            "40 clips of val and test against the pool; 0.2374 is not reached from released data, see motius-aistpp",
             dataset="aist++",
             splits=("val", "test"),
         ),

@@ -23,8 +23,8 @@ class Dancedata(Protocol):
 
     version: ClassVar[int] = 1
     citation: ClassVar[str] = (
-        "dancedata, protocol dancedata, version 1; with Li et al. 2021 (features), Siyao et al. 2022 (beats), Tseng et "
-        "al. 2023 (PFC) and Li et al. 2024 (skating)."
+        "dancedata, protocol dancedata, version 1; with Li et al. 2021 (features), Siyao et al. 2022 (beats), "
+        "Tseng et al. 2023 (PFC) and Li et al. 2024 (skating)."
     )
     source: ClassVar[str] = "this project"
     licence_note: ClassVar[str] = "MIT."

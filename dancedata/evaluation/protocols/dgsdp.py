@@ -18,7 +18,9 @@ class Dgsdp(Protocol):
     """DGSDP on EDGE's slices: 150 frames at 30 per second, z up, with y taken as up by the features."""
 
     version: ClassVar[int] = 1
-    citation: ClassVar[str] = "DGSDP, mucunzhuzhu/DGSDP on GitHub; Siyao et al., Bailando, CVPR 2022, for the metrics."
+    citation: ClassVar[str] = (
+        "DGSDP, mucunzhuzhu/DGSDP on GitHub; Siyao et al., Bailando, CVPR 2022, for the metrics."
+    )
     source: ClassVar[str] = "mucunzhuzhu/DGSDP 479c0d5, eval"
     licence_note: ClassVar[str] = "no licence in the repository; none of its code is used here."
     motion: ClassVar[MotionRule] = MotionRule("smpl24", 30, "z")

@@ -20,7 +20,9 @@ class EdgeAistpp(Protocol):
 
     version: ClassVar[int] = 1
     citation: ClassVar[str] = "Tseng, Castellon, Liu, EDGE: Editable Dance Generation From Music, CVPR 2023."
-    source: ClassVar[str] = "Stanford-TML/EDGE 17c3428, eval/eval_pfc.py; the stride of 2.5 s is the paper's (EDGE#24)"
+    source: ClassVar[str] = (
+        "Stanford-TML/EDGE 17c3428, eval/eval_pfc.py; the stride of 2.5 s is the paper's (EDGE#24)"
+    )
     licence_note: ClassVar[str] = "MIT."
     motion: ClassVar[MotionRule] = MotionRule("smpl24", 30, "z")
     truth: ClassVar[Pieces] = Pieces(length=150, stride=75)

@@ -17,7 +17,9 @@ class FactAistpp(Protocol):
     """FACT on AIST++: absolute positions at 60 frames per second, beats from the motion to the music."""
 
     version: ClassVar[int] = 1
-    citation: ClassVar[str] = "Li et al., AI Choreographer: Music Conditioned 3D Dance Generation with AIST++, ICCV 2021."
+    citation: ClassVar[str] = (
+        "Li et al., AI Choreographer: Music Conditioned 3D Dance Generation with AIST++, ICCV 2021."
+    )
     source: ClassVar[str] = "liruilong940607/mint d40065a, tools/calculate_fid_scores.py, calculate_beat_scores.py"
     licence_note: ClassVar[str] = "Apache-2.0; the features are from fairmotion, BSD."
     motion: ClassVar[MotionRule] = MotionRule("smpl24", 60, pelvis="body")

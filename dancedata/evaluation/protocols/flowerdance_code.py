@@ -23,18 +23,17 @@ class FlowerdanceCode(Protocol):
     citation: ClassVar[str] = "FlowerDance, XulongT/FlowerDance on GitHub."
     source: ClassVar[str] = "XulongT/FlowerDance 2352a1a, model/metric.py"
     licence_note: ClassVar[str] = "no licence in the repository; none of its code is used here."
-    motion: ClassVar[MotionRule] = MotionRule("smpl24", 30, "z")
+    motion: ClassVar[MotionRule] = MotionRule("smpl24", 30, "z", turned=True)
     truth: ClassVar[Pieces] = _WINDOWS
     generated: ClassVar[Pieces] = _WINDOWS
-    # The code turns z-up positions about z, (x, y, z) -> (-y, x, z), and takes y as up: that is x before the turn.
     measures: ClassVar[tuple[Measure, ...]] = (
-        Measure(Kinetic("flowerdance-code", "absolute", up="x", joints=22, statistics="flowerdance")),
-        Measure(Geometric("absolute", up="x", statistics="flowerdance")),
+        Measure(Kinetic("flowerdance-code", "absolute", joints=22, statistics="flowerdance")),
+        Measure(Geometric("absolute", statistics="flowerdance")),
         Measure(BeatAlignment("bailando", "music", 3, unit="frames", cut="frames", no_music_beats="zero")),
         Measure(Pfc("code", "z")),
     )
     music: ClassVar[MusicRule] = MusicRule(("librosa35",), 30)
     notes: ClassVar[tuple[str, ...]] = (
-        "V of the kinetic features is a horizontal direction, and 30 frames per second count as 60 (slips of the code)",
+        "V of the kinetic features is horizontal, and 30 frames per second count as 60 (slips of the code)",
         "the first step is from the last frame to the first, so clips that travel get a jump",
     )

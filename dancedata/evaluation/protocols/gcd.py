@@ -21,7 +21,9 @@ class Gcd(Protocol):
     """GCD, each dancer alone: absolute positions at 30 frames per second, FACT's beats with another order."""
 
     version: ClassVar[int] = 1
-    citation: ClassVar[str] = "Le et al., Controllable Group Choreography Using Contrastive Diffusion, SIGGRAPH Asia 2023."
+    citation: ClassVar[str] = (
+        "Le et al., Controllable Group Choreography Using Contrastive Diffusion, SIGGRAPH Asia 2023."
+    )
     source: ClassVar[str] = "aioz-ai/GCD b9524d8, eval/calculate_beat_scores.py, eval/features"
     licence_note: ClassVar[str] = "MIT (code)."
     motion: ClassVar[MotionRule] = MotionRule("smpl24", 30, pelvis="body")
@@ -29,7 +31,7 @@ class Gcd(Protocol):
         Measure(Kinetic("gcd-code", "absolute")),
         Measure(Geometric("absolute")),
         Measure(
-            BeatAlignment("gcd", "motion", 4.5**0.5, unit="frames", cut="frames", no_motion_beats="zero"),
+            BeatAlignment("gcd", "motion", 2.12, unit="frames", cut="frames", no_motion_beats="zero"),
         ),
     )
     music: ClassVar[MusicRule] = MusicRule(("librosa35",), 30)

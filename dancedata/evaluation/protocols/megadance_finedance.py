@@ -22,7 +22,9 @@ class MegadanceFinedance(Protocol):
     """MEGADance on FineDance: windows of 1,024 frames at 30 per second, its own kinetic features."""
 
     version: ClassVar[int] = 1
-    citation: ClassVar[str] = "Yang et al., MEGADance: Mixture-of-Experts Architecture for Genre-Aware 3D Dance Generation."
+    citation: ClassVar[str] = (
+        "Yang et al., MEGADance: Mixture-of-Experts Architecture for Genre-Aware 3D Dance Generation."
+    )
     source: ClassVar[str] = "XulongT/MEGADance e145b8f, utils/metric.py"
     licence_note: ClassVar[str] = "no licence in the repository; none of its code is used here."
     motion: ClassVar[MotionRule] = MotionRule("smpl24", 30)

@@ -20,7 +20,9 @@ class MotiusAistpp(Protocol):
     """Motius on AIST++: Bailando's features at 60 frames per second from any rate, beats in seconds, and physics."""
 
     version: ClassVar[int] = 1
-    citation: ClassVar[str] = "Motius, ZeyuLing/Motius on GitHub; Siyao et al., Bailando, CVPR 2022, for the features."
+    citation: ClassVar[str] = (
+        "Motius, ZeyuLing/Motius on GitHub; Siyao et al., Bailando, CVPR 2022, for the features."
+    )
     source: ClassVar[str] = "ZeyuLing/Motius 50cf750, motius/evaluation"
     licence_note: ClassVar[str] = "no licence in the repository; none of its code is used here."
     motion: ClassVar[MotionRule] = MotionRule("smpl24", None)
@@ -32,7 +34,9 @@ class MotiusAistpp(Protocol):
         ),
         Measure(MotiusPhysics()),
     )
-    music: ClassVar[MusicRule] = MusicRule(("bailando438",), 60, about="column 53 of Bailando's 438, at 60 per second")
+    music: ClassVar[MusicRule] = MusicRule(
+        ("bailando438",), 60, about="column 53 of Bailando's 438, at 60 per second"
+    )
     published: ClassVar[tuple[Published, ...]] = (
         Published(
             "ground truth",

@@ -35,12 +35,14 @@ class Popdg(Protocol):
         ("librosa35",), 30, about="the last of EDGE's 35 columns; the original reads files of 150 rows"
     )
     published: ClassVar[tuple[Published, ...]] = (
-        Published("ground truth", {"pfc": 1.5824, "pbc": 8.7365}, "POPDG, PopDanceSet", "PBC is printed as PFC by its code"),
+        Published(
+            "ground truth", {"pfc": 1.5824, "pbc": 8.7365}, "POPDG, PopDanceSet", "PBC is printed as PFC by its code"
+        ),
     )
     notes: ClassVar[tuple[str, ...]] = (
         "BAS is the sum over clips divided by 24, whatever their number",
         "features take the horizontal y axis as up, and 30 frames per second as 60 (slips of the code)",
-        "positions are absolute: raw PopDanceSet has to be moved by -5 m in y and +1 m in z (of z-up axes), as POPDG's "
-        "reader and its features do",
+        "positions are absolute: raw PopDanceSet has to be moved by -5 m in y and +1 m in z of z-up axes, as POPDG "
+        "does for training and for features",
         "more than 1,000 files are sampled at random by the original, without a seed; here all count",
     )
