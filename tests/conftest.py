@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import lzma
 import os
 import shutil
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
+from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import settings
@@ -144,6 +147,38 @@ def peers(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     if request.param == "whole":
         return Peers(SHARED / "golden" / "peers", whole=True)
     return Peers(unpack(DATA / "peers", tmp_path_factory.mktemp("peers")), whole=False)
+
+
+class MetricsGolden:
+    """What the published programs' metrics give for some dances and sets of features, and the inputs."""
+
+    def __init__(self, folder: Path, whole: bool) -> None:
+        self.folder, self.whole = folder, whole
+        self.features, self.beats = self.arrays("features"), self.arrays("beats")
+
+    def arrays(self, name: str) -> Arrays:
+        """Arrays of a file."""
+        return Arrays(self.folder / f"{name}.npz")
+
+    def json(self, name: str) -> Any:
+        """A file of values, with NaN."""
+        return json.loads((self.folder / f"{name}.json").read_text())
+
+    @cached_property
+    def joints(self) -> dict[str, np.ndarray]:
+        """Joint positions (T, J, 3) float32 by "KIND/CLIP"."""
+        if self.whole:
+            return dict(self.arrays("inputs"))
+        files = sorted((self.folder / "inputs").rglob("*.npy"))
+        return {f"{p.parent.name}/{p.stem}": np.load(p).reshape(-1, 24, 3) for p in files}
+
+
+@pytest.fixture(scope="session", params=["compact", "whole"] if HAS_SHARED else ["compact"])
+def metrics_golden(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> MetricsGolden:
+    """Outputs of the published metrics: the compact set, and the whole one where it is."""
+    if request.param == "whole":
+        return MetricsGolden(SHARED / "golden" / "metrics", whole=True)
+    return MetricsGolden(unpack(DATA / "metrics", tmp_path_factory.mktemp("metrics")), whole=False)
 
 
 @pytest.fixture(scope="session")

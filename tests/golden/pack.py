@@ -1,7 +1,7 @@
 """Make tests/golden/data from the whole reference set: python tests/golden/pack.py GOLDEN OUT.
 
-GOLDEN has the folders `peers` and `jukebox`, and the file `jukebox_keys.csv` beside it. What is left out, and why
-that changes no comparison, stands in data/README.md. The values that stay are the reference's own bits.
+GOLDEN has the folders `peers`, `metrics` and `jukebox`, and the file `jukebox_keys.csv` beside it. What is left out,
+and why that changes no comparison, stands in data/README.md. The values that stay are the reference's own bits.
 """
 
 from __future__ import annotations
@@ -35,6 +35,11 @@ FINEDANCE_MUSIC = {"063": None}
 #: The track whose hands move; in the others they keep the pose of the first frame.
 HANDS = "001"
 BODY = 3 + 22 * 6
+#: Dances whose metrics are kept, and sets of features.
+METRIC_CLIPS = ("gHO_sBM_cAll_d19_mHO3_ch07", "004")
+METRIC_SETS = (
+    "tiny", "two", "geo", "gt_constant_column_pred_not", "both_constant_column", "constant_columns_differ",
+)  # fmt: skip
 CLIPS = ("5s", "odd", "short", "silence", "stereo48k")
 #: Codes of the longest of them.
 N_CODES = 1722
@@ -85,11 +90,15 @@ def pack_song(source: Path, target: Path, seconds: float | None) -> None:
 
 
 def pack_finedance(source: Path, target: Path) -> None:
-    """Columns as second differences of their bits, byte by byte: a third smaller than packed as they are."""
     columns = np.load(source)
     if source.stem != HANDS:
         columns[:, BODY:] = columns[0, BODY:]
-    bits = columns.view(np.uint32)
+    pack_columns(columns, target)
+
+
+def pack_columns(columns: np.ndarray, target: Path) -> None:
+    """Columns as second differences of their bits, byte by byte: a third smaller than packed as they are."""
+    bits = np.ascontiguousarray(columns).view(np.uint32)
     for _ in range(2):
         bits = np.diff(bits, axis=0, prepend=np.zeros((1, bits.shape[1]), np.uint32))
     shuffled = np.ascontiguousarray(bits.T).view(np.uint8).reshape(-1, 4).T
@@ -177,6 +186,42 @@ def pack_fact_music(peers: Path, out: Path) -> None:
     (out / "fact_audio_source.json").write_text(json.dumps(kept, indent=1) + "\n")
 
 
+def pack_metrics(golden: Path, out: Path) -> None:
+    """Two synthetic dances with all that was computed of them, and sets of random features."""
+    arrays = load(golden / "inputs.npz")
+    for name in [name for name in arrays if name.split("/")[1] in METRIC_CLIPS]:
+        pack_columns(arrays[name].reshape(len(arrays[name]), -1), out / "inputs" / f"{name}.npy")
+    features = load(golden / "features.npz")
+    windows = {key: _rows_of_clips(features, key) for key in features if key.startswith("windows/")}
+    clips = {key: array for key, array in features.items() if key.split("/")[1] in METRIC_CLIPS}
+    save(out / "features.npz", clips | windows)
+    beats = load(golden / "beats.npz")
+    save(out / "beats.npz", {key: array for key, array in beats.items() if key.split(".")[0] in METRIC_CLIPS})
+    sets = load(golden / "fid_cases.npz")
+    save(out / "fid_cases.npz", {key: array for key, array in sets.items() if key.split(".")[0] in METRIC_SETS})
+    for name, kept in (("per_clip", METRIC_CLIPS), ("fid_cases", METRIC_SETS)):
+        values = json.loads((golden / f"{name}.json").read_text())
+        (out / f"{name}.json").write_text(json.dumps({key: values[key] for key in kept}, indent=1) + "\n")
+    packed = lzma.compress((golden / "edge_cases.json").read_bytes(), preset=9 | lzma.PRESET_EXTREME)
+    (out / "edge_cases.json.xz").write_bytes(packed)
+    copy(golden / "skating_extra.json", out / "skating_extra.json")
+
+
+def _rows_of_clips(features: Arrays, key: str) -> np.ndarray:
+    lodge = key.endswith("lodge")
+    names = features["windows/names_lodge" if lodge else "windows/names60"]
+    return features[key][[str(name).partition("@")[0] in METRIC_CLIPS for name in names]]
+
+
+def pack_old_metrics(peers: Path, out: Path) -> None:
+    """Metrics of the peers' own folder."""
+    for name in ("bas_bailando", "bas_lodge", "aistpp_features"):
+        arrays = load(peers / f"{name}.npz")
+        save(out / f"{name}.npz", {key: a for key, a in arrays.items() if key.split(".")[0] in METRIC_CLIPS})
+    for name in ("pfc_edge", "foot_skating_lodge"):
+        shutil.copyfile(peers / f"{name}.json", out / f"{name}.json")
+
+
 def pack_checkpoint(path: Path, out: Path, needed: dict[str, int]) -> None:
     """A checkpoint whose tensors, and rows of tables, that no comparison looks at are zero. All else stays."""
     data = bytearray(path.read_bytes())
@@ -242,6 +287,8 @@ def main(golden: Path, out: Path) -> None:
     pack_motion(golden / "peers", peers)
     pack_lodge(golden / "peers", peers)
     pack_fact_music(golden / "peers", peers)
+    pack_old_metrics(golden / "peers", peers)
+    pack_metrics(golden / "metrics", out / "metrics")
     pack_jukebox(golden / "jukebox", out / "jukebox")
     pack_keys(golden.parent / "jukebox_keys.csv", out / "jukebox")
     sizes = {path: path.stat().st_size for path in sorted(out.rglob("*")) if path.is_file()}
