@@ -191,10 +191,13 @@ def _pool_warnings(
     if constant:
         varying = next((v for name, v in values.items() if name.endswith(_VARYING)), None)
         names = [name for name, column in zip(metric.columns, pool.T, strict=True) if np.ptp(column) == 0]
-        text = "" if varying is None else f"; without them the distance is {varying:.6g}"
+        fid = next((v for name, v in values.items() if name.startswith("fid")), None)
+        effect = "have no effect on the distance"
+        if varying is not None and fid is not None and abs(varying - fid) > 1e-9 * abs(fid):
+            effect = f"are divided by about 0; without them the distance is {varying:.6g}"
         warnings.append(
-            f"{metric.name}: {counted(int(constant), 'column')} of the pool "
-            f"({listed(names)}) are constant, and are divided by about 0{text}"
+            f"{metric.name}: {counted(int(constant), 'column')} of the pool ({listed(names)}), all clips of which are "
+            f"equal there, {effect}"
         )
     return warnings
 
