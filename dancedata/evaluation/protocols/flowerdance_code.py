@@ -11,7 +11,7 @@ from dancedata.metrics.geometric_features import Geometric
 from dancedata.metrics.kinetic_features import Kinetic
 from dancedata.metrics.physical_contact import Pfc
 
-_WINDOWS = Pieces(length=1024, stride=512, shorter=True, multiple=8)
+_WINDOWS = Pieces(length=1024, stride=512, shorter=True)
 
 
 @PROTOCOLS.register("flowerdance-code")
