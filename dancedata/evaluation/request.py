@@ -79,23 +79,20 @@ class Request:
 
     def set_side(self) -> Side:
         """Return the clips that are evaluated."""
-        return self._side(self.what, self.split, self.role)
+        return self._side(self.what, self.split, self.role, self.field)
 
     def pool_side(self) -> Side | None:
         """Return the clips of the pool: by default all of the dataset that is evaluated, or that --like names."""
         if self.pool is not None:
             return self._side(self.pool, self.pool_split, "truth")
-        if self.like is not None:
-            return self._side(self.like, self.pool_split, "truth")
-        own = _as_store(self.what)
-        return None if own is None else self._side(own, self.pool_split, "truth")
+        own = self.like or _as_store(self.what)
+        return None if own is None else self._side(own, self.pool_split, "truth", self.field)
 
-    def _side(self, what: What, split: str | None, role: Role | None) -> Side:
+    def _side(self, what: What, split: str | None, role: Role | None, field: str | None = None) -> Side:
         store = _as_store(what)
         if store is not None:
             own_role: Role = role or "truth"
-            own = self.field if self.field in store.fields else None
-            clips = store_clips(store, self.protocol, split=split, field=own, role=own_role)
+            clips = store_clips(store, self.protocol, split=split, field=field, role=own_role)
             named = f"{store.path}" + (f", split {split}" if split else "")
             return Side(_filled(clips, named), named, own_role, store)
         if split is not None:

@@ -42,6 +42,13 @@ class Golden:
         return {clip: self.values[clip][key] for clip in clips}
 
 
+@pytest.fixture
+def whole(metrics_golden: Any) -> None:
+    """For what is in the whole set only."""
+    if not metrics_golden.whole:
+        pytest.skip("sets of windows, and dances of some lengths, are in the whole set of metrics")
+
+
 @pytest.fixture(scope="module")
 def golden(metrics_golden: Any) -> Golden:
     return Golden(metrics_golden)
@@ -117,10 +124,8 @@ def test_slices_of_dgsdp_and_edge(golden: Golden) -> None:
     assert evaluated(golden.z30, "edge-aistpp", 30)["pfc"] == pytest.approx(np.mean(every), rel=PFC)
 
 
-def test_beats_of_dgsdps_slices(golden: Golden) -> None:
+def test_beats_of_dgsdps_slices(whole: None, golden: Golden) -> None:
     clips = {k: v for k, v in golden.z30.items() if "bas_dgsdp.slices" in golden.values[k]}
-    if not clips:
-        pytest.skip("slices of music were made of real clips, which are outside the project")
     slices, values = [golden.of(k, clips) for k in ("music_beats_edge30_slices", "bas_dgsdp.slices")]
     for clip, joints in clips.items():
         cut = {f"{clip}@{k:02d}": joints[15 * k : 15 * k + 150] for k, v in enumerate(values[clip]) if v is not None}
@@ -129,11 +134,9 @@ def test_beats_of_dgsdps_slices(golden: Golden) -> None:
         assert found == pytest.approx({name: values[clip][int(name[-2:])] for name in cut}, rel=BAS)
 
 
-def test_megadance(golden: Golden) -> None:
+def test_megadance(whole: None, golden: Golden) -> None:
     # Its windows are cut to multiples of 8: dances that are such multiples are measured whole.
     clips = {k: v for k, v in golden.z30.items() if len(v) % 8 == 0}
-    if not clips:
-        pytest.skip("dances of a multiple of 8 frames are in the whole set")
     report = evaluated(clips, "megadance-finedance", 30, beats=golden.of("music_beats_edge30_track", clips))
     assert_total(report, "bas", golden.of("bas_megadance", clips), BAS)
 
@@ -184,8 +187,7 @@ def test_features(golden: Golden, case: tuple[Any, ...]) -> None:
         expected = np.asarray(golden.set.features[names[0]], dtype=np.float64)
         np.testing.assert_allclose(found[3][0], expected[: len(found[3][0])], rtol=FEATURES, atol=1e-7)
         checked += 1
-    if not checked:
-        pytest.skip("these features are in the whole set")
+    assert checked or (name == "megadance-finedance" and not golden.set.whole)
 
 
 #: Protocol and the golden set's name for its statistics, of the features that it takes.
@@ -210,8 +212,8 @@ def test_sets_are_normalised_as_in_the_originals(name: str) -> None:
 
 @pytest.mark.parametrize("case", ["halves_even_odd", "pool_vs_40"])
 @pytest.mark.parametrize("name", sorted(STATISTICS_OF))
-def test_totals_of_sets(metrics_golden: Any, name: str, case: str) -> None:
-    sets = metrics_golden.json("sets") if (metrics_golden.folder / "sets.json").exists() else {}
+def test_totals_of_sets(whole: None, metrics_golden: Any, name: str, case: str) -> None:
+    sets = metrics_golden.json("sets")
     original = STATISTICS_OF[name][0]
     here = sets.get("lodge", {}) if original == "lodge" else sets
     kinds = {
@@ -220,8 +222,6 @@ def test_totals_of_sets(metrics_golden: Any, name: str, case: str) -> None:
         "megadance": ("kinetic_megadance", "geometric_megadance"),
         "flowerdance_normalise": ("kinetic_megadance", "geometric_megadance"),
     }  # fmt: skip
-    if case not in here or f"windows/{kinds[original][0]}" not in metrics_golden.features:
-        pytest.skip("sets of windows are in the whole set, as real dances are among them")
     rows, expected = here[case], here[case][original]["float64"]
     expected = expected[0] if isinstance(expected, list) else expected
     protocol = PROTOCOLS.get(name)()
