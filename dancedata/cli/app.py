@@ -41,7 +41,7 @@ Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print no progress.")
 CACHE_HELP = "Cache folder; default $DANCEDATA_CACHE, else the user's cache folder."
 CacheFolder = Annotated[Path | None, typer.Option("--cache", help=CACHE_HELP)]
 ATOL_HELP = "Floating-point values that differ by no more than this are the same; default: compared exactly."
-KINDS_HELP = "dataset, representation, contact-rule, feature, key-motion, augmentation or filter."
+KINDS_HELP = "dataset, representation, contact-rule, feature, key-motion, augmentation, filter or metric."
 PART_HELP = "Compute the K-th of N shares of the work into the cache and write no dataset, for job arrays."
 
 

@@ -28,6 +28,7 @@ from dancedata.core.skeleton import Skeleton
 __all__ = [
     "AudioFeature",
     "Augmentation",
+    "Better",
     "ContactRule",
     "Dataset",
     "Float32Array",
@@ -39,6 +40,8 @@ __all__ = [
 ]
 
 Float32Array = npt.NDArray[np.float32]
+#: What is better for a score: more, less, or what is closer to the ground truth's.
+Better = Literal["higher", "lower", "closer"]
 
 
 class Plugin(ABC):
@@ -355,13 +358,14 @@ class Metric(Plugin):
     needs_pool
         Whether `summarise` compares the set with a pool of other clips, such as all ground truth.
     better
-        What is better for each score: "higher", "lower", or "closer" to the ground truth's, the default.
+        What is better for each score: "higher", "lower", or "closer" to the ground truth's. Scores that are not named
+        stand beside the others, such as a chance level.
     """
 
     source: ClassVar[str]
     needs_music: ClassVar[bool] = False
     needs_pool: ClassVar[bool] = False
-    better: ClassVar[Mapping[str, Literal["higher", "lower", "closer"]]] = {}
+    better: ClassVar[Mapping[str, Better]] = {}
 
     @property
     @abstractmethod

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from dancedata.core.dance import Dance, MusicBeats, Undefined, checked_joints
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
-from dancedata.core.plugins import Metric
+from dancedata.core.plugins import Better, Metric
 from dancedata.core.registry import METRICS
 from dancedata.core.rotations import Float64Array
 from dancedata.keymotion.minima import kinetic_curve, local_minima, smoothed
@@ -196,8 +196,10 @@ class BeatAlignment(Metric):
         Unit of sigma: "s", or "frames" of the clip; then the beats of the music have to be at the clip's rate.
     cut
         Beats of the music that count: those within the T "frames", within the T - 1 "steps", or "none" is cut.
-    no_motion_beats, no_music_beats
-        A clip without them is undefined and set "aside", or has the score "zero".
+    no_motion_beats
+        A clip whose motion has no beat is undefined and set "aside", or has the score "zero".
+    no_music_beats
+        The same of its music.
     joints
         The first joints of the clip that are measured.
     clips
@@ -207,7 +209,7 @@ class BeatAlignment(Metric):
     version: ClassVar[int] = 1
     source: ClassVar[str] = "Li et al. 2021, AI Choreographer, 5.2.2; Siyao et al. 2022, Bailando, 4.1"
     needs_music: ClassVar[bool] = True
-    better: ClassVar[dict[str, Literal["higher", "lower", "closer"]]] = {"bas": "closer"}
+    better: ClassVar[dict[str, Better]] = {"bas": "closer"}
 
     detector: str = "seconds"
     direction: Literal["music", "motion"] = "music"

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.dance import Dance, Undefined, checked_joints
 from dancedata.core.grounding import ground_height
-from dancedata.core.plugins import Metric
+from dancedata.core.plugins import Better, Metric
 from dancedata.core.registry import METRICS
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24
@@ -199,7 +199,7 @@ class FootSkating(Metric):
 
     version: ClassVar[int] = 1
     source: ClassVar[str] = "Li et al. 2024, Lodge; rules: SKATING_RULES"
-    better: ClassVar[dict[str, Literal["higher", "lower", "closer"]]] = {"skating": "lower"}
+    better: ClassVar[dict[str, Better]] = {"skating": "lower"}
 
     rule: str = "speed"
     up: Up = "y"

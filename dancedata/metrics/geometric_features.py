@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.dance import Dance, checked_joints
-from dancedata.core.plugins import Metric
+from dancedata.core.plugins import Better, Metric
 from dancedata.core.registry import METRICS
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24
@@ -215,7 +215,7 @@ class Geometric(Metric):
     version: ClassVar[int] = 1
     source: ClassVar[str] = "google/aistplusplus_api 2dd7b3e, features/manual.py; the same in all published programs"
     needs_pool: ClassVar[bool] = True
-    better: ClassVar[dict[str, Literal["higher", "lower", "closer"]]] = {"fid_g": "lower", "div_g": "closer"}
+    better: ClassVar[dict[str, Better]] = {"fid_g": "lower", "div_g": "closer"}
 
     root: Root = "zero_start"
     up: Up = "y"

@@ -12,7 +12,7 @@ import numpy as np
 
 from dancedata.core.dance import Dance, checked_joints
 from dancedata.core.errors import UsageError, did_you_mean
-from dancedata.core.plugins import Metric
+from dancedata.core.plugins import Better, Metric
 from dancedata.core.registry import METRICS
 from dancedata.core.rotations import Float64Array
 from dancedata.metrics.arguments import Up, at_least, axis_of, checked_rate, first_joints
@@ -132,7 +132,8 @@ def kinetic_megadance(joints: Float64Array, fps: float, *, up: Up = "y") -> Floa
     """Return the kinetic features as MEGADance computes them, (3 J,).
 
     Velocities, the first repeated, are smoothed by a box of five frames that sees zeros behind the ends.
-    Accelerations are those of the smoothed velocities, smoothed again. Means are over all T frames. Arguments as `kinetic`.
+    Accelerations are those of the smoothed velocities, smoothed again. Means are over all T frames.
+    Arguments as `kinetic`.
     """
     positions, step_s = _checked(joints, fps)
     velocity = _box_of_zeros(_differences_repeated(positions) / step_s)
@@ -217,7 +218,7 @@ class Kinetic(Metric):
     version: ClassVar[int] = 1
     source: ClassVar[str] = "Li et al. 2021, AI Choreographer, 5.2.1; variants: KINETIC_VARIANTS"
     needs_pool: ClassVar[bool] = True
-    better: ClassVar[dict[str, Literal["higher", "lower", "closer"]]] = {"fid_k": "lower", "div_k": "closer"}
+    better: ClassVar[dict[str, Better]] = {"fid_k": "lower", "div_k": "closer"}
 
     variant: str = "fixed"
     root: Root = "zero_start"

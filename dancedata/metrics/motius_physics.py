@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import astuple, dataclass
 from itertools import product
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.dance import Dance, checked_joints
-from dancedata.core.plugins import Metric
+from dancedata.core.plugins import Better, Metric
 from dancedata.core.registry import METRICS
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24
@@ -160,7 +160,7 @@ class MotiusPhysics(Metric):
 
     version: ClassVar[int] = 1
     source: ClassVar[str] = "ZeyuLing/Motius 50cf750, motius/evaluation"
-    better: ClassVar[dict[str, Literal["higher", "lower", "closer"]]] = {
+    better: ClassVar[dict[str, Better]] = {
         "jitter": "lower",
         "dynamic": "closer",
         "penetration": "lower",

@@ -8,7 +8,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from dancedata.core.dance import Dance, Undefined, checked_joints
-from dancedata.core.plugins import Metric
+from dancedata.core.plugins import Better, Metric
 from dancedata.core.registry import METRICS
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24
@@ -160,7 +160,7 @@ class Pfc(Metric):
 
     version: ClassVar[int] = 1
     source: ClassVar[str] = "Tseng et al. 2023, EDGE; Stanford-TML/EDGE 17c3428, eval/eval_pfc.py"
-    better: ClassVar[dict[str, Literal["higher", "lower", "closer"]]] = {"pfc": "lower", "pfc_median": "lower"}
+    better: ClassVar[dict[str, Better]] = {"pfc": "lower", "pfc_median": "lower"}
 
     variant: str = "rescaled"
     up: Up = "y"
@@ -198,7 +198,7 @@ class Pbc(Metric):
 
     version: ClassVar[int] = 1
     source: ClassVar[str] = "Luo et al. 2024, POPDG; Luke-Luo1/POPDG ec57d87, eval"
-    better: ClassVar[dict[str, Literal["higher", "lower", "closer"]]] = {"pbc": "higher"}
+    better: ClassVar[dict[str, Better]] = {"pbc": "higher"}
 
     variant: Literal["rescaled", "code"] = "rescaled"
     up: Up = "y"

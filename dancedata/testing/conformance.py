@@ -30,10 +30,11 @@ from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.bodies import SMPLX55
 from dancedata.core.clip import Scan
 from dancedata.core.columns import Columns
+from dancedata.core.dance import OUTCOMES, Dance, Undefined
 from dancedata.core.errors import DanceDataError, SourceError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
-from dancedata.core.plugins import Augmentation, Plugin, WindowFilter
+from dancedata.core.plugins import Augmentation, Metric, Plugin, WindowFilter
 from dancedata.core.registry import (
     AUGMENTATIONS,
     CONTACTS,
@@ -41,6 +42,7 @@ from dancedata.core.registry import (
     FEATURES,
     FILTERS,
     KEYMOTIONS,
+    METRICS,
     REGISTRIES,
     REPRESENTATIONS,
     Registry,
@@ -51,6 +53,7 @@ from dancedata.recipes.copies import CopySpec
 from dancedata.testing.examples import (
     FPS,
     contact_rule_of,
+    example_dances,
     example_fields,
     mirrored_motion,
     random_motion,
@@ -252,6 +255,30 @@ def check_window_filter(cls: type[WindowFilter]) -> None:
         recipe_with(dataset="synthetic", keys={"windows": windows, field.kind: {field.name: {}}})
 
 
+def check_metric(cls: type[Metric]) -> None:
+    """Check a metric: finite numbers or a named outcome, equal dances get equal numbers, scores, order of clips."""
+    check_plugin(cls)
+    made = cls()
+    width = len(made.columns)
+    _require(bool(cls.source), "source says where the definition is from")
+    _require(width > 0 and len(set(made.columns)) == width, "every number of a clip has a name of its own")
+    rows = [row for row in (_measured(made, dance) for dance in example_dances()) if row is not None]
+    _require(len(rows) >= 2, "ordinary dances have values")
+    table = np.array(rows)
+    before = table.copy()
+    scores = made.summarise(table, table if cls.needs_pool else None)
+    _require(np.array_equal(table, before), "summarise does not write into the rows")
+    _require(bool(scores) and all(np.isfinite(value) for value in scores.values()), "scores are finite numbers")
+    _require(set(cls.better) <= scores.keys(), f"better names scores: {', '.join(scores)}")
+    _require(bool(cls.better), "better says what is better for a score")
+    turned = made.summarise(table[::-1], table[::-1] if cls.needs_pool else None)
+    close = scores.keys() == turned.keys() and all(np.isclose(turned[k], scores[k], atol=1e-9) for k in scores)
+    _require(close, "scores do not depend on the order of clips")
+    if cls.needs_pool:
+        _raises(UsageError, lambda: made.summarise(table), "a metric that needs a pool asks for it")
+    _raises(Undefined, lambda: made.summarise(table[:0], table), "a set without clips is Undefined")
+
+
 def check(cls: type[Plugin], folder: Path) -> None:
     """Check a plug-in of any kind; `folder` is an empty folder to work in."""
     _CHECKS[_registry_of(cls).kind](cls, folder)
@@ -266,6 +293,7 @@ _CHECKS: dict[str, Callable[[type[Any], Path], None]] = {
     FEATURES.kind: lambda cls, folder: check_audio_feature(cls),
     AUGMENTATIONS.kind: check_augmentation,
     FILTERS.kind: lambda cls, folder: check_window_filter(cls),
+    METRICS.kind: lambda cls, folder: check_metric(cls),
 }
 
 
@@ -390,6 +418,20 @@ def _check_build(recipe: Any, scan: Scan, source: Path, out: Path) -> None:
         for split in store.splits:
             rows = store.read(store.windows(split)[0], field.name)
             _require(rows.shape == (30, field.representation.columns.width), f"a window of {split} can be read")
+
+
+def _measured(made: Metric, dance: Dance) -> npt.NDArray[np.float64] | None:
+    """Return the numbers of a dance, or None where they are undefined."""
+    try:
+        row = made.measure(dance)
+    except Undefined as outcome:
+        _require(outcome.reason in OUTCOMES, f"outcomes are one of {', '.join(OUTCOMES)}")
+        return None
+    _require(row.shape == (len(made.columns),), f"measure gives ({len(made.columns)},), not {row.shape}")
+    _require(row.dtype == np.float64, f"measure gives float64, not {row.dtype}")
+    _require(bool(np.isfinite(row).all()), "numbers are finite; where there is no value, measure raises Undefined")
+    _require(np.array_equal(made.measure(dance), row), "equal dances give equal numbers")
+    return row
 
 
 def _accepts(made: Augmentation | WindowFilter, columns: Columns) -> bool:

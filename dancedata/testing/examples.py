@@ -9,6 +9,7 @@ import numpy as np
 
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.columns import Columns
+from dancedata.core.dance import Dance, MusicBeats
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import ContactRule, Float32Array, Representation
@@ -63,6 +64,20 @@ def example_fields() -> list[ExampleField]:
         finder = KEYMOTIONS.get(name)()
         fields.append(ExampleField(name, "keymotion", finder.columns, finder.analyse(motion)))
     return fields
+
+
+def example_dances() -> list[Dance]:
+    """Return short dances on SMPL's 24 joints with beats of music: ordinary ones, still, short and beatless ones."""
+    from dancedata.synthetic import synthesise_motion
+
+    grid = FrameGrid.of(60)
+    names = ("gHO_sBM_cAll_d17_mHO1_ch01", "gJS_sBM_cAll_d25_mJS3_ch02", "gJS_sBM_cAll_d26_mJS3_ch01")
+    joints = [synthesise_motion(name, n_frames=180)[0].joints() for name in names]
+    beats = MusicBeats.of([12, 43, 75, 106, 138, 170], grid)
+    ordinary = [Dance(positions, grid, beats) for positions in joints]
+    still = Dance(np.repeat(joints[0][:1], 60, axis=0), grid, beats)
+    short = [Dance(joints[0][:n], grid, beats) for n in (1, 2, 3)]
+    return [*ordinary, still, *short, Dance(joints[0], grid, MusicBeats.of([], grid))]
 
 
 def contact_rule_of(representation: Representation) -> ContactRule | None:

@@ -20,6 +20,7 @@ from dancedata.core.registry import (
     FEATURES,
     FILTERS,
     KEYMOTIONS,
+    METRICS,
     REGISTRIES,
     REPRESENTATIONS,
     Registry,
@@ -60,6 +61,11 @@ def test_augmentation(name: str, tmp_path: Path):
 @pytest.mark.parametrize("name", FILTERS.names())
 def test_window_filter(name: str):
     conformance.check_window_filter(FILTERS.get(name))
+
+
+@pytest.mark.parametrize("name", METRICS.names())
+def test_metric(name: str):
+    conformance.check_metric(METRICS.get(name))
 
 
 @pytest.mark.parametrize("registry", REGISTRIES.values(), ids=lambda r: r.kind)

@@ -82,14 +82,15 @@ def plug_in(tmp_path: Path):
     """Install a page's Python block as a distribution of its own, and run dancedata beside it."""
 
     def install(page: str, kind: str, name: str):
-        (code,) = _blocks(page, "python")
+        code = _blocks(page, "python")[0]
         site = tmp_path / "site"
         info = site / f"{name}_plugin-1.0.dist-info"
         info.mkdir(parents=True)
         (site / f"my_{name}.py").write_text(code, encoding="utf-8")
         (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}-plugin\nVersion: 1.0\n")
         (info / "entry_points.txt").write_text(f"[dancedata.{kind}]\n{name} = my_{name}\n")
-        (tmp_path / "recipe.yaml").write_text(_blocks(page, "yaml")[0], encoding="utf-8")
+        for recipe in _blocks(page, "yaml"):
+            (tmp_path / "recipe.yaml").write_text(recipe, encoding="utf-8")
         paths = [str(site), str(ROOT), os.environ.get("PYTHONPATH", "")]
         return {**os.environ, "PYTHONPATH": os.pathsep.join(paths), "DANCEDATA_CACHE": str(tmp_path / "cache")}
 
@@ -189,6 +190,18 @@ def test_added_filter_builds(plug_in, tmp_path: Path) -> None:
         assert kept == shares.keys() - left_out
         assert kept
         assert left_out
+
+
+def test_added_metric_measures(plug_in, tmp_path: Path) -> None:
+    page = "docs/add-a-metric.md"
+    environment = plug_in(page, "metrics", "jerk")
+    assert "jerk" in json.loads(_dancedata(environment, tmp_path, "list", "--json"))["metrics"]
+    code = "import my_jerk; from pathlib import Path; from dancedata.testing import conformance as c; "
+    _python(environment, tmp_path, code + "c.check(my_jerk.Jerk, Path('.'))")
+    _, use = _blocks(page, "python")
+    command = [sys.executable, "-W", "error", "-c", use]
+    done = subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.stdout == _blocks(page, "text")[0], done.stderr
 
 
 @pytest.mark.parametrize("page", PAGES)
