@@ -29,6 +29,9 @@ from dancedata.execution.workers import check_backend, start_workers
 
 __all__ = ["evaluate", "pool_for", "report_of"]
 
+#: Music that ends so much before the motion, seconds, is not told.
+_TOLERANCE_S = 0.1
+
 
 def evaluate(
     request: Request,
@@ -189,7 +192,7 @@ def report_of(
         source=source,
         scores=tuple(scores),
         clips=tuple(m.id for m in ordered),
-        pieces=sum(len(m.n_frames) for m in ordered),
+        pieces=sum(len(m.cuts) for m in ordered),
         fps=fps,
         seconds=lengths_of([s for m in ordered for s in m.seconds]),
         pool=None if pool is None else pool.to_json(),
@@ -215,11 +218,11 @@ def _no_music(protocol: Protocol) -> str:
 
 
 def _short_music(measured: Sequence[MeasuredClip], music: Mapping[str, ClipMusic]) -> list[str]:
-    """Warn of clips whose music ends before their motion, by more than a frame."""
+    """Warn of clips whose music ends before their motion."""
     short = []
     for m in measured:
         end = music[m.id].end_s if m.id in music else None
-        if end is not None and m.seconds and max(m.seconds) > end + 0.1:
+        if end is not None and m.end_s > end + _TOLERANCE_S:
             short.append(m.id)
     return [f"the music ends before the motion of {counted(len(short), 'clip')}: {listed(short)}"] if short else []
 

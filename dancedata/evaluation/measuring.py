@@ -44,8 +44,8 @@ class MeasuredClip:
         Id that resampling draws by; several windows may share one.
     fps
         Rate that was measured.
-    n_frames
-        Frames of each piece.
+    cuts
+        First frame and length of each piece.
     rows
         By the number of a protocol's measure, the outcome of each piece; None where there is no music for it.
     notes
@@ -55,7 +55,7 @@ class MeasuredClip:
     id: str
     clip: str
     fps: str
-    n_frames: tuple[int, ...]
+    cuts: tuple[tuple[int, int], ...]
     rows: Mapping[int, tuple[Outcome, ...] | None]
     notes: tuple[str, ...] = ()
 
@@ -63,26 +63,31 @@ class MeasuredClip:
     def seconds(self) -> list[float]:
         """Length of each piece."""
         grid = FrameGrid.of(self.fps)
-        return [float(grid.seconds(n)) for n in self.n_frames]
+        return [float(grid.seconds(length)) for _, length in self.cuts]
+
+    @property
+    def end_s(self) -> float:
+        """Where the last piece ends, from the first frame of the clip; 0 without pieces."""
+        return float(FrameGrid.of(self.fps).seconds(max((start + length for start, length in self.cuts), default=0)))
 
     @classmethod
     def of(cls, clip: ClipInput, found: Mapping[int, list[Any] | None]) -> MeasuredClip:
         """Join what `measure_pose` has found, or the cache has kept, by measure."""
         rows: dict[int, tuple[Outcome, ...] | None] = {}
-        fps, lengths, notes = "", [], []
+        fps, cuts, notes = "", [], []
         for number, result in found.items():
             if result is None:
                 rows[number] = None
                 continue
-            fps, lengths, notes, outcomes = result
+            fps, cuts, notes, outcomes = result
             rows[number] = tuple(piece if isinstance(piece, str) else tuple(piece) for piece in outcomes)
-        return cls(clip.id, clip.clip, str(fps), tuple(lengths), rows, tuple(notes))
+        return cls(clip.id, clip.clip, str(fps), tuple((start, length) for start, length in cuts), rows, tuple(notes))
 
 
 def measure_pose(
     protocol: Protocol, role: Role, numbers: Sequence[int], pose: Pose, music: ClipMusic | None
 ) -> dict[int, list[Any] | None]:
-    """Measure a pose: return [rate, frames of pieces, notes, outcomes] by measure, as the cache keeps it.
+    """Measure a pose: return [rate, cuts, notes, outcomes] by measure, as the cache keeps it.
 
     Parameters
     ----------
@@ -104,7 +109,7 @@ def measure_pose(
             found[number] = None
             continue
         outcomes = [_outcome(measure, role, joints, placed.grid, cut, music) for cut in cuts]
-        found[number] = [str(placed.grid), [length for _, length in cuts], list(notes), outcomes]
+        found[number] = [str(placed.grid), [list(cut) for cut in cuts], list(notes), outcomes]
     return found
 
 

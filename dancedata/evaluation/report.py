@@ -239,7 +239,7 @@ def per_clip_rows(protocol: Protocol, measured: Sequence[MeasuredClip]) -> list[
     """Return a row for each piece: id, frames, and the numbers of metrics that have at most ten, or the outcome."""
     rows = []
     for m in measured:
-        for k, n_frames in enumerate(m.n_frames):
+        for k, (_, n_frames) in enumerate(m.cuts):
             row: dict[str, Any] = {"clip": m.id, "piece": k, "frames": n_frames}
             for number, measure in enumerate(protocol.measures):
                 columns = measure.metric.columns

@@ -134,7 +134,9 @@ def scores_of(
     try:
         values = metric.summarise(found.rows, pool)
     except Undefined as error:
-        return [Score(metric.name, None, len(found.rows), undefined=found.undefined | {error.reason: ()})], []
+        names = [name for name in metric.better if not name.endswith(_BESIDE)] or [metric.name]
+        undefined = found.undefined | {error.reason: ()}
+        return [Score(name, None, len(found.rows), undefined=undefined) for name in names], []
     intervals, warnings = _intervals(metric, found, pool, draws)
     beside = {name for name in values if name.endswith(_BESIDE) or name.startswith(_CONSTANT)}
     scores = [
