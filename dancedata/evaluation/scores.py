@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -135,7 +135,7 @@ def scores_of(
         values = metric.summarise(found.rows, pool)
     except Undefined as error:
         names = [name for name in metric.better if not name.endswith(_BESIDE)] or [metric.name]
-        undefined = found.undefined | {error.reason: ()}
+        undefined = found.undefined or {error.reason: ()}
         return [Score(name, None, len(found.rows), undefined=undefined) for name in names], []
     intervals, warnings = _intervals(metric, found, pool, draws)
     beside = {name for name in values if name.endswith(_BESIDE) or name.startswith(_CONSTANT)}
@@ -172,9 +172,17 @@ def _intervals(
         return metric.summarise(rows, pool)
 
     try:
-        return bootstrap(clips[:, None], scores, n=draws), []
+        intervals = bootstrap(clips[:, None], scores, n=draws)
     except Undefined:
         return {}, [f"{metric.name}: too few clips for intervals"]
+    return {
+        name: _positive(interval) if name.startswith("fid") else interval for name, interval in intervals.items()
+    }, []
+
+
+def _positive(interval: Interval) -> Interval:
+    """Cut the interval of a distance at 0."""
+    return replace(interval, low=max(0.0, interval.low))
 
 
 def _pool_warnings(

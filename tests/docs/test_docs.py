@@ -252,7 +252,7 @@ def test_added_protocol_evaluates(plug_in, demo: Path, tmp_path: Path) -> None:
     environment["DANCEDATA_CACHE"] = str(demo / "cache")
     (command,) = _blocks(page, "sh")
     printed = _dancedata(environment, demo, *command.split()[1:])
-    assert printed.startswith("ten-seconds, version 1: data/demo as truth")
+    assert printed.splitlines()[0] == f"ten-seconds, version 1: {demo}/data/demo as truth"
     assert "pieces, 30 frames per second, 10.00 s" in printed
     (line,) = (line for line in printed.splitlines() if line.startswith("  PFC "))
     assert "1.2500" in line
