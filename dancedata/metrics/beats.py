@@ -144,8 +144,8 @@ def beat_alignment(from_: Numbers, to: Numbers, *, sigma: float) -> float:
 def chance_level(to: Numbers, end: float, *, sigma: float, step: float = 1.0) -> float:
     """Return the score of beats that are shifted at random within a clip, which depends on `to` alone.
 
-    It is the mean of the kernel over the instants 0, step, 2 step, ... below `end`: the mean over all circular shifts
-    of the other beats.
+    It is the mean of the kernel over the instants 0, step, 2 step, ... before `end`, which is the mean over all
+    circular shifts of the other beats.
 
     Parameters
     ----------
@@ -165,10 +165,10 @@ def chance_level(to: Numbers, end: float, *, sigma: float, step: float = 1.0) ->
     """
     if not len(to):
         raise Undefined("no_beats", found="0 beats")
-    instants = np.arange(0, end, step)
-    if not len(instants):
+    n = round(end / step)
+    if n < 1:
         raise Undefined("short", found=f"a length of {end}")
-    return float(_kernel(instants, to, sigma).mean())
+    return float(_kernel(np.linspace(0, n * step, n, endpoint=False), to, sigma).mean())
 
 
 def cut_beats(music: MusicBeats, n_frames: int, grid: FrameGrid, cut: Cut) -> IntArray:

@@ -51,9 +51,10 @@ def loops() -> ModuleType:
 
 @pytest.fixture(scope="module")
 def joints() -> np.ndarray:
-    """Two seconds of a dance, 60 frames per second, away from the origin."""
+    """Two seconds of a dance, 60 frames per second, away from the origin; its feet glide, so that PFC is not 0."""
     positions = synthesise_motion("gHO_sBM_cAll_d19_mHO3_ch07", n_frames=120)[0].joints()
-    return positions + np.array([0.3, 0.1, -1.2])
+    sway = 0.05 * np.sin(np.arange(120) / 7)[:, None, None] * np.array([1, 0, 0.5])
+    return positions + sway + np.array([0.3, 0.1, -1.2])
 
 
 @pytest.mark.parametrize("energy", ["fixed", "code"])
@@ -83,6 +84,7 @@ def test_beats(loops: ModuleType, joints: np.ndarray) -> None:
 
 def test_feet(loops: ModuleType, joints: np.ndarray) -> None:
     assert pfc(joints, 60, variant="code") == pytest.approx(loops.pfc(joints), rel=1e-12)
+    assert loops.pfc(joints) > 0.01
     gliding = joints + np.arange(120)[:, None, None] * (0.012, 0, 0.001) * (np.arange(120) % 40 > 20)[:, None, None]
     for positions in (joints, gliding):
         found = skating(positions, 30, rule="lodge-code").ratios

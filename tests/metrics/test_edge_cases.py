@@ -143,6 +143,10 @@ def test_skating_of_made_up_feet(metrics_golden: Any) -> None:
     assert code(glide(0.015, -0.015)) == golden["fsr: glides along x=-z 1.5 cm each a frame"] == [0, 0]
     assert code(glide(0.015, 0)) == golden["fsr: glides along x 1.5 cm a frame"] == [0, 0]
     assert code(glide(0.025, 0)) == pytest.approx(golden["fsr: glides along x 2.5 cm a frame"], abs=1e-6)
+    # 0.36 m/s at 60 frames per second
+    assert skating(glide(0.006, 0), 60).ratios.tolist() == [0.975, 0.975]
+    assert skating(glide(0.006, 0), 60, rule="lodge-norm").ratios.tolist() == [0, 0]
+    assert skating(glide(0.006, 0), 30).ratios.tolist() == [0, 0]
     pitched = np.zeros((40, 24, 3))
     pitched[:, (7, 10, 8, 11), 1] = golden["fsr: ankle 7,8 pitched, heights of 7,10,8,11"]
     assert code(pitched) == golden["fsr: pitched"]
