@@ -21,7 +21,6 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from dancedata.audio.librosa35 import fast, reference
 from dancedata.audio.librosa35.settings import HOP, N_COLUMNS, Settings
 from dancedata.audio.signal import pcm16, resampled_length
 from dancedata.core.audio_signal import AudioSignal
@@ -118,6 +117,8 @@ class Librosa35(AudioFeature):
         rate = _feature_rate(grid)
         _require_bpm(start_bpm)
         _require_samples(signal)
+        from dancedata.audio.librosa35 import fast, reference
+
         is_fast = self._is_fast(lambda: fast.why_not_track(signal.samples, signal.sample_rate, rate))
         compute = fast.track_features if is_fast else reference.track_features
         return compute(signal.samples, Settings(signal.sample_rate, rate, start_bpm, self.tightness))
@@ -126,6 +127,8 @@ class Librosa35(AudioFeature):
         """Return the tempo that `extract` starts from if none is given, in beats per minute."""
         rate = _feature_rate(grid)
         _require_samples(signal)
+        from dancedata.audio.librosa35 import fast, reference
+
         is_fast = self._is_fast(lambda: fast.why_not_track(signal.samples, signal.sample_rate, rate))
         estimate = fast.estimated_bpm if is_fast else reference.estimated_bpm
         return estimate(signal.samples, signal.sample_rate)
@@ -137,6 +140,8 @@ class Librosa35(AudioFeature):
         rate = _feature_rate(grid)
         _require_samples(signal)
         _require_windows(signal, starts, n_samples)
+        from dancedata.audio.librosa35 import fast, reference
+
         is_fast = self._is_fast(lambda: fast.why_not_windows(n_samples, signal.sample_rate, rate))
         estimate = fast.estimated_bpm if is_fast else reference.estimated_bpm
         windows = (pcm16(signal.samples[int(start) : int(start) + n_samples]) for start in starts)
@@ -200,6 +205,8 @@ class Librosa35(AudioFeature):
             )
         if len(starts) == 0:
             return np.empty((0, n_rows, N_COLUMNS), dtype=np.float32)
+        from dancedata.audio.librosa35 import fast, reference
+
         is_fast = self._is_fast(lambda: fast.why_not_windows(n_samples, signal.sample_rate, rate))
         if is_fast and (reason := fast.why_not_shared(signal.sample_rate, rate)):
             _log_once("librosa35: windows are computed one by one, three times as slowly: %s", reason)
