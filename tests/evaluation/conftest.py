@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import dancedata
@@ -45,14 +44,3 @@ def motions(store: Store) -> dict[str, Motion]:
 @pytest.fixture(autouse=True)
 def _cache(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("DANCEDATA_CACHE", str(folder / "cache"))
-
-
-def random_walk(n_frames: int = 300, seed: int = 0) -> Motion:
-    """Rotations and root that walk at random: what an untrained model may give."""
-    from dancedata.core.grid import FrameGrid
-    from dancedata.core.skeleton import SMPL24
-
-    rng = np.random.default_rng(seed)
-    rotations = rng.normal(0, 0.02, (n_frames, 24, 3)).cumsum(axis=0)
-    translation = rng.normal(0, 0.01, (n_frames, 3)).cumsum(axis=0) + (0, 1, 0)
-    return Motion(translation, rotations, FrameGrid.of(30), SMPL24)

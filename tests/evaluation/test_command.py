@@ -36,7 +36,7 @@ def walk(store: Store, tmp_path_factory: pytest.TempPathFactory) -> Path:
         for k in range(6):
             rng = np.random.default_rng(k)
             rotations = rng.normal(0, 0.02, (200, 24, 3)).cumsum(axis=0)
-            root = rng.normal(0, 0.01, (200, 3)).cumsum(axis=0) + (0, 1, 0)
+            root = rng.normal(0, 0.01, (200, 3)).cumsum(axis=0) + np.array([0, 1, 0])
             columns = dancedata.encode(Motion(root, rotations, FrameGrid.of(30), SMPL24), "edge151")
             np.save(folder / f"walk{k}.npy", columns)
             rows.writerow([f"walk{k}", f"{songs[k % len(songs)]}.wav"])

@@ -97,7 +97,7 @@ def test_processes_are_joined_without_repeated_samples(store: Store, evaluator: 
 
 
 def test_a_single_process_gathers_its_own(evaluator: Evaluator, batch: Any) -> None:
-    ids, columns, _ = batch
+    _, columns, _ = batch
     evaluator.reset()
     evaluator.update(columns[:3])
     assert len(evaluator.gather()) == 3

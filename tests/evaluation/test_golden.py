@@ -13,7 +13,7 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.registry import METRICS
 from dancedata.evaluation.measuring import measure_pose
 from dancedata.evaluation.pose import Pose
-from dancedata.evaluation.protocol import PROTOCOLS, Role
+from dancedata.evaluation.protocol import PROTOCOLS
 from dancedata.evaluation.report import Report
 from dancedata.metrics import MusicBeats
 from dancedata.metrics.set_statistics import STATISTICS
@@ -174,7 +174,7 @@ ARRAYS = [
 @pytest.mark.parametrize("case", ARRAYS, ids=lambda case: f"{case[0]}-{case[-1]}")
 def test_features(golden: Golden, case: tuple[Any, ...]) -> None:
     name, number, dances, fps, body, role, key = case
-    protocol, own_role = PROTOCOLS.get(name)(), role  # type: str, Role
+    protocol = PROTOCOLS.get(name)()
     stored = [k for k in golden.set.features if k.split("/")[0] == key]
     checked = 0
     for clip, joints in getattr(golden, dances).items():
@@ -182,7 +182,7 @@ def test_features(golden: Golden, case: tuple[Any, ...]) -> None:
         if not names or (name == "megadance-finedance" and len(joints[::2]) % 8):
             continue
         pose = Pose.of_joints(joints, FrameGrid.of(fps), body)
-        found = measure_pose(protocol, own_role, [number], pose, None)[number]
+        found = measure_pose(protocol, role, [number], pose, None)[number]
         assert found is not None
         expected = np.asarray(golden.set.features[names[0]], dtype=np.float64)
         np.testing.assert_allclose(found[3][0], expected[: len(found[3][0])], rtol=FEATURES, atol=1e-7)
