@@ -96,8 +96,8 @@ def build(
     shown = Progress(quiet=not progress)
     shown.announce(f"building {asked.recipe.name} from {asked.source} into {asked.out}")
     return _build(
-        asked.recipe, asked.source, asked.out, jobs=_jobs(jobs), overwrite=overwrite, strict=strict,
-        cache=_folder(cache), progress=shown, backend=backend, scheduler=scheduler,
+        asked.recipe, asked.source, asked.out, jobs=jobs_of(jobs), overwrite=overwrite, strict=strict,
+        cache=folder_of(cache), progress=shown, backend=backend, scheduler=scheduler,
     )  # fmt: skip
 
 
@@ -131,7 +131,7 @@ def build_part(
     shown = Progress(quiet=not progress)
     shown.announce(f"computing part {part} of {asked.recipe.name} from {asked.source}")
     return _build_part(
-        asked.recipe, asked.source, Part.parse(part), jobs=_jobs(jobs), strict=strict, cache=_folder(cache),
+        asked.recipe, asked.source, Part.parse(part), jobs=jobs_of(jobs), strict=strict, cache=folder_of(cache),
         progress=shown,
     )  # fmt: skip
 
@@ -181,7 +181,7 @@ def plan(
     shown = Progress(quiet=not progress)
     if not asked.source.exists() and asked.recipe.dataset.generates:
         shown.write(f"the dataset {asked.recipe.dataset.name} writes its own source: {asked.source}")
-    return make_plan(asked.recipe, asked.source, jobs=_jobs(jobs), cache=_folder(cache), progress=shown)
+    return make_plan(asked.recipe, asked.source, jobs=jobs_of(jobs), cache=folder_of(cache), progress=shown)
 
 
 def check(
@@ -231,7 +231,7 @@ def check(
     if overrides and recipe is None:
         raise UsageError("--set, or overrides, change keys of a recipe", fix="name the recipe as well")
     reader = dataset if recipe is None else load_recipe(recipe, overrides).dataset
-    return _check(Path(path).expanduser(), dataset=reader, jobs=_jobs(jobs), progress=Progress(quiet=not progress))
+    return _check(Path(path).expanduser(), dataset=reader, jobs=jobs_of(jobs), progress=Progress(quiet=not progress))
 
 
 @dataclass(frozen=True)
@@ -247,7 +247,7 @@ class _Asked:
         cls, recipe: RecipeLike, source: str | Path | None, out: str | Path | None, overrides: Overrides
     ) -> _Asked:
         made = load_recipe(recipe, overrides)
-        target = _folder(out) or Path("data") / made.name
+        target = folder_of(out) or Path("data") / made.name
         if source is not None:
             return cls(made, Path(source).expanduser(), target)
         if made.dataset.generates:
@@ -258,11 +258,13 @@ class _Asked:
         )
 
 
-def _folder(path: str | Path | None) -> Path | None:
+def folder_of(path: str | Path | None) -> Path | None:
+    """Return a path with ~ replaced; None for None."""
     return None if path is None else Path(path).expanduser()
 
 
-def _jobs(jobs: int | None) -> int:
+def jobs_of(jobs: int | None) -> int:
+    """Return a number of worker processes: one per core for None; UsageError below 1."""
     if jobs is None:
         from loky import cpu_count
 

@@ -12,6 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from dancedata.cli.errors import errors_to_exit_codes as _errors_to_exit_codes
+from dancedata.cli.evaluate import evaluate
 from dancedata.cli.jukebox import app as jukebox
 from dancedata.core.errors import UsageError
 from dancedata.core.text import json_text
@@ -28,6 +29,7 @@ app = typer.Typer(
 caches = typer.Typer(help="What the cache holds: info, prune, verify.", no_args_is_help=True)
 app.add_typer(caches, name="cache")
 app.add_typer(jukebox, name="jukebox")
+app.command("evaluate")(evaluate)
 
 RecipeName = Annotated[str, typer.Argument(metavar="RECIPE", help="A recipe's name (see list) or a YAML file.")]
 Source = Annotated[Path | None, typer.Option(help="Folder with the dataset's files; demo makes its own.")]

@@ -56,7 +56,7 @@ class SetScores:
         constant = constant_columns(pool)
         fid = frechet(normal, normal_pool)
         varying = fid
-        if 0 < len(constant) < normal.shape[1]:
+        if 0 < len(constant) < normal.shape[1] == np.shape(pool)[1]:
             varying = frechet(np.delete(normal, constant, axis=1), np.delete(normal_pool, constant, axis=1))
         return cls(fid, diversity(normal), diversity(normal_pool), len(constant), varying)
 

@@ -26,21 +26,30 @@ class Normalisation:
         The standard deviation divides by M - ddof.
     eps
         Added to the standard deviation.
+    leaves_out
+        Whether columns that are constant in the pool are left out, instead of being divided by eps.
     """
 
     source: str
     ddof: int
     eps: float
+    leaves_out: bool = False
 
     def __call__(self, pool: Float64Array, *sets: Float64Array) -> tuple[Float64Array, ...]:
-        """Return the pool (M, D) and other sets (N, D), normalised.
+        """Return the pool (M, D) and other sets (N, D), normalised; of (M, D') columns if some are left out.
 
         Raises
         ------
         Undefined
-            "few_clips": a pool of ddof clips or fewer.
+            "few_clips": a pool of ddof clips or fewer, or one without a column that varies.
         """
         pool = checked_rows(pool)
+        if self.leaves_out:
+            constant = constant_columns(pool)
+            if len(constant) == pool.shape[1]:
+                raise Undefined("few_clips", found="a pool of equal clips", allowed="clips that differ")
+            pool, *others = (np.delete(checked_rows(rows, pool.shape[1]), constant, axis=1) for rows in (pool, *sets))
+            sets = tuple(others)
         if len(pool) <= self.ddof:
             raise Undefined("few_clips", found=f"a pool of {len(pool)}", allowed=f"at least {self.ddof + 1}")
         mean, scale = pool.mean(axis=0), pool.std(axis=0, ddof=self.ddof) + self.eps
@@ -52,6 +61,7 @@ STATISTICS = {
     "numpy": Normalisation("mint, Bailando, Lodge, POPDG, DGSDP, GCD, Motius: numpy's std", 0, 1e-10),
     "torch": Normalisation("MEGADance: torch's std", 1, 1e-10),
     "flowerdance": Normalisation("FlowerDance: torch's std", 1, 1e-4),
+    "varying": Normalisation("this project: columns that are constant in the pool do not count", 0, 0.0, True),
 }
 
 

@@ -51,7 +51,7 @@ def check(
     if not path.is_dir():
         problem = "this is not a folder" if path.exists() else "the folder does not exist"
         raise SourceError(problem, where=path, allowed="a built dataset, or a folder to build from")
-    reader, scan = _scan(path, dataset)
+    reader, scan = scan_folder(path, dataset)
     problems = [Problem("note", str(path), note) for note in scan.notes]
     problems += [_problem(r) for r in scan.rejects]
     calls = [(reader, ref) for ref in scan.clips]
@@ -69,7 +69,14 @@ def _is_ours(name: str) -> bool:
     return name == DATASET_FILE or is_shard_name(name) or name.startswith(OWN)
 
 
-def _scan(path: Path, dataset: str | Dataset | None) -> tuple[Dataset, Scan]:
+def scan_folder(path: Path, dataset: str | Dataset | None = None) -> tuple[Dataset, Scan]:
+    """Return a reader and what it lists in a folder; by default the first that recognises it.
+
+    Raises
+    ------
+    SourceError
+        If none does.
+    """
     if dataset is not None:
         reader = DATASETS.get(dataset)() if isinstance(dataset, str) else dataset
         if reader.generates and not (path.is_dir() and any(path.iterdir())):

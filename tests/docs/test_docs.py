@@ -227,3 +227,34 @@ def test_the_index_has_every_page() -> None:
 def test_readme_names_every_preset() -> None:
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     assert [name for name in PRESETS if f'"{name}"' not in text] == []
+
+
+@pytest.mark.filterwarnings("ignore:.*multi-threaded, use of fork:DeprecationWarning")
+@pytest.mark.parametrize("page", ["evaluation", "metrics"])
+def test_the_pages_on_evaluation_print_what_they_say(
+    demo: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, page: str
+) -> None:
+    monkeypatch.chdir(demo)
+    monkeypatch.setenv("DANCEDATA_CACHE", str(demo / "cache"))
+    text = (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"^```python\n(.*?)^```\n(?:\n```text\n(.*?)^```\n)?", text, flags=re.DOTALL | re.MULTILINE)
+    assert blocks
+    names: dict[str, object] = {}
+    for code, output in blocks:
+        exec(compile(code, f"{page}.md", "exec"), names)
+        assert capsys.readouterr().out == output
+
+
+def test_added_protocol_evaluates(plug_in, demo: Path, tmp_path: Path) -> None:
+    page = "docs/add-a-protocol.md"
+    environment = plug_in(page, "evaluation.protocols", "ten_seconds")
+    environment["DANCEDATA_CACHE"] = str(demo / "cache")
+    (command,) = _blocks(page, "sh")
+    printed = _dancedata(environment, demo, *command.split()[1:])
+    assert printed.splitlines()[0] == f"ten-seconds, version 1: {demo}/data/demo as truth"
+    assert "pieces, 30 frames per second, 10.00 s" in printed
+    (line,) = (line for line in printed.splitlines() if line.startswith("  PFC "))
+    assert "1.2500" in line
+    listed = _dancedata(environment, demo, "evaluate", "--list-protocols")
+    assert "ten-seconds, version 1: Pieces of ten seconds at 30 frames per second" in listed
+    assert "generated: pieces of 300 frames every 150, the first 900 frames" in listed

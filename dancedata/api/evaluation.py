@@ -1,0 +1,170 @@
+"""evaluate from Python: what `dancedata evaluate` does, which calls the same function."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy.typing as npt
+
+from dancedata.api.commands import folder_of, jobs_of
+from dancedata.core.grid import Number
+from dancedata.evaluation.evaluate import evaluate as _evaluate
+from dancedata.evaluation.music import read_songs
+from dancedata.evaluation.protocol import Protocol
+from dancedata.evaluation.report import Report
+from dancedata.evaluation.request import Request, protocol_named
+from dancedata.evaluation.self_test import SelfTest
+from dancedata.evaluation.self_test import self_test as _self_test
+from dancedata.execution.progress import Progress
+from dancedata.store import Store, open_store
+
+if TYPE_CHECKING:
+    from dancedata.core.motion import Motion
+
+__all__ = ["evaluate", "self_test"]
+
+
+def evaluate(
+    what: str | Path | Store | Mapping[str, npt.ArrayLike | Motion],
+    *,
+    protocol: str | Protocol = "dancedata",
+    pool: str | Path | Store | Mapping[str, npt.ArrayLike | Motion] | None = None,
+    split: str | None = None,
+    pool_split: str | None = None,
+    role: Literal["truth", "generated"] | None = None,
+    like: str | Path | Store | None = None,
+    field: str | None = None,
+    representation: str | None = None,
+    normalized: bool = False,
+    fps: Number | None = None,
+    up: str | None = None,
+    unit: str | None = None,
+    body: str | None = None,
+    source: str | Path | None = None,
+    music_of: str | Path | Mapping[str, str] | None = None,
+    beats: Mapping[str, Any] | None = None,
+    bootstrap: int = 200,
+    save_pool: str | Path | None = None,
+    jobs: int | None = 1,
+    cache: str | Path | None = None,
+    backend: str = "loky",
+    scheduler: str | None = None,
+    progress: bool = False,
+) -> Report:
+    """Evaluate motion under a named protocol, as ``dancedata evaluate`` does.
+
+    Parameters
+    ----------
+    what
+        A built dataset, a folder of generated motion, one file of it, or positions (T, J, 3) and motions by the id of
+        a clip, metres, +Y up.
+    protocol
+        Name of a protocol, or an object of one.
+    pool
+        What the set is compared with: a dataset, a folder, or a file of `save_pool`. Default: all of the dataset that
+        is evaluated, or that `like` names.
+    split, pool_split
+        Splits of a dataset: "test" or "val,test". Default: all.
+    role
+        "truth" or "generated", where a protocol cuts the two differently. Default: datasets are ground truth, all
+        else is generated.
+    like
+        Dataset that a model was trained on: its rate, columns, scaler, music, and by default the pool.
+    field
+        Motion field of the dataset, or of `like`. Default: the first one that has the protocol's joints.
+    representation
+        Columns of two-dimensional arrays, where `like` is not given.
+    normalized
+        Whether columns are normalised to [-1, 1], so that the scaler of `like` has to undo it.
+    fps, up, unit, body
+        Declarations for files that do not state them; `body` is the body of joint positions, such as "smpl24".
+    source
+        Folder of music files, by the names of songs. Default: beats are those of the dataset, or of `like`.
+    music_of
+        Song of each clip: a mapping, or a CSV file with two columns.
+    beats
+        Beats of the music of clips, frames at the protocol's rate or `MusicBeats`; for those, nothing else is read.
+    bootstrap
+        Draws for intervals; 0: none.
+    save_pool
+        File (.npz) to write the pool to.
+    jobs, cache, backend, scheduler, progress
+        As in `build`. The result does not depend on `jobs`.
+
+    Returns
+    -------
+    Report
+        ``report["fid_k"]`` is a value, ``str(report)`` the table, ``report.to_json()`` all of it.
+
+    Raises
+    ------
+    UsageError
+        If the protocol cannot be computed from this motion, clips have different rates, or the pool is of another
+        protocol, version or rate.
+    DataError
+        If no clip can be measured.
+
+    Examples
+    --------
+    >>> import dancedata
+    >>> report = dancedata.evaluate("data/aistpp", protocol="bailando-aistpp", split="val,test")
+    >>> report["fid_k"], report["bas"]
+    """
+    songs = music_of if isinstance(music_of, Mapping) else {} if music_of is None else read_songs(Path(music_of))
+    request = Request(
+        what=what,
+        protocol=protocol_named(protocol),
+        pool=pool,
+        split=split,
+        pool_split=pool_split,
+        role=role,
+        like=like if like is None or isinstance(like, Store) else open_store(like),
+        field=field,
+        representation=representation,
+        normalized=normalized,
+        fps=fps,
+        up=up,
+        unit=unit,
+        body=body,
+        source=folder_of(source),
+        songs=songs,
+        beats=beats or {},
+        draws=bootstrap,
+    )
+    return _evaluate(
+        request, save=folder_of(save_pool), jobs=jobs_of(jobs), cache=folder_of(cache), backend=backend,
+        scheduler=scheduler, progress=Progress(quiet=not progress),
+    )  # fmt: skip
+
+
+def self_test(
+    source: str | Path,
+    *,
+    protocol: str | Protocol | None = None,
+    bootstrap: int = 200,
+    jobs: int | None = 1,
+    cache: str | Path | None = None,
+    progress: bool = False,
+) -> SelfTest:
+    """Compare a copy of AIST++ or FineDance with published ground truth, as ``dancedata evaluate --self-test`` does.
+
+    Parameters
+    ----------
+    source
+        Folder with the data set's files, as for `build`.
+    protocol
+        Only this protocol. Default: every one that has a published row of the data set.
+    bootstrap, jobs, cache, progress
+        As in `evaluate`.
+
+    Returns
+    -------
+    SelfTest
+        ``str(...)`` is the table, `rows()` its lines, `reports` the whole results.
+    """
+    return _self_test(
+        Path(source).expanduser(), protocol=protocol, draws=bootstrap, jobs=jobs_of(jobs), cache=folder_of(cache),
+        progress=Progress(quiet=not progress),
+    )  # fmt: skip

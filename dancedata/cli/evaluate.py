@@ -1,0 +1,108 @@
+"""dancedata evaluate."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from dancedata.cli.errors import errors_to_exit_codes
+from dancedata.core.errors import UsageError
+from dancedata.core.text import json_text, shown
+
+WHAT_HELP = "A built dataset, a folder of generated motion, or one file of it."
+SOURCE_HELP = "Folder of music files, by song; with --self-test, of the data set's own files."
+LIKE_HELP = "Dataset that the model was trained on: rate, columns, scaler, music, and by default the pool."
+POOL_HELP = "Dataset, folder or --save-pool file to compare with; default: the dataset itself, or --like."
+ROLE_HELP = "truth or generated; default: truth for datasets."
+
+
+@errors_to_exit_codes
+def evaluate(
+    what: Annotated[Path | None, typer.Argument(metavar="WHAT", help=WHAT_HELP)] = None,
+    protocol: Annotated[str | None, typer.Option(help="Name of a protocol; default dancedata.")] = None,
+    pool: Annotated[Path | None, typer.Option(help=POOL_HELP)] = None,
+    save_pool: Annotated[Path | None, typer.Option(help="Write the pool's features to this .npz file.")] = None,
+    split: Annotated[str | None, typer.Option(help="Splits of the dataset: test, or val,test; default all.")] = None,
+    pool_split: Annotated[str | None, typer.Option(help="Splits of the pool; default all.")] = None,
+    role: Annotated[str | None, typer.Option(help=ROLE_HELP)] = None,
+    like: Annotated[Path | None, typer.Option(help=LIKE_HELP)] = None,
+    field: Annotated[str | None, typer.Option(help="Motion field of the dataset, or of --like.")] = None,
+    representation: Annotated[str | None, typer.Option(help="Columns of arrays (T, D), without --like.")] = None,
+    normalized: Annotated[bool, typer.Option(help="Columns are normalised, by the scaler of --like.")] = False,
+    fps: Annotated[str | None, typer.Option(help="Frame rate of files that do not state it.")] = None,
+    up: Annotated[str | None, typer.Option(help="Up axis of files that do not state it: y or z.")] = None,
+    unit: Annotated[str | None, typer.Option(help="Unit of files that do not state it: m, cm, mm, inch.")] = None,
+    body: Annotated[
+        str | None, typer.Option(help="Body of joint positions: smpl24, smpl24-edge, smplx24, ...")
+    ] = None,
+    source: Annotated[Path | None, typer.Option(help=SOURCE_HELP)] = None,
+    music_of: Annotated[Path | None, typer.Option(help="CSV file with the song of each clip: clip,song.")] = None,
+    bootstrap: Annotated[int, typer.Option(min=0, help="Draws for intervals; 0: none.")] = 200,
+    per_clip: Annotated[Path | None, typer.Option(help="Write the numbers of each piece to this CSV file.")] = None,
+    table: Annotated[str | None, typer.Option(help="Print the scores as latex or markdown.")] = None,
+    list_protocols: Annotated[bool, typer.Option("--list-protocols", help="List the protocols.")] = False,
+    self_test: Annotated[bool, typer.Option("--self-test", help="Compare --source with published rows.")] = False,
+    jobs: Annotated[int | None, typer.Option(min=1, help="Worker processes; default one per core.")] = None,
+    cache: Annotated[Path | None, typer.Option("--cache", help="Cache folder.")] = None,
+    backend: Annotated[str, typer.Option(help="loky: processes of this machine. dask: a cluster.")] = "loky",
+    scheduler: Annotated[str | None, typer.Option(help="Address of the Dask scheduler.")] = None,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print no progress.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Evaluate dances by a named protocol: dancedata evaluate WHAT --protocol NAME."""
+    from dancedata.api import evaluation
+    from dancedata.evaluation.report import TABLES
+
+    if table is not None and table not in TABLES:
+        raise UsageError("unknown table", found=shown(table), allowed=", ".join(TABLES))
+    if list_protocols:
+        _list(as_json)
+        return
+    progress = not (quiet or as_json)
+    if self_test:
+        if what is not None or source is None:
+            raise UsageError("--self-test reads the files of a data set", fix="name them: --self-test --source DIR")
+        found = evaluation.self_test(source, protocol=protocol, jobs=jobs, cache=cache, progress=progress)
+        typer.echo(json_text(found.to_json()) if as_json else str(found))
+        return
+    if what is None:
+        raise UsageError("there is nothing to evaluate", fix="name a dataset or a folder: dancedata evaluate WHAT")
+    chosen: Any = role
+    report = evaluation.evaluate(
+        what, protocol=protocol or "dancedata", pool=pool, split=split, pool_split=pool_split, role=chosen, like=like,
+        field=field, representation=representation, normalized=normalized, fps=fps, up=up, unit=unit, body=body,
+        source=source, music_of=music_of, bootstrap=bootstrap, save_pool=save_pool, jobs=jobs, cache=cache,
+        backend=backend, scheduler=scheduler, progress=progress,
+    )  # fmt: skip
+    if per_clip is not None:
+        _write_rows(per_clip, report.per_clip)
+    if as_json:
+        typer.echo(json_text(report.to_json()))
+    else:
+        typer.echo(str(report) if table is None else TABLES[table](report))
+
+
+def _write_rows(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
+    from dancedata.core.atomic import write_text
+    from dancedata.core.errors import StoreError
+
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    text = io.StringIO()
+    writer = csv.DictWriter(text, names, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    try:
+        write_text(path, text.getvalue())
+    except OSError as error:
+        raise StoreError("the table of clips cannot be written", where=path, found=str(error)) from error
+
+
+def _list(as_json: bool) -> None:
+    from dancedata.evaluation.describe import describe_protocols, protocols_json
+
+    typer.echo(json_text(protocols_json()) if as_json else describe_protocols())

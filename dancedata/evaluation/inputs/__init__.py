@@ -1,0 +1,1 @@
+"""What can be evaluated: clips of stores, files of generated motion, clips of a data set, arrays in memory."""

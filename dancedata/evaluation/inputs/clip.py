@@ -1,0 +1,109 @@
+"""A clip that can be evaluated, wherever it is from."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.clip import ClipRef
+from dancedata.core.errors import DataError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.hashing import sha256_bytes
+from dancedata.core.motion import Motion
+from dancedata.core.plugins import Dataset
+from dancedata.evaluation.pose import Pose
+from dancedata.execution.cache import Cache
+from dancedata.pipeline.motion import content_hashes
+from dancedata.recipes.documents import document_of
+
+__all__ = ["ClipInput", "DatasetClip", "MemoryClip"]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ClipInput(ABC):
+    """A clip, not loaded. It is small and picklable: units of work take it.
+
+    Attributes
+    ----------
+    id
+        Unique among the clips of a set.
+    music
+        Name of its song, empty if unknown.
+    tempo_bpm
+        Tempo of the song, where the data set states one.
+    """
+
+    id: str
+    music: str = ""
+    tempo_bpm: float | None = None
+
+    @property
+    def clip(self) -> str:
+        """Id of the clip that this one is a window of, else its own: resampling takes clips as a whole."""
+        return self.id
+
+    @abstractmethod
+    def identity(self, cache: Cache) -> Any:
+        """Return JSON data that changes when the motion does: a part of cache keys."""
+
+    @abstractmethod
+    def load(self) -> Pose:
+        """Load the motion; DataError if it cannot be used."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MemoryClip(ClipInput):
+    """Joint positions, or a motion, in memory."""
+
+    motion: Motion | None = None
+    joints: npt.NDArray[np.float64] | None = None
+    grid: FrameGrid | None = None
+    body: str | None = None
+
+    def identity(self, cache: Cache) -> Any:
+        """See `ClipInput.identity`."""
+        arrays: tuple[npt.NDArray[np.float64], ...]
+        if self.motion is not None:
+            skeleton, arrays = self.motion.skeleton, (self.motion.translation, self.motion.rotations)
+            about: Any = [skeleton.name, list(skeleton.joints), skeleton.offsets.tolist(), str(self.motion.grid)]
+        else:
+            arrays, about = (np.asarray(self.joints, dtype=np.float64),), [self.body, str(self.grid)]
+        return ["memory", about, [[list(a.shape), sha256_bytes(np.ascontiguousarray(a).tobytes())] for a in arrays]]
+
+    def load(self) -> Pose:
+        """See `ClipInput.load`."""
+        if self.motion is not None:
+            return Pose.of_motion(self.motion)
+        if self.joints is None or self.grid is None:
+            raise DataError("a clip without motion", reason="empty", where=f"clip {self.id}")
+        return Pose.of_joints(self.joints, self.grid, self.body)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DatasetClip(ClipInput):
+    """A clip of a source folder, read by a data set's reader at its own rate."""
+
+    dataset: Dataset
+    ref: ClipRef
+
+    @property
+    def motion_path(self) -> Path:
+        """The file, for messages."""
+        return self.ref.motion_path
+
+    def identity(self, cache: Cache) -> Any:
+        """See `ClipInput.identity`."""
+        dataset, ref = self.dataset, self.ref
+        content = content_hashes(dataset, cache.file_sha256)
+        file = cache.file_sha256(ref.motion_path)
+        about = [dataset.name, dataset.version, document_of(dataset, loading=True), content]
+        return ["dataset", about, ref.id, [list(pair) for pair in ref.declared], file]
+
+    def load(self) -> Pose:
+        """See `ClipInput.load`."""
+        return Pose.of_motion(self.dataset.load(self.ref))

@@ -1,0 +1,130 @@
+"""Columns of a representation as joint positions: of a store's field, or of what a model generated."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.errors import DataError, UsageError, did_you_mean
+from dancedata.core.grid import FrameGrid
+from dancedata.core.hashing import json_sha256
+from dancedata.core.normalize import MinMax
+from dancedata.core.plugins import Representation
+from dancedata.core.skeleton import SMPL24
+from dancedata.core.text import listed
+from dancedata.evaluation.pose import BODIES, Pose
+from dancedata.evaluation.protocol import MotionRule
+from dancedata.recipes.documents import document_of
+from dancedata.recipes.fields import MotionField
+from dancedata.recipes.parse import parse_recipe
+from dancedata.store import Store
+
+__all__ = ["ColumnsReader", "field_readers", "reader_for"]
+
+_POSITION = "position"
+
+
+@dataclass(frozen=True, eq=False)
+class ColumnsReader:
+    """Turns (T, D) columns into a pose.
+
+    Attributes
+    ----------
+    representation
+        Plug-in of the columns.
+    grid
+        Rate of the rows.
+    scaler
+        Undoes the normalising; None for columns that are not normalised.
+    """
+
+    representation: Representation
+    grid: FrameGrid
+    scaler: MinMax | None = None
+
+    def identity(self) -> list[Any]:
+        """Return JSON data for cache keys."""
+        scaler = None if self.scaler is None else json_sha256(self.scaler.state_dict())
+        plugin = self.representation
+        return [plugin.name, plugin.version, document_of(plugin), str(self.grid), scaler]
+
+    def problem(self, rule: MotionRule) -> str:
+        """Return why the columns cannot give the joints of a protocol; "" if they can."""
+        plugin = self.representation
+        joints = plugin.skeleton.joints
+        is_smpl = joints == SMPL24.joints
+        if not plugin.decodes and _POSITION not in plugin.columns.names:
+            return "they hold neither rotations nor positions"
+        if rule.body == "smplx24" and (is_smpl or (not plugin.decodes and joints[:24] != BODIES["smplx24"][0])):
+            return "they are not on SMPL-X with jaw and eyes, or rotations of it"
+        if rule.body == "smpl24" and not plugin.decodes and not is_smpl:
+            return "they are positions of another body than SMPL's 24 joints"
+        if rule.pelvis == "body" and not plugin.decodes and not plugin.skeleton.offsets[0].any():
+            return "their pelvis lies at the translation, as EDGE has it"
+        grid = rule.grid
+        if grid is not None and self.grid.step_to(grid) is None:
+            return f"they have {self.grid} rows per second, not {grid} or a whole multiple"
+        return ""
+
+    def pose(self, columns: npt.NDArray[Any]) -> Pose:
+        """Return the pose of (T, D) columns; DataError "nan", "bad_rotation" or "bad_shape"."""
+        plugin = self.representation
+        rows = np.asarray(columns)
+        if rows.ndim != 2 or rows.shape[1] != plugin.columns.width:
+            raise DataError(
+                f"these are not columns of {plugin.name}",
+                reason="bad_shape",
+                found=f"shape {rows.shape}",
+                allowed=f"(T, {plugin.columns.width})",
+            )
+        if self.scaler is not None:
+            rows = self.scaler.unnormalize(rows.astype(np.float64), clip=True)
+        if plugin.decodes:
+            return Pose.of_motion(plugin.decode(rows, self.grid))
+        positions = rows[:, plugin.columns.slice(_POSITION)].reshape(len(rows), -1, 3).astype(np.float64)
+        return Pose(positions, plugin.skeleton.joints, self.grid, bool(plugin.skeleton.offsets[0].any()))
+
+
+def field_readers(store: Store) -> dict[str, ColumnsReader]:
+    """Return a reader for each motion field of a store, by the recipe that it was built with.
+
+    Raises
+    ------
+    UsageError
+        If the store's recipe cannot be read: the meaning of its columns is unknown.
+    """
+    recipe = parse_recipe(store.meta.get("recipe", {}), where=f"{store.path}/dataset.json")
+    fields: dict[str, MotionField] = {field.name: field for field in recipe.motion}
+    return {
+        name: ColumnsReader(fields[name].representation, store.field(name).grid)
+        for name in store.fields
+        if name in fields
+    }
+
+
+def reader_for(store: Store, rule: MotionRule, field: str | None) -> tuple[str, ColumnsReader]:
+    """Choose the motion field of a store to evaluate: the given one, else the first that fits the protocol.
+
+    Raises
+    ------
+    UsageError
+        If there is none, or the given one does not fit, with the reason for each.
+    """
+    readers = field_readers(store)
+    if field is not None and field not in readers:
+        raise UsageError(f"no motion field named {field!r}", where=str(store.path), fix=did_you_mean(field, readers))
+    asked = {field: readers[field]} if field is not None else readers
+    problems = {name: reader.problem(rule) for name, reader in asked.items()}
+    for name, problem in problems.items():
+        if not problem:
+            return name, asked[name]
+    raise UsageError(
+        "the protocol cannot be computed from this dataset",
+        where=str(store.path),
+        found="; ".join(f"{name}: {problem}" for name, problem in problems.items()),
+        allowed=f"joints {rule.body}" + (f" at {rule.fps} frames per second" if rule.fps else ""),
+        fix="build it with a field that has them: " + listed(["edge151", "lodge319", "joints"]),
+    )

@@ -1,0 +1,166 @@
+"""Files of generated motion: columns of a representation, joint positions, SMPL arrays, BVH."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dancedata.core.clip import ClipRef
+from dancedata.core.errors import DataError, UsageError
+from dancedata.core.grid import FrameGrid, as_rate
+from dancedata.core.rotations import Float64Array
+from dancedata.core.text import listed
+from dancedata.datasets.folder.facts import UNITS, UPRIGHT, metres
+from dancedata.datasets.folder.load import SUFFIXES
+from dancedata.datasets.folder.rates import exact_rate
+from dancedata.datasets.folder.reader import Folder
+from dancedata.evaluation.inputs.clip import ClipInput
+from dancedata.evaluation.inputs.columns import ColumnsReader
+from dancedata.evaluation.pose import Pose
+from dancedata.execution.cache import Cache
+from dancedata.formats.arrays import ArrayFile, open_arrays
+from dancedata.recipes.documents import document_of
+
+__all__ = ["FileClip", "FileFormat", "folder_clips"]
+
+#: Names of arrays (T, J, 3) that are taken as positions; "" is the only array of a file.
+_JOINTS = ("full_pose", "joints", "positions", "keypoints3d", "")
+_COLUMNS = ("columns", "motion", "")
+_RATES = ("fps", "mocap_framerate", "mocap_frame_rate")
+
+
+@dataclass(frozen=True, eq=False)
+class FileFormat:
+    """What is declared about the files of a folder.
+
+    Attributes
+    ----------
+    fps, up, unit
+        Frame rate, up axis and unit of files that do not state them, as for the dataset `folder`.
+    body
+        Body of positions (T, J, 3), a key of `BODIES`.
+    columns
+        How two-dimensional arrays are read; None: they are refused.
+    """
+
+    fps: str | None = None
+    up: str | None = None
+    unit: str | None = None
+    body: str | None = None
+    columns: ColumnsReader | None = None
+
+    def __post_init__(self) -> None:
+        """Check the axis and the unit."""
+        if self.up not in (None, *UPRIGHT):
+            raise UsageError("invalid up axis", found=self.up, allowed=", ".join(UPRIGHT))
+        if self.unit is not None and self.unit != "guess" and metres(self.unit) is None:
+            raise UsageError(
+                "invalid unit", found=self.unit, allowed=f"{', '.join(UNITS)}, guess (for BVH), or a number"
+            )
+        if self.fps is not None:
+            as_rate(self.fps)
+
+    def identity(self) -> list[Any]:
+        """Return JSON data for cache keys."""
+        return [self.fps, self.up, self.unit, self.body, None if self.columns is None else self.columns.identity()]
+
+    @property
+    def folder(self) -> Folder:
+        """The reader of files with rotations."""
+        up: Any = self.up
+        return Folder(fps=self.fps, up=up, unit=self.unit, music="optional")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FileClip(ClipInput):
+    """A file with one clip."""
+
+    path: Path
+    format: FileFormat
+
+    def identity(self, cache: Cache) -> Any:
+        """See `ClipInput.identity`."""
+        folder = self.format.folder
+        about = [self.format.identity(), folder.version, document_of(folder, loading=True)]
+        return ["file", about, self.path.suffix.lower(), cache.file_sha256(self.path)]
+
+    def load(self) -> Pose:
+        """See `ClipInput.load`.
+
+        Raises
+        ------
+        DataError
+            If the file is broken, its arrays are unknown, or a declaration is missing.
+        """
+        if self.path.suffix.lower() != ".bvh":
+            with open_arrays(self.path) as arrays:
+                pose = self._positions(arrays) or self._columns(arrays)
+            if pose is not None:
+                return pose
+        return Pose.of_motion(self.format.folder.load(ClipRef(self.id, self.path, None, "test")))
+
+    def _positions(self, arrays: ArrayFile) -> Pose | None:
+        name = next((n for n in _JOINTS if n in arrays.names and _is_positions(arrays.shape(n))), None)
+        if name is None:
+            return None
+        if self.format.up is None:
+            raise self._undeclared("up axis of these positions", "--up y or --up z")
+        factor = metres(self.format.unit or "m")
+        if factor is None:
+            raise self._undeclared("unit of these positions", "--unit m, cm or mm")
+        upright = UPRIGHT[self.format.up]
+        positions: Float64Array = arrays.read(name) * factor
+        rotated = positions if self.format.up == "y" else np.asarray(positions @ upright.T)
+        return Pose.of_joints(rotated, self._grid(arrays), self.format.body)
+
+    def _columns(self, arrays: ArrayFile) -> Pose | None:
+        reader = self.format.columns
+        if reader is None:
+            return None
+        width = reader.representation.columns.width
+        name = next((n for n in _COLUMNS if n in arrays.names and arrays.shape(n)[-1:] == (width,)), None)
+        if name is None or len(arrays.shape(name)) != 2:
+            return None
+        return reader.pose(arrays.read(name))
+
+    def _grid(self, arrays: ArrayFile) -> FrameGrid:
+        stored = next((n for n in _RATES if n in arrays.names), None)
+        if stored is not None:
+            value = arrays.read(stored).reshape(-1)
+            rate = exact_rate(float(value[0])) if len(value) == 1 else None
+            if rate is not None:
+                return FrameGrid(rate)
+        if self.format.fps is None:
+            raise self._undeclared("frame rate of these positions", "--fps RATE, or --like STORE")
+        return FrameGrid.of(self.format.fps)
+
+    def _undeclared(self, what: str, fix: str) -> DataError:
+        return DataError(
+            f"the {what} is unknown", reason="undeclared", where=str(self.path), fix=f"declare it: {fix}"
+        )
+
+
+def _is_positions(shape: tuple[int, ...]) -> bool:
+    return len(shape) == 3 and shape[1] >= 22 and shape[2] == 3
+
+
+def folder_clips(folder: Path, form: FileFormat) -> tuple[ClipInput, ...]:
+    """List the motion files of a folder, by name; every file is one clip, whose id is its name without the suffix.
+
+    Raises
+    ------
+    UsageError
+        If there are none, or two files have one name.
+    """
+    paths = sorted(p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and p.is_file())
+    if not paths:
+        found = listed(sorted(p.name for p in folder.iterdir())) or "an empty folder"
+        raise UsageError("no motion to evaluate", where=folder, found=found, allowed=f"files {', '.join(SUFFIXES)}")
+    stems = [path.stem for path in paths]
+    twice = sorted({stem for stem in stems if stems.count(stem) > 1})
+    if twice:
+        raise UsageError("two files have one name", where=folder, found=listed(twice), fix="rename one of them")
+    return tuple(FileClip(id=path.stem, path=path, format=form) for path in paths)

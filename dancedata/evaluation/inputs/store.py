@@ -1,0 +1,135 @@
+"""Clips of a built dataset, or its windows where it stores nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from dancedata.core.clip import Window
+from dancedata.core.errors import UsageError, did_you_mean
+from dancedata.evaluation.inputs.clip import ClipInput
+from dancedata.evaluation.inputs.columns import ColumnsReader, reader_for
+from dancedata.evaluation.pose import Pose
+from dancedata.evaluation.protocol import Protocol, Role
+from dancedata.execution.cache import Cache
+from dancedata.store import Store
+from dancedata.store.dataset import reopen
+
+__all__ = ["StoreClip", "chosen_splits", "store_clips"]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StoreClip(ClipInput):
+    """A clip of a store, or one of its windows.
+
+    Attributes
+    ----------
+    reference
+        Path of the store and hash of its dataset.json.
+    field
+        Motion field that is read.
+    window
+        In window scope, the window.
+    """
+
+    reference: tuple[str, str]
+    field: str
+    reader: ColumnsReader
+    window: Window | None = None
+
+    @property
+    def clip(self) -> str:
+        """See `ClipInput.clip`."""
+        return self.id if self.window is None else self.window.clip
+
+    @property
+    def path(self) -> Path:
+        """The store, for messages."""
+        return Path(self.reference[0])
+
+    def identity(self, cache: Cache) -> Any:
+        """See `ClipInput.identity`."""
+        return ["store", self.reference[1], self.id, self.field, self.reader.identity()]
+
+    def load(self) -> Pose:
+        """See `ClipInput.load`."""
+        store = _opened(*self.reference)
+        if self.window is None:
+            return self.reader.pose(store.read_clip(self.id, self.field))
+        return self.reader.pose(store.read(self.window, self.field))
+
+
+@lru_cache(maxsize=4)
+def _opened(path: str, sha256: str) -> Store:
+    return reopen(path, sha256)
+
+
+def chosen_splits(store: Store, split: str | None) -> tuple[str, ...]:
+    """Return the splits that "test" or "val,test" names; all for None or "all".
+
+    Raises
+    ------
+    UsageError
+        For an unknown split.
+    """
+    if split is None or (split == "all" and "all" not in store.splits):
+        return store.splits
+    names = tuple(name.strip() for name in split.split(","))
+    for name in names:
+        if name not in store.splits:
+            raise UsageError(f"no split named {name!r}", where=str(store.path), fix=did_you_mean(name, store.splits))
+    return names
+
+
+def store_clips(
+    store: Store, protocol: Protocol, *, split: str | None = None, field: str | None = None, role: Role = "truth"
+) -> tuple[ClipInput, ...]:
+    """List the clips of a store; copies that augmentations made are left out.
+
+    Raises
+    ------
+    UsageError
+        If no field has the protocol's joints, or the store has only windows of another length than its pieces.
+    """
+    name, reader = reader_for(store, protocol.motion, field)
+    splits = chosen_splits(store, split)
+    if store.scope == "window":
+        return _windows(store, protocol, splits, name, reader, role)
+    return tuple(
+        StoreClip(id=c.id, music=c.music, tempo_bpm=c.tempo_bpm, reference=store.reference, field=name, reader=reader)
+        for c in store.clips
+        if c.split in splits and not c.source
+    )
+
+
+def _windows(
+    store: Store, protocol: Protocol, splits: Sequence[str], name: str, reader: ColumnsReader, role: Role
+) -> tuple[ClipInput, ...]:
+    pieces = protocol.pieces(role)
+    length, stride = pieces.frames(store.grid)
+    windows = [window for split in splits for window in store.windows(split)]
+    lengths = sorted({window.length for window in windows})
+    if length is None or lengths != [length] or pieces.skip:
+        raise UsageError(
+            "a dataset of window scope does not hold whole clips",
+            where=str(store.path),
+            found=f"windows of {', '.join(map(str, lengths))} frames; {protocol.name} measures {pieces}",
+            fix="build it with scope: track",
+        )
+    records = {c.id: c for c in store.clips}
+    kept = [w for w in windows if not records[w.clip].source and (stride is None or w.start % stride == 0)]
+    return tuple(
+        StoreClip(
+            id=f"{w.clip}@{w.start}",
+            music=records[w.clip].music,
+            tempo_bpm=records[w.clip].tempo_bpm,
+            reference=store.reference,
+            field=name,
+            reader=reader,
+            window=w,
+        )
+        for w in kept
+    )

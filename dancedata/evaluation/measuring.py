@@ -1,0 +1,216 @@
+"""Measures clips, one unit of work each; numbers are cached by metric, for all protocols that share them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from dancedata.core.clip import Reject
+from dancedata.core.dance import Dance, Undefined
+from dancedata.core.errors import DataError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.rotations import Float64Array
+from dancedata.evaluation.clip_music import ClipMusic
+from dancedata.evaluation.inputs.clip import ClipInput
+from dancedata.evaluation.pose import Pose, in_axes, interpolated
+from dancedata.evaluation.protocol import Measure, Protocol, Role
+from dancedata.execution.cache import Cache, package_version
+from dancedata.execution.progress import Progress
+from dancedata.execution.reference_process import expected
+from dancedata.execution.units import Jobs, run_units
+from dancedata.pipeline.rejects import reject_of
+from dancedata.recipes.documents import document_of
+
+__all__ = ["MeasuredClip", "Outcome", "measure_clips", "measure_pose"]
+
+#: Raised by hand when a stage here gives other numbers for the same input.
+EVALUATE_STAGE = 1
+_STAGE = "evaluate"
+
+#: Numbers of one piece, or the name of the outcome that a metric has instead.
+Outcome = tuple[float, ...] | str
+
+
+@dataclass(frozen=True)
+class MeasuredClip:
+    """The numbers of a clip.
+
+    Attributes
+    ----------
+    clip
+        Id that resampling draws by; several windows may share one.
+    fps
+        Rate that was measured.
+    cuts
+        First frame and length of each piece.
+    rows
+        By the number of a protocol's measure, the outcome of each piece; None where there is no music for it.
+    notes
+        What was changed before measuring.
+    """
+
+    id: str
+    clip: str
+    fps: str
+    cuts: tuple[tuple[int, int], ...]
+    rows: Mapping[int, tuple[Outcome, ...] | None]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def seconds(self) -> list[float]:
+        """Length of each piece."""
+        grid = FrameGrid.of(self.fps)
+        return [float(grid.seconds(length)) for _, length in self.cuts]
+
+    @property
+    def end_s(self) -> float:
+        """Where the last piece ends, from the first frame of the clip; 0 without pieces."""
+        return float(FrameGrid.of(self.fps).seconds(max((start + length for start, length in self.cuts), default=0)))
+
+    @classmethod
+    def of(cls, clip: ClipInput, found: Mapping[int, list[Any] | None]) -> MeasuredClip:
+        """Join what `measure_pose` has found, or the cache has kept, by measure."""
+        rows: dict[int, tuple[Outcome, ...] | None] = {}
+        fps, cuts, notes = "", [], []
+        for number, result in found.items():
+            if result is None:
+                rows[number] = None
+                continue
+            fps, cuts, notes, outcomes = result
+            rows[number] = tuple(piece if isinstance(piece, str) else tuple(piece) for piece in outcomes)
+        return cls(clip.id, clip.clip, str(fps), tuple((start, length) for start, length in cuts), rows, tuple(notes))
+
+
+def measure_pose(
+    protocol: Protocol, role: Role, numbers: Sequence[int], pose: Pose, music: ClipMusic | None
+) -> dict[int, list[Any] | None]:
+    """Measure a pose: return [rate, cuts, notes, outcomes] by measure, as the cache keeps it.
+
+    Parameters
+    ----------
+    numbers
+        Which of the protocol's measures; those that need music are None without it.
+
+    Raises
+    ------
+    DataError
+        If the protocol cannot measure this motion: other joints, another rate.
+    """
+    placed, notes = pose.conformed(protocol.motion)
+    joints = in_axes(placed.joints, protocol.motion)
+    cuts = protocol.pieces(role).of(len(joints), placed.grid)
+    found: dict[int, list[Any] | None] = {}
+    for number in numbers:
+        measure = protocol.measures[number]
+        if measure.metric.needs_music and music is None:
+            found[number] = None
+            continue
+        outcomes = [_outcome(measure, role, joints, placed.grid, cut, music) for cut in cuts]
+        found[number] = [str(placed.grid), [list(cut) for cut in cuts], list(notes), outcomes]
+    return found
+
+
+def _outcome(
+    measure: Measure, role: Role, joints: Float64Array, grid: FrameGrid, cut: tuple[int, int], music: ClipMusic | None
+) -> list[float] | str:
+    start, length = cut
+    beats = music.after(start, grid) if music is not None and measure.metric.needs_music else None
+    piece = joints[start : start + length]
+    if measure.fps is not None:
+        target = FrameGrid.of(measure.fps)
+        piece, grid = interpolated(piece, grid, target), target
+    try:
+        numbers = measure.metric.measure(Dance(piece[: measure.frames(role)], grid, beats))
+    except Undefined as error:
+        return error.reason
+    return [float(number) for number in numbers] if np.isfinite(numbers).all() else "not_finite"
+
+
+def measure_clips(
+    cache: Cache,
+    protocol: Protocol,
+    role: Role,
+    numbers: Sequence[int],
+    clips: Sequence[ClipInput],
+    music: Mapping[str, ClipMusic],
+    *,
+    jobs: Jobs,
+    progress: Progress,
+    label: str = "measuring",
+) -> tuple[list[MeasuredClip], list[Reject]]:
+    """Measure clips; those that cannot be measured are rejects.
+
+    Parameters
+    ----------
+    numbers
+        Which of the protocol's measures.
+    music
+        Beats by the id of a clip.
+    """
+    common = {number: _common_key(protocol, role, protocol.measures[number]) for number in numbers}
+    ready, rejects, calls, known = [], [], [], []
+    for clip in clips:
+        beats = music.get(clip.id)
+        try:
+            keys = _keys(cache, protocol, common, clip, beats)
+        except (OSError, DataError) as error:
+            rejects.append(Reject("broken_file", clip=clip.id, detail=str(error)))
+            continue
+        ready.append(clip)
+        calls.append((cache, keys, clip, protocol, role, beats))
+        kept = {number: cache.json(_STAGE, key) for number, key in keys.items()}
+        known.append(kept if None not in kept.values() else None)
+    found = run_units(measure_clip, calls, known=known, jobs=jobs, label=label, progress=progress)
+    measured = []
+    for clip, result in zip(ready, found, strict=True):
+        if isinstance(result, Reject):
+            rejects.append(result)
+        else:
+            measured.append(MeasuredClip.of(clip, {number: result.get(number) for number in numbers}))
+    return measured, rejects
+
+
+def measure_clip(
+    cache: Cache, keys: Mapping[int, str], clip: ClipInput, protocol: Protocol, role: Role, music: ClipMusic | None
+) -> dict[int, Any] | Reject:
+    """Load and measure one clip, and publish the numbers: a unit of work."""
+    try:
+        found = measure_pose(protocol, role, list(keys), clip.load(), music)
+    except DataError as error:
+        return reject_of(error, clip=clip.id)
+    for number, result in found.items():
+        cache.put_json(_STAGE, keys[number], result)
+    return found
+
+
+def _common_key(protocol: Protocol, role: Role, measure: Measure) -> str:
+    """Return the hash of what a measure's numbers of all clips depend on."""
+    metric = measure.metric
+    return Cache.key(
+        _STAGE,
+        version=EVALUATE_STAGE,
+        motion=repr(protocol.motion),
+        pieces=repr(protocol.pieces(role)),
+        metric=[metric.name, metric.version, document_of(metric)],
+        measured=[measure.fps, measure.frames(role)],
+        packages={name: package_version(name) for name in ("numpy", "scipy")},
+        arithmetic=expected(),
+    )
+
+
+def _keys(
+    cache: Cache, protocol: Protocol, common: Mapping[int, str], clip: ClipInput, music: ClipMusic | None
+) -> dict[int, str]:
+    """Return the cache keys of a clip by measure; a measure that needs music has none without it."""
+    identity = clip.identity(cache)
+    keys = {}
+    for number, shared in common.items():
+        needs_music = protocol.measures[number].metric.needs_music
+        if needs_music and music is None:
+            continue
+        beats = music.identity() if needs_music and music is not None else None
+        keys[number] = Cache.key(_STAGE, common=shared, clip=identity, beats=beats)
+    return keys

@@ -1,0 +1,194 @@
+"""Pools: the features of all clips that a set is compared with, and their files."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dancedata.core.atomic import write_bytes
+from dancedata.core.errors import DataError, StoreError, UsageError
+from dancedata.core.rotations import Float64Array
+from dancedata.core.strict_json import parse_json
+from dancedata.core.text import counted, quoted
+from dancedata.core.version import __version__
+from dancedata.evaluation.measuring import MeasuredClip
+from dancedata.evaluation.protocol import Protocol
+from dancedata.evaluation.scores import MetricRows, rows_of
+from dancedata.formats.arrays import open_arrays
+
+__all__ = ["Pool", "load_pool", "pool_of", "save_pool"]
+
+#: Layout of pool files.
+POOL_FORMAT = 1
+_ABOUT, _IDS, _ROWS = "about", "clips", "rows_"
+
+
+@dataclass(frozen=True, eq=False)
+class Pool:
+    """The numbers of a pool, for each metric of a protocol that needs one.
+
+    Attributes
+    ----------
+    protocol, version
+        What they were measured by.
+    fps
+        Rate that was measured.
+    ids
+        Clips.
+    rows
+        (M, C) by the number of the measure.
+    source
+        Where it is from, for the report.
+    undefined
+        Pieces without features, by outcome.
+    """
+
+    protocol: str
+    version: int
+    fps: str
+    ids: tuple[str, ...]
+    rows: Mapping[int, Float64Array]
+    source: str
+    undefined: Mapping[str, int]
+
+    @property
+    def n(self) -> int:
+        """Number of vectors: those of the first metric."""
+        return max((len(rows) for rows in self.rows.values()), default=0)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return what a report says of it."""
+        return {"source": self.source, "clips": len(self.ids), "vectors": self.n, "undefined": dict(self.undefined)}
+
+    def require(self, protocol: Protocol, fps: str) -> None:
+        """Raise UsageError unless it was measured by this protocol, in this version, at this rate."""
+        if (self.protocol, self.version) != (protocol.name, protocol.version):
+            raise UsageError(
+                "the pool was measured by another protocol",
+                where=self.source,
+                found=f"{quoted(self.protocol)}, version {self.version}",
+                allowed=protocol.label,
+                fix="make a pool of this protocol: --pool STORE --save-pool FILE.npz",
+            )
+        if self.fps != fps:
+            raise UsageError(
+                "the pool was measured at another frame rate, and such distances mean nothing",
+                where=self.source,
+                found=f"{self.fps} frames per second in the pool, {fps} in the set",
+                fix="generate at the rate of the pool, or build the pool at that of the set",
+            )
+
+
+def pool_of(protocol: Protocol, measured: Sequence[MeasuredClip], source: str) -> Pool:
+    """Make the pool of measured clips.
+
+    Raises
+    ------
+    UsageError
+        If clips have different rates, or there are none.
+    """
+    rows: dict[int, Float64Array] = {}
+    undefined: dict[str, int] = {}
+    for number, measure in enumerate(protocol.measures):
+        if measure.metric.needs_pool:
+            found: MetricRows = rows_of(measured, number, measure.metric)
+            rows[number] = found.rows
+            for outcome, ids in found.undefined.items():
+                undefined[outcome] = max(len(ids), undefined.get(outcome, 0))
+    ids = tuple(m.id for m in measured)
+    return Pool(protocol.name, protocol.version, one_rate(measured, source), ids, rows, source, undefined)
+
+
+def one_rate(measured: Sequence[MeasuredClip], source: str) -> str:
+    """Return the rate of all clips; UsageError if they have different ones, or there are none."""
+    rates: dict[str, list[str]] = {}
+    for m in measured:
+        rates.setdefault(m.fps, []).append(m.id)
+    if not rates:
+        raise UsageError("no clip could be measured", where=source)
+    if len(rates) > 1:
+        found = "; ".join(f"{fps} per second: {counted(len(ids), 'clip')}, {ids[0]}" for fps, ids in rates.items())
+        raise UsageError(
+            "clips have different frame rates, and their numbers do not compare",
+            where=source,
+            found=found,
+            fix="evaluate those of one rate, or build a dataset, which has one",
+        )
+    return next(iter(rates))
+
+
+def save_pool(path: Path, protocol: Protocol, pool: Pool) -> None:
+    """Write a pool to an .npz file, atomically; the same pool gives the same bytes.
+
+    Raises
+    ------
+    UsageError
+        If the name is not that of an .npz file, or another file has it.
+    StoreError
+        If it cannot be written.
+    """
+    if path.suffix != ".npz":
+        raise UsageError("a pool is an .npz file", found=str(path), allowed="NAME.npz")
+    if path.exists():
+        load_pool(path, protocol)  # only pools of this protocol are replaced
+    about = {"pool": POOL_FORMAT, "protocol": pool.protocol, "version": pool.version, "fps": pool.fps}
+    about |= {"dancedata": __version__, "undefined": dict(pool.undefined)}
+    arrays: dict[str, Any] = {
+        _ABOUT: _as_bytes(json.dumps(about, sort_keys=True)),
+        _IDS: _as_bytes("\n".join(json.dumps(i) for i in pool.ids)),
+    }
+    arrays |= {f"{_ROWS}{number}": rows for number, rows in pool.rows.items()}
+    data = io.BytesIO()
+    np.savez(data, allow_pickle=False, **arrays)
+    try:
+        write_bytes(path, data.getvalue())
+    except OSError as error:
+        raise StoreError("the pool cannot be written", where=path, found=str(error)) from error
+
+
+def load_pool(path: Path, protocol: Protocol) -> Pool:
+    """Read a pool, of any protocol that has a name; nothing in the file is executed.
+
+    Raises
+    ------
+    UsageError
+        If it is not a pool, is of another layout, or of another protocol or version.
+    """
+    try:
+        with open_arrays(path) as arrays:
+            about = parse_json(_text(arrays.read(_ABOUT)) if _ABOUT in arrays.names else "null")
+            ids = [str(parse_json(line)) for line in _text(arrays.read(_IDS)).split("\n") if line]
+            names = [name for name in arrays.names if name.startswith(_ROWS)]
+            rows = {int(name.removeprefix(_ROWS)): arrays.read(name) for name in names}
+        pool = Pool(
+            str(about["protocol"]), int(about["version"]), str(about["fps"]), tuple(ids), rows, str(path),
+            {str(k): int(v) for k, v in about["undefined"].items()},
+        )  # fmt: skip
+        layout = about["pool"]
+    except (DataError, LookupError, TypeError, ValueError, AttributeError) as error:
+        raise UsageError(
+            "not a pool", where=path, found=str(error), allowed="a file of --save-pool, or a built dataset"
+        ) from error
+    if layout != POOL_FORMAT:
+        raise UsageError("the pool has another layout", where=path, found=layout, allowed=POOL_FORMAT)
+    pool.require(protocol, pool.fps)
+    for number, measure in enumerate(protocol.measures):
+        width = len(measure.metric.columns)
+        array = pool.rows.get(number)
+        if measure.metric.needs_pool and (array is None or array.ndim != 2 or array.shape[1] != width):
+            raise UsageError("the pool lacks features of the protocol", where=path, found=measure.metric.name)
+    return pool
+
+
+def _as_bytes(text: str) -> Any:
+    return np.frombuffer(text.encode("utf-8"), np.uint8)
+
+
+def _text(numbers: Float64Array) -> str:
+    return numbers.astype(np.uint8).tobytes().decode("utf-8")

@@ -1,0 +1,274 @@
+"""What a protocol is: joints, rate, pieces, metrics, music and published figures, as data.
+
+A published number means something only together with all of these. A protocol is a frozen dataclass without
+parameters, derived from `Protocol` and registered under a name, in a file of its own (docs/add-a-protocol.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import ClassVar, Literal
+
+from dancedata.core.errors import UsageError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.plugins import Metric, Plugin
+from dancedata.core.registry import Registry
+
+__all__ = ["PROTOCOLS", "Measure", "MotionRule", "MusicRule", "Pieces", "Protocol", "Published", "Role"]
+
+#: Whether clips are ground truth or come from a model: some protocols cut the two differently.
+Role = Literal["truth", "generated"]
+ROLES: tuple[Role, ...] = ("truth", "generated")
+#: Bodies that a protocol may ask for: SMPL's 24 joints, the first 24 of SMPL-X, or the 22 that both share.
+Body = Literal["smpl24", "smplx24", "body22"]
+
+_MS = FrameGrid.of(1000)
+
+
+@dataclass(frozen=True)
+class MotionRule:
+    """The joints that a protocol measures.
+
+    Attributes
+    ----------
+    body
+        "smpl24": SMPL's joints. "smplx24": the first 24 joints of SMPL-X, whose last two are jaw and left eye.
+        "body22": the 22 joints that both share, on the dancer's own bones.
+    fps
+        Frames per second. Motion at a whole multiple is decimated, other rates are refused. None: any rate, but one
+        for all clips.
+    up
+        Axis that points up in the coordinates that metrics get.
+    turned
+        Whether they are turned by 90 degrees about z after that: (x, y, z) becomes (-y, x, z).
+    pelvis
+        "any": constant shifts do not change the numbers. "body": the pelvis has to lie where the body has it.
+        "translation": it lies at SMPL's translation, as in EDGE's kinematics, which omit its rest position.
+    """
+
+    body: Body
+    fps: int | None
+    up: Literal["y", "z"] = "y"
+    turned: bool = False
+    pelvis: Literal["any", "body", "translation"] = "any"
+
+    @property
+    def grid(self) -> FrameGrid | None:
+        """The grid of the frames; None for any."""
+        return None if self.fps is None else FrameGrid.of(self.fps)
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """How a clip is cut into the pieces that are measured: by default it is measured whole.
+
+    Attributes
+    ----------
+    skip
+        Frames at the beginning that are not measured, such as the seed of a model.
+    first
+        Largest number of frames after these; None: all.
+    length, stride
+        Length and distance of pieces, frames; None: one piece. Clips shorter than a piece have none.
+    seconds
+        Instead of `length` and `stride`, both in seconds, for protocols of any rate.
+    shorter
+        Whether a clip shorter than `length` is one piece.
+    multiple
+        Pieces are shortened to a multiple of so many frames.
+    """
+
+    skip: int = 0
+    first: int | None = None
+    length: int | None = None
+    stride: int | None = None
+    seconds: tuple[float, float] | None = None
+    shorter: bool = False
+    multiple: int = 1
+
+    def of(self, n_frames: int, grid: FrameGrid) -> list[tuple[int, int]]:
+        """Return first frame and length of each piece of a clip."""
+        n = max(0, n_frames - self.skip)
+        n = n if self.first is None else min(n, self.first)
+        length, stride = self.frames(grid)
+        if length is None or stride is None or (self.shorter and n < length):
+            cuts = [(0, n)] if n else []
+        else:
+            cuts = [(start, length) for start in range(0, n - length + 1, stride)]
+        whole = [(self.skip + start, size - size % self.multiple) for start, size in cuts]
+        return [cut for cut in whole if cut[1]]
+
+    def frames(self, grid: FrameGrid) -> tuple[int | None, int | None]:
+        """Return length and stride in frames of a grid."""
+        if self.seconds is None:
+            return self.length, self.stride
+        length, stride = (_MS.rows_down(round(1000 * s), of=grid) for s in self.seconds)
+        if length < 1 or stride < 1:
+            raise UsageError("the frame rate is too low for pieces of this length", found=str(grid))
+        return length, stride
+
+    def __str__(self) -> str:
+        """Show how clips are cut, for tables: "5 s every 2.5 s", "the first 1,200 frames", "whole clips"."""
+        parts = []
+        if self.seconds is not None:
+            parts.append(f"pieces of {self.seconds[0]:g} s every {self.seconds[1]:g} s")
+        elif self.length is not None:
+            parts.append(f"pieces of {self.length:,} frames every {self.stride:,}")
+        if self.skip:
+            parts.append(f"frames {self.skip:,} and later")
+        if self.first is not None:
+            parts.append(f"the first {self.first:,} frames")
+        if self.multiple > 1:
+            parts.append(f"cut to multiples of {self.multiple}")
+        return ", ".join(parts) or "whole clips"
+
+
+@dataclass(frozen=True)
+class Measure:
+    """One metric of a protocol.
+
+    Attributes
+    ----------
+    metric
+        The metric with its variant.
+    fps
+        Joint positions are interpolated linearly to this rate first; None: as they are.
+    first, first_generated
+        Then at most so many frames of a piece are measured: of every piece, and of generated motion; None: all.
+    """
+
+    metric: Metric
+    fps: int | None = None
+    first: int | None = None
+    first_generated: int | None = None
+
+    def frames(self, role: Role) -> int | None:
+        """Return how many frames of a piece are measured at most; None: all."""
+        limits = [self.first, self.first_generated if role == "generated" else None]
+        return min((n for n in limits if n is not None), default=None)
+
+
+@dataclass(frozen=True)
+class MusicRule:
+    """Where the beats of the music are from.
+
+    Attributes
+    ----------
+    features
+        Audio features that have them, in the group "beat"; the first one that a store has is used, and the first of
+        all is computed from music files.
+    fps
+        Rate of their rows. None: as stored, or the motion's.
+    scope
+        "track": of whole songs. "window": each piece by itself.
+    tempo
+        Whether the beat tracker starts from the tempo that the data set states.
+    about
+        How the original finds beats, where that differs.
+    """
+
+    features: tuple[str, ...] = ("librosa35",)
+    fps: int | None = None
+    scope: Literal["track", "window"] = "track"
+    tempo: bool = True
+    about: str = ""
+
+    @property
+    def grid(self) -> FrameGrid | None:
+        """Grid of the rows; None for any."""
+        return None if self.fps is None else FrameGrid.of(self.fps)
+
+
+@dataclass(frozen=True)
+class Published:
+    """A row of a published table that belongs to a protocol.
+
+    Attributes
+    ----------
+    what
+        Whose row it is: "ground truth", or a model.
+    values
+        Figures by the names of scores.
+    source
+        Paper and table, repository or thread.
+    note
+        What is known of how it was computed.
+    dataset, splits
+        Reader and splits of the ground truth; empty for models, and where that is not known.
+    """
+
+    what: str
+    values: Mapping[str, float]
+    source: str
+    note: str = ""
+    dataset: str = ""
+    splits: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Freeze the figures."""
+        object.__setattr__(self, "values", MappingProxyType(dict(self.values)))
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Pickle as its arguments: mappings that are read-only cannot be pickled."""
+        return type(self), (self.what, dict(self.values), self.source, self.note, self.dataset, self.splits)
+
+
+@dataclass(frozen=True)
+class Protocol(Plugin):
+    """Base of protocols: everything that a number depends on, except the motion.
+
+    Attributes
+    ----------
+    citation
+        What to cite for the metrics.
+    source
+        Where the protocol is from: repository, commit and files, or paper and section.
+    licence_note
+        Licence of that code. None of it is in this package unless it says so.
+    motion
+        Joints, rate and axes.
+    truth, generated
+        How clips of ground truth and of a model are cut.
+    measures
+        The metrics, in the order of the table.
+    music
+        Where beats of music are from; None without beat metrics.
+    published
+        Figures published under the protocol.
+    notes
+        What a reader of its numbers has to be told.
+    not_computable
+        Scores of the protocol's tables that cannot be computed here, and why.
+    """
+
+    citation: ClassVar[str]
+    source: ClassVar[str]
+    licence_note: ClassVar[str] = ""
+    motion: ClassVar[MotionRule]
+    truth: ClassVar[Pieces] = Pieces()
+    generated: ClassVar[Pieces] = Pieces()
+    measures: ClassVar[tuple[Measure, ...]]
+    music: ClassVar[MusicRule | None] = None
+    published: ClassVar[tuple[Published, ...]] = ()
+    notes: ClassVar[tuple[str, ...]] = ()
+    not_computable: ClassVar[Mapping[str, str]] = MappingProxyType({})
+
+    def __post_init__(self) -> None:
+        """Check that the members without a default are there."""
+        missing = [name for name in ("citation", "source", "motion", "measures") if not hasattr(self, name)]
+        if missing:
+            raise UsageError(f"the protocol lacks {', '.join(missing)}", where=self.name, fix="see Protocol")
+
+    def pieces(self, role: Role) -> Pieces:
+        """Return how clips of a role are cut."""
+        return self.truth if role == "truth" else self.generated
+
+    @property
+    def label(self) -> str:
+        """Name and version, as a pool is keyed: "bailando-aistpp, version 1"."""
+        return f"{self.name}, version {self.version}"
+
+
+PROTOCOLS = Registry("protocol", "dancedata.evaluation.protocols", Protocol)

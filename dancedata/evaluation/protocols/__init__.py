@@ -1,0 +1,1 @@
+"""Plug-ins: named protocols, one file each."""

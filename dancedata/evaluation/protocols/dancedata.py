@@ -1,0 +1,46 @@
+"""The protocol of this project, for new work."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from dancedata.evaluation.protocol import PROTOCOLS, Measure, MotionRule, MusicRule, Pieces, Protocol
+from dancedata.metrics.beats import BeatAlignment
+from dancedata.metrics.foot_skating import FootSkating
+from dancedata.metrics.geometric_features import Geometric
+from dancedata.metrics.kinetic_features import Kinetic
+from dancedata.metrics.physical_contact import Pfc
+
+_JOINTS = 22
+_FIVE_SECONDS = Pieces(seconds=(5, 2.5))
+
+
+@PROTOCOLS.register("dancedata")
+@dataclass(frozen=True)
+class Dancedata(Protocol):
+    """The recommended protocol: constants in seconds and metres, without the slips, at any frame rate."""
+
+    version: ClassVar[int] = 1
+    citation: ClassVar[str] = (
+        "dancedata, protocol dancedata, version 1; with Li et al. 2021 (features), Siyao et al. 2022 (beats), "
+        "Tseng et al. 2023 (PFC) and Li et al. 2024 (skating)."
+    )
+    source: ClassVar[str] = "this project"
+    licence_note: ClassVar[str] = "MIT."
+    motion: ClassVar[MotionRule] = MotionRule("body22", None)
+    truth: ClassVar[Pieces] = _FIVE_SECONDS
+    generated: ClassVar[Pieces] = _FIVE_SECONDS
+    measures: ClassVar[tuple[Measure, ...]] = (
+        Measure(Kinetic("fixed", joints=_JOINTS, statistics="varying")),
+        Measure(Geometric(joints=_JOINTS, statistics="varying")),
+        Measure(BeatAlignment(joints=_JOINTS)),
+        Measure(Pfc("rescaled")),
+        Measure(FootSkating("speed")),
+    )
+    music: ClassVar[MusicRule] = MusicRule(("librosa35", "bailando438"))
+    notes: ClassVar[tuple[str, ...]] = (
+        "pieces of 5 s every 2.5 s, so that clips of different lengths compare; intervals draw whole clips",
+        "features that are the same in all clips of the pool do not count",
+        "the 22 joints that SMPL and SMPL-X share, on the dancer's own bones",
+    )

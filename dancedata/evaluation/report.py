@@ -1,0 +1,253 @@
+"""The result of an evaluation, as text, tables and JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from dancedata.core.errors import UsageError
+from dancedata.core.text import counted, listed, shown, table
+from dancedata.evaluation.measuring import MeasuredClip
+from dancedata.evaluation.protocol import Protocol
+from dancedata.evaluation.scores import Score, describe_outcome
+
+__all__ = ["LABELS", "TABLES", "Report"]
+
+#: How papers write the names of scores.
+LABELS = {
+    "fid_k": "FID_k", "fid_g": "FID_g", "div_k": "Div_k", "div_g": "Div_g", "bas": "BAS", "pfc": "PFC", "pbc": "PBC",
+    "skating": "FSR", "skating_left": "FSR left", "skating_right": "FSR right",
+}  # fmt: skip
+_ARROWS = {"higher": "up", "lower": "down", "closer": "truth"}
+_NAMED = 3
+#: Metrics with more numbers a clip than this are features, which no table of clips shows.
+_FEW = 10
+
+
+@dataclass(frozen=True, eq=False)
+class Report:
+    """The scores of a set of clips under a protocol.
+
+    Attributes
+    ----------
+    protocol
+        What they were measured by.
+    role
+        "truth" or "generated".
+    source
+        What was evaluated.
+    scores
+        One for each line of the table.
+    clips
+        Ids of the clips that were measured.
+    pieces
+        Number of pieces.
+    fps
+        Frames per second that were measured.
+    seconds
+        Length of the shortest piece, the median and the longest.
+    pool
+        What the set was compared with; None: nothing.
+    left_out
+        Clips that could not be measured, with the reason.
+    warnings, notes
+        What a reader of the numbers has to be told: of this set, and of the protocol.
+    per_clip
+        A row for each piece: id, and the numbers of the metrics that have a few.
+    versions
+        Of the packages that shape numbers.
+    """
+
+    protocol: Protocol
+    role: str
+    source: str
+    scores: tuple[Score, ...]
+    clips: tuple[str, ...]
+    pieces: int
+    fps: str
+    seconds: tuple[float, float, float]
+    pool: Mapping[str, Any] | None
+    left_out: tuple[tuple[str, str], ...]
+    warnings: tuple[str, ...]
+    notes: tuple[str, ...]
+    per_clip: tuple[Mapping[str, Any], ...]
+    versions: Mapping[str, str]
+
+    def __getitem__(self, name: str) -> float | None:
+        """Return the value of a score, None where it is undefined; UsageError if the protocol has no such score."""
+        for score in self.scores:
+            if score.name == name:
+                return score.value
+        raise UsageError(
+            f"no score named {name!r}", where=self.protocol.name, allowed=listed(score.name for score in self.scores)
+        )
+
+    def __repr__(self) -> str:
+        """Show the values."""
+        values = ", ".join(f"{s.name} {_number(s.value)}" for s in self.scores)
+        return f"Report({self.protocol.name}, {counted(len(self.clips), 'clip')}: {values})"
+
+    def __str__(self) -> str:
+        """Show the table with everything that belongs to it."""
+        return describe(self)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain JSON data."""
+        return {
+            "protocol": self.protocol.name,
+            "version": self.protocol.version,
+            "role": self.role,
+            "source": self.source,
+            "scores": {s.name: _score_json(s) for s in self.scores},
+            "clips": len(self.clips),
+            "pieces": self.pieces,
+            "fps": self.fps,
+            "seconds": dict(zip(("min", "median", "max"), self.seconds, strict=True)),
+            "pool": self.pool,
+            "left_out": [{"clip": clip, "reason": reason} for clip, reason in self.left_out],
+            "not_computable": dict(self.protocol.not_computable),
+            "warnings": list(self.warnings),
+            "notes": list(self.notes),
+            "versions": dict(self.versions),
+            "citation": self.protocol.citation,
+        }
+
+
+def _score_json(score: Score) -> dict[str, Any]:
+    interval = None if score.interval is None else [score.interval.low, score.interval.high]
+    return {
+        "value": score.value, "interval_95": interval, "median": score.median, "chance": score.chance,
+        "pool": score.pool, "n": score.n, "undefined": {k: list(v) for k, v in score.undefined.items()},
+        "published": score.published, "better": score.better,
+    }  # fmt: skip
+
+
+def describe(report: Report) -> str:
+    """Return the text that ``dancedata evaluate`` prints."""
+    low, middle, high = report.seconds
+    lengths = f"{low:.2f} s" if low == high else f"{low:.2f} to {high:.2f} s, median {middle:.2f} s"
+    lines = [
+        f"{report.protocol.label}: {shown(report.source)} as {report.role}",
+        f"  {counted(len(report.clips), 'clip')}, {counted(report.pieces, 'piece')}, {report.fps} frames per second, "
+        f"{lengths}",
+        f"  pool: {_pool_text(report)}",
+        *table(_HEAD, [_cells(score) for score in report.scores]),
+    ]
+    lines += [f"  not computable: {name}: {why}" for name, why in report.protocol.not_computable.items()]
+    lines += _undefined_lines(report.scores)
+    if report.left_out:
+        lines.append(f"  left out: {counted(len(report.left_out), 'clip')}")
+        lines += [f"    {shown(clip)}: {shown(reason, 500)}" for clip, reason in report.left_out[:_NAMED]]
+    lines += [f"  warning: {warning}" for warning in report.warnings]
+    lines += [f"  note: {note}" for note in report.notes]
+    versions = ", ".join(f"{name} {version}" for name, version in report.versions.items())
+    return "\n".join([*lines, f"  versions: {versions}"])
+
+
+_HEAD = ("score", "value", "95 % interval", "median", "chance", "pool", "published", "n", "undefined", "better")
+
+
+def _cells(score: Score) -> tuple[Any, ...]:
+    interval = "" if score.interval is None else f"{_number(score.interval.low)} .. {_number(score.interval.high)}"
+    beside = [_number(v) if v is not None else "" for v in (score.median, score.chance, score.pool, score.published)]
+    name = LABELS.get(score.name, score.name)
+    return (name, _number(score.value), interval, *beside, score.n, score.n_undefined or "", _ARROWS[score.better])
+
+
+def _number(value: float | None) -> str:
+    if value is None:
+        return "undefined"
+    return f"{value:.4g}" if value and (abs(value) < 0.01 or abs(value) >= 1e5) else f"{value:.4f}"
+
+
+def _pool_text(report: Report) -> str:
+    if report.pool is None:
+        return "none"
+    pool = report.pool
+    return f"{shown(pool['source'])}, {counted(pool['clips'], 'clip')}, {counted(pool['vectors'], 'vector')}"
+
+
+def _undefined_lines(scores: Sequence[Score]) -> list[str]:
+    lines: dict[str, list[str]] = {}
+    for score in scores:
+        for outcome, ids in score.undefined.items():
+            which = f": {listed(ids, _NAMED)}" if ids else ""
+            text = f"{describe_outcome(outcome)} ({outcome}), {counted(len(ids), 'piece')}{which}"
+            lines.setdefault(text, []).append(LABELS.get(score.name, score.name))
+    return [f"  undefined: {', '.join(names)}: {text}" for text, names in lines.items()]
+
+
+def markdown(report: Report) -> str:
+    """Return the scores as a Markdown table of two lines, values beside their intervals."""
+    head = " | ".join(LABELS.get(s.name, s.name) for s in report.scores)
+    values = " | ".join(_with_interval(s, " [{}, {}]") for s in report.scores)
+    rule = "|".join("---:" for _ in report.scores)
+    return f"| {report.protocol.name} | {head} |\n|---|{rule}|\n| {_escaped(report.source)} | {values} |"
+
+
+def latex(report: Report) -> str:
+    """Return the scores as a LaTeX table with the protocol as its caption."""
+    arrows = {"higher": r"$\uparrow$", "lower": r"$\downarrow$", "closer": r"$\rightarrow$"}
+    head = " & ".join(f"{_latex_name(s.name)} {arrows[s.better]}" for s in report.scores)
+    values = " & ".join(_with_interval(s, r" {{\scriptsize [{}, {}]}}") for s in report.scores)
+    name = f"{report.protocol.name}, version {report.protocol.version}"
+    return "\n".join(
+        [
+            r"\begin{table}",
+            f"\\begin{{tabular}}{{l{'r' * len(report.scores)}}}",
+            rf"\hline & {head} \\ \hline",
+            rf"{_escaped(report.source, latex=True)} & {values} \\ \hline",
+            r"\end{tabular}",
+            rf"\caption{{Protocol {name}; {len(report.clips)} clips, {report.fps} frames per second.}}",
+            r"\end{table}",
+        ]
+    )
+
+
+TABLES: dict[str, Callable[[Report], str]] = {"latex": latex, "markdown": markdown}
+
+
+def _with_interval(score: Score, form: str) -> str:
+    if score.interval is None:
+        return _number(score.value)
+    return _number(score.value) + form.format(_number(score.interval.low), _number(score.interval.high))
+
+
+def _latex_name(name: str) -> str:
+    first, _, last = LABELS.get(name, name).partition("_")
+    return f"${first}_{last}$" if last and len(last) == 1 else LABELS.get(name, name).replace("_", r"\_")
+
+
+def _escaped(text: str, latex: bool = False) -> str:
+    plain = shown(text)
+    if not latex:
+        return plain.replace("|", r"\|")
+    return "".join(f"\\{c}" if c in "&%$#_{}" else r"\textbackslash{}" if c == "\\" else c for c in plain)
+
+
+def lengths_of(seconds: Sequence[float]) -> tuple[float, float, float]:
+    """Return least, median and largest length; zeros without pieces."""
+    if not seconds:
+        return 0.0, 0.0, 0.0
+    return float(min(seconds)), float(np.median(seconds)), float(max(seconds))
+
+
+def per_clip_rows(protocol: Protocol, measured: Sequence[MeasuredClip]) -> list[dict[str, Any]]:
+    """Return a row for each piece: id, frames, and the numbers of metrics that have at most ten, or the outcome."""
+    rows = []
+    for m in measured:
+        for k, (_, n_frames) in enumerate(m.cuts):
+            row: dict[str, Any] = {"clip": m.id, "piece": k, "frames": n_frames}
+            for number, measure in enumerate(protocol.measures):
+                columns = measure.metric.columns
+                outcomes = m.rows.get(number)
+                if len(columns) > _FEW or outcomes is None:
+                    continue
+                outcome = outcomes[k]
+                values = [outcome] * len(columns) if isinstance(outcome, str) else list(outcome)
+                row |= dict(zip(columns, values, strict=True))
+            rows.append(row)
+    return rows

@@ -1,0 +1,223 @@
+"""From the numbers of clips to the scores of a set: what is undefined, intervals, warnings."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from dancedata.core.dance import OUTCOMES, Undefined
+from dancedata.core.plugins import Metric
+from dancedata.core.rotations import Float64Array
+from dancedata.core.text import counted, listed
+from dancedata.evaluation.measuring import MeasuredClip
+from dancedata.metrics.intervals import Interval, bootstrap
+
+__all__ = ["MetricRows", "Score", "rows_of", "scores_of"]
+
+#: Sets and pools with more vectors have no intervals: each draw compares all pairs of vectors.
+MAX_VECTORS = 4_000
+_CHANCE, _MEDIAN, _POOL, _VARYING = "_chance", "_median", "_pool", "_varying"
+#: Scores that stand beside others, or in warnings.
+_BESIDE = (_CHANCE, _MEDIAN, _POOL, _VARYING)
+_CONSTANT = "constant_columns"
+
+
+@dataclass(frozen=True)
+class Score:
+    """One line of a table.
+
+    Attributes
+    ----------
+    name
+        As the metric calls it: "fid_k".
+    value
+        None where it is undefined, see `undefined`.
+    interval
+        95 percent of bootstrap draws; None where it was not computed.
+    median, chance, pool
+        Beside the value, where the metric has them: median over pieces, score of beats shifted at random, the
+        pool's own diversity.
+    n
+        Pieces that have a value.
+    undefined
+        Ids of clips without a value, by outcome.
+    published
+        The figure of the ground truth that was published under the protocol.
+    better
+        "higher", "lower" or "closer" to the ground truth.
+    """
+
+    name: str
+    value: float | None
+    n: int
+    interval: Interval | None = None
+    median: float | None = None
+    chance: float | None = None
+    pool: float | None = None
+    undefined: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    published: float | None = None
+    better: str = "closer"
+
+    @property
+    def n_undefined(self) -> int:
+        """Clips without a value."""
+        return len({clip for clips in self.undefined.values() for clip in clips})
+
+
+@dataclass(frozen=True, eq=False)
+class MetricRows:
+    """The numbers of one metric for all pieces of a set.
+
+    Attributes
+    ----------
+    rows
+        (N, C) numbers of the pieces that have a value.
+    clips
+        (N,) number of the clip of each.
+    ids
+        Id of each piece: the clip's, with its number after # where it has several.
+    undefined
+        Ids of pieces without a value, by outcome.
+    """
+
+    rows: Float64Array
+    clips: Float64Array
+    ids: tuple[str, ...]
+    undefined: dict[str, tuple[str, ...]]
+
+
+def rows_of(measured: Sequence[MeasuredClip], number: int, metric: Metric) -> MetricRows:
+    """Gather the numbers of the measure `number` of a protocol."""
+    rows: list[tuple[float, ...]] = []
+    clips: list[int] = []
+    ids: list[str] = []
+    undefined: dict[str, list[str]] = {}
+    order = {clip: k for k, clip in enumerate(dict.fromkeys(m.clip for m in measured))}
+    for m in measured:
+        outcomes = m.rows.get(number)
+        if outcomes is None:
+            undefined.setdefault("no_music", []).append(m.id)
+            continue
+        if not outcomes:
+            undefined.setdefault("short", []).append(m.id)
+        for k, outcome in enumerate(outcomes):
+            name = m.id if len(outcomes) == 1 else f"{m.id}#{k}"
+            if isinstance(outcome, str):
+                undefined.setdefault(outcome, []).append(name)
+            else:
+                rows.append(outcome)
+                clips.append(order[m.clip])
+                ids.append(name)
+    array = np.array(rows, dtype=np.float64).reshape(len(rows), len(metric.columns))
+    return MetricRows(
+        array, np.array(clips, dtype=np.float64), tuple(ids), {k: tuple(v) for k, v in undefined.items()}
+    )
+
+
+def scores_of(
+    metric: Metric, found: MetricRows, pool: Float64Array | None, *, draws: int
+) -> tuple[list[Score], list[str]]:
+    """Return the scores of a metric, and warnings.
+
+    Parameters
+    ----------
+    pool
+        (M, C) numbers of the pool, where the metric needs one; None: there is none.
+    draws
+        Draws of the bootstrap; 0: no intervals.
+    """
+    if metric.needs_pool and pool is None:
+        return [], [f"{metric.name} is not computed: it compares with a pool, and none is given (--pool)"]
+    try:
+        values = metric.summarise(found.rows, pool)
+    except Undefined as error:
+        names = [name for name in metric.better if not name.endswith(_BESIDE)] or [metric.name]
+        undefined = found.undefined or {error.reason: ()}
+        return [Score(name, None, len(found.rows), undefined=undefined) for name in names], []
+    intervals, warnings = _intervals(metric, found, pool, draws)
+    beside = {name for name in values if name.endswith(_BESIDE) or name.startswith(_CONSTANT)}
+    scores = [
+        Score(
+            name,
+            value,
+            len(found.rows),
+            interval=intervals.get(name),
+            median=values.get(name + _MEDIAN),
+            chance=values.get(name + _CHANCE),
+            pool=values.get(name + _POOL),
+            undefined=found.undefined,
+            better=metric.better.get(name, "closer"),
+        )
+        for name, value in values.items()
+        if name not in beside
+    ]
+    return scores, [*warnings, *_pool_warnings(metric, found, pool, values)]
+
+
+def _intervals(
+    metric: Metric, found: MetricRows, pool: Float64Array | None, draws: int
+) -> tuple[dict[str, Interval], list[str]]:
+    clips = np.unique(found.clips)
+    if not draws or len(clips) < 2:
+        return {}, []
+    if metric.needs_pool and max(len(found.rows), 0 if pool is None else len(pool)) > MAX_VECTORS:
+        return {}, [f"{metric.name}: no intervals for sets of more than {MAX_VECTORS:,} vectors"]
+    own = {clip: np.flatnonzero(found.clips == clip) for clip in clips}
+
+    def scores(drawn: Float64Array) -> dict[str, float]:
+        rows = found.rows[np.concatenate([own[clip] for clip in drawn[:, 0]])]
+        return metric.summarise(rows, pool)
+
+    try:
+        intervals = bootstrap(clips[:, None], scores, n=draws)
+    except Undefined:
+        return {}, [f"{metric.name}: too few clips for intervals"]
+    return {
+        name: _positive(interval) if name.startswith("fid") else interval for name, interval in intervals.items()
+    }, []
+
+
+def _positive(interval: Interval) -> Interval:
+    """Cut the interval of a distance at 0."""
+    return replace(interval, low=max(0.0, interval.low))
+
+
+def _pool_warnings(
+    metric: Metric, found: MetricRows, pool: Float64Array | None, values: dict[str, float]
+) -> list[str]:
+    if not metric.needs_pool or pool is None:
+        return []
+    warnings = []
+    n, m, width = len(found.rows), len(pool), pool.shape[1]
+    if min(n, m) <= width:
+        warnings.append(
+            f"{metric.name}: {counted(n, 'vector')} and a pool of {m:,} for {width} dimensions: the covariance has "
+            f"not full rank, and the distance depends on the number of clips"
+        )
+    constant = next((v for name, v in values.items() if name.startswith(_CONSTANT)), 0)
+    if constant:
+        varying = next((v for name, v in values.items() if name.endswith(_VARYING)), None)
+        names = [name for name, column in zip(metric.columns, pool.T, strict=True) if np.ptp(column) == 0]
+        fid = next((v for name, v in values.items() if name.startswith("fid")), None)
+        effect = "have no effect on the distance"
+        if varying is not None and fid is not None and abs(varying - fid) > 1e-9 * abs(fid):
+            effect = f"are divided by about 0; without them the distance is {varying:.6g}"
+        warnings.append(
+            f"{metric.name}: {counted(int(constant), 'column')} of the pool ({listed(names)}), all clips of which "
+            f"are equal there, {effect}"
+        )
+    return warnings
+
+
+def describe_outcome(outcome: str) -> str:
+    """Return what an outcome means."""
+    own = {"no_music": "there are no beats of music for the clip", "not_finite": "the numbers overflow"}
+    return OUTCOMES.get(outcome) or own.get(outcome, outcome)
+
+
+def outcome_counts(score: Score) -> list[tuple[str, int]]:
+    """Return outcomes with their numbers of pieces, the most frequent first."""
+    return Counter({name: len(ids) for name, ids in score.undefined.items()}).most_common()

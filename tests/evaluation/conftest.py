@@ -1,0 +1,46 @@
+"""A small dataset, and what a model could have generated."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import dancedata
+from dancedata.core.motion import Motion
+from dancedata.store import Store
+
+RECIPE = {
+    "recipe": 1,
+    "name": "small",
+    "dataset": {"synthetic": {"songs": 4, "clips_per_song": 2, "clip_s": 8}},
+    "fps": 30,
+    "windows": {"length_s": 5, "stride_s": 0.5},
+    "motion": {"edge151": {}, "joints": {}, "lodge139": {}},
+    "audio": {"librosa35": {}},
+}
+
+
+@pytest.fixture(scope="session")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with ``small``, ``small-source`` and a cache."""
+    path = tmp_path_factory.mktemp("evaluation")
+    dancedata.build(RECIPE, out=path / "small", jobs=1, cache=path / "cache", progress=False)
+    return path
+
+
+@pytest.fixture(scope="session")
+def store(folder: Path) -> Store:
+    """The dataset."""
+    return dancedata.open(folder / "small")
+
+
+@pytest.fixture(scope="session")
+def motions(store: Store) -> dict[str, Motion]:
+    """Its clips as motions, decoded from edge151."""
+    return {c.id: dancedata.decode(c.read("edge151"), "edge151", fps=30) for c in store.clips}
+
+
+@pytest.fixture(autouse=True)
+def _cache(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("DANCEDATA_CACHE", str(folder / "cache"))

@@ -1,0 +1,149 @@
+"""dancedata evaluate: one command gives the whole table."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import dancedata
+from dancedata.cli.app import app
+from dancedata.core.grid import FrameGrid
+from dancedata.core.motion import Motion
+from dancedata.core.skeleton import SMPL24
+from dancedata.store import Store
+
+
+def run(*arguments: str | Path, code: int = 0) -> str:
+    found = CliRunner().invoke(app, ["evaluate", *map(str, arguments)], catch_exceptions=False)
+    assert found.exit_code == code, found.output
+    return found.output
+
+
+@pytest.fixture(scope="module")
+def walk(store: Store, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Random walks as generated columns, and the songs of the dataset's test clips for them."""
+    folder = tmp_path_factory.mktemp("walk") / "generated"
+    folder.mkdir()
+    songs = sorted({c.music for c in store.clips})
+    with open(folder.parent / "songs.csv", "w", encoding="utf-8", newline="") as file:
+        rows = csv.writer(file)
+        rows.writerow(["clip", "song"])
+        for k in range(6):
+            rng = np.random.default_rng(k)
+            rotations = rng.normal(0, 0.02, (200, 24, 3)).cumsum(axis=0)
+            root = rng.normal(0, 0.01, (200, 3)).cumsum(axis=0) + np.array([0, 1, 0])
+            columns = dancedata.encode(Motion(root, rotations, FrameGrid.of(30), SMPL24), "edge151")
+            np.save(folder / f"walk{k}.npy", columns)
+            rows.writerow([f"walk{k}", f"{songs[k % len(songs)]}.wav"])
+    return folder
+
+
+def test_a_random_walk_gives_a_full_table(walk: Path, store: Store, tmp_path: Path) -> None:
+    rows = tmp_path / "rows.csv"
+    text = run(
+        walk, "--like", store.path, "--music-of", walk.parent / "songs.csv", "--per-clip", rows, "--jobs", 1,
+        "--bootstrap", 20, "--quiet",
+    )  # fmt: skip
+    assert text.startswith(f"dancedata, version 1: {walk} as generated\n  6 clips, 6 pieces, 30 frames per second")
+    for score in ("FID_k", "Div_k", "FID_g", "Div_g", "BAS", "PFC", "FSR"):
+        (line,) = (
+            line
+            for line in text.splitlines()
+            if line.startswith(f"  {score} ") and "left" not in line and "right" not in line
+        )
+        assert ".." in line, line
+    assert "warning: kinetic: 6 vectors" in text
+    with open(rows, encoding="utf-8", newline="") as file:
+        table = list(csv.DictReader(file))
+    assert [row["clip"] for row in table] == [f"walk{k}" for k in range(6)]
+    assert {"bas", "bas_chance", "pfc", "skating_left"} <= table[0].keys()
+
+
+def test_json_and_tables(walk: Path, store: Store) -> None:
+    options = [walk, "--like", store.path, "--jobs", "1", "--bootstrap", "10", "--protocol", "edge-aistpp"]
+    found = json.loads(run(*options, "--json"))
+    assert found["protocol"] == "edge-aistpp"
+    assert found["scores"]["pfc"]["published"] == 1.332
+    assert found["pool"] is None
+    assert set(found["not_computable"]) == {"bas", "div_k", "div_g"}
+    value = f"{found['scores']['pfc']['value']:.4f}"
+    markdown = run(*options, "--table", "markdown", "--quiet")
+    assert markdown.splitlines()[0] == "| edge-aistpp | PFC |"
+    assert value in markdown.splitlines()[2]
+    latex = run(*options, "--table", "latex", "--quiet")
+    assert r"PFC $\downarrow$" in latex
+    assert f"{value} {{\\scriptsize [" in latex
+    assert "edge-aistpp, version 1" in latex
+
+
+def test_a_store_against_itself(store: Store) -> None:
+    text = run(store.path, "--split", "test", "--jobs", 1, "--bootstrap", 0, "--quiet")
+    assert f"{store.path}, split test as truth" in text
+    assert f"pool: {store.path}, 8 clips" in text
+
+
+def test_music_files_give_what_the_store_has(store: Store, folder: Path) -> None:
+    stored = json.loads(run(store.path, "--jobs", 1, "--bootstrap", 0, "--json"))
+    wavs = folder / "small-source" / "wavs"
+    assert wavs.is_dir(), sorted(p.name for p in (folder / "small-source").iterdir())
+    computed = json.loads(run(store.path, "--jobs", 1, "--bootstrap", 0, "--source", wavs, "--json"))
+    assert computed["scores"]["bas"]["value"] == stored["scores"]["bas"]["value"]
+
+
+def test_beats_of_windows_are_computed_each_by_itself(store: Store, folder: Path) -> None:
+    without = json.loads(
+        run(store.path, "--protocol", "dgsdp", "--split", "test", "--jobs", 1, "--bootstrap", 0, "--json")
+    )
+    assert any("no beats of music" in warning for warning in without["warnings"])
+    assert without["scores"]["pfc"]["n"] > 0
+    wavs = folder / "small-source" / "wavs"
+    found = json.loads(
+        run(
+            store.path,
+            "--protocol",
+            "dgsdp",
+            "--split",
+            "test",
+            "--source",
+            wavs,
+            "--jobs",
+            1,
+            "--bootstrap",
+            0,
+            "--json",
+        )
+    )
+    assert found["scores"]["bas"]["n"] == found["pieces"]
+
+
+def test_a_feature_that_is_not_there(
+    store: Store, folder: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    from dancedata.core.registry import FEATURES
+
+    monkeypatch.setattr(FEATURES, "names", lambda: ("librosa35",))
+    wavs = folder / "small-source" / "wavs"
+    np.save(tmp_path / "a.npy", np.random.default_rng(0).normal(size=(200, 24, 3)))
+    text = run(
+        tmp_path, "--protocol", "bailando-aistpp", "--fps", 60, "--up", "y", "--source", wavs, "--quiet", code=2
+    )
+    assert "from the audio feature bailando438, which is not installed" in text
+
+
+def test_the_list_of_protocols() -> None:
+    text = run("--list-protocols")
+    assert "bailando-aistpp, version 1: Bailando on AIST++" in text
+    assert "published, ground truth: FID_k 17.1, FID_g 10.6" in text
+    found = json.loads(run("--list-protocols", "--json"))
+    assert found["edge-aistpp"]["truth"] == "pieces of 150 frames every 75"
+
+
+def test_usage() -> None:
+    assert "there is nothing to evaluate" in run(code=2)
+    assert "unknown table" in run("x", "--table", "html", code=2)
+    assert "--self-test reads the files of a data set" in run("--self-test", code=2)

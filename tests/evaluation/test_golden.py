@@ -1,0 +1,245 @@
+"""Whole protocols against what the published programs give for the same dances (golden set `metrics`)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pytest
+
+import dancedata
+from dancedata.core.grid import FrameGrid
+from dancedata.core.registry import METRICS
+from dancedata.evaluation.measuring import measure_pose
+from dancedata.evaluation.pose import Pose
+from dancedata.evaluation.protocol import PROTOCOLS
+from dancedata.evaluation.report import Report
+from dancedata.metrics import MusicBeats
+from dancedata.metrics.set_statistics import STATISTICS
+
+# Relative; the README of the golden set gives these.
+BAS, BAS_FLOAT32, PFC, FEATURES, SETS = 1e-9, 1e-6, 1e-6, 1e-6, 1e-5
+
+
+class Golden:
+    """Inputs by clip, and the values of the programs."""
+
+    def __init__(self, metrics_golden: Any) -> None:
+        self.values: Mapping[str, Any] = metrics_golden.json("per_clip")
+        self.set = metrics_golden
+        self.y60 = self._joints("smpl24_yup60")
+        # To +Y up: (x, y, z) of z up is (x, z, -y).
+        z30 = self._joints("smpl24_zup30")
+        self.z30 = {k: np.stack([v[..., 0], v[..., 2], -v[..., 1]], axis=-1) for k, v in z30.items()}
+        self.x30 = self._joints("smplx24_yup30")
+
+    def _joints(self, kind: str) -> dict[str, np.ndarray]:
+        found = {k.split("/")[1]: v.astype(np.float64) for k, v in self.set.joints.items() if k.startswith(kind)}
+        return found
+
+    def of(self, key: str, clips: Mapping[str, Any]) -> dict[str, Any]:
+        return {clip: self.values[clip][key] for clip in clips}
+
+
+@pytest.fixture
+def whole(metrics_golden: Any) -> None:
+    """For what is in the whole set only."""
+    if not metrics_golden.whole:
+        pytest.skip("sets of windows, and dances of some lengths, are in the whole set of metrics")
+
+
+@pytest.fixture(scope="module")
+def golden(metrics_golden: Any) -> Golden:
+    return Golden(metrics_golden)
+
+
+def evaluated(motions: Mapping[str, np.ndarray], protocol: str, fps: int, **options: Any) -> Report:
+    return dancedata.evaluate(motions, protocol=protocol, fps=fps, role="truth", bootstrap=0, **options)
+
+
+def column(report: Report, name: str) -> dict[str, Any]:
+    return {row["clip"]: row[name] for row in report.per_clip}
+
+
+def assert_total(report: Report, score: str, expected: Mapping[str, float], rtol: float, row: str = "") -> None:
+    """The clips' values and their mean."""
+    assert column(report, row or score) == pytest.approx(dict(expected), rel=rtol, abs=1e-12)
+    assert report[score] == pytest.approx(np.mean(list(expected.values())), rel=rtol, abs=1e-12)
+
+
+def beats(golden: Golden, suffix: str, clips: Mapping[str, Any]) -> dict[str, np.ndarray]:
+    return {clip: golden.set.beats[f"{clip}.{suffix}"] for clip in clips}
+
+
+def test_bailando(golden: Golden) -> None:
+    music = beats(golden, "bailando60", golden.y60)
+    report = evaluated(golden.y60, "bailando-aistpp", 60, beats=music)
+    assert_total(report, "bas", golden.of("bas_bailando", golden.y60), BAS)
+    assert "no clip" not in str(report)
+
+
+def test_fact(golden: Golden) -> None:
+    music = golden.of("music_beats_fact60", golden.y60)
+    report = evaluated(golden.y60, "fact-aistpp", 60, body="smpl24", beats=music)
+    assert_total(report, "bas", golden.of("bas_fact", golden.y60), BAS_FLOAT32)
+
+
+@pytest.mark.parametrize("fps", [60, 30])
+def test_motius(golden: Golden, fps: int) -> None:
+    dances = {clip: joints[:: 60 // fps] for clip, joints in golden.y60.items()}
+    report = evaluated(dances, "motius-aistpp", fps, beats=beats(golden, "bailando60", dances))
+    assert_total(report, "bas", golden.of(f"bas_motius{fps}", dances), BAS)
+    physics = golden.of(f"physical_motius{fps}", dances)
+    for name, score in (("Jitter", "jitter"), ("Dynamic", "dynamic"), ("Float", "floating"), ("Slide", "sliding")):
+        assert_total(report, score, {clip: v[name] for clip, v in physics.items()}, 1e-6)
+
+
+def test_popdg(golden: Golden) -> None:
+    music = golden.of("music_beats_edge30_track", golden.z30)
+    report = evaluated(golden.z30, "popdg", 30, body="smpl24-edge", beats=music)
+    expected = golden.of("bas_popdg", golden.z30)
+    assert column(report, "bas") == pytest.approx(expected, rel=BAS_FLOAT32)
+    assert report["bas"] == pytest.approx(sum(expected.values()) / 24, rel=BAS_FLOAT32)
+    assert_total(report, "pfc", golden.of("pfc_edge", golden.z30), PFC)
+    assert_total(report, "pbc", golden.of("pbc_popdg", golden.z30), PFC)
+
+
+def test_gcd(golden: Golden) -> None:
+    music = golden.of("music_beats_edge30_track", golden.z30)
+    report = evaluated(golden.z30, "gcd", 30, body="smpl24", beats=music)
+    assert_total(report, "bas", golden.of("bas_gcd", golden.z30), BAS_FLOAT32)
+
+
+def test_slices_of_dgsdp_and_edge(golden: Golden) -> None:
+    slices = golden.of("pfc_edge.slices", golden.z30)
+    starts = golden.of("slice_starts30", golden.z30)
+    report = evaluated(golden.z30, "dgsdp", 30)
+    assert report.pieces == sum(map(len, slices.values()))
+    assert report["pfc"] == pytest.approx(np.mean([v for own in slices.values() for v in own]), rel=PFC)
+    for clip, values in slices.items():
+        own = [row["pfc"] for row in report.per_clip if row["clip"] == clip]
+        assert own == pytest.approx(values, rel=PFC)
+    every = [v for clip, own in slices.items() for s, v in zip(starts[clip], own, strict=True) if s % 75 == 0]
+    assert evaluated(golden.z30, "edge-aistpp", 30)["pfc"] == pytest.approx(np.mean(every), rel=PFC)
+
+
+def test_beats_of_dgsdps_slices(whole: None, golden: Golden) -> None:
+    clips = {k: v for k, v in golden.z30.items() if "bas_dgsdp.slices" in golden.values[k]}
+    slices, values = [golden.of(k, clips) for k in ("music_beats_edge30_slices", "bas_dgsdp.slices")]
+    for clip, joints in clips.items():
+        cut = {f"{clip}@{k:02d}": joints[15 * k : 15 * k + 150] for k, v in enumerate(values[clip]) if v is not None}
+        music = {name: slices[clip][int(name[-2:])] for name in cut}
+        found = column(evaluated(cut, "dgsdp", 30, beats=music), "bas")
+        assert found == pytest.approx({name: values[clip][int(name[-2:])] for name in cut}, rel=BAS)
+
+
+def test_megadance(whole: None, golden: Golden) -> None:
+    # Its windows are cut to multiples of 8: dances that are such multiples are measured whole.
+    clips = {k: v for k, v in golden.z30.items() if len(v) % 8 == 0}
+    report = evaluated(clips, "megadance-finedance", 30, beats=golden.of("music_beats_edge30_track", clips))
+    assert_total(report, "bas", golden.of("bas_megadance", clips), BAS)
+
+
+def test_lodge(golden: Golden) -> None:
+    clips = {k: v for k, v in golden.x30.items() if len(v) <= 1024}
+    if not clips:
+        pytest.skip("a dance of at most 1,024 frames is in the whole set")
+    music = beats(golden, "music_beats_wav", clips)
+    report = evaluated(clips, "lodge-finedance", 30, body="smplx24", beats=music)
+    assert_total(report, "bas", golden.of("bas_lodge.music_beats_wav", clips), BAS)
+    sides = np.array([golden.values[clip]["fsr_lodge"] for clip in clips])
+    found = [[column(report, f"skating_{side}")[clip] for side in ("left", "right")] for clip in clips]
+    np.testing.assert_allclose(found, sides, atol=1e-6)
+    assert report["skating"] == pytest.approx(sides.mean(axis=0).mean(), abs=1e-6)
+
+
+#: Protocol, which of its measures, the dances, their rate and body, role, and the golden array.
+ARRAYS = [
+    ("bailando-aistpp", 0, "y60", 60, None, "generated", "kinetic_bailando"),
+    ("bailando-aistpp", 1, "y60", 60, None, "generated", "manual_bailando"),
+    ("fact-aistpp", 0, "y60", 60, "smpl24", "truth", "kinetic_api"),
+    ("fact-aistpp", 1, "y60", 60, "smpl24", "truth", "manual_api"),
+    ("popdg", 0, "z30", 30, "smpl24-edge", "truth", "kinetic_popdg_zup30"),
+    ("popdg", 1, "z30", 30, "smpl24-edge", "truth", "manual_popdg_zup30"),
+    ("gcd", 0, "y60", 60, "smpl24", "truth", "kinetic_gcd30"),
+    ("megadance-finedance", 0, "y60", 60, None, "truth", "kinetic_megadance30"),
+    ("flowerdance-code", 0, "z30", 30, None, "truth", "kinetic_flowerdance_zup30_exact"),
+    ("flowerdance-code", 1, "z30", 30, None, "truth", "geometric_flowerdance_zup30_exact"),
+    ("lodge-finedance", 0, "x30", 30, "smplx24", "truth", "kinetic_lodge"),
+    ("lodge-finedance", 1, "x30", 30, "smplx24", "truth", "manual_lodge"),
+]
+
+
+@pytest.mark.parametrize("case", ARRAYS, ids=lambda case: f"{case[0]}-{case[-1]}")
+def test_features(golden: Golden, case: tuple[Any, ...]) -> None:
+    name, number, dances, fps, body, role, key = case
+    protocol = PROTOCOLS.get(name)()
+    stored = [k for k in golden.set.features if k.split("/")[0] == key]
+    checked = 0
+    for clip, joints in getattr(golden, dances).items():
+        names = [k for k in stored if k.split("/")[-1] == clip]
+        if not names or (name == "megadance-finedance" and len(joints[::2]) % 8):
+            continue
+        pose = Pose.of_joints(joints, FrameGrid.of(fps), body)
+        found = measure_pose(protocol, role, [number], pose, None)[number]
+        assert found is not None
+        expected = np.asarray(golden.set.features[names[0]], dtype=np.float64)
+        np.testing.assert_allclose(found[3][0], expected[: len(found[3][0])], rtol=FEATURES, atol=1e-7)
+        checked += 1
+    assert checked or (name == "megadance-finedance" and not golden.set.whole)
+
+
+#: Protocol and the golden set's name for its statistics, of the features that it takes.
+STATISTICS_OF = {
+    "bailando-aistpp": ("bailando", "numpy"),
+    "fact-aistpp": ("fact", "numpy"),
+    "motius-aistpp": ("motius", "numpy"),
+    "megadance-finedance": ("megadance", "torch"),
+    "flowerdance-code": ("flowerdance_normalise", "flowerdance"),
+    "lodge-finedance": ("lodge", "numpy"),
+}
+
+
+@pytest.mark.parametrize("name", sorted(STATISTICS_OF))
+def test_sets_are_normalised_as_in_the_originals(name: str) -> None:
+    protocol = PROTOCOLS.get(name)()
+    for measure in protocol.measures:
+        if measure.metric.needs_pool:
+            own = getattr(measure.metric, "statistics")  # noqa: B009 (of the plug-ins that have it)
+            assert STATISTICS[own] == STATISTICS[STATISTICS_OF[name][1]]
+
+
+@pytest.mark.parametrize("case", ["halves_even_odd", "pool_vs_40"])
+@pytest.mark.parametrize("name", sorted(STATISTICS_OF))
+def test_totals_of_sets(whole: None, metrics_golden: Any, name: str, case: str) -> None:
+    sets = metrics_golden.json("sets")
+    original = STATISTICS_OF[name][0]
+    here = sets.get("lodge", {}) if original == "lodge" else sets
+    kinds = {
+        "bailando": ("kinetic_bailando", "manual_bailando"), "fact": ("kinetic_api", "manual_bailando"),
+        "motius": ("kinetic_bailando", "manual_bailando"), "lodge": ("kinetic_lodge", "manual_lodge"),
+        "megadance": ("kinetic_megadance", "geometric_megadance"),
+        "flowerdance_normalise": ("kinetic_megadance", "geometric_megadance"),
+    }  # fmt: skip
+    rows, expected = here[case], here[case][original]["float64"]
+    expected = expected[0] if isinstance(expected, list) else expected
+    protocol = PROTOCOLS.get(name)()
+    for kind, measure in zip(("k", "g"), protocol.measures, strict=False):
+        features = metrics_golden.features[f"windows/{kinds[original][kind == 'g']}"].astype(np.float64)
+        scores = METRICS.get(measure.metric.name).summarise(
+            measure.metric, features[rows["pred"]], features[rows["gt"]]
+        )
+        own = "m" if f"fid_{kind}" not in expected else kind
+        assert scores[f"fid_{kind}"] == pytest.approx(expected[f"fid_{own}"], rel=SETS)
+        dist = expected.get(f"div_{own}", expected.get(f"dist_{own}"))
+        assert scores[f"div_{kind}"] == pytest.approx(dist, rel=1e-6)
+
+
+def test_beats_at_another_rate_than_the_motions() -> None:
+    rng = np.random.default_rng(0)
+    dance = {"a": rng.normal(0, 0.01, (200, 24, 3)).cumsum(axis=0)}
+    with_30 = MusicBeats.of([3, 20, 50, 77], FrameGrid.of(30))
+    with_60 = MusicBeats.of([6, 40, 100, 154], FrameGrid.of(60))
+    scores = [dancedata.evaluate(dance, fps=40, beats={"a": b}, bootstrap=0)["bas"] for b in (with_30, with_60)]
+    assert scores[0] == scores[1]

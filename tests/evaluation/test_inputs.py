@@ -1,0 +1,164 @@
+"""One motion gives one result, whatever it is read from and whoever computes it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dancedata
+from dancedata.core.bodies import SMPLX55, carried_over
+from dancedata.core.grid import FrameGrid
+from dancedata.core.motion import Motion
+from dancedata.evaluation.protocol import PROTOCOLS
+from dancedata.evaluation.report import Report
+from dancedata.formats.bvh.write import write_bvh
+from dancedata.metrics import MusicBeats
+from dancedata.store import Store
+
+#: A store has float32 columns: 6D rotations are within 1e-7, positions within 1e-6 m.
+FLOAT32 = 2e-3
+#: BVH has six decimals of degrees and metres.
+TEXT = 2e-3
+
+
+def values(report: Report) -> dict[str, float | None]:
+    return {score.name: score.value for score in report.scores}
+
+
+def assert_same(one: Report, other: Report, rtol: float, atol: float = 1e-6) -> None:
+    assert values(one).keys() == values(other).keys()
+    for name, value in values(one).items():
+        assert value is not None, name
+        assert values(other)[name] == pytest.approx(value, rel=rtol, abs=atol), name
+
+
+def evaluated(what: object, store: Store, protocol: str = "dancedata", **options: object) -> Report:
+    return dancedata.evaluate(what, protocol=protocol, pool=store, role="truth", bootstrap=0, **options)
+
+
+@pytest.fixture(scope="module")
+def reference(folder: Path, store: Store) -> Report:
+    return dancedata.evaluate(store, bootstrap=0, cache=folder / "cache")
+
+
+def test_a_store_has_every_score(reference: Report) -> None:
+    assert set(values(reference)) >= {"fid_k", "div_k", "fid_g", "div_g", "bas", "pfc", "skating"}
+    assert None not in values(reference).values()
+    assert values(reference)["fid_k"] == pytest.approx(0, abs=1e-9)
+
+
+def test_joints_motions_and_arrays_of_a_store_agree(
+    tmp_path: Path, store: Store, motions: Mapping[str, Motion], reference: Report
+) -> None:
+    assert_same(reference, evaluated(motions, store, like=store), 1e-12)
+    joints = {name: motion.joints() for name, motion in motions.items()}
+    assert_same(reference, evaluated(joints, store, like=store, body="smpl24"), 1e-9)
+    assert_same(reference, evaluated(store, store, field="joints"), FLOAT32)
+    for name, motion in motions.items():
+        np.savez(tmp_path / f"{name}.npz", joints=motion.joints().astype(np.float32), fps=30)
+    assert_same(reference, evaluated(tmp_path, store, like=store, up="y"), FLOAT32)
+
+
+def test_positions_with_z_up_and_in_centimetres(
+    tmp_path: Path, store: Store, motions: Mapping[str, Motion], reference: Report
+) -> None:
+    for name, motion in motions.items():
+        x, y, z = np.moveaxis(100 * motion.joints(), -1, 0)
+        np.save(tmp_path / f"{name}.npy", np.stack([x, -z, y], axis=-1))
+    found = evaluated(tmp_path, store, like=store, up="z", unit="cm", fps=30)
+    assert_same(reference, found, 1e-6)
+
+
+def test_columns_normalised_or_not(
+    tmp_path: Path, store: Store, motions: Mapping[str, Motion], reference: Report
+) -> None:
+    scaler = store.normalizer("edge151")
+    for clip in store.clips:
+        np.save(tmp_path / f"{clip.id}.npy", clip.read("edge151"))
+        (tmp_path / "normalised").mkdir(exist_ok=True)
+        columns = scaler.normalize(clip.read("edge151").astype(np.float64))
+        np.save(tmp_path / "normalised" / f"{clip.id}.npy", columns)
+    assert_same(reference, evaluated(tmp_path, store, like=store, field="edge151"), 1e-12)
+    # The scaler clips what is outside the range of train, as EDGE does with generated motion.
+    for clip in store.clips:
+        if clip.split != "train":
+            (tmp_path / "normalised" / f"{clip.id}.npy").unlink()
+    found = evaluated(tmp_path / "normalised", store, like=store, field="edge151", normalized=True)
+    assert_same(evaluated(store, store, split="train"), found, FLOAT32, 1e-4)
+    alone = evaluated(tmp_path, store, representation="edge151", fps=30)
+    assert alone["fid_k"] == pytest.approx(reference["fid_k"], abs=1e-9)
+
+
+def test_smpl_arrays(tmp_path: Path, store: Store, motions: Mapping[str, Motion], reference: Report) -> None:
+    for name, motion in motions.items():
+        poses = motion.rotations.reshape(motion.n_frames, -1)
+        np.savez(tmp_path / f"{name}.npz", poses=poses, trans=motion.translation)
+    assert_same(reference, evaluated(tmp_path, store, like=store, up="y", unit="m", fps=30), 1e-9)
+
+
+def test_bvh(tmp_path: Path, store: Store, motions: Mapping[str, Motion], reference: Report) -> None:
+    for name, motion in motions.items():
+        bones = motion.skeleton
+        root = motion.translation + bones.offsets[0]
+        names = [_camel(joint) for joint in bones.joints]
+        path = tmp_path / f"{name}.bvh"
+        write_bvh(path, names, bones.parents, bones.offsets, motion.matrices, root, "0.0333333")
+    assert_same(reference, evaluated(tmp_path, store, like=store, unit="m"), TEXT, 2e-4)
+
+
+def _camel(joint: str) -> str:
+    return "".join(part.capitalize() for part in joint.split("_"))
+
+
+def test_order_and_jobs_do_not_count(
+    folder: Path, store: Store, motions: Mapping[str, Motion], reference: Report, tmp_path: Path
+) -> None:
+    backwards = dict(reversed(motions.items()))
+    assert values(evaluated(backwards, store, like=store)) == values(evaluated(motions, store, like=store))
+    again = dancedata.evaluate(store, bootstrap=0, jobs=2, cache=tmp_path / "cache")
+    assert again.to_json() == reference.to_json()
+
+
+def test_a_second_run_computes_nothing(store: Store, reference: Report, monkeypatch: pytest.MonkeyPatch) -> None:
+    from dancedata.evaluation import measuring
+
+    monkeypatch.setattr(measuring, "measure_pose", None)
+    assert dancedata.evaluate(store, bootstrap=0).to_json() == reference.to_json()
+
+
+def test_yaw_and_a_shift_change_nothing(store: Store, motions: Mapping[str, Motion], reference: Report) -> None:
+    turn = np.array([[0.6, 0, 0.8], [0, 1, 0], [-0.8, 0, 0.6]])
+    moved = {name: motion.joints() @ turn.T + (3.0, 0.7, -2.0) for name, motion in motions.items()}
+    assert_same(reference, evaluated(moved, store, like=store, body="smpl24"), 1e-6, 1e-8)
+
+
+@pytest.mark.parametrize("name", sorted(set(PROTOCOLS.names()) - {"lodge-finedance"}))
+def test_every_protocol_gives_a_table(store: Store, motions: Mapping[str, Motion], name: str) -> None:
+    protocol = PROTOCOLS.get(name)()
+    rate = protocol.motion.fps or 30
+    sources = {k: m.resampled(FrameGrid.of(rate)) for k, m in motions.items()}
+    sources = {k: Motion(m.translation, m.rotations, m.grid, m.skeleton) for k, m in sources.items()}
+    beats = MusicBeats.of([9, 40, 70, 99, 130, 200], FrameGrid.of(rate))
+    music = {} if protocol.music is None else dict.fromkeys(motions, beats)
+    report = dancedata.evaluate(sources, protocol=name, pool=sources, beats=music, bootstrap=20, role="truth")
+    assert len(report.clips) == len(motions)
+    for score in report.scores:
+        assert score.value is not None, score
+        assert np.isfinite(score.value)
+    assert name in str(report)
+    assert report.to_json()["scores"]
+
+
+def test_lodge_takes_smplx(store: Store, motions: Mapping[str, Motion]) -> None:
+    smplx = {name: carried_over(motion, SMPLX55) for name, motion in motions.items()}
+    of_motion = dancedata.evaluate(smplx, protocol="lodge-finedance", pool=smplx, like=store, bootstrap=0)
+    joints = {name: motion.joints()[:, :24] for name, motion in smplx.items()}
+    of_joints = dancedata.evaluate(
+        joints, protocol="lodge-finedance", pool=joints, like=store, body="smplx24", bootstrap=0
+    )
+    assert_same(of_motion, of_joints, 1e-9)
+    of_store = dancedata.evaluate(store, protocol="lodge-finedance", bootstrap=0, role="generated")
+    assert_same(of_motion, of_store, FLOAT32)

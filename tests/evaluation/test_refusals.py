@@ -1,0 +1,211 @@
+"""What is refused, and what is counted instead of being hidden."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+
+import dancedata
+from dancedata.core.errors import DataError, UsageError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.motion import Motion
+from dancedata.evaluation.pool import load_pool
+from dancedata.evaluation.protocol import PROTOCOLS, Protocol
+from dancedata.evaluation.protocols.bailando_aistpp import BailandoAistpp
+from dancedata.store import Store
+
+
+@dataclass(frozen=True)
+class NextVersion(BailandoAistpp):
+    """The same protocol, later."""
+
+    version: ClassVar[int] = 2
+
+
+def dance(n_frames: int = 300, joints: int = 24, seed: int = 0) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    return rng.normal(0, 0.01, (n_frames, joints, 3)).cumsum(axis=0) + rng.normal(0, 0.4, (joints, 3))
+
+
+def dances(n: int = 3, **options: Any) -> dict[str, np.ndarray]:
+    return {f"d{k}": dance(seed=k, **options) for k in range(n)}
+
+
+def test_another_rate_than_the_protocols() -> None:
+    with pytest.raises(DataError, match=r"another frame rate; found 30 frames per second; allowed: 60"):
+        dancedata.evaluate(dances(), protocol="bailando-aistpp", fps=30)
+
+
+def test_mixed_rates(motions: Mapping[str, Motion]) -> None:
+    names = sorted(motions)
+    mixed = dict(motions)
+    half = motions[names[0]].resampled(FrameGrid.of(15))
+    mixed[names[0]] = Motion(half.translation, half.rotations, half.grid, half.skeleton)
+    with pytest.raises(UsageError, match=r"different frame rates.*15 per second: 1 clip.*30 per second: 7 clips"):
+        dancedata.evaluate(mixed)
+
+
+def test_a_pool_of_another_rate(store: Store) -> None:
+    with pytest.raises(UsageError, match=r"another frame rate.*30 frames per second in the pool, 60 in the set"):
+        dancedata.evaluate(dances(n_frames=600), fps=60, pool=store)
+
+
+def test_a_store_without_the_joints(store: Store) -> None:
+    with pytest.raises(UsageError, match=r"edge151: they have 30 rows per second, not 60"):
+        dancedata.evaluate(store, protocol="bailando-aistpp")
+    with pytest.raises(UsageError, match=r"edge151: they are not on SMPL-X"):
+        dancedata.evaluate(store, protocol="lodge-finedance", field="edge151")
+    with pytest.raises(UsageError, match=r"no motion field named 'edge15'.*Did you mean 'edge151'"):
+        dancedata.evaluate(store, field="edge15")
+
+
+def test_lodge_without_smplx(motions: Mapping[str, Motion]) -> None:
+    with pytest.raises(DataError, match=r"without jaw, left_eye.*SMPL-X for Lodge's protocol"):
+        dancedata.evaluate(motions, protocol="lodge-finedance")
+    with pytest.raises(DataError, match=r"joints that this motion does not have"):
+        dancedata.evaluate(dances(joints=22), protocol="lodge-finedance", fps=30)
+
+
+def test_fact_without_the_true_pelvis() -> None:
+    with pytest.raises(DataError, match=r"true position of the pelvis.*--body smpl24"):
+        dancedata.evaluate(dances(), protocol="fact-aistpp", fps=60)
+    report = dancedata.evaluate(dances(), protocol="fact-aistpp", fps=60, body="smpl24", pool=dances(), bootstrap=0)
+    assert report["fid_k"] is not None
+
+
+@pytest.mark.parametrize("joints", [17, 23, 100])
+def test_joints_of_an_unknown_body(joints: int) -> None:
+    with pytest.raises(DataError, match=rf"the joints of an array are unknown; found {joints} joints"):
+        dancedata.evaluate(dances(joints=joints), fps=30)
+
+
+def test_pools_are_keyed_by_protocol_version_and_rate(tmp_path: Path) -> None:
+    path = tmp_path / "pool.npz"
+    made = dancedata.evaluate(
+        dances(), protocol="bailando-aistpp", fps=60, pool=dances(4), save_pool=path, bootstrap=0
+    )
+    data = path.read_bytes()
+    again = dancedata.evaluate(dances(), protocol="bailando-aistpp", fps=60, pool=path, save_pool=path, bootstrap=0)
+    assert path.read_bytes() == data
+    assert [s.value for s in again.scores] == [s.value for s in made.scores]
+    assert load_pool(path, BailandoAistpp()).ids == ("d0", "d1", "d2", "d3")
+    with pytest.raises(UsageError, match=r"by another protocol; found 'bailando-aistpp', version 1; allowed: motius"):
+        dancedata.evaluate(dances(), protocol="motius-aistpp", fps=60, pool=path)
+    later = NextVersion()
+    object.__setattr__(later, "name", "bailando-aistpp")
+    with pytest.raises(UsageError, match=r"version 1; allowed: bailando-aistpp, version 2"):
+        dancedata.evaluate(dances(), protocol=later, fps=60, pool=path)
+
+
+def test_foreign_pools_are_not_read_and_not_replaced(tmp_path: Path) -> None:
+    path = tmp_path / "pool.npz"
+    np.savez(path, about=np.array([object()], dtype=object))
+    before = path.read_bytes()
+    for options in ({"pool": path}, {"pool": dances(), "save_pool": path}):
+        with pytest.raises(UsageError, match="not a pool"):
+            dancedata.evaluate(dances(), protocol="bailando-aistpp", fps=60, **options)
+    assert path.read_bytes() == before
+    with pytest.raises(UsageError, match=r"a pool is an \.npz file"):
+        dancedata.evaluate(dances(), protocol="gcd", body="smpl24", fps=30, pool=dances(), save_pool=tmp_path / "a")
+
+
+def test_broken_clips_are_counted_by_name(tmp_path: Path, store: Store) -> None:
+    for name, array in dances().items():
+        np.save(tmp_path / f"{name}.npy", array)
+    broken = dance()
+    broken[7] = np.nan
+    np.save(tmp_path / "broken.npy", broken)
+    report = dancedata.evaluate(tmp_path, fps=30, up="y", pool=store, bootstrap=0)
+    assert report.clips == ("d0", "d1", "d2")
+    ((clip, reason),) = report.left_out
+    assert clip == "broken"
+    assert "the first at frame 7" in reason
+    assert "left out: 1 clip\n    broken:" in str(report)
+
+
+def test_still_and_short_clips_are_named_outcomes(store: Store) -> None:
+    still = np.broadcast_to(dance()[:1], (300, 24, 3))
+    clips = dances() | {"still": still, "short": dance(60)}
+    report = dancedata.evaluate(clips, fps=30, pool=store, beats=dict.fromkeys(clips, _beats()), bootstrap=0)
+    pfc = next(s for s in report.scores if s.name == "pfc")
+    assert pfc.undefined == {"short": ("short",), "still": ("still#0", "still#1", "still#2")}
+    bas = next(s for s in report.scores if s.name == "bas")
+    assert bas.undefined["no_motion_beats"] == ("still#0", "still#1", "still#2")
+    assert "never accelerates (still), 3 pieces: still#0" in str(report)
+    alone = dancedata.evaluate({"still": still}, fps=30, pool=store, bootstrap=0)
+    assert alone["pfc"] is None
+    assert alone.to_json()["scores"]["pfc"]["value"] is None
+
+
+def _beats() -> Any:
+    from dancedata.metrics import MusicBeats
+
+    return MusicBeats.of([10, 70, 130, 190, 250], FrameGrid.of(30))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"protocol": "bailando"}, "unknown protocol 'bailando'.*Did you mean 'bailando-aistpp'"),
+        ({"role": "ground truth"}, "unknown role"),
+        ({"normalized": True}, "normalised columns need the scaler"),
+        ({"split": "test"}, "only a dataset has splits"),
+        ({"bootstrap": -1}, "invalid number of bootstrap draws"),
+        ({"fps": None}, "the frame rate of the joints is unknown"),
+        ({"music_of": {"nobody": "song"}}, "names clips that are not there; found nobody"),
+        ({"beats": {"nobody": [1]}}, "clips that are not there; found nobody"),
+        ({"beats": {"d0": [1]}}, "has no rate for beats of its own"),
+        ({"up": "x"}, None),
+    ],
+)
+def test_options_that_do_not_go_together(options: dict[str, Any], message: str | None) -> None:
+    given = {"fps": 30} | options
+    if message is None:
+        assert dancedata.evaluate(dances(), bootstrap=0, **given)["pfc"] is not None  # arrays in memory are +Y up
+        return
+    with pytest.raises(UsageError, match=message):
+        dancedata.evaluate(dances(), **given)
+
+
+def test_undeclared_facts_of_files(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", dance())
+    with pytest.raises(DataError, match=r"up axis of these positions is unknown.*--up"):
+        dancedata.evaluate(tmp_path, fps=30)
+    with pytest.raises(DataError, match=r"frame rate of these positions is unknown.*--fps"):
+        dancedata.evaluate(tmp_path, up="y")
+    with pytest.raises(UsageError, match="there is nothing to evaluate"):
+        dancedata.evaluate(tmp_path / "b")
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(UsageError, match="no motion to evaluate"):
+        dancedata.evaluate(tmp_path / "empty")
+
+
+def test_a_protocol_needs_its_members() -> None:
+    @dataclass(frozen=True)
+    class Bare(Protocol):
+        """Nothing."""
+
+        version: ClassVar[int] = 1
+        name: ClassVar[str] = "bare"
+
+    with pytest.raises(UsageError, match="the protocol lacks citation, source, motion, measures"):
+        Bare()
+
+
+def test_protocols_are_complete() -> None:
+    assert PROTOCOLS.names() == (
+        "bailando-aistpp", "dancedata", "dgsdp", "edge-aistpp", "fact-aistpp", "flowerdance-code", "gcd",
+        "lodge-finedance", "megadance-finedance", "motius-aistpp", "popdg",
+    )  # fmt: skip
+    for name in PROTOCOLS.names():
+        protocol = PROTOCOLS.get(name)()
+        scores = {score for m in protocol.measures for score in m.metric.better}
+        needs_music = any(m.metric.needs_music for m in protocol.measures)
+        assert (protocol.music is not None) == needs_music, name
+        for row in protocol.published:
+            assert set(row.values) <= scores | set(protocol.not_computable), name

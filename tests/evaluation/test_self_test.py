@@ -1,0 +1,56 @@
+"""evaluate --self-test: a copy of a data set against the rows that were published of it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from dancedata.api.evaluation import self_test
+from dancedata.cli.app import app
+from dancedata.core.errors import SourceError, UsageError
+from dancedata.datasets.finedance.reader import FineDance
+
+
+def test_every_published_row_of_aistpp(folder: Path) -> None:
+    found = self_test(folder / "small-source", bootstrap=0)
+    assert found.dataset == "aist++"
+    assert {row["protocol"] for row in found.rows()} == {"bailando-aistpp", "motius-aistpp", "edge-aistpp"}
+    rows = {(row["protocol"], row["score"]): row for row in found.rows()}
+    fid = rows["bailando-aistpp", "fid_k"]
+    assert fid["published"] == 17.10
+    assert fid["measured"] is not None
+    assert fid["difference"] == fid["measured"] - 17.10
+    assert fid["clips"] == 4  # of val and test
+    assert fid["pool"] >= 8  # of all splits, and of none
+    assert rows["edge-aistpp", "pfc"]["pool"] is None
+    assert rows["edge-aistpp", "bas"]["measured"] is None  # its code was not released
+    text = str(found)
+    assert "published in EDGE, table 1: only PFC has code" in text
+    assert "clips of val and test, 60 frames per second" in text
+
+
+def test_one_protocol_and_json(folder: Path) -> None:
+    arguments = ["evaluate", "--self-test", "--source", str(folder / "small-source"), "--protocol", "edge-aistpp"]
+    done = CliRunner().invoke(app, [*arguments, "--jobs", "1", "--json"], catch_exceptions=False)
+    found = json.loads(done.output)
+    assert {row["protocol"] for row in found["rows"]} == {"edge-aistpp"}
+    assert found["reports"][0]["fps"] == "30"
+    assert any("every 2. frame" in note for note in found["reports"][0]["notes"])
+
+
+def test_finedance(tmp_path: Path) -> None:
+    FineDance().make_example(tmp_path)
+    found = self_test(tmp_path, bootstrap=0)
+    assert found.dataset == "finedance"
+    measured = {row["score"]: row["measured"] for row in found.rows()}
+    assert set(measured) == {"skating", "div_k", "div_g", "bas"} or found.skipped
+
+
+def test_nothing_was_published(tmp_path: Path, folder: Path) -> None:
+    with pytest.raises(UsageError, match=r"no row of this data set was published.*aist\+\+; allowed: finedance"):
+        self_test(folder / "small-source", protocol="lodge-finedance")
+    with pytest.raises(SourceError, match="neither a built dataset nor a source folder"):
+        self_test(tmp_path)
