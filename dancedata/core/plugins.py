@@ -7,7 +7,8 @@ keys that a recipe may set. It has to define the abstract members, and may repla
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, ClassVar, Literal, Self
@@ -18,11 +19,13 @@ import numpy.typing as npt
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.columns import Columns
+from dancedata.core.draw import Draw
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import Skeleton
+from dancedata.core.spatial import Spatial
 
 __all__ = [
     "AudioFeature",
@@ -33,6 +36,7 @@ __all__ = [
     "KeyMotionFinder",
     "Plugin",
     "Representation",
+    "SampleField",
     "WindowFilter",
 ]
 
@@ -115,6 +119,9 @@ class Representation(Plugin):
         constant height.
     axes, rotation_6d
         What dataset.json says of the columns' axes and of the 6D convention.
+    spatial
+        How the columns follow when the dancer is turned or shifted, for augmentations of samples; None: such samples
+        cannot be turned or shifted.
     decodes
         Whether the class has a `decode` of its own; set by itself.
     """
@@ -124,6 +131,7 @@ class Representation(Plugin):
     grounded: ClassVar[bool] = False
     axes: ClassVar[str]
     rotation_6d: ClassVar[str | None] = None
+    spatial: ClassVar[Spatial | None] = None
     decodes: ClassVar[bool] = False
 
     @property
@@ -143,6 +151,16 @@ class Representation(Plugin):
     def decode(self, array: npt.NDArray[Any], grid: FrameGrid) -> Motion:
         """Return the motion of (T, D) columns at the rate of `grid`. UsageError where that is not possible."""
         raise UsageError(f"the representation {self.name} cannot be decoded", allowed="encoding")
+
+    def encode_again(self, motion: Motion, contacts: ContactRule | None = None) -> Float32Array:
+        """Return (T, D) columns of a motion that `decode` returned and that was changed since.
+
+        The dancer stays at the height that the decoded columns had. A representation that is `grounded` replaces
+        this, as `encode` would move the dancer to the ground once more.
+        """
+        if self.grounded:
+            raise UsageError(f"the representation {self.name} cannot be encoded again at the same height")
+        return self.encode(motion, contacts)
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
@@ -253,18 +271,54 @@ class AudioFeature(Plugin):
         return cls()
 
 
-class Augmentation(Plugin):
-    """Makes a copy of every train clip: from its motion before it is encoded, or from its encoded rows.
-
-    A plug-in defines `change_motion` or `change_rows`. A copy has the frames, windows and music of its clip.
+@dataclass(frozen=True)
+class SampleField:
+    """A field of the samples that a reader gives, as augmentations see it.
 
     Attributes
     ----------
-    changes_motion
-        Whether the class defines `change_motion`, so that copies are encoded; set automatically.
+    grid
+        Grid of the rows.
+    representation, contacts
+        Of a motion field: the plug-ins that made its columns, as the dataset's recipe names them; None where they are
+        not known, or for contacts where the field has none.
+    """
+
+    name: str
+    kind: Literal["motion", "keymotion", "audio"]
+    columns: Columns
+    grid: FrameGrid
+    representation: Representation | None = None
+    contacts: ContactRule | None = None
+
+
+class Augmentation(Plugin):
+    """Changes clips when a dataset is built, samples when it is read, or both.
+
+    *Building.* An augmentation that defines `change_motion`, `change_rows` or `speed` makes one copy of every train
+    clip. A copy has the frames, windows and music of its clip, unless `speed` changes the time: then its motion is
+    resampled on the recipe's grid, its music is stretched, and windows, features, contacts and key motions are
+    computed anew.
+
+    *Reading.* An augmentation that defines `change_sample`, `choose_start` or `dropped` changes samples. All that is
+    random comes from the `Draw` that it is given, which is a pure function of (seed, epoch, index) and equal for all
+    fields of a sample.
+
+    Attributes
+    ----------
+    changes_motion, changes_time, makes_copies
+        Whether the copies of a class are encoded, whether their time may differ from that of their clips, and whether
+        it makes copies at all; set automatically.
+    changes_samples, chooses_windows, drops_fields
+        Whether the class defines `change_sample`, `choose_start`, `dropped`; set automatically.
     """
 
     changes_motion: ClassVar[bool] = False
+    changes_time: ClassVar[bool] = False
+    makes_copies: ClassVar[bool] = False
+    changes_samples: ClassVar[bool] = False
+    chooses_windows: ClassVar[bool] = False
+    drops_fields: ClassVar[bool] = False
 
     def check(self, columns: Columns) -> None:
         """Raise UsageError if copies of a motion or key motion field with these columns cannot be made."""
@@ -298,9 +352,61 @@ class Augmentation(Plugin):
         """
         return rows
 
+    def speed(self, clip: str) -> Fraction:
+        """Return how many times as fast as its clip a copy is: 2 takes half the time, 1 leaves the time as it is."""
+        return Fraction(1)
+
+    def check_sample(self, field: SampleField) -> None:
+        """Raise UsageError, with the reason, if samples with this field cannot be changed when they are read."""
+        return
+
+    def change_sample(self, rows: Float32Array, field: SampleField, draw: Draw) -> Float32Array:
+        """Return the rows of one field of one sample, in the shape and dtype of `rows`; for motion and key motions.
+
+        Parameters
+        ----------
+        rows
+            (L, D), read-only, not normalised.
+        draw
+            Random numbers of the sample; each field gets the same ones.
+        """
+        return rows
+
+    def choose_start(self, start: int, starts: range, stride: int, draw: Draw) -> int:
+        """Return the first frame of the window that is read instead of another one.
+
+        Parameters
+        ----------
+        start
+            First frame of the other window.
+        starts
+            First frames that a window of this length can have in the clip; one of them is returned.
+        stride
+            Frames from one of the dataset's windows to the next.
+        """
+        return start
+
+    def droppable(self, fields: Sequence[SampleField]) -> tuple[str, ...]:
+        """Return the names of the fields that `dropped` may return; UsageError if there are none."""
+        return ()
+
+    def dropped(self, fields: Sequence[SampleField], draw: Draw) -> tuple[str, ...]:
+        """Return the names of the fields of a sample that are masked."""
+        return ()
+
+    def cover(self, low: Float64Array, high: Float64Array, field: SampleField) -> tuple[Float64Array, Float64Array]:
+        """Return the range (D,) that the scaler of a motion field needs, from the range of the stored rows."""
+        return low, high
+
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
-        cls.changes_motion = cls.change_motion is not Augmentation.change_motion
+        base = Augmentation
+        cls.changes_time = cls.speed is not base.speed
+        cls.changes_motion = cls.changes_time or cls.change_motion is not base.change_motion
+        cls.makes_copies = cls.changes_motion or cls.change_rows is not base.change_rows
+        cls.changes_samples = cls.change_sample is not base.change_sample
+        cls.chooses_windows = cls.choose_start is not base.choose_start
+        cls.drops_fields = cls.dropped is not base.dropped
 
 
 class WindowFilter(Plugin):

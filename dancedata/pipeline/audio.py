@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from fractions import Fraction
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
@@ -39,6 +40,12 @@ class SignalId:
     ----------
     file
         What the file was like then, see `Cache.stat_key`.
+    sha256, n_samples
+        Hash and length of the signal; of a stretched one, a hash of what it is made of.
+    speed
+        How many times as fast as the file's signal it is.
+    decoded_sha256
+        Of a stretched signal: hash of the file's signal.
     """
 
     path: Path
@@ -46,11 +53,30 @@ class SignalId:
     sha256: str
     sample_rate: int
     n_samples: int
+    speed: Fraction = Fraction(1)
+    decoded_sha256: str = ""
 
     @cached_property
     def grid(self) -> FrameGrid:
         """The grid of the samples."""
         return FrameGrid.of(self.sample_rate)
+
+    def at_speed(self, speed: Fraction) -> SignalId:
+        """Return the same music `speed` times as fast; it is stretched when a feature is computed."""
+        if speed == 1:
+            return self
+        from dancedata.audio import stretch
+
+        made_of = Cache.key(
+            "stretched",
+            version=stretch.VERSION,
+            signal=self.sha256,
+            speed=str(speed),
+            packages={name: package_version(name) for name in stretch.PACKAGES},
+            arithmetic=expected(),
+        )
+        n_samples = stretch.stretched_length(self.n_samples, speed)
+        return replace(self, sha256=made_of, n_samples=n_samples, speed=speed, decoded_sha256=self.sha256)
 
 
 def window_samples(job: FeatureJob, n_samples: int, sample_rate: int) -> tuple[npt.NDArray[np.int64], int]:
@@ -248,6 +274,10 @@ def _decoded(signal: SignalId, ahead: Path | None = None) -> AudioSignal:
     file = None
     with suppress(OSError):
         file = Cache.stat_key("signal", signal.path)
-    if file != signal.file and found.sha256 != signal.sha256:
+    if file != signal.file and found.sha256 != (signal.decoded_sha256 or signal.sha256):
         raise DataError(CHANGED, reason="changed", where=signal.path, fix=BUILD_AGAIN)
-    return found
+    if signal.speed == 1:
+        return found
+    from dancedata.audio.stretch import stretched
+
+    return stretched(found, signal.speed)

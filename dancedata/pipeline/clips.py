@@ -1,4 +1,4 @@
-"""The stages in their order, and stage 5, extracted clips -> clips to store; their copies are stage 6."""
+"""The stages in their order."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ from dancedata.execution.progress import Progress
 from dancedata.execution.units import Jobs
 from dancedata.pipeline.copies import CopySource, make_copies
 from dancedata.pipeline.encode import encode_clips
-from dancedata.pipeline.features import ExtractedClip, extract_features
+from dancedata.pipeline.features import extract_features
 from dancedata.pipeline.sources import Sources
+from dancedata.pipeline.stored import stored_clip
 from dancedata.pipeline.windows import cut_windows
 from dancedata.recipes.copies import check_ids
 from dancedata.recipes.recipe import Recipe
@@ -45,32 +46,11 @@ def compute_clips(cache: Cache, recipe: Recipe, sources: Sources, *, jobs: Jobs,
     windowed, without_windows = cut_windows(recipe, encoded)
     extracted, without_features = extract_features(cache, recipe, windowed, jobs=jobs, progress=progress)
     extracted = sorted(extracted, key=lambda clip: clip.source.ref.id)
-    clips = [_stored(recipe, clip) for clip in extracted]
-    originals = [CopySource(c, e.source.ref, e.source.motion_sha256) for c, e in zip(clips, extracted, strict=True)]
+    clips = [stored_clip(recipe, clip) for clip in extracted]
+    originals = [CopySource(c, e.source) for c, e in zip(clips, extracted, strict=True)]
     copies, not_copied = make_copies(cache, recipe, originals, sources.content, jobs=jobs, progress=progress)
     return ComputedClips(
         clips=(*clips, *copies),
         rejects=(*sources.rejects, *unreadable, *without_windows, *without_features, *not_copied),
         quality=tuple({"clip": c.source.ref.id, **flag} for c in extracted for flag in c.motion.flags),
-    )
-
-
-def _stored(recipe: Recipe, clip: ExtractedClip) -> StoredClip:
-    ref, motion = clip.source.ref, clip.motion
-    return StoredClip(
-        id=ref.id,
-        split=ref.split,
-        genre=ref.genre,
-        music=ref.music,
-        dancer=ref.dancer,
-        tempo_bpm=ref.tempo_bpm,
-        n_flags=len(motion.flags),
-        trim_start=motion.trim_start,
-        height_m=motion.height_m,
-        source_rate=str(motion.source_rate),
-        lists=ref.lists,
-        n_frames=motion.n_frames,
-        starts=clip.starts,
-        motion=motion.stored(recipe, clip.starts),
-        audio=dict(clip.audio),
     )

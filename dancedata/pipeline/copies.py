@@ -1,19 +1,29 @@
-"""Stage 6, clips to store -> their copies. Motion that an augmentation changes is encoded as that of clips is."""
+"""Stage 6, clips to store -> their copies.
+
+Motion that an augmentation changes is encoded as that of clips is. Copies at another speed also go through the stages
+that cut windows and extract features.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.clip import ClipRef, Reject
+from dancedata.core.clip import Reject
 from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import Jobs, run_units
-from dancedata.pipeline.motion import MotionKeys, encode_motion, known_motion
+from dancedata.pipeline.encode import EncodedClip
+from dancedata.pipeline.features import extract_features
+from dancedata.pipeline.motion import MotionKeys, MotionResult, encode_motion, known_motion
+from dancedata.pipeline.sources import SourceClip
+from dancedata.pipeline.stored import stored_clip
+from dancedata.pipeline.windows import cut_windows
 from dancedata.recipes.copies import CopySpec, is_copied
 from dancedata.recipes.fields import KeyMotionField, MotionField
 from dancedata.recipes.recipe import Recipe
@@ -23,11 +33,22 @@ from dancedata.store.stored_clip import LazyArray
 
 @dataclass(frozen=True)
 class CopySource:
-    """A clip to store, and the motion file that it was read from, by its SHA-256."""
+    """A clip to store, and the files that it was made of."""
 
     clip: StoredClip
-    ref: ClipRef
-    motion_sha256: str
+    source: SourceClip
+
+
+@dataclass(frozen=True)
+class _Context:
+    """How the copies of one augmentation are computed."""
+
+    cache: Cache
+    recipe: Recipe
+    spec: CopySpec
+    content: Mapping[str, str]
+    jobs: Jobs
+    progress: Progress
 
 
 def make_copies(
@@ -39,7 +60,7 @@ def make_copies(
     jobs: Jobs,
     progress: Progress,
 ) -> tuple[list[StoredClip], list[Reject]]:
-    """Return the copies that the recipe asks for, and a reject for each whose motion cannot be encoded.
+    """Return the copies that the recipe asks for, and a reject for each that cannot be made.
 
     Parameters
     ----------
@@ -51,22 +72,62 @@ def make_copies(
     made: list[StoredClip] = []
     rejects: list[Reject] = []
     for spec in recipe.augment:
+        context = _Context(cache, recipe, spec, content, jobs, progress)
         if not spec.augmentation.changes_motion:
             made += [_copied(clip.clip, spec, fields) for clip in clips]
-            continue
-        every = MotionKeys(recipe, content, spec)
-        keys = [every.of(clip.ref, clip.motion_sha256) for clip in clips]
-        calls = [(cache, recipe, c.ref, c.motion_sha256, own, spec) for c, own in zip(clips, keys, strict=True)]
-        known = [known_motion(cache, recipe, own) for own in keys]
-        label = f"encoding copies ({spec.name})"
-        results = run_units(encode_motion, calls, known=known, jobs=jobs, label=label, progress=progress)
-        for clip, result in zip(clips, results, strict=True):
-            if isinstance(result, Reject):
-                rejects.append(replace(result, clip=spec.clip_id(clip.ref.id)))
-            else:
+        elif not spec.augmentation.changes_time:
+            for clip, result in _encoded(context, clips, rejects):
                 arrays = result.stored(recipe, clip.clip.starts)
                 made.append(_copied(replace(clip.clip, height_m=result.height_m), spec, fields, arrays))
+        else:
+            made += [_copied(clip, spec, fields) for clip in _retimed(context, clips, rejects)]
     return made, rejects
+
+
+def _encoded(
+    context: _Context, clips: Sequence[CopySource], rejects: list[Reject]
+) -> Iterator[tuple[CopySource, MotionResult]]:
+    """Yield clips with the motion of their copies; where it cannot be encoded, a reject is added."""
+    cache, recipe, spec = context.cache, context.recipe, context.spec
+    every = MotionKeys(recipe, context.content, spec)
+    keys = [every.of(clip.source.ref, clip.source.motion_sha256) for clip in clips]
+    calls = [
+        (cache, recipe, c.source.ref, c.source.motion_sha256, own, spec) for c, own in zip(clips, keys, strict=True)
+    ]
+    known = [known_motion(cache, recipe, own) for own in keys]
+    label = f"encoding copies ({spec.name})"
+    results = run_units(encode_motion, calls, known=known, jobs=context.jobs, label=label, progress=context.progress)
+    for clip, result in zip(clips, results, strict=True):
+        if isinstance(result, Reject):
+            rejects.append(replace(result, clip=spec.clip_id(clip.clip.id)))
+        else:
+            yield clip, result
+
+
+def _retimed(context: _Context, clips: Sequence[CopySource], rejects: list[Reject]) -> list[StoredClip]:
+    """Return clips at the speed of their copies, with windows and music of their own, under the clips' ids."""
+    recipe, spec = context.recipe, context.spec
+    of_copy = {spec.clip_id(clip.clip.id): clip.clip for clip in clips}
+    encoded = [EncodedClip(_faster(spec, clip.source), motion) for clip, motion in _encoded(context, clips, rejects)]
+    windowed, without_windows = cut_windows(recipe, encoded)
+    extracted, without_features = extract_features(
+        context.cache, recipe, windowed, jobs=context.jobs, progress=context.progress
+    )
+    rejects += [*without_windows, *without_features]
+    made = []
+    for clip in sorted(extracted, key=lambda clip: clip.source.ref.id):
+        own = of_copy[clip.source.ref.id]
+        # Flags and rate are of the source, whose frames the copy has.
+        made.append(replace(stored_clip(recipe, clip), id=own.id, n_flags=own.n_flags, source_rate=own.source_rate))
+    return made
+
+
+def _faster(spec: CopySpec, clip: SourceClip) -> SourceClip:
+    """Return the source of a copy: its id, and music and tempo at the copy's speed."""
+    ref, speed = clip.ref, spec.speed_of(clip.ref.id)
+    bpm = None if ref.tempo_bpm is None else float(Fraction(ref.tempo_bpm) * speed)
+    about = replace(ref, id=spec.clip_id(ref.id), music=spec.music_of(ref.music, ref.id), tempo_bpm=bpm)
+    return replace(clip, ref=about, signal=None if clip.signal is None else clip.signal.at_speed(speed))
 
 
 def _copied(

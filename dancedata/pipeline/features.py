@@ -59,10 +59,10 @@ def extract_features(
 
 
 class _Window(NamedTuple):
-    """A window's rows: their key, and the song that they are computed of."""
+    """A window's rows: their key, and the song that they are computed of, with the tempo to start from."""
 
     key: str
-    song: tuple[Path, float | None]
+    song: tuple[SignalId, float | None]
 
 
 @dataclass(frozen=True)
@@ -103,22 +103,18 @@ class _Extraction:
         every = FeatureKeys(self.job)
         by_clip: dict[str, list[_Window]] = {}
         owner: dict[str, _Window] = {}
-        signals: dict[Path, SignalId] = {}
-        songs: dict[tuple[Path, float | None], dict[int, str]] = {}
+        songs: dict[tuple[SignalId, float | None], dict[int, str]] = {}
         for clip in self.clips:
             signal, bpm = _signal(clip), clip.source.ref.tempo_bpm
-            signals[signal.path] = signal
-            numbered = songs.setdefault((signal.path, bpm), {})
+            numbered = songs.setdefault((signal, bpm), {})
             mine = by_clip[clip.source.ref.id] = []
             for number in self.recipe.windows.numbers(clip.starts):
                 key = numbered.get(number) or every.window(bpm, signal, number)
-                window = owner.setdefault(key, _Window(key, (signal.path, bpm)))
-                if window.song == (signal.path, bpm):
+                window = owner.setdefault(key, _Window(key, (signal, bpm)))
+                if window.song == (signal, bpm):
                     numbered[number] = key
                 mine.append(window)
-        units = [
-            _Unit(signals[path], bpm, keys) for (path, bpm), song in songs.items() for keys in window_units(song)
-        ]
+        units = [_Unit(signal, bpm, keys) for (signal, bpm), song in songs.items() for keys in window_units(song)]
         arrays, broken = self._compute_windows(units)
         found: dict[str, Blocks] = {}
         failed: dict[str, Reject] = {}
@@ -130,14 +126,14 @@ class _Extraction:
                 found[clip_id] = tuple(AudioBlock(window.key, arrays[window.key]) for window in windows)
         return found, failed
 
-    def _compute_windows(self, units: Sequence[_Unit]) -> tuple[dict[str, CachedArray], dict[Path, Reject]]:
-        """Return rows by key, and what failed by file."""
+    def _compute_windows(self, units: Sequence[_Unit]) -> tuple[dict[str, CachedArray], dict[SignalId, Reject]]:
+        """Return rows by key, and what failed by song."""
         known = [known_windows(self.cache, unit.keys) for unit in units]
         arrays: dict[str, CachedArray] = {}
-        broken: dict[Path, Reject] = {}
+        broken: dict[SignalId, Reject] = {}
         for unit, result in zip(units, self._run(extract_windows, units, known), strict=True):
             if isinstance(result, Reject):
-                broken[unit.signal.path] = result
+                broken[unit.signal] = result
             else:
                 arrays.update({unit.keys[number]: array for number, array in result.items()})
         return arrays, broken

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
+from dancedata.core.motion import Motion
 from dancedata.core.quality import implausible_flags
 from dancedata.core.text import counted, shown, table
 from dancedata.execution.cache import Cache, default_cache
@@ -25,9 +27,20 @@ from dancedata.pipeline.plan_cached import Cached, cached_units, not_ready
 from dancedata.pipeline.rejects import missing_music, reject_of, short_audio, too_short
 from dancedata.pipeline.sources import scan_source
 from dancedata.pipeline.windows import audio_window_count
-from dancedata.recipes.copies import copies_per_clip
+from dancedata.recipes.copies import copies_per_clip, is_copied
 from dancedata.recipes.recipe import Recipe
 from dancedata.store.schema import sort_splits
+
+
+@dataclass(frozen=True)
+class Retimed:
+    """A copy at another speed: frames at the recipe's rate, windows, rows of audio, the name of its music."""
+
+    speed: Fraction
+    n_frames: int
+    n_windows: int
+    audio_rows: tuple[int, ...]
+    music: str
 
 
 @dataclass(frozen=True)
@@ -38,6 +51,8 @@ class ClipPlan:
     ----------
     n_without_music
         Windows that would be left out because the music ends before they do.
+    retimed
+        Frames, windows and rows of audio of each copy at another speed.
     implausible
         What a unit makes of the body or its path.
     """
@@ -47,6 +62,7 @@ class ClipPlan:
     n_windows: int = 0
     n_without_music: int = 0
     audio_rows: tuple[int, ...] = ()
+    retimed: tuple[Retimed, ...] = ()
     problems: tuple[Reject, ...] = ()
     implausible: tuple[dict[str, Any], ...] = ()
 
@@ -86,11 +102,12 @@ class Plan:
         for split in sort_splits({c.ref.split for c in kept}):
             mine = [c for c in kept if c.ref.split == split]
             copies = self._copies(split)
+            retimed = [copy for c in mine for copy in c.retimed]
             splits[split] = {
-                "clips": len(mine) * copies,
-                "windows": sum(c.n_windows for c in mine) * copies,
-                "frames": sum(c.n_frames for c in mine) * copies,
-                "songs": len({c.ref.music for c in mine}),
+                "clips": len(mine) * copies + len(retimed),
+                "windows": sum(c.n_windows for c in mine) * copies + sum(c.n_windows for c in retimed),
+                "frames": sum(c.n_frames for c in mine) * copies + sum(c.n_frames for c in retimed),
+                "songs": len({c.ref.music for c in mine} | {copy.music for copy in retimed}),
             }
         fields = {f.name: {"columns": f.columns.width, "dtype": f.dtype} for f in header_of(self.recipe, {}).fields}
         cached = {name: units.to_json() for name, units in self.cached.items()}
@@ -139,6 +156,7 @@ class Plan:
         return [*lines, f"no_audio: {counted(windows, 'window')}"] if windows else lines
 
     def _copies(self, split: str) -> int:
+        """Return how many clips of the same time are stored for a clip, itself included."""
         return copies_per_clip(self.recipe.augment, split)
 
     def _notes(self) -> list[str]:
@@ -157,19 +175,23 @@ class Plan:
         length = self.recipe.windows.length
         by_window = self.recipe.scope == "window"
         total = 0
+        retimed = [(c, copy) for c in kept for copy in c.retimed]
         for field in header_of(self.recipe, {}).fields:
             if field.per_clip:
                 frames = sum(
                     (c.n_windows * length if by_window else c.n_frames) * self._copies(c.ref.split) for c in kept
                 )
+                frames += sum(c.n_windows * length if by_window else c.n_frames for _, c in retimed)
                 rows = self.recipe.grid.rows_up(frames, of=field.grid)
             else:
                 index = [f.name for f in self.recipe.audio].index(field.name)
-                songs = {(c.ref.split, c.ref.audio_path): c.audio_rows[index] for c in kept}
-                windows = {(c.ref.split, c.ref.audio_path): 0 for c in kept}
-                for c in kept:
-                    key = c.ref.split, c.ref.audio_path
-                    windows[key] = max(windows[key], c.n_windows * length)
+                every: list[tuple[str, Path | None, str, ClipPlan | Retimed]] = []
+                every += [(c.ref.split, c.ref.audio_path, "", c) for c in kept]
+                every += [(c.ref.split, c.ref.audio_path, copy.music, copy) for c, copy in retimed]
+                songs = {(split, path, music): c.audio_rows[index] for split, path, music, c in every}
+                windows = dict.fromkeys(songs, 0)
+                for split, path, music, c in every:
+                    windows[split, path, music] = max(windows[split, path, music], c.n_windows * length)
                 rows = sum(songs.values())
                 if by_window:
                     rows = sum(self.recipe.grid.rows_up(n, of=field.grid) for n in windows.values())
@@ -196,7 +218,8 @@ def make_plan(
     ]
     clips = run_units(_clip_plan, calls, jobs=jobs, label="lengths of motion", progress=progress)
     kept = [(clip.ref, clip.n_windows) for clip in clips if clip.n_windows]
-    held = cached_units(Cache((cache or default_cache()).absolute()), recipe, kept)
+    retimed = [(clip.ref, copy.n_windows, copy.speed) for clip in clips for copy in clip.retimed]
+    held = cached_units(Cache((cache or default_cache()).absolute()), recipe, kept, retimed)
     return Plan(recipe, source, scan, tuple(clips), held)
 
 
@@ -208,18 +231,39 @@ def _clip_plan(recipe: Recipe, ref: ClipRef, samples: tuple[int, int] | Reject |
     if problems or isinstance(samples, Reject):
         return ClipPlan(ref, problems=problems)
     implausible = tuple({"clip": ref.id, **flag.to_json()} for flag in implausible_flags(motion))
-    n_frames = FrameGrid(motion.grid.rate).resampled_length(motion.n_frames, recipe.grid)
+    n_frames = motion.grid.resampled_length(motion.n_frames, recipe.grid)
     count = motion_window_count(recipe, motion.n_frames, motion.grid.rate)
     if not count:
         return ClipPlan(ref, n_frames, problems=(too_short(recipe, ref, motion.n_frames, motion.grid.rate),))
-    if samples is None:
-        return ClipPlan(ref, n_frames, count, implausible=implausible)
-    kept = min(count, audio_window_count(recipe, *samples))
-    if not kept:
+    kept = count if samples is None else min(count, audio_window_count(recipe, *samples))
+    if samples is not None and not kept:
         audio_s = round(samples[0] / samples[1], 3)
         return ClipPlan(ref, problems=(short_audio(recipe, ref, ref.audio_path or ref.motion_path, audio_s),))
-    rows = tuple(job.feature.n_rows(*samples, job.grid) for job in recipe.audio)
-    return ClipPlan(ref, n_frames, kept, count - kept, rows, implausible=implausible)
+    rows = () if samples is None else tuple(job.feature.n_rows(*samples, job.grid) for job in recipe.audio)
+    retimed = _retimed(recipe, ref, motion, samples) if is_copied(ref.split) else ()
+    return ClipPlan(ref, n_frames, kept, count - kept, rows, retimed, implausible=implausible)
+
+
+def _retimed(recipe: Recipe, ref: ClipRef, motion: Motion, samples: tuple[int, int] | None) -> tuple[Retimed, ...]:
+    """Plan the copies of a clip at other speeds; those without a window are left out."""
+    found = []
+    for spec in recipe.augment:
+        if not spec.augmentation.changes_time:
+            continue
+        speed = spec.speed_of(ref.id)
+        grid = FrameGrid(motion.grid.rate * speed)
+        count = motion_window_count(recipe, motion.n_frames, grid.rate)
+        rows: tuple[int, ...] = ()
+        if samples is not None:
+            from dancedata.audio.stretch import stretched_length
+
+            n_samples = stretched_length(samples[0], speed)
+            count = min(count, audio_window_count(recipe, n_samples, samples[1]))
+            rows = tuple(job.feature.n_rows(n_samples, samples[1], job.grid) for job in recipe.audio)
+        if count:
+            n_frames = grid.resampled_length(motion.n_frames, recipe.grid)
+            found.append(Retimed(speed, n_frames, count, rows, spec.music_of(ref.music, ref.id)))
+    return tuple(found)
 
 
 def _length(path: Path) -> tuple[int, int] | Reject:

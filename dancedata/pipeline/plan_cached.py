@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -38,13 +39,20 @@ class Cached:
         return {"unit": self.unit, "cached": self.cached, "of": self.of}
 
 
-def cached_units(cache: Cache, recipe: Recipe, clips: Sequence[tuple[ClipRef, int]]) -> dict[str, Cached]:
+def cached_units(
+    cache: Cache,
+    recipe: Recipe,
+    clips: Sequence[tuple[ClipRef, int]],
+    retimed: Sequence[tuple[ClipRef, int, Fraction]],
+) -> dict[str, Cached]:
     """Return by field what the cache holds.
 
     Parameters
     ----------
     clips
         Clips that a build would keep, with their number of windows.
+    retimed
+        The same of their copies at another speed, with the speed.
 
     Notes
     -----
@@ -54,7 +62,7 @@ def cached_units(cache: Cache, recipe: Recipe, clips: Sequence[tuple[ClipRef, in
     found = _motion(cache, recipe, [ref for ref, _ in clips])
     signals = {path: known_signal(cache, path) for path in {r.audio_path for r, _ in clips} if path is not None}
     for job in recipe.audio:
-        found[job.name] = _audio(cache, job, clips, signals)
+        found[job.name] = _audio(cache, job, [*((ref, n, Fraction(1)) for ref, n in clips), *retimed], signals)
     return found
 
 
@@ -90,7 +98,7 @@ def _fields_held(cache: Cache, every: MotionKeys, ref: ClipRef) -> list[str]:
 def _audio(
     cache: Cache,
     job: FeatureJob,
-    clips: Sequence[tuple[ClipRef, int]],
+    clips: Sequence[tuple[ClipRef, int, Fraction]],
     signals: dict[Path, Any],
 ) -> Cached:
     unit = "songs" if job.windows is None else "windows"
@@ -98,15 +106,16 @@ def _audio(
     known: set[str] = set()
     unknown: set[tuple[Any, ...]] = set()
     keys = None if ready is None else FeatureKeys(ready)
-    for ref, n_windows in clips:
+    for ref, n_windows, speed in clips:
         signal = None if ref.audio_path is None else signals[ref.audio_path]
+        bpm = ref.tempo_bpm if ref.tempo_bpm is None else float(Fraction(ref.tempo_bpm) * speed)
         numbers = [0] if job.windows is None else range(n_windows)
         if signal is None or keys is None:
-            unknown.update((ref.audio_path, ref.tempo_bpm, number) for number in numbers)
+            unknown.update((ref.audio_path, bpm, speed, number) for number in numbers)
         elif job.windows is None:
-            known.add(keys.track(ref.tempo_bpm, signal.sha256))
+            known.add(keys.track(bpm, signal.at_speed(speed).sha256))
         else:
-            known.update(keys.window(ref.tempo_bpm, signal, number) for number in numbers)
+            known.update(keys.window(bpm, signal.at_speed(speed), number) for number in numbers)
     return Cached(unit, sum(cache.holds("features", key) for key in known), len(known) + len(unknown))
 
 

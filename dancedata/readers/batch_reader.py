@@ -1,4 +1,4 @@
-"""BatchReader: copies windows into the arrays of a batch, and mirrors and scales them there, in place.
+"""BatchReader: copies windows into the arrays of a batch, and mirrors, augments and scales them there, in place.
 
 One window, the batch of a DataLoader and the batch of a BatchLoader are all read here, so they are equal bit for bit.
 """
@@ -6,7 +6,7 @@ One window, the batch of a DataLoader and the batch of a BatchLoader are all rea
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -16,6 +16,7 @@ import numpy.typing as npt
 from dancedata.core.clip import Window
 from dancedata.core.columns import Mirror
 from dancedata.core.normalize import MinMax
+from dancedata.readers.augmenting import Augmenter
 from dancedata.readers.primitives import PRIMITIVES, PrimitiveSpec
 from dancedata.store.dataset import Store
 from dancedata.store.window_rows import WindowRows
@@ -33,12 +34,15 @@ class Request:
         (B,) positions in the dataset's windows.
     mirrored
         (B,) whether each of them is mirrored.
+    shifts
+        (B,) frames by which the windows that are read begin later than those of the list; negative: earlier.
     epoch
-        Epoch that decides the bias of primitives.
+        Epoch that decides augmentations and the bias of primitives.
     """
 
     places: tuple[int, ...]
     mirrored: tuple[bool, ...]
+    shifts: tuple[int, ...]
     epoch: int
 
     def __len__(self) -> int:
@@ -71,21 +75,24 @@ class FieldReader:
         """Type of the field in a batch."""
         return np.dtype(np.float32) if self.scaler is not None else self.rows.dtype
 
-    def read(self, place: int, mirrored: bool, out: Array) -> None:
-        """Read one window into `out`, (rows, D) of the stored type: mirrored first, then its root made relative."""
+    def read(self, place: int, shift: int, mirrored: bool, out: Array) -> None:
+        """Read one window, moved by `shift` rows, into `out`, (rows, D) of the stored type; mirrored if asked for."""
         image = self._image if mirrored else None
         if image is None:
-            self.rows.read_into(place, out)
+            self.rows.read_into(place, out, shift)
         else:
-            rows = self.rows.view(place)
+            rows = self.rows.view(place, shift)
             if rows is None:
                 rows = np.empty_like(out)
-                self.rows.read_into(place, rows)
+                self.rows.read_into(place, rows, shift)
             # With mode "raise" numpy would work on a copy of `out`.
             np.take(rows.reshape(-1), image[0], out=out, mode="clip")
             out *= image[1]
+
+    def make_relative(self, rows: Array) -> None:
+        """Make the root of rows, (L, D), relative to the first row, in place."""
         if self.root is not None:
-            out[:, self.root] -= out[:1, self.root].copy()
+            rows[:, self.root] -= rows[:1, self.root].copy()
 
     def scale(self, rows: Array) -> None:
         """Scale rows, (..., D) of the stored type, in place; as `MinMax.normalize` does, operation by operation."""
@@ -127,6 +134,7 @@ class BatchReader:
         store: Store,
         windows: Sequence[Window],
         fields: Sequence[FieldReader],
+        augmenter: Augmenter,
         primitives: PrimitiveSpec | None,
         bias: Callable[[int, int], int],
     ) -> None:
@@ -134,12 +142,15 @@ class BatchReader:
 
         Parameters
         ----------
+        augmenter
+            Changes the samples.
         primitives
             How primitives are computed; None if they are not.
         bias
             Returns the shift of primitives for (place, epoch).
         """
         self._store, self._windows, self._primitives, self._bias = store, windows, primitives, bias
+        self._augmenter = augmenter
         self.fields = tuple(fields)
 
     @cached_property
@@ -149,7 +160,7 @@ class BatchReader:
         for field in self.fields:
             if self._primitives is not None and field.name == self._primitives.field:
                 rows = np.empty(field.rows.shape, dtype=field.rows.dtype)
-                field.read(0, False, rows)
+                field.read(0, 0, False, rows)
                 arrays = self._primitives.of(self._store, self._windows[0], rows, 0)
                 found.update({name: (value.shape, value.dtype) for name, value in arrays.items()})
                 found[PRIMITIVES] = arrays[PRIMITIVES].shape, field.dtype
@@ -163,6 +174,7 @@ class BatchReader:
         """
         order = sorted(range(len(request)), key=request.places.__getitem__)
         for field in self.fields:
+            # Pages around a window that is moved are those of its neighbours.
             field.rows.read_ahead([request.places[nth] for nth in order])
         for field in self.fields:
             target = out[field.name]
@@ -172,15 +184,24 @@ class BatchReader:
                 field.scale(rows)
                 if target.dtype != rows.dtype:
                     target[nth] = rows
+        for nth, place in enumerate(request.places):
+            for name in self._augmenter.dropped(request.epoch, place):
+                out[name][nth] = 0
 
     def _rows(
         self, field: FieldReader, request: Request, order: Sequence[int], target: Array
     ) -> Iterator[tuple[int, Array]]:
         """Read window after window, each into its row of `target`, or into scratch memory if the types differ."""
         scratch = None if target.dtype == field.rows.dtype else np.empty(field.rows.shape, dtype=field.rows.dtype)
+        grid = self._store.field(field.name).grid
         for nth in order:
-            rows = target[nth] if scratch is None else scratch
-            field.read(request.places[nth], request.mirrored[nth], rows)
+            rows, place = target[nth] if scratch is None else scratch, request.places[nth]
+            shift = self._store.grid.rows(request.shifts[nth], of=grid)
+            field.read(place, shift, request.mirrored[nth], rows)
+            changed = self._augmenter.rows(field.name, rows, request.epoch, place)
+            if changed is not rows:
+                rows[...] = changed
+            field.make_relative(rows)
             yield nth, rows
 
     def _add_primitives(
@@ -189,7 +210,9 @@ class BatchReader:
         if self._primitives is None:
             return
         place = request.places[nth]
-        found = self._primitives.of(self._store, self._windows[place], rows, self._bias(place, request.epoch))
+        window = self._windows[place]
+        window = replace(window, start=window.start + request.shifts[nth])
+        found = self._primitives.of(self._store, window, rows, self._bias(place, request.epoch))
         field.scale(found[PRIMITIVES])
         for name, value in found.items():
             out[name][nth] = value

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -13,6 +13,7 @@ from dancedata.core.clip import Reject
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.plugins import WindowFilter
 from dancedata.core.registry import FILTERS
+from dancedata.readers.named_plugins import named_plugin
 from dancedata.store.clip_view import ClipView
 from dancedata.store.dataset import Store
 from dancedata.store.window_list import WindowList
@@ -184,12 +185,4 @@ def window_filter(given: WindowFilter | Mapping[str, Any] | Literal[False] | Non
     if not isinstance(given, Mapping) or len(given) != 1:
         raise UsageError("filter must name one window filter", found=given, allowed='{"movement": {"min_std": 0.07}}')
     ((name, parameters),) = given.items()
-    cls: type[Any] = FILTERS.get(name)
-    parameters = dict(parameters or {})
-    known = [f.name for f in fields(cls)]
-    unknown = sorted(set(parameters) - set(known))
-    if unknown:
-        raise UsageError(f"the {name} filter has no parameter {unknown[0]!r}", fix=did_you_mean(unknown[0], known))
-    # Lists, as JSON and YAML have them, are tuples in plug-ins.
-    made: WindowFilter = cls(**{k: tuple(v) if isinstance(v, list) else v for k, v in parameters.items()})
-    return made
+    return named_plugin(FILTERS, name, parameters or {})

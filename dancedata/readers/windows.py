@@ -18,6 +18,7 @@ from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.normalize import MinMax
 from dancedata.core.plugins import WindowFilter
 from dancedata.readers.arguments import probability, whole
+from dancedata.readers.augmenting import Augment, Augmenter
 from dancedata.readers.batch_memory import MemoryPool, shared_tensor
 from dancedata.readers.batch_reader import BatchReader, FieldReader, Request
 from dancedata.readers.collate import Batch, Sample, collate
@@ -62,6 +63,11 @@ class WindowDataset(Dataset[dict[str, Any]]):
     such a model, use the same scaler without mirroring: ``WindowDataset(out, split="val",
     normalizer_covers_mirror=True)``.
 
+    *Augmenting.* `augment` names the augmentations of samples. What happens to a sample is a pure function of (seed,
+    epoch, index), as for mirroring, and so is the sample. Windows are chosen first (``crop``; "start" is then that of
+    the window that was read), rows are changed in the order given, after `mirror`, before the root is made relative
+    and before normalising; masked fields (``drop``) are 0 after normalising, and "<field>_dropped" says so.
+
     *Epochs.* `set_epoch` writes to a number in shared memory, which forked, spawned and persistent workers all read:
     call it before ``iter(loader)``, as with torch's DistributedSampler. An `EpochSampler` made with this dataset
     calls it itself. Batches that were already prefetched keep the old epoch. A copy made with pickle or
@@ -87,6 +93,7 @@ class WindowDataset(Dataset[dict[str, Any]]):
         *,
         normalize: bool | Sequence[str] | None = None,
         mirror: float = 0.0,
+        augment: Augment | None = None,
         preset: str | None = None,
         length_s: float | str | None = None,
         length_frames: int | None = None,
@@ -100,6 +107,7 @@ class WindowDataset(Dataset[dict[str, Any]]):
         primitive_n: int = 256,
         primitive_variant: Literal["paper", "code"] = "paper",
         normalizer_covers_mirror: bool | None = None,
+        normalizer_covers: Augment | None = None,
         normalizer_over: Literal["train", "all"] = "train",
         mapped: bool = True,
         seed: int = 0,
@@ -120,6 +128,10 @@ class WindowDataset(Dataset[dict[str, Any]]):
             True.
         mirror
             Probability in [0, 1] that a sample is mirrored.
+        augment
+            Augmentations of samples, in their order: plug-ins, names, or mappings of names to parameters as in
+            recipes, ``["yaw", {"noise": {"std_degrees": 1}}]`` or ``{"mirror": 0.5, "crop": True}``. ``"p"`` among
+            the parameters is the probability that a sample is changed; default: 1.
         preset
             "edge", "lodge-global", "lodge-local" or "finenet": fields, windows, trim, lists, filter and root as
             that trainer uses them. Other arguments take precedence.
@@ -144,6 +156,9 @@ class WindowDataset(Dataset[dict[str, Any]]):
             code finds in the window, shifted by a bias in -2 .. 2 that is a pure function of (seed, epoch, index).
         normalizer_covers_mirror
             Whether the scaler's range covers mirrored motion too. Default: if mirror > 0. False keeps EDGE's.
+        normalizer_covers
+            Augmentations that the scaler's range covers as well, as for `augment`. Default: those of `augment`. For
+            val and test: those of train. ``()``: none, values beyond the stored range are clipped.
         normalizer_over
             "train", or "all": every row of every clip, as Lodge's released scaler was fitted. It includes test
             data, and is here to reproduce Lodge's results.
@@ -157,8 +172,8 @@ class WindowDataset(Dataset[dict[str, Any]]):
         StoreError
             If there is no finished dataset at `store`.
         UsageError
-            For an unknown split, field or preset, a probability outside [0, 1], a motion field that cannot be
-            mirrored, or windows that this store cannot give.
+            For an unknown split, field or preset, a probability outside [0, 1], a field that cannot be mirrored or
+            augmented, or windows that this store cannot give.
         """
         self._store: Store | None = store if isinstance(store, Store) else open_store(store)
         self._reference = self._store.reference
@@ -196,6 +211,10 @@ class WindowDataset(Dataset[dict[str, Any]]):
         self.normalizer_covers_mirror = bool(covers)
         self.normalizer_over = normalizer_over
         self.seed = whole("seed", seed)
+        self._augmenter = Augmenter.of(self.store, self.fields, augment, seed=self.seed, mirrored=self.mirror > 0)
+        self._covering = self._augmenter
+        if normalizer_covers is not None:
+            self._covering = Augmenter.of(self.store, self.fields, normalizer_covers, seed=self.seed)
         self._mirrors = mirrors_of(self.store, self.fields) if self.mirror > 0 else {}
         scaled = normalized_fields(self.store, self.fields, given_or_preset(normalize, known, "normalize", True))
         self._normalizers = {name: self._scaler(name) for name in scaled}
@@ -205,6 +224,8 @@ class WindowDataset(Dataset[dict[str, Any]]):
         self._roots = root_columns(self.store, self.fields, self._normalizers) if self.relative_root else {}
         self._epoch = _shared_number(0)
         self.mapped = mapped
+        self._stride = self.store.window_grid(**self._choice.windows).stride
+        self._starts: dict[str, range] = {}
         self._mirror_flags: tuple[int, npt.NDArray[np.bool_]] | None = None
         self._cached_reader: BatchReader | None = None
         self._pool = MemoryPool()
@@ -324,7 +345,8 @@ class WindowDataset(Dataset[dict[str, Any]]):
 
     def _scaler(self, field: str) -> MinMax:
         covers = self.normalizer_covers_mirror
-        return scaler_of(self.store, field, self._choice, covers_mirror=covers, over=self.normalizer_over)
+        found = scaler_of(self.store, field, self._choice, covers_mirror=covers, over=self.normalizer_over)
+        return self._covering.scaler(field, found)
 
     def _place(self, index: int) -> int:
         place = as_int(index)
@@ -350,10 +372,21 @@ class WindowDataset(Dataset[dict[str, Any]]):
         places = tuple(self._place(index) for index in indices)
         flags = self._mirrored() if self.mirror > 0 else None
         mirrored = tuple(flags is not None and bool(flags[place]) for place in places)
-        return Request(places, mirrored, self.epoch)
+        epoch = self.epoch
+        shifts = tuple(self._shift(place, epoch) for place in places) if self._augmenter.crops else (0,) * len(places)
+        return Request(places, mirrored, shifts, epoch)
+
+    def _shift(self, place: int, epoch: int) -> int:
+        """Return by how many frames the window that is read begins later than the listed one."""
+        window = self.windows[place]
+        if window.clip not in self._starts:
+            trim = self._choice.trim
+            self._starts[window.clip] = self.store.starts(window.clip, window.length, fields=self.fields, trim=trim)
+        start = self._augmenter.start(window.start, self._starts[window.clip], self._stride, epoch, place)
+        return start - window.start
 
     def _metadata(self, request: Request) -> dict[str, list[Any]]:
-        return metadata(self.store, self.windows, self.split, request.places, request.mirrored)
+        return metadata(self.store, self.windows, self.split, request, self._augmenter)
 
     def _batch_reader(self) -> BatchReader:
         """Return the reader of batches, which each process makes when it first needs it."""
@@ -366,7 +399,9 @@ class WindowDataset(Dataset[dict[str, Any]]):
             for name, found in rows.items():
                 if found.unmapped and self.mapped:
                     _log.warning("field %s is not read from mapped files: %s", name, found.unmapped)
-            self._cached_reader = BatchReader(self.store, self.windows, fields, self._primitives, self._bias)
+            self._cached_reader = BatchReader(
+                self.store, self.windows, fields, self._augmenter, self._primitives, self._bias
+            )
         return self._cached_reader
 
 

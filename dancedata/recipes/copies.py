@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from fractions import Fraction
 from typing import Any, Literal
 
 import numpy as np
@@ -11,12 +12,15 @@ import numpy.typing as npt
 
 from dancedata.core.columns import Columns
 from dancedata.core.errors import SourceError, UsageError
+from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import Augmentation
 from dancedata.recipes.documents import document_of
 
 #: The split whose clips are copied.
 _SPLIT = "train"
+#: Speeds of copies: beyond these a phase vocoder's music is noise.
+_SLOWEST, _FASTEST = Fraction(1, 4), Fraction(4)
 
 
 @dataclass(frozen=True)
@@ -44,8 +48,31 @@ class CopySpec:
         """Return the id of a clip's copy."""
         return f"{clip}__{self.name}"
 
+    def speed_of(self, clip: str) -> Fraction:
+        """Return how many times as fast as its clip a copy is; UsageError if that is not a speed."""
+        speed = self.augmentation.speed(clip)
+        if not (isinstance(speed, Fraction) and _SLOWEST <= speed <= _FASTEST):
+            raise UsageError(
+                f"the augmentation {self.name} gives a copy a speed that is not possible",
+                where=f"clip {clip}",
+                found=repr(speed),
+                allowed=f"a Fraction from {_SLOWEST} to {_FASTEST}",
+            )
+        return speed
+
+    def music_of(self, music: str, clip: str) -> str:
+        """Return the name of a copy's music: that of the clip's, with the speed if it is another, "mBR0__1.1x"."""
+        speed = self.speed_of(clip)
+        return f"{music}__{float(speed):.6g}x" if music and speed != 1 else music
+
     def motion_of(self, motion: Motion, clip: str) -> Motion:
-        """Return the motion of a clip's copy; UsageError if the augmentation changes its time."""
+        """Return the motion of a clip's copy, at another rate where it has another speed.
+
+        Raises
+        ------
+        UsageError
+            If `change_motion` changes frames, rate or trim_start.
+        """
         made = self.augmentation.change_motion(motion, clip)
         times = [(m.n_frames, str(m.grid), m.trim_start) for m in (made, motion)]
         if times[0] != times[1]:
@@ -55,7 +82,9 @@ class CopySpec:
                 found="{} frames at {} per second, trim_start {}".format(*times[0]),
                 allowed="{} frames at {} per second, trim_start {}".format(*times[1]),
             )
-        return made
+        speed = self.speed_of(clip)
+        # The same frames in less time: resampling and contact rules then see the new instants.
+        return made if speed == 1 else replace(made, grid=FrameGrid(made.grid.rate * speed))
 
     def rows_of(
         self, rows: npt.NDArray[Any], columns: Columns, kind: Literal["motion", "keymotion"], clip: str
@@ -85,8 +114,8 @@ def is_copied(split: str) -> bool:
 
 
 def copies_per_clip(specs: tuple[CopySpec, ...], split: str) -> int:
-    """Return how many clips are stored for each clip of a split, itself included."""
-    return 1 + len(specs) if is_copied(split) else 1
+    """Return how many clips with the time of a clip are stored for each clip of a split, itself included."""
+    return 1 + sum(not spec.augmentation.changes_time for spec in specs) if is_copied(split) else 1
 
 
 def check_ids(clips: Iterable[tuple[str, str]], specs: tuple[CopySpec, ...]) -> None:

@@ -33,6 +33,12 @@ def copy_specs(given: Any, fields: Mapping[str, Columns], problems: list[str]) -
         made = make_instance(AUGMENTATIONS, "augment", str(name), own, problems)
         if made is None or parameters is False:
             continue
+        if not made.makes_copies:
+            problems.append(
+                f"augment.{name}: it makes no copies: it changes samples when a dataset is read; "
+                f"fix: WindowDataset(..., augment=[{made.name!r}])"
+            )
+            continue
         for field, columns in fields.items():
             try:
                 made.check(columns)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
+from types import MappingProxyType
 from typing import Any, ClassVar
 
 import numpy as np
@@ -22,10 +24,15 @@ from dancedata.core.rotations import (
     rotvec_from_matrix,
 )
 from dancedata.core.skeleton import Skeleton
+from dancedata.core.spatial import Role, Spatial
 from dancedata.representations import _columns as parts
 
 #: The 6D convention in dataset.json (Zhou et al. 2019, by rows as in pytorch3d).
 CONVENTION = "first two rows of the matrix, flattened (pytorch3d)"
+#: How the layout's columns follow a turn or a shift.
+ROLES: Mapping[str, Role] = MappingProxyType(
+    {"contact": "unchanged", "translation": "place", "rotation_6d": "root_rotation"}
+)
 
 
 @dataclass(frozen=True)
@@ -114,6 +121,7 @@ class SmplX6D(Representation):
     version: ClassVar[int] = 1
     rotation_6d: ClassVar[str | None] = CONVENTION
     rate: ClassVar[Fraction | None] = None
+    spatial: ClassVar[Spatial | None] = Spatial("y", ROLES)
 
     @property
     def columns(self) -> Columns:
@@ -140,9 +148,12 @@ class SmplX6D(Representation):
         UsageError
             For another family of bodies, or without a rule.
         """
-        rule = parts.required_rule(contacts, self.layout.name)
         motion = carried_over(motion, self.skeleton)
-        return self.layout.encode(grounded(motion) if self.grounded else motion, rule)
+        return self.encode_again(grounded(motion) if self.grounded else motion, contacts)
+
+    def encode_again(self, motion: Motion, contacts: ContactRule | None = None) -> npt.NDArray[np.float32]:
+        """Encode a motion on the layout's joints at the height that it has, without grounding it."""
+        return self.layout.encode(motion, parts.required_rule(contacts, self.layout.name))
 
     def decode(self, array: npt.NDArray[Any], grid: FrameGrid) -> Motion:
         """Decode columns (T, D), not normalised, into a motion at the rate of `grid`.

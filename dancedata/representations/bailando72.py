@@ -15,6 +15,7 @@ from dancedata.core.motion import Motion
 from dancedata.core.plugins import ContactRule, Representation
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.skeleton import SMPL24, Skeleton
+from dancedata.core.spatial import Spatial
 from dancedata.representations import _columns as parts
 
 
@@ -34,6 +35,7 @@ class Bailando72(Representation):
     rotation_6d: ClassVar[str | None] = None
     rate: ClassVar[Fraction | None] = Fraction(60)
     grounded: ClassVar[bool] = False
+    spatial: ClassVar[Spatial | None] = Spatial("y", {"position": "place"})
 
     @property
     def columns(self) -> Columns:

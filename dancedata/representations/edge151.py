@@ -17,8 +17,9 @@ from dancedata.core.plugins import ContactRule, Representation
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.rotations import rotvec_from_matrix
 from dancedata.core.skeleton import SMPL24, SMPL24_EDGE, Skeleton
+from dancedata.core.spatial import Spatial
 from dancedata.representations._columns import required_rule
-from dancedata.representations._six_d import CONVENTION, SixD
+from dancedata.representations._six_d import CONVENTION, ROLES, SixD
 
 #: +Y up to +Z up: a quarter turn about x, (x, y, z) -> (x, -z, y).
 _Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
@@ -42,6 +43,7 @@ class Edge151(Representation):
     rotation_6d: ClassVar[str | None] = CONVENTION
     rate: ClassVar[Fraction | None] = None
     grounded: ClassVar[bool] = False
+    spatial: ClassVar[Spatial | None] = Spatial("z", ROLES)
 
     @property
     def columns(self) -> Columns:

@@ -17,6 +17,7 @@ from dancedata.core.plugins import ContactRule, Representation
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.rotations import rotvec_from_matrix
 from dancedata.core.skeleton import SMPL24, Skeleton
+from dancedata.core.spatial import Spatial
 from dancedata.representations import _columns as parts
 
 _WIDTH = 3 + 9 * SMPL24.n_joints
@@ -40,6 +41,7 @@ class Fact219(Representation):
     rotation_6d: ClassVar[str | None] = None
     rate: ClassVar[Fraction | None] = Fraction(60)
     grounded: ClassVar[bool] = False
+    spatial: ClassVar[Spatial | None] = Spatial("y", {"translation": "place", "rotation_matrix": "root_rotation"})
 
     @property
     def columns(self) -> Columns:

@@ -17,6 +17,7 @@ from dancedata.core.motion import Motion
 from dancedata.core.plugins import ContactRule, Representation
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.skeleton import Skeleton
+from dancedata.core.spatial import Spatial
 from dancedata.representations import _columns as parts
 
 
@@ -41,6 +42,7 @@ class Joints(Representation):
     rotation_6d: ClassVar[str | None] = None
     rate: ClassVar[Fraction | None] = None
     grounded: ClassVar[bool] = False
+    spatial: ClassVar[Spatial | None] = Spatial("y", {"position": "place"})
 
     body: str | Mapping[str, Any] = "smpl24"
 

@@ -28,7 +28,7 @@ from dancedata.store.shard_reader import ShardReader
 from dancedata.store.side_files import SideFiles
 from dancedata.store.window_list import WindowList
 from dancedata.store.window_rows import WindowRows
-from dancedata.store.windowing import cut_windows, requested_windows, stored_windows
+from dancedata.store.windowing import cut_windows, requested_windows, stored_windows, whole_period, window_starts
 
 
 def open_store(path: str | Path) -> Store:
@@ -198,7 +198,9 @@ class Store:
         """
         if split not in self._shards:
             raise UsageError(f"no split named {split!r}", where=str(self.path), fix=did_you_mean(split, self.splits))
-        requested = requested_windows(self._description, length_s, length_frames, stride_s, stride_frames)
+        requested = self.window_grid(
+            length_s=length_s, length_frames=length_frames, stride_s=stride_s, stride_frames=stride_frames
+        )
         stored = WindowGrid(self._description.length, self._description.stride)
         shards = self._shards[split]
         if requested == stored and not trim:
@@ -213,6 +215,45 @@ class Store:
             )
         own = [self.field(name) for name in fields or self._fields]
         return cut_windows(split, shards, self._description, requested, own, trim)
+
+    def window_grid(
+        self,
+        *,
+        length_s: float | str | Fraction | None = None,
+        length_frames: int | None = None,
+        stride_s: float | str | Fraction | None = None,
+        stride_frames: int | None = None,
+    ) -> WindowGrid:
+        """Return length and stride of windows in frames, as `windows` cuts them; arguments as there."""
+        return requested_windows(self._description, length_s, length_frames, stride_s, stride_frames)
+
+    def starts(
+        self, clip_id: str, length: int, *, fields: tuple[str, ...] | None = None, trim: bool = False
+    ) -> range:
+        """Return every first frame that a window of `length` frames can have in a clip (track scope only).
+
+        Parameters
+        ----------
+        fields, trim
+            As for `windows`: fields in which it has to begin and end at whole rows; default: all.
+
+        Raises
+        ------
+        UsageError
+            For an unknown clip.
+        StoreError
+            In window scope, where no other windows than the stored ones can be read.
+        """
+        if self.scope == "window":
+            raise StoreError(
+                "a store of window scope holds only the windows that were built",
+                where=str(self.path),
+                fix="build with scope: track",
+            )
+        own = [self.field(name) for name in fields or self._fields]
+        shard, number = self._place(clip_id)
+        every = WindowGrid(length, whole_period(self._description, own))
+        return window_starts(shard.clips, number, self._description, every, own, trim)
 
     def read(self, window: Window, field: str) -> npt.NDArray[Any]:
         """Read a window's rows of a field.

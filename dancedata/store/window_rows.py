@@ -72,20 +72,23 @@ class WindowRows:
                 fix="run dancedata check on the dataset",
             )
 
-    def view(self, place: int) -> npt.NDArray[Any] | None:
-        """Return a window's rows in the mapped file, read-only; None if the shard is not mapped."""
+    def view(self, place: int, shift: int = 0) -> npt.NDArray[Any] | None:
+        """Return a window's rows in the mapped file, read-only; None if the shard is not mapped.
+
+        `shift` moves the window by so many rows; the caller sees to it that the clip has them.
+        """
         rows = self._maps[self._shard[place]]
         if rows is None:
             return None
-        first = self._first[place]
+        first = self._first[place] + shift
         found: npt.NDArray[Any] = rows[first : first + self._n_rows]
         return found
 
-    def read_into(self, place: int, out: npt.NDArray[Any]) -> None:
-        """Copy a window's rows into `out`, (rows, D), converting to its dtype."""
-        rows = self.view(place)
+    def read_into(self, place: int, out: npt.NDArray[Any], shift: int = 0) -> None:
+        """Copy a window's rows, moved by `shift` rows, into `out`, (rows, D), converting to its dtype."""
+        rows = self.view(place, shift)
         if rows is None:
-            self._shards[self._shard[place]].read_rows(self._field, int(self._first[place]), out)
+            self._shards[self._shard[place]].read_rows(self._field, int(self._first[place]) + shift, out)
         else:
             np.copyto(out, rows, casting="same_kind")
 

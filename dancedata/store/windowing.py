@@ -13,6 +13,7 @@ from dancedata.core.windows import WindowGrid
 from dancedata.store.dataset_json import Description
 from dancedata.store.schema import Field
 from dancedata.store.shard_reader import ShardReader
+from dancedata.store.shard_tables import ClipTable
 from dancedata.store.window_list import IntArray, WindowList
 from dancedata.store.window_order import window_order
 
@@ -76,16 +77,13 @@ def cut_windows(
                     allowed=f"multiples of {description.grid.common_period(f.grid)[0]} frames",
                     fix="choose another, or leave the field out of fields=",
                 )
-    period = math.lcm(*(description.grid.common_period(f.grid)[0] for f in fields))
     parts = []
     for shard in shards:
         table = shard.clips
         starts: list[IntArray] = []
-        for number, record in enumerate(table.records):
-            ends = [f.grid.rows_down(int(table.available[f.name][number]), of=description.grid) for f in fields]
-            begin = -(-record.trim_start // period) * period if trim else 0
-            count = windows.count(min([record.n_frames, *ends]) - begin)
-            starts.append(begin + np.arange(max(count, 0), dtype=np.int64) * windows.stride)
+        for number in range(len(table.records)):
+            found = window_starts(table, number, description, windows, fields, trim)
+            starts.append(np.arange(found.start, found.stop, found.step, dtype=np.int64))
         counts = [len(s) for s in starts]
         clip = np.repeat(np.arange(len(counts), dtype=np.int64), counts)
         index = np.concatenate([*(np.arange(n, dtype=np.int64) for n in counts), np.empty(0, np.int64)])
@@ -93,6 +91,28 @@ def cut_windows(
         order = window_order([r.id for r in table.records], clip, index, description.order)
         parts.append((clip[order], start[order], np.full(len(clip), windows.length, np.int64), index[order]))
     return _join(split, shards, parts)
+
+
+def window_starts(
+    table: ClipTable,
+    number: int,
+    description: Description,
+    windows: WindowGrid,
+    fields: Sequence[Field],
+    trim: bool,
+) -> range:
+    """Return the first frames of a clip's windows; arguments as for `cut_windows`, `number` is that of the clip."""
+    record = table.records[number]
+    period = whole_period(description, fields)
+    ends = [f.grid.rows_down(int(table.available[f.name][number]), of=description.grid) for f in fields]
+    begin = -(-record.trim_start // period) * period if trim else 0
+    count = max(windows.count(min([record.n_frames, *ends]) - begin), 0)
+    return range(begin, begin + count * windows.stride, windows.stride)
+
+
+def whole_period(description: Description, fields: Sequence[Field]) -> int:
+    """Return the least number of frames that is a whole number of rows of every field."""
+    return math.lcm(*(description.grid.common_period(f.grid)[0] for f in fields))
 
 
 def _join(

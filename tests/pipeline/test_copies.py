@@ -45,7 +45,7 @@ class Shift(Augmentation):
 
 
 @dataclass(frozen=True)
-class Noise(Augmentation):
+class Speckle(Augmentation):
     """Rows with noise, another one for each clip; key motions as they are."""
 
     version: ClassVar[int] = 1
@@ -83,7 +83,7 @@ class Wider(Augmentation):
 def _registered(monkeypatch: pytest.MonkeyPatch) -> None:
     AUGMENTATIONS.names()
     monkeypatch.setattr(AUGMENTATIONS, "_classes", dict(AUGMENTATIONS._classes))
-    for cls in (Shift, Noise, Slower, Wider):
+    for cls in (Shift, Speckle, Slower, Wider):
         AUGMENTATIONS.register(cls.__name__.lower())(cls)
 
 
@@ -96,13 +96,13 @@ def test_copies_of_changed_motion_and_rows(corpus: Path, run_build, scope: str, 
         corpus,
         tmp_path / "out",
         "aist++",
-        (*plain, "augment={mirror: true, noise: true, shift: {metres: 0.25}, shift.far: {metres: 2}}"),
+        (*plain, "augment={mirror: true, speckle: true, shift: {metres: 0.25}, shift.far: {metres: 2}}"),
         cache=tmp_path / "cache",
     )
     assert [p for p in verify_store(tmp_path / "out") if p.severity == "error"] == []
     one, all_of_it = dancedata.open(tmp_path / "plain"), dancedata.open(tmp_path / "out")
     train = [c.id for c in one.clips if c.split == "train"]
-    copies = {f"{clip}__{name}": clip for clip in train for name in ("mirror", "noise", "shift", "shift.far")}
+    copies = {f"{clip}__{name}": clip for clip in train for name in ("mirror", "speckle", "shift", "shift.far")}
     assert {c.id: c.source for c in all_of_it.clips if c.source} == copies
     # Clips are those of a build without copies, from the cache; only shift is encoded.
     assert len(set((tmp_path / "cache").rglob("*.npy")) - entries) == 2 * 3 * len(train)
@@ -111,7 +111,7 @@ def test_copies_of_changed_motion_and_rows(corpus: Path, run_build, scope: str, 
             rows = one.read(window, field)
             np.testing.assert_array_equal(all_of_it.read(window, field), rows)
             shifted = all_of_it.read(replace(window, clip=f"{window.clip}__shift"), field)
-            noisy = all_of_it.read(replace(window, clip=f"{window.clip}__noise"), field)
+            noisy = all_of_it.read(replace(window, clip=f"{window.clip}__speckle"), field)
             far = all_of_it.read(replace(window, clip=f"{window.clip}__shift.far"), field)
             if field == "joints":
                 for moved, metres in ((shifted, 0.25), (far, 2)):
@@ -166,15 +166,15 @@ def test_augment_in_recipes() -> None:
     mirrored = load_recipe("aist++", ("augment.mirror=true",))
     assert mirrored.document["augment"] == {"mirror": True}
     assert load_recipe("aist++", ("augment={mirror: {}}",)).sha256 == mirrored.sha256
-    both = load_recipe("aist++", ("augment.shift=true", "augment.noise={}"))
+    both = load_recipe("aist++", ("augment.shift=true", "augment.speckle={}"))
     shift = {"metres": 0.5, "broken": ""}
-    assert both.document["augment"] == {"mirror": False, "noise": True, "shift": shift}
+    assert both.document["augment"] == {"mirror": False, "speckle": True, "shift": shift}
     two = load_recipe("aist++", ("augment={shift: true, shift.left: {}}", "augment.shift.left.metres=-1"))
     assert [(spec.name, spec.augmentation) for spec in two.augment] == [("shift", Shift()), ("shift.left", Shift(-1))]
     assert [spec.clip_id("clip") for spec in two.augment] == ["clip__shift", "clip__shift.left"]
     with pytest.raises(RecipeError) as error:
-        load_recipe("aist++", ("augment={shift: {metres: x}, shif: true, noise: 3, wider: {}}", "motion=joints"))
-    for text in ("augment.shift.metres", "Did you mean 'shift'", "augment.noise: parameters are a mapping"):
+        load_recipe("aist++", ("augment={shift: {metres: x}, shif: true, speckle: 3, wider: {}}", "motion=joints"))
+    for text in ("augment.shift.metres", "Did you mean 'shift'", "augment.speckle: parameters are a mapping"):
         assert text in str(error.value)
     assert "augment.wider: field joints: positions cannot be made wider" in str(error.value)
     with pytest.raises(RecipeError, match="augment: must be a mapping such as"):

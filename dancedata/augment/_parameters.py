@@ -1,0 +1,45 @@
+"""Checks of parameters that augmentations have in common, and of what samples hold."""
+
+from __future__ import annotations
+
+import math
+
+from dancedata.core.errors import UsageError
+from dancedata.core.plugins import SampleField
+from dancedata.core.spatial import Spatial
+
+
+def require_number(what: str, value: float, low: float, high: float, unit: str) -> None:
+    """Raise UsageError unless a parameter is a number from `low` to `high`."""
+    good = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    if not good or not low <= value <= high:
+        raise UsageError(f"{what} is out of range", found=value, allowed=f"{low:g} to {high:g} {unit}")
+
+
+def require_seed(seed: int) -> None:
+    """Raise UsageError unless a seed is a whole number >= 0."""
+    if not isinstance(seed, int) or isinstance(seed, bool) or seed < 0:
+        raise UsageError("seed is not a whole number", found=seed, allowed="0 or more")
+
+
+def spatial_of(field: SampleField) -> Spatial | None:
+    """Return how a field's columns follow a turn or a shift; None for key motions, which do not change.
+
+    Raises
+    ------
+    UsageError
+        If the field's representation is not known, or does not define it.
+    """
+    if field.kind != "motion":
+        return None
+    if field.representation is None:
+        raise UsageError(
+            "its representation is not known, and so not which columns are places and directions",
+            fix="read a dataset that a recipe of this installation built",
+        )
+    if field.representation.spatial is None:
+        raise UsageError(
+            f"the representation {field.representation.name} does not define how its columns turn and shift",
+            fix="define `spatial` in its class, or store copies: a recipe's augment changes the motion itself",
+        )
+    return field.representation.spatial

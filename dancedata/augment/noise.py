@@ -1,0 +1,119 @@
+"""Noise on the angles of the joints."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from dancedata.augment._parameters import require_number, require_seed
+from dancedata.core.draw import Draw
+from dancedata.core.errors import UsageError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.motion import Motion
+from dancedata.core.plugins import Augmentation, Float32Array, Representation, SampleField
+from dancedata.core.registry import AUGMENTATIONS
+from dancedata.core.rotations import Float64Array, rotation
+
+
+@AUGMENTATIONS.register("noise")
+@dataclass(frozen=True)
+class JointNoise(Augmentation):
+    """Small random turns of every joint except the root, smooth in time; contacts are labelled again.
+
+    Each joint R becomes R exp(n), where the vector n has a normal distribution at knots every `every_s` seconds and
+    is linear between them: independent noise in every frame would shake the feet faster than any contact rule allows.
+    It is a function of time, the same for fields of different rates. The root is left alone, so that the dancer
+    neither turns nor tilts.
+
+    Copies work for every representation. Samples have to be decoded, changed and encoded again: representations of
+    positions alone have no angles and are refused, as are key motions, which follow from the whole clip. Contacts of
+    a sample are labelled within its window, on the representation's own bones.
+
+    Attributes
+    ----------
+    std_degrees
+        Standard deviation of each of the three components of n at the knots.
+    every_s
+        Seconds between knots.
+    seed
+        Of copies: the noise of each is a pure function of (seed, clip id).
+    """
+
+    version: ClassVar[int] = 1
+
+    std_degrees: float = 2.0
+    every_s: float = 0.5
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Check the parameters."""
+        require_number("noise: std_degrees", self.std_degrees, 0, 90, "degrees")
+        require_number("noise: every_s", self.every_s, 0.01, 3600, "seconds")
+        require_seed(self.seed)
+
+    def change_motion(self, motion: Motion, clip: str) -> Motion:
+        """Return the motion with noise."""
+        return self._noisy(motion, Draw.of_clip(self.seed, clip))
+
+    def check_sample(self, field: SampleField) -> None:
+        """Raise UsageError if the field cannot be decoded, changed and encoded again."""
+        if field.kind == "keymotion":
+            raise UsageError(
+                "key motions follow from the joints of the whole clip, and cannot be found again in a window",
+                fix="leave the field out, or store copies: augment: {noise: {}} in a recipe",
+            )
+        if field.kind == "motion":
+            _decodable(field)
+
+    def change_sample(self, rows: Float32Array, field: SampleField, draw: Draw) -> Float32Array:
+        """Return rows (L, D) of the motion with noise, contacts included."""
+        if not self.std_degrees:
+            return rows
+        representation = _decodable(field)
+        motion = self._noisy(representation.decode(rows, field.grid), draw)
+        return representation.encode_again(motion, field.contacts)
+
+    def _noisy(self, motion: Motion, draw: Draw) -> Motion:
+        joints = motion.skeleton.n_joints
+        turns = draw_smooth(draw, joints - 1, motion.n_frames, motion.grid, self.every_s)
+        turns *= math.radians(self.std_degrees)
+        rotations = motion.rotations.copy()
+        rotations[:, 1:] = (rotation(rotations[:, 1:]) * rotation(turns)).as_rotvec()
+        return replace(motion, rotations=rotations)
+
+
+def draw_smooth(draw: Draw, n_joints: int, n_frames: int, grid: FrameGrid, every_s: float) -> Float64Array:
+    """Return vectors (T, J, 3): standard normal at knots every `every_s` seconds, linear between them.
+
+    Joints are drawn one after another: the first ones have the same noise on every skeleton.
+    """
+    n_knots = math.ceil(float(grid.seconds(n_frames)) / every_s) + 1
+    knots = draw.normal(n_joints, n_knots, 3)
+    at = np.arange(n_frames) / float(grid.rate) / every_s
+    lower = np.minimum(at.astype(np.int64), n_knots - 2)
+    share = (at - lower)[:, None]
+    found = knots[:, lower] * (1 - share) + knots[:, lower + 1] * share
+    return np.ascontiguousarray(found.swapaxes(0, 1))
+
+
+def _decodable(field: SampleField) -> Representation:
+    made = field.representation
+    if made is None:
+        raise UsageError(
+            "its representation is not known, and so not which columns are angles",
+            fix="read a dataset that a recipe of this installation built",
+        )
+    if not made.decodes:
+        raise UsageError(
+            f"the columns of {made.name} do not determine the angles of the joints",
+            fix="leave the field out, or store copies: augment: {noise: {}} in a recipe",
+        )
+    if made.grounded and type(made).encode_again is Representation.encode_again:
+        raise UsageError(
+            f"the representation {made.name} cannot be encoded again at the same height",
+            fix="define `encode_again` in its class, or store copies: augment: {noise: {}} in a recipe",
+        )
+    return made

@@ -1,0 +1,66 @@
+"""A random shift over the floor."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+from dancedata.augment._parameters import require_number, require_seed, spatial_of
+from dancedata.core.draw import Draw
+from dancedata.core.motion import Motion
+from dancedata.core.plugins import Augmentation, Float32Array, SampleField
+from dancedata.core.registry import AUGMENTATIONS
+from dancedata.core.rotations import Float64Array
+from dancedata.core.spatial import Placement, moved
+
+
+@AUGMENTATIONS.register("root_offset")
+@dataclass(frozen=True)
+class RootOffset(Augmentation):
+    """The whole dance, shifted over the floor by one random vector; heights, and with them contacts, stay.
+
+    Copies work for every representation; samples for those that define `spatial`. Columns that do not depend on the
+    place, such as velocities, stay as they are. Music is unchanged.
+
+    Attributes
+    ----------
+    max_m
+        The shift is uniform over the disc with this radius, in metres.
+    seed
+        Of copies: the shift of each is a pure function of (seed, clip id).
+    """
+
+    version: ClassVar[int] = 1
+
+    max_m: float = 0.5
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Check the parameters."""
+        require_number("root_offset: max_m", self.max_m, 0, 100, "metres")
+        require_seed(self.seed)
+
+    def change_motion(self, motion: Motion, clip: str) -> Motion:
+        """Return the shifted motion."""
+        return moved(motion, self._shift(Draw.of_clip(self.seed, clip)))
+
+    def check_sample(self, field: SampleField) -> None:
+        """Raise UsageError if it is not known which columns are places."""
+        spatial_of(field)
+
+    def change_sample(self, rows: Float32Array, field: SampleField, draw: Draw) -> Float32Array:
+        """Return rows (L, D) of the shifted dancer."""
+        spatial = spatial_of(field)
+        return rows if spatial is None else spatial.moved(rows, field.columns, self._shift(draw))
+
+    def cover(self, low: Float64Array, high: Float64Array, field: SampleField) -> tuple[Float64Array, Float64Array]:
+        """Return bounds that hold for every shift."""
+        spatial = spatial_of(field)
+        if spatial is None:
+            return low, high
+        return spatial.cover(low, high, field.columns, turns=False, shift_m=self.max_m)
+
+    def _shift(self, draw: Draw) -> Placement:
+        radius, angle = self.max_m * math.sqrt(draw.uniform()), draw.uniform(0.0, 2 * math.pi)
+        return Placement(x_m=radius * math.cos(angle), z_m=radius * math.sin(angle))

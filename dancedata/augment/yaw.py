@@ -1,0 +1,68 @@
+"""A random turn about the vertical axis."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+from dancedata.augment._parameters import require_number, require_seed, spatial_of
+from dancedata.core.draw import Draw
+from dancedata.core.motion import Motion
+from dancedata.core.plugins import Augmentation, Float32Array, SampleField
+from dancedata.core.registry import AUGMENTATIONS
+from dancedata.core.rotations import Float64Array
+from dancedata.core.spatial import Placement, moved
+
+
+@AUGMENTATIONS.register("yaw")
+@dataclass(frozen=True)
+class Yaw(Augmentation):
+    """The whole dance, turned by a random angle about the vertical through the root in the first frame.
+
+    The first frame is that of the clip for stored copies, of the window for samples. All joints turn about the same
+    axis, so that contacts, heights and key motions stay as they are. Music is unchanged.
+
+    Copies work for every representation; samples for those that define `spatial`.
+
+    Attributes
+    ----------
+    max_degrees
+        The angle is uniform between minus and plus this.
+    seed
+        Of copies: the angle of each is a pure function of (seed, clip id).
+    """
+
+    version: ClassVar[int] = 1
+
+    max_degrees: float = 180.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Check the parameters."""
+        require_number("yaw: max_degrees", self.max_degrees, 0, 180, "degrees")
+        require_seed(self.seed)
+
+    def change_motion(self, motion: Motion, clip: str) -> Motion:
+        """Return the turned motion."""
+        return moved(motion, self._turn(Draw.of_clip(self.seed, clip)))
+
+    def check_sample(self, field: SampleField) -> None:
+        """Raise UsageError if it is not known which columns turn."""
+        spatial_of(field)
+
+    def change_sample(self, rows: Float32Array, field: SampleField, draw: Draw) -> Float32Array:
+        """Return rows (L, D) of the turned dancer."""
+        spatial = spatial_of(field)
+        return rows if spatial is None else spatial.moved(rows, field.columns, self._turn(draw))
+
+    def cover(self, low: Float64Array, high: Float64Array, field: SampleField) -> tuple[Float64Array, Float64Array]:
+        """Return bounds that hold for a turn by any angle."""
+        spatial = spatial_of(field)
+        if spatial is None or not self.max_degrees:
+            return low, high
+        return spatial.cover(low, high, field.columns, turns=True, shift_m=0.0)
+
+    def _turn(self, draw: Draw) -> Placement:
+        limit = math.radians(self.max_degrees)
+        return Placement(turn_rad=draw.uniform(-limit, limit))

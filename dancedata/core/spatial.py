@@ -1,0 +1,201 @@
+"""How columns and motions follow when a dancer is turned about a vertical axis, or shifted over the floor."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.columns import Columns
+from dancedata.core.errors import UsageError
+from dancedata.core.motion import Motion
+from dancedata.core.rotations import Float64Array, rotation
+
+Array = npt.NDArray[Any]
+Role = Literal["place", "direction", "root_rotation", "unchanged"]
+
+
+@dataclass(frozen=True)
+class Placement:
+    """A turn about the vertical axis through the root in the first frame, then a shift over the floor.
+
+    Attributes
+    ----------
+    turn_rad
+        Angle, counter-clockwise as seen from above.
+    x_m, z_m
+        Shift in metres, in a world with +Y up.
+    """
+
+    turn_rad: float = 0.0
+    x_m: float = 0.0
+    z_m: float = 0.0
+
+
+@dataclass(frozen=True)
+class Spatial:
+    """How the columns of a representation follow a `Placement`: what each of their groups is.
+
+    Attributes
+    ----------
+    up
+        The vertical axis of the columns' world. A world with +Z up is one with +Y up after (x, y, z) -> (x, -z, y).
+    roles
+        Of every group, by name. "place": points (x, y, z) in metres, the root's first; SMPL's translation counts,
+        as the rest position of the pelvis is the same before and after a turn about the vertical through the pelvis.
+        "direction": vectors (x, y, z), such as velocities. "root_rotation": the first two or three rows of each
+        joint's matrix, row by row, joint 0 being the root, the others relative to their parents. "unchanged":
+        columns that do not depend on the dancer's place and direction, such as contacts.
+    """
+
+    up: Literal["y", "z"]
+    roles: Mapping[str, Role] = field(default_factory=lambda: MappingProxyType({}))
+
+    def check(self, columns: Columns) -> None:
+        """Raise UsageError unless every group of the columns has a role that fits its width."""
+        if set(self.roles) != set(columns.names):
+            raise UsageError(
+                "the roles of column groups do not fit the columns",
+                found=", ".join(self.roles) or "none",
+                allowed=", ".join(columns.names),
+            )
+        for group in columns.groups:
+            role = self.roles[group.name]
+            whole = role in ("unchanged", "root_rotation") or group.width % 3 == 0
+            if not whole or (role == "root_rotation" and _matrix_rows(columns, group.name) not in (2, 3)):
+                raise UsageError(f"column group {group.name!r} cannot be a {role}", found=f"width {group.width}")
+
+    def moved(self, rows: Array, columns: Columns, by: Placement) -> Array:
+        """Return rows (L, D), not normalised, of the dancer at another place, in another direction.
+
+        Parameters
+        ----------
+        columns
+            The D columns.
+        by
+            The axis of its turn goes through the root in the first of these rows.
+
+        Returns
+        -------
+        (L, D) in the dtype of `rows`
+            A new array; columns that are not concerned are equal bit for bit.
+        """
+        out = rows.copy()
+        turn, shift = self._turn(by.turn_rad), self._shift(by)
+        root = self._root(rows[:1], columns)
+        for group in columns.groups:
+            role, own = self.roles[group.name], columns.slice(group.name)
+            if role == "root_rotation" and by.turn_rad:
+                width = 3 * _matrix_rows(columns, group.name)
+                out[:, own.start : own.start + width] = _turned_root(rows[:, own.start : own.start + width], turn)
+            elif role == "direction" and by.turn_rad:
+                out[:, own] = _triples(rows[:, own], turn, np.zeros(3), np.zeros(3))
+            elif role == "place" and root is not None and (by.turn_rad or shift.any()):
+                out[:, own] = _triples(rows[:, own], turn, root, shift)
+        return out
+
+    def cover(
+        self, low: Float64Array, high: Float64Array, columns: Columns, *, turns: bool, shift_m: float
+    ) -> tuple[Float64Array, Float64Array]:
+        """Return bounds (D,) that hold for moved rows, from bounds that hold for the rows.
+
+        Parameters
+        ----------
+        turns
+            Whether rows are turned, by any angle.
+        shift_m
+            Largest shift over the floor, metres.
+        """
+        low, high = low.copy(), high.copy()
+        floor = [0, 2] if self.up == "y" else [0, 1]
+        places = [own for g in columns.groups if self.roles[g.name] == "place" for own in _firsts(columns, g.name)]
+        root = slice(places[0], places[0] + 3) if places else slice(0)
+        root_low, root_high = low[root].copy(), high[root].copy()
+        for first in places:
+            own = np.array(floor) + first
+            if turns:
+                apart = np.maximum(high[own] - root_low[floor], root_high[floor] - low[own])
+                radius = float(np.hypot(*apart))
+                low[own], high[own] = root_low[floor] - radius, root_high[floor] + radius
+            low[own], high[own] = low[own] - shift_m, high[own] + shift_m
+        for group in (g.name for g in columns.groups if turns):
+            if self.roles[group] == "direction":
+                for first in _firsts(columns, group):
+                    own = np.array(floor) + first
+                    length = float(np.hypot(*np.maximum(np.abs(low[own]), np.abs(high[own]))))
+                    low[own], high[own] = -length, length
+            if self.roles[group] == "root_rotation":
+                first, n_rows = columns.slice(group).start, _matrix_rows(columns, group)
+                for row in (axis for axis in floor if axis < n_rows):
+                    low[first + 3 * row : first + 3 * row + 3] = -1.0
+                    high[first + 3 * row : first + 3 * row + 3] = 1.0
+        return low, high
+
+    def _turn(self, angle: float) -> Float64Array:
+        """Return the matrix of the turn in the columns' world."""
+        c, s = math.cos(angle), math.sin(angle)
+        if self.up == "y":
+            return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+        return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+    def _shift(self, by: Placement) -> Float64Array:
+        return np.array([by.x_m, 0.0, by.z_m] if self.up == "y" else [by.x_m, -by.z_m, 0.0])
+
+    def _root(self, first: Array, columns: Columns) -> Float64Array | None:
+        """Return the root's place (3,) in the first row; None if the columns have no places."""
+        for group in columns.names:
+            if self.roles[group] == "place":
+                start = columns.slice(group).start
+                return np.asarray(first[0, start : start + 3], dtype=np.float64)
+        return None
+
+
+def moved(motion: Motion, by: Placement) -> Motion:
+    """Return a motion at another place, in another direction.
+
+    Joints follow exactly: the position p of each becomes T (p - r) + r + shift, where r is the root's position in the
+    first frame. The root's rest position is the same before and after it, so that the translation follows likewise.
+    """
+    if not by.turn_rad and not by.x_m and not by.z_m:
+        return motion
+    turn = Spatial("y")._turn(by.turn_rad)
+    first = motion.translation[0]
+    translation = (motion.translation - first) @ turn.T + first + (by.x_m, 0.0, by.z_m)
+    if not by.turn_rad:
+        return replace(motion, translation=translation)
+    rotations = motion.rotations.copy()
+    rotations[:, 0] = (rotation(np.array([0.0, by.turn_rad, 0.0])) * rotation(rotations[:, 0])).as_rotvec()
+    return replace(motion, translation=translation, rotations=rotations)
+
+
+def _triples(rows: Array, turn: Float64Array, root: Float64Array, shift: Float64Array) -> Array:
+    """Return points (L, 3 N) turned about the vertical through `root` and shifted."""
+    points = rows.reshape(len(rows), -1, 3).astype(np.float64)
+    return np.asarray(((points - root) @ turn.T + root + shift).reshape(rows.shape), dtype=rows.dtype)
+
+
+def _turned_root(rows: Array, turn: Float64Array) -> Array:
+    """Return the first two or three rows of matrices, (L, 6) or (L, 9), after a turn of the world."""
+    given = rows.reshape(len(rows), -1, 3).astype(np.float64)
+    first, second = given[:, 0], given[:, 1]
+    third = given[:, 2] if given.shape[1] == 3 else np.cross(first, second)
+    turned = turn @ np.stack([first, second, third], axis=1)
+    return np.asarray(turned[:, : given.shape[1]].reshape(rows.shape), dtype=rows.dtype)
+
+
+def _firsts(columns: Columns, group: str) -> range:
+    """Return the first columns of a group's triples."""
+    own = columns.slice(group)
+    return range(own.start, own.stop, 3)
+
+
+def _matrix_rows(columns: Columns, group: str) -> int:
+    """Return how many rows of each joint's matrix a group holds, by the names of its columns; 0 if they have none."""
+    parts = next(g.parts for g in columns.groups if g.name == group)
+    joints = {part.rpartition(".")[0] for part in parts}
+    return len(parts) // (3 * len(joints)) if parts and len(parts) % (3 * len(joints)) == 0 else 0

@@ -1,0 +1,268 @@
+"""Augmenter: the augmentations of samples that a reader was asked for, as pure functions of (seed, epoch, index)."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.draw import Draw
+from dancedata.core.errors import UsageError
+from dancedata.core.normalize import MinMax
+from dancedata.core.plugins import Augmentation, SampleField
+from dancedata.core.registry import AUGMENTATIONS
+from dancedata.readers.arguments import probability
+from dancedata.readers.named_plugins import named_plugin
+from dancedata.readers.sample_fields import sample_fields
+from dancedata.store.dataset import Store
+
+__all__ = ["Augment", "Augmenter", "Chance"]
+
+#: Keeps these streams apart from those of order, mirroring and primitives, which may have the same seed.
+_AUGMENT_STREAM = 4
+#: Of an augmentation's streams: whether it happens, and what it does.
+_WHETHER, _WHAT = 0, 1
+
+
+@dataclass(frozen=True)
+class Chance:
+    """An augmentation that changes a sample with a probability.
+
+    Attributes
+    ----------
+    p
+        Probability.
+    """
+
+    augmentation: Augmentation
+    p: float
+
+    def __post_init__(self) -> None:
+        """Check the probability."""
+        probability("p", self.p)
+
+
+#: What the argument `augment` of readers takes, see `Augmenter.of`.
+Augment = Sequence[Augmentation | Chance | str | Mapping[str, Any]] | Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class _Step:
+    """An augmentation, under a name of its own, which chooses its random numbers."""
+
+    name: str
+    augmentation: Augmentation
+    p: float
+
+    @property
+    def stream(self) -> int:
+        """Number of the stream of random numbers: equal names give equal numbers, in any order of the steps."""
+        return zlib.crc32(self.name.encode())
+
+
+@dataclass(frozen=True)
+class Augmenter:
+    """Changes samples. It has no state: any thread, worker and rank gets the same sample for (seed, epoch, index).
+
+    Attributes
+    ----------
+    fields
+        The fields of samples.
+    steps
+        The augmentations, in their order.
+    droppable
+        Names of the fields that may be masked.
+    """
+
+    fields: tuple[SampleField, ...]
+    steps: tuple[_Step, ...]
+    seed: int
+    droppable: tuple[str, ...]
+
+    @classmethod
+    def of(
+        cls,
+        store: Store,
+        names: Sequence[str],
+        augment: Augment | None,
+        *,
+        seed: int,
+        mirrored: bool = False,
+        allow_crop: bool = True,
+    ) -> Augmenter:
+        """Make an augmenter for samples with some fields of a store.
+
+        Parameters
+        ----------
+        augment
+            Plug-ins, names, or mappings of names to parameters, among which ``"p"`` is the probability that a sample
+            is changed. A number instead of parameters is that probability; True: always, False: never.
+        mirrored
+            Whether samples are mirrored by other means already.
+        allow_crop
+            Whether other windows may be read.
+
+        Raises
+        ------
+        UsageError
+            For an unknown augmentation or parameter, and for one that cannot change these samples.
+        """
+        own = sample_fields(store, names)
+        steps = tuple(_numbered(_steps(augment)))
+        for step in steps:
+            _check(step, own, store, allow_crop)
+            if mirrored and step.augmentation.name == "mirror":
+                raise UsageError(
+                    "samples are mirrored twice", fix="give mirror= or augment={'mirror': ...}, not both"
+                )
+        drops = [step.augmentation for step in steps if step.augmentation.drops_fields]
+        droppable = tuple(dict.fromkeys(name for made in drops for name in made.droppable(own)))
+        return cls(own, steps, seed, droppable)
+
+    @property
+    def crops(self) -> bool:
+        """Whether other windows are read than those that are listed."""
+        return any(step.augmentation.chooses_windows for step in self.steps)
+
+    def start(self, start: int, starts: range, stride: int, epoch: int, index: int) -> int:
+        """Return the first frame of the window that is read as sample `index`; see `Augmentation.choose_start`."""
+        for step in self._happening(epoch, index):
+            if step.augmentation.chooses_windows:
+                start = step.augmentation.choose_start(start, starts, stride, self._draw(step, epoch, index))
+        return start
+
+    def rows(self, field: str, rows: npt.NDArray[Any], epoch: int, index: int) -> npt.NDArray[Any]:
+        """Return the rows of a field of sample `index`, (L, D), not normalised; the same array if nothing changes it.
+
+        The array that is given is not written to.
+        """
+        if not self.steps:
+            return rows
+        own = next(known for known in self.fields if known.name == field)
+        if own.kind == "audio":
+            return rows
+        for step in self._happening(epoch, index):
+            if not step.augmentation.changes_samples:
+                continue
+            given = rows.view()
+            given.flags.writeable = False
+            made = np.asarray(step.augmentation.change_sample(given, own, self._draw(step, epoch, index)))
+            if made.shape != rows.shape:
+                raise UsageError(
+                    f"the augmentation {step.name} changes the shape of rows",
+                    where=f"field {field}",
+                    found=made.shape,
+                    allowed=rows.shape,
+                )
+            rows = made.astype(rows.dtype, copy=False)
+        return rows
+
+    def dropped(self, epoch: int, index: int) -> tuple[str, ...]:
+        """Return the names of the fields of sample `index` that are masked."""
+        if not self.droppable:
+            return ()
+        found: list[str] = []
+        for step in self._happening(epoch, index):
+            if step.augmentation.drops_fields:
+                found += step.augmentation.dropped(self.fields, self._draw(step, epoch, index))
+        return tuple(dict.fromkeys(found))
+
+    def mirrored(self, epoch: int, index: int) -> bool:
+        """Whether sample `index` is mirrored."""
+        happening = (step.augmentation.name for step in self._happening(epoch, index))
+        return sum(name == "mirror" for name in happening) % 2 == 1
+
+    def scaler(self, field: str, scaler: MinMax) -> MinMax:
+        """Return the scaler of a field whose range covers what augmentations make of motion."""
+        own = next(known for known in self.fields if known.name == field)
+        if own.kind != "motion":
+            return scaler
+        low, high = scaler.data_min, scaler.data_max
+        for step in self.steps:
+            if step.p > 0:
+                low, high = step.augmentation.cover(low, high, own)
+        return scaler if low is scaler.data_min and high is scaler.data_max else MinMax(low, high)
+
+    def _happening(self, epoch: int, index: int) -> Iterator[_Step]:
+        """Yield the steps that change sample `index`."""
+        for step in self.steps:
+            if step.p >= 1 or (step.p > 0 and self._draw(step, epoch, index, _WHETHER).uniform() < step.p):
+                yield step
+
+    def _draw(self, step: _Step, epoch: int, index: int, what: int = _WHAT) -> Draw:
+        return Draw(self.seed, _AUGMENT_STREAM, step.stream, epoch, index, what)
+
+
+def _steps(augment: Augment | None) -> Iterator[_Step]:
+    if isinstance(augment, str | Augmentation | Chance):
+        raise UsageError("augment is not a list", found=augment, allowed='such as ["yaw"] or {"mirror": 0.5}')
+    items: Sequence[Any] = [augment] if isinstance(augment, Mapping) else augment or []
+    for item in items:
+        if isinstance(item, Chance):
+            yield _Step(item.augmentation.name, item.augmentation, item.p)
+        elif isinstance(item, Augmentation):
+            yield _Step(item.name, item, 1.0)
+        elif isinstance(item, str):
+            yield _named(item, None)
+        elif isinstance(item, Mapping):
+            yield from (_named(name, own) for name, own in item.items() if own is not False)
+        else:
+            raise UsageError("not an augmentation", found=item, allowed="a plug-in, a name, or {name: parameters}")
+
+
+def _named(name: str, given: Any) -> _Step:
+    """Make a step from a name, PLUGIN or PLUGIN.NAME, and parameters or a probability."""
+    plugin = name if name in AUGMENTATIONS.names() else str(name).partition(".")[0]
+    cls: type[Any] = AUGMENTATIONS.get(plugin)
+    if isinstance(given, int | float) and not isinstance(given, bool):
+        given = {"p": given}
+    if given is not None and given is not True and not isinstance(given, Mapping):
+        raise UsageError(
+            f"augment: {name}: neither parameters nor a probability", found=given, allowed='such as {"p": 0.5}'
+        )
+    parameters = dict(given) if isinstance(given, Mapping) else {}
+    chance = 1.0
+    if "p" not in {f.name for f in fields(cls)}:
+        chance = probability(f"augment: {name}: p", parameters.pop("p", 1.0))
+    return _Step(str(name), named_plugin(AUGMENTATIONS, plugin, parameters), chance)
+
+
+def _numbered(steps: Iterator[_Step]) -> Iterator[_Step]:
+    """Give steps of equal names different ones, so that they draw different numbers."""
+    counts: dict[str, int] = {}
+    for step in steps:
+        nth = counts[step.name] = counts.get(step.name, 0) + 1
+        yield step if nth == 1 else _Step(f"{step.name}#{nth}", step.augmentation, step.p)
+
+
+def _check(step: _Step, own: Sequence[SampleField], store: Store, allow_crop: bool) -> None:
+    """Raise UsageError if an augmentation cannot change samples with these fields."""
+    made = step.augmentation
+    for field in own:
+        try:
+            made.check_sample(field)
+        except UsageError as error:
+            raise UsageError(
+                f"the augmentation {step.name} cannot change field {field.name!r}: {error}", where=str(store.path)
+            ) from error
+    if not (made.changes_samples or made.chooses_windows or made.drops_fields):
+        raise UsageError(
+            f"the augmentation {step.name} makes copies when a dataset is built, and does not change samples",
+            fix=f"build with augment: {{{made.name}: {{}}}}, or define change_sample in its class",
+        )
+    if made.chooses_windows and not allow_crop:
+        raise UsageError(
+            f"the augmentation {step.name} chooses windows, and whole clips are read",
+            fix="read windows: WindowDataset(..., augment=['crop'])",
+        )
+    if made.chooses_windows and store.scope == "window":
+        raise UsageError(
+            f"the augmentation {step.name} reads other windows than the stored ones",
+            where=str(store.path),
+            found="a dataset of window scope, which holds only the windows that were built",
+            fix="build with scope: track",
+        )
