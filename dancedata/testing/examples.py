@@ -11,7 +11,7 @@ from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.columns import Columns
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
-from dancedata.core.plugins import ContactRule, Float32Array, Representation
+from dancedata.core.plugins import ContactRule, Float32Array, Representation, SampleField
 from dancedata.core.registry import CONTACTS, KEYMOTIONS, REPRESENTATIONS
 from dancedata.core.skeleton import SMPL24, Skeleton
 
@@ -44,12 +44,13 @@ def random_signal(seconds: float, sample_rate: int) -> AudioSignal:
 
 @dataclass(frozen=True)
 class ExampleField:
-    """A motion or key motion field with rows of it."""
+    """A motion or key motion field with rows of it, and as augmentations of samples see it."""
 
     name: str
     kind: Literal["motion", "keymotion"]
     columns: Columns
     rows: Float32Array
+    sample_field: SampleField
 
 
 def example_fields() -> list[ExampleField]:
@@ -57,11 +58,14 @@ def example_fields() -> list[ExampleField]:
     motion = random_motion(SMPL24, 40, turn_rad=0.5)
     fields = []
     for name in REPRESENTATIONS.names():
-        made = REPRESENTATIONS.get(name)()
-        fields.append(ExampleField(name, "motion", made.columns, made.encode(motion, contact_rule_of(made))))
+        made, rule = REPRESENTATIONS.get(name)(), contact_rule_of(REPRESENTATIONS.get(name)())
+        grid = FPS if made.rate is None else FrameGrid(made.rate)
+        sample_field = SampleField(name, "motion", made.columns, grid, made, rule)
+        fields.append(ExampleField(name, "motion", made.columns, made.encode(motion, rule), sample_field))
     for name in KEYMOTIONS.names():
         finder = KEYMOTIONS.get(name)()
-        fields.append(ExampleField(name, "keymotion", finder.columns, finder.analyse(motion)))
+        sample_field = SampleField(name, "keymotion", finder.columns, FPS)
+        fields.append(ExampleField(name, "keymotion", finder.columns, finder.analyse(motion), sample_field))
     return fields
 
 

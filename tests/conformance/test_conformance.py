@@ -24,6 +24,7 @@ from dancedata.core.registry import (
     REPRESENTATIONS,
     Registry,
 )
+from dancedata.core.spatial import Spatial
 from dancedata.testing import conformance
 
 
@@ -165,10 +166,15 @@ def test_check_finds_the_check_of_every_kind(registry: Registry, monkeypatch: py
     assert called == [registry.get(registry.names()[0])]
 
 
+def _augmentation(**members: Any) -> type[Any]:
+    """An augmentation with some members."""
+    cls = type("Broken", (Augmentation,), {"__doc__": "Broken.", "version": 1, **members})
+    return dataclass(frozen=True)(cls)
+
+
 def test_an_augmentation_that_changes_nothing_fails(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
-    cls = _subclass(AUGMENTATIONS, change_rows=Augmentation.change_rows)
-    with pytest.raises(AssertionError, match="defines change_motion or change_rows"):
-        conformance.check_augmentation(_register(monkeypatch, AUGMENTATIONS, cls), tmp_path)
+    with pytest.raises(AssertionError, match="defines a method that makes copies or changes samples"):
+        conformance.check_augmentation(_register(monkeypatch, AUGMENTATIONS, _augmentation()), tmp_path)
 
 
 def test_copies_that_differ_from_call_to_call_fail(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
@@ -176,9 +182,42 @@ def test_copies_that_differ_from_call_to_call_fail(monkeypatch: pytest.MonkeyPat
         return rows + np.float32(len(calls.append(rows) or calls))
 
     calls: list[Any] = []
-    cls = _subclass(AUGMENTATIONS, change_rows=change_rows)
+    cls = _augmentation(change_rows=change_rows)
     with pytest.raises(AssertionError, match="equal rows give equal copies"):
         conformance.check_augmentation(_register(monkeypatch, AUGMENTATIONS, cls), tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("members", "expected"),
+    [
+        ({"change_sample": lambda self, rows, field, draw: rows[:, :1]}, "shape and dtype are kept"),
+        ({"change_sample": lambda self, rows, field, draw: rows * np.nan}, "samples are finite"),
+        (
+            {
+                "change_sample": lambda self, rows, field, draw: rows + np.float32(draw.uniform()),
+                "cover": lambda self, low, high, field: (low, high + 0.01),
+            },
+            "`cover` holds",
+        ),
+        ({"choose_start": lambda self, start, starts, stride, draw: start + 1}, "returns one of starts"),
+        ({"dropped": lambda self, fields, draw: ("music",)}, "dropped names some of droppable"),
+    ],
+)
+def test_samples_that_are_changed_wrongly_fail(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, members: dict[str, Any], expected: str
+):
+    cls = _register(monkeypatch, AUGMENTATIONS, _augmentation(**members))
+    with pytest.raises(AssertionError, match=expected):
+        conformance.check_augmentation(cls, tmp_path)
+
+
+def test_a_representation_that_turns_wrongly_fails(monkeypatch: pytest.MonkeyPatch):
+    base = REPRESENTATIONS.get("edge151")
+    cls = dataclass(frozen=True)(
+        type("Broken", (base,), {"__doc__": base.__doc__, "spatial": Spatial("y", base.spatial.roles)})
+    )
+    with pytest.raises(AssertionError, match="turns columns as `encode` turns"):
+        conformance.check_representation(_register(monkeypatch, REPRESENTATIONS, cls))
 
 
 def test_a_filter_with_a_reason_of_its_own_fails(monkeypatch: pytest.MonkeyPatch):

@@ -1,0 +1,264 @@
+"""Augmentations of motions and of columns: forward kinematics commutes with each of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dancedata.augment.mirror import MirrorImage
+from dancedata.augment.noise import JointNoise
+from dancedata.augment.root_offset import RootOffset
+from dancedata.augment.tempo import Tempo
+from dancedata.augment.yaw import Yaw
+from dancedata.core.bodies import SMPLX55
+from dancedata.core.draw import Draw
+from dancedata.core.errors import UsageError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.motion import Motion
+from dancedata.core.plugins import SampleField
+from dancedata.core.registry import CONTACTS, REPRESENTATIONS
+from dancedata.core.rotations import rotation
+from dancedata.core.skeleton import SMPL24
+from dancedata.core.spatial import Placement, Spatial, moved
+from dancedata.recipes.copies import CopySpec
+from dancedata.testing.examples import FPS, contact_rule_of, example_fields, random_motion
+
+NAMES = [name for name in REPRESENTATIONS.names() if REPRESENTATIONS.get(name).spatial is not None]
+DECODED = [name for name in NAMES if REPRESENTATIONS.get(name).decodes]
+ANGLES = st.floats(-np.pi, np.pi)
+METRES = st.floats(-3, 3)
+MOTION = random_motion(SMPL24, 20, turn_rad=0.6)
+#: Metres that float32 columns lose on joints.
+JOINT_TOLERANCE = 5e-6
+few = settings(max_examples=20, deadline=None, derandomize=True)
+
+
+def field_of(name: str) -> SampleField:
+    made = REPRESENTATIONS.get(name)()
+    grid = FPS if made.rate is None else FrameGrid(made.rate)
+    return SampleField(name, "motion", made.columns, grid, made, contact_rule_of(made))
+
+
+def encoded(name: str, motion: Motion = MOTION) -> np.ndarray:
+    made = REPRESENTATIONS.get(name)()
+    return made.encode(motion, contact_rule_of(made))
+
+
+def placed(joints: np.ndarray, root: np.ndarray, by: Placement) -> np.ndarray:
+    """Positions (T, J, 3), +Y up, turned about the vertical through `root` and shifted, written out."""
+    c, s = np.cos(by.turn_rad), np.sin(by.turn_rad)
+    x, y, z = np.moveaxis(joints - root, -1, 0)
+    return np.stack([c * x + s * z, y, -s * x + c * z], axis=-1) + root + (by.x_m, 0, by.z_m)
+
+
+@few
+@given(ANGLES, METRES, METRES)
+def test_joints_of_a_moved_motion_are_the_moved_joints(angle: float, x: float, z: float) -> None:
+    by = Placement(angle, x, z)
+    for skeleton in (SMPL24, SMPLX55):
+        motion = random_motion(skeleton, 5)
+        joints = motion.joints()
+        np.testing.assert_allclose(moved(motion, by).joints(), placed(joints, joints[0, 0], by), atol=1e-12)
+
+
+@pytest.mark.parametrize("name", DECODED)
+@few
+@given(angle=ANGLES, x=METRES, z=METRES)
+def test_forward_kinematics_commutes_with_moved_columns(name: str, angle: float, x: float, z: float) -> None:
+    made, by, rows = REPRESENTATIONS.get(name)(), Placement(angle, x, z), encoded(name)
+    before = made.decode(rows, FPS).joints()
+    found = made.spatial.moved(rows, made.columns, by)
+    after = made.decode(found, FPS).joints()
+    np.testing.assert_allclose(after, placed(before, before[0, 0], by), atol=JOINT_TOLERANCE)
+    if "contact" in made.columns.names:
+        own = made.columns.slice("contact")
+        np.testing.assert_array_equal(found[:, own], rows[:, own])
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_moved_columns_are_those_of_the_moved_motion(name: str) -> None:
+    made = REPRESENTATIONS.get(name)()
+    for by in (Placement(), Placement(2.0), Placement(0, 0.3, -0.2), Placement(-1.1, -1.5, 2.5)):
+        found = made.spatial.moved(encoded(name), made.columns, by)
+        np.testing.assert_allclose(found, encoded(name, moved(MOTION, by)), atol=2e-6)
+    still = made.spatial.moved(encoded(name), made.columns, Placement())
+    np.testing.assert_array_equal(still, encoded(name))
+
+
+def test_directions_turn_and_do_not_shift() -> None:
+    from dancedata.core.columns import Columns, Group
+
+    columns = Columns((Group("velocity", 6, "m/s"), Group("speed", 1, "m/s")))
+    rows = np.array([[1, 2, 0, 0, 0, 3, 5]], np.float32)
+    found = Spatial("y", {"velocity": "direction", "speed": "unchanged"}).moved(
+        rows, columns, Placement(np.pi / 2, 9)
+    )
+    np.testing.assert_allclose(found, [[0, 2, -1, 3, 0, 0, 5]], atol=1e-6)
+    for roles in ({"velocity": "direction"}, {"velocity": "direction", "speed": "place"}):
+        with pytest.raises(UsageError):
+            Spatial("y", roles).check(columns)
+
+
+@pytest.mark.parametrize("name", REPRESENTATIONS.names())
+def test_mirrored_twice_is_the_identity(name: str) -> None:
+    field, rows, mirror = field_of(name), encoded(name), MirrorImage()
+    if field.columns.mirror is None:
+        with pytest.raises(UsageError, match="no mirror image"):
+            mirror.check_sample(field)
+        return
+    image = mirror.change_sample(rows, field, Draw(0))
+    np.testing.assert_array_equal(mirror.change_sample(image, field, Draw(0)), rows)
+    if field.representation.decodes:
+        # Bones are not symmetric to the millimetre: the image is that of the dancer with mirrored bones.
+        own = field.representation.skeleton
+        joints = field.representation.decode(rows, FPS).joints()
+        order = np.arange(own.n_joints)
+        for left, right in own.pairs:
+            order[left], order[right] = right, left
+        found = field.representation.decode(image, FPS).on(own.mirrored()).joints()
+        np.testing.assert_allclose(found, joints[:, order] * (-1, 1, 1), atol=JOINT_TOLERANCE)
+
+
+@few
+@given(st.integers(0, 2**32), st.floats(0, 10), st.floats(0.05, 2))
+def test_noise_turns_joints_and_leaves_the_root(index: int, degrees: float, every_s: float) -> None:
+    noise = JointNoise(std_degrees=degrees, every_s=every_s)
+    rows, field = encoded("edge151"), field_of("edge151")
+    made = field.representation.decode(noise.change_sample(rows, field, Draw(1, index)), FPS)
+    clean = field.representation.decode(rows, FPS)
+    np.testing.assert_allclose(made.translation, clean.translation, atol=1e-6)
+    np.testing.assert_allclose(made.matrices[:, 0], clean.matrices[:, 0], atol=1e-6)
+    turns = (rotation(clean.rotations[:, 1:]).inv() * rotation(made.rotations[:, 1:])).magnitude()
+    assert turns.max() <= np.radians(degrees) * 12 + 1e-3
+    assert degrees == 0 or turns.max() > 0
+
+
+@pytest.mark.parametrize("name", DECODED)
+def test_columns_with_noise_are_those_of_the_motion_with_noise(name: str) -> None:
+    noise, field, made = JointNoise(std_degrees=5), field_of(name), REPRESENTATIONS.get(name)()
+    rows = encoded(name)
+    if field.contacts is not None:
+        rows[:, made.columns.slice("contact")] = 0.5
+    found = noise.change_sample(rows, field, Draw(3))
+    clean = made.decode(rows, field.grid)
+    motion = noise._noisy(clean, Draw(3))
+    np.testing.assert_allclose(made.decode(found, field.grid).joints(), motion.joints(), atol=JOINT_TOLERANCE)
+    if field.contacts is not None:  # labelled again, at the height that the columns had
+        own = made.columns.slice("contact")
+        np.testing.assert_array_equal(found[:, own], made.encode_again(motion, field.contacts)[:, own])
+        assert set(np.unique(found[:, own])) <= {0, 1}
+
+
+def test_noise_is_a_function_of_time_and_joint() -> None:
+    slow = Motion(np.zeros((30, 3)), np.zeros((30, 24, 3)), FPS, SMPL24)
+    fast = Motion(np.zeros((60, 3)), np.zeros((60, 24, 3)), FrameGrid.of(60), SMPL24)
+    body = Motion(np.zeros((30, 3)), np.zeros((30, 55, 3)), FPS, SMPLX55)
+    noise = JointNoise()
+    rotations = [noise._noisy(motion, Draw(5)).rotations for motion in (slow, fast, body)]
+    np.testing.assert_allclose(rotations[0], rotations[1][::2], atol=1e-12)
+    np.testing.assert_allclose(rotations[0][:, :22], rotations[2][:, :22], atol=1e-12)
+    assert rotations[0][:, 1:].std() == pytest.approx(np.radians(2), rel=0.25)
+
+
+@pytest.mark.parametrize("made", [Yaw(), RootOffset(), JointNoise(), Tempo()], ids=lambda made: made.name)
+def test_copies_are_a_function_of_seed_and_clip(made) -> None:
+    def copy(seed: int, clip: str) -> tuple[bytes, Fraction]:
+        spec = CopySpec(made.name, replace(made, seed=seed))
+        motion = spec.motion_of(MOTION, clip)
+        return motion.joints().tobytes(), motion.grid.rate
+
+    assert copy(0, "a") == copy(0, "a")
+    assert len({copy(0, f"clip {k}") for k in range(20)}) > 1
+    assert len({copy(k, "a") for k in range(20)}) > 1
+
+
+@few
+@given(st.sampled_from([Fraction(4, 5), Fraction(9, 10), Fraction(11, 10), Fraction(5, 4), Fraction(2)]))
+def test_a_motion_at_another_speed_is_where_it_was_at_the_same_place_of_the_dance(speed: Fraction) -> None:
+    spec = CopySpec("tempo", Tempo(speeds=(float(speed),)))
+    at_60 = random_motion(SMPL24, 120, turn_rad=0.6, step_m=0.01)
+    source = Motion(at_60.translation, at_60.rotations, FrameGrid.of(60), SMPL24, trim_start=30)
+    copy = spec.motion_of(source, "clip").resampled(FPS)
+    instants = np.arange(copy.n_frames) * float(speed) * 2  # in frames of the source
+    assert copy.n_frames == int(119 / float(speed) / 2 + 1e-9) + 1
+    lower = np.minimum(instants.astype(int), 118)
+    share = (instants - lower)[:, None]
+    wanted = source.translation[lower] * (1 - share) + source.translation[lower + 1] * share
+    np.testing.assert_allclose(copy.translation, wanted, atol=1e-9)
+    assert copy.trim_start == int(np.ceil(30 / float(speed) / 2 - 1e-9))
+    # Contacts by height follow: each label is that of the source within half a frame of the copy.
+    height = CONTACTS.get("height")()
+    labels = height(copy.joints(), FPS, SMPL24)
+    dense = np.arange(0, 119.01, 0.05)
+    whole = replace(source, trim_start=0).resampled(FrameGrid.of(1200))
+    of_source = height(whole.joints(), whole.grid, SMPL24)
+    for k, frame in enumerate(instants):
+        near = np.abs(dense - frame) <= float(speed)
+        choices = of_source[: len(dense)][near]
+        assert ((choices == labels[k]).any(axis=0)).all()
+
+
+def test_what_cannot_be_done_says_why() -> None:
+    plain = SampleField("edge151", "motion", field_of("edge151").columns, FPS)
+    keymotion = next(f.sample_field for f in example_fields() if f.kind == "keymotion")
+    for made in (Yaw(), RootOffset(), JointNoise()):
+        with pytest.raises(UsageError, match="representation is not known"):
+            made.check_sample(plain)
+    for name in ("joints", "bailando72"):
+        with pytest.raises(UsageError, match=f"columns of {name} do not determine the angles"):
+            JointNoise().check_sample(field_of(name))
+    with pytest.raises(UsageError, match="cannot be found again in a window"):
+        JointNoise().check_sample(keymotion)
+    for made in (Yaw(), RootOffset(), MirrorImage()):
+        made.check_sample(keymotion)
+    with pytest.raises(UsageError, match="features of the stretched music have to be computed anew"):
+        Tempo().check_sample(plain)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Yaw(max_degrees=181), "yaw: max_degrees is out of range"),
+        (lambda: Yaw(max_degrees=float("nan")), "0 to 180 degrees"),
+        (lambda: Yaw(max_degrees="x"), "yaw: max_degrees"),  # type: ignore[arg-type]
+        (lambda: Yaw(seed=-1), "seed is not a whole number"),
+        (lambda: RootOffset(max_m=-1), "root_offset: max_m"),
+        (lambda: JointNoise(every_s=0), "noise: every_s"),
+        (lambda: Tempo(speeds=()), "names no speed"),
+        (lambda: Tempo(speeds=(5.0,)), "0.25 to 4"),
+    ],
+)
+def test_parameters_are_checked(make, message: str) -> None:
+    with pytest.raises(UsageError, match=message):
+        make()
+
+
+def test_a_speed_that_is_not_possible_is_refused() -> None:
+    class Odd(Tempo):
+        def speed(self, clip: str) -> Fraction:
+            return Fraction(5)
+
+    with pytest.raises(UsageError, match="gives a copy a speed that is not possible; found Fraction"):
+        CopySpec("odd", Odd()).motion_of(MOTION, "clip")
+
+
+def test_numbers_of_a_draw() -> None:
+    draw = Draw(7, 1, 2)
+    assert [draw.uniform(), draw.uniform(2, 3), draw.below(10)] == [
+        pytest.approx(value) for value in _same(Draw(7, 1, 2))
+    ]
+    normal = Draw(1).normal(40000)
+    assert abs(normal.mean()) < 0.02
+    assert abs(normal.std() - 1) < 0.02
+    np.testing.assert_array_equal(Draw(1).normal(5, 3), Draw(1).normal(9, 3)[:5])
+    with pytest.raises(UsageError, match="nothing to draw from"):
+        draw.below(0)
+
+
+def _same(draw: Draw) -> list[float]:
+    return [draw.uniform(), draw.uniform(2, 3), draw.below(10)]
