@@ -73,7 +73,7 @@ class JointNoise(Augmentation):
         if not self.std_degrees:
             return rows
         representation = _decodable(field)
-        motion = self._noisy(representation.decode(rows, field.grid), draw)
+        motion = self._noisy(representation.decode(rows, field.grid), draw).with_cache()
         return representation.encode_again(motion, field.contacts)
 
     def _noisy(self, motion: Motion, draw: Draw) -> Motion:

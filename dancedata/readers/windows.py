@@ -211,6 +211,7 @@ class WindowDataset(Dataset[dict[str, Any]]):
         self.normalizer_covers_mirror = bool(covers)
         self.normalizer_over = normalizer_over
         self.seed = whole("seed", seed)
+        self.augment = augment
         self._augmenter = Augmenter.of(self.store, self.fields, augment, seed=self.seed, mirrored=self.mirror > 0)
         self._covering = self._augmenter
         if normalizer_covers is not None:
