@@ -83,7 +83,7 @@ def test_as_json(tmp_path: Path) -> None:
     ("kind", "name", "message"),
     [
         ("augmentatoin", "shake", "unknown kind of plug-in 'augmentatoin'. Did you mean 'augmentation'"),
-        ("augmentation", "mirror", "the augmentation 'mirror' exists already. Choose another name; known: mirror"),
+        ("augmentation", "mirror", "the augmentation 'mirror' exists already. Choose another name; known: crop, drop, mirror"),
         ("filter", "two-words", "not a valid name for a plug-in; found 'two-words'"),
         ("filter", "class", "not a valid name for a plug-in"),
         ("filter", "_hidden", "not a valid name for a plug-in"),
