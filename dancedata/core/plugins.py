@@ -122,8 +122,6 @@ class Representation(Plugin):
     spatial
         How the columns follow when the dancer is turned or shifted, for augmentations of samples; None: such samples
         cannot be turned or shifted.
-    up
-        The axis of the columns that points up; a decoded motion is always +Y up.
     decodes
         Whether the class has a `decode` of its own; set by itself.
     """
@@ -134,7 +132,6 @@ class Representation(Plugin):
     axes: ClassVar[str]
     rotation_6d: ClassVar[str | None] = None
     spatial: ClassVar[Spatial | None] = None
-    up: ClassVar[Literal["y", "z"]] = "y"
     decodes: ClassVar[bool] = False
 
     @property

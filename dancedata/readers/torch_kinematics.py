@@ -145,7 +145,7 @@ def decode(columns: Tensor, representation: str | Representation) -> Poses:
     else:
         local = entries.reshape(n_joints, 3, 3, -1)
     root = flat[layout.slice("translation")]
-    if made.up == "z":
+    if made.spatial is not None and made.spatial.up == "z":
         local, root = torch.cat([_y_up(local[0])[None], local[1:]]), _y_up(root)
     contacts = columns[..., layout.slice("contact")] if "contact" in layout.names else None
     matrices = local.permute(3, 0, 1, 2).reshape(*lead, n_joints, 3, 3)

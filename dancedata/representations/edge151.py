@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -40,7 +40,6 @@ class Edge151(Representation):
     default_contacts: ClassVar[str | None] = "velocity"
     skeleton: ClassVar[Skeleton] = SMPL24
     axes: ClassVar[str] = "right-handed, +Z up, metres"
-    up: ClassVar[Literal["y", "z"]] = "z"
     rotation_6d: ClassVar[str | None] = CONVENTION
     rate: ClassVar[Fraction | None] = None
     grounded: ClassVar[bool] = False
