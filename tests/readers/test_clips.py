@@ -312,3 +312,24 @@ def test_copies_in_other_processes(made: RandomStore) -> None:
     assert all(map(same, copy.samples(range(9)), crops.samples(range(9))))
     stream = pickle.loads(pickle.dumps(BatchStream(crops, 3)))
     assert same(stream.batch(4), BatchStream(crops, 3).batch(4))
+
+
+def test_augmented_crops_are_augmented_windows(tmp_path: Path) -> None:
+    """The same as a WindowDataset's, for an augmentation that does not depend on where a sample comes from."""
+    made = write_random_store(tmp_path / "s", clips={"train": 3}, n_frames=(30, 30), length=30, stride=30)
+    arguments: dict[str, Any] = {
+        "fields": PAIR,
+        "augment": {"mirror": 0.5, "drop": {"p": 0.5, "fields": ["librosa35"]}},
+        "seed": 4,
+    }
+    crops = ClipDataset(made.path, crop_frames=30, **arguments)
+    windows = WindowDataset(made.path, **arguments)
+    changed = 0
+    for epoch in range(6):
+        for crop, window in zip(crops.samples(range(3), epoch), windows.samples(range(3), epoch), strict=True):
+            assert crop.keys() == window.keys()
+            assert all(same(crop[name], window[name]) for name in crop)
+            changed += crop["mirrored"] + bool(crop["librosa35_dropped"])
+    assert 0 < changed < 36
+    with pytest.raises(UsageError, match="crop"):
+        ClipDataset(made.path, fields=PAIR, augment=["crop"])
