@@ -21,6 +21,7 @@ from math import prod
 import torch
 from torch import Tensor
 
+from dancedata.core.columns import Columns
 from dancedata.core.errors import UsageError
 from dancedata.core.plugins import Representation
 from dancedata.core.registry import REPRESENTATIONS
@@ -158,7 +159,8 @@ def joints(columns: Tensor, representation: str | Representation, skeleton: Skel
     Parameters
     ----------
     columns
-        (..., D), not normalised.
+        (..., D), not normalised. (..., T, D) where the root's path is a sum of steps (HumanML3D): the path begins at
+        the origin in the first of the T rows.
     representation
         Name of a registered representation, or a representation with parameters.
     skeleton
@@ -175,11 +177,15 @@ def joints(columns: Tensor, representation: str | Representation, skeleton: Skel
         For another width, a representation whose positions are unknown, or bones for given positions.
     """
     made = _made(columns, representation)
-    if made.columns.names != ("position",):
+    names = made.columns.names
+    if "position" not in names and "local_position" not in names:
         return decode(columns, made).joints(skeleton)
     if skeleton is not None:
         raise UsageError(f"{made.name} holds positions, which cannot be put on other bones", found=skeleton.name)
-    return working(columns).reshape(*columns.shape[:-1], made.skeleton.n_joints, 3)
+    if "local_position" in names:
+        return _on_the_path(working(columns), made.columns)
+    places = working(columns)[..., made.columns.slice("position")]
+    return places.reshape(*columns.shape[:-1], made.skeleton.n_joints, 3)
 
 
 #: Rows of a matrix that groups of columns hold for each joint.
@@ -191,6 +197,31 @@ def _made(columns: Tensor, representation: str | Representation) -> Representati
     if columns.shape[-1] != made.columns.width:
         raise UsageError(f"{made.name} decodes (..., {made.columns.width})", found=f"shape {tuple(columns.shape)}")
     return made
+
+
+def _on_the_path(columns: Tensor, layout: Columns) -> Tensor:
+    """Return joints (..., T, J, 3) of HumanML3D's columns (..., T, D), as its `recover_from_ric` does.
+
+    Turns and steps lead to the next row. They are added up in float64: float32 would lose 1e-5 m in a few seconds.
+    """
+    turn, step, height, local = (
+        columns[..., layout.slice(name)] for name in ("root_turn", "root_velocity", "root_height", "local_position")
+    )
+    still = torch.zeros_like(columns[..., :1, :1]).double()
+    facing = torch.cat([still, -2 * turn[..., :-1, :].double().cumsum(-2)], dim=-2)
+    ahead = torch.cat([still.expand(*still.shape[:-1], 2), step[..., :-1, :].double()], dim=-2)
+    path = _turned(*ahead.unbind(-1), facing[..., 0])
+    x, z = (axis.cumsum(-1).to(columns.dtype)[..., None] for axis in path)
+    others = local.unflatten(-1, (-1, 3))
+    east, south = _turned(others[..., 0], others[..., 2], facing.to(columns.dtype))
+    root = torch.stack([x, height, z], dim=-1)
+    return torch.cat([root, torch.stack([east + x, others[..., 1], south + z], dim=-1)], dim=-2)
+
+
+def _turned(x: Tensor, z: Tensor, angle: Tensor) -> tuple[Tensor, Tensor]:
+    """Turn points about +Y."""
+    cosine, sine = angle.cos(), angle.sin()
+    return cosine * x + sine * z, cosine * z - sine * x
 
 
 def _y_up(rows: Tensor) -> Tensor:

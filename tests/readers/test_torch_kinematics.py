@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import ClassVar
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -11,16 +14,23 @@ pytest.importorskip("torch")
 import torch
 
 from dancedata.core import kinematics
-from dancedata.core.bodies import SKELETONS
+from dancedata.core.bodies import SKELETONS, SMPLX22
+from dancedata.core.columns import Columns, Group
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
+from dancedata.core.plugins import ContactRule, Representation
 from dancedata.core.registry import CONTACTS, REPRESENTATIONS
 from dancedata.core.skeleton import SMPL24, SMPL24_EDGE, Skeleton
 from dancedata.readers.torch_kinematics import decode, forward_kinematics, joints
 from dancedata.readers.torch_rotations import matrix_from_6d, matrix_from_rotvec, rotvec_from_matrix
 from dancedata.representations.joints import Joints
 
+WITH_ROTATIONS = [
+    name
+    for name in REPRESENTATIONS.names()
+    if {"rotation_6d", "rotation_matrix"} & set(REPRESENTATIONS.get(name)().columns.names)
+]
 THIRTY = FrameGrid.of(30)
 FRAMES = 12
 DEVICES = ["cpu", pytest.param("cuda", marks=pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU"))]
@@ -72,7 +82,7 @@ def test_joints_of_every_skeleton(skeleton: Skeleton, kind: str, device: str) ->
 
 
 @pytest.mark.parametrize("device", DEVICES)
-@pytest.mark.parametrize("name", [n for n in REPRESENTATIONS.names() if REPRESENTATIONS.get(n).decodes])
+@pytest.mark.parametrize("name", WITH_ROTATIONS)
 def test_decoding_every_representation(name: str, device: str) -> None:
     columns = columns_of(name)
     wanted = REPRESENTATIONS.get(name)().decode(columns, THIRTY)
@@ -94,7 +104,7 @@ def test_every_representation_has_joints() -> None:
         made = REPRESENTATIONS.get(name)()
         found = joints(batched(columns_of(name)), name)
         assert found.shape == (3, 4, made.skeleton.n_joints, 3)
-        if made.decodes:
+        if name in WITH_ROTATIONS:
             assert decode(torch.zeros(0, made.columns.width), made).joints().shape == (0, made.skeleton.n_joints, 3)
 
 
@@ -107,6 +117,46 @@ def test_positions_are_taken_as_they_are() -> None:
             joints(batched(made.encode(motion)), made, SMPL24_EDGE)
         with pytest.raises(UsageError, match="does not consist of a translation and rotations"):
             decode(batched(made.encode(motion)), made)
+
+
+@dataclass(frozen=True)
+class Paths(Representation):
+    """HumanML3D's columns, as far as joints depend on them."""
+
+    version: ClassVar[int] = 1
+    name: ClassVar[str] = "paths"
+    skeleton: ClassVar[Skeleton] = SMPLX22
+    columns: ClassVar[Columns] = Columns(
+        (
+            Group("root_turn", 1, "rad"),
+            Group("root_velocity", 2, "m"),
+            Group("root_height", 1, "m"),
+            Group("local_position", 63, "m"),
+        )
+    )
+
+    def encode(self, motion: Motion, contacts: ContactRule | None = None) -> np.ndarray:
+        raise NotImplementedError
+
+
+def test_a_path_that_is_a_sum_of_steps() -> None:
+    """HumanML3D: a row has half the angle by which the root turns, and its step, until the next one."""
+    rows = np.random.default_rng(3).normal(size=(2, 190, 67)).astype(np.float32).astype(np.float64) * 0.125
+    wanted = np.empty((2, 190, 22, 3))
+    for one, places in zip(rows, wanted, strict=True):
+        facing, root = 0.0, np.zeros(3)
+        for row, place in zip(one, places, strict=True):
+            turn = Rotation.from_euler("y", -facing).as_matrix()
+            place[0] = root[0], row[3], root[2]
+            place[1:] = row[4:].reshape(21, 3) @ turn.T + root
+            facing += 2 * row[0]
+            root = root + Rotation.from_euler("y", -facing).as_matrix() @ (row[1], 0, row[2])
+    for kind, tolerance in ((torch.float32, 1e-5), (torch.float64, 1e-12)):
+        found = joints(torch.from_numpy(rows).to(kind), Paths())
+        assert found.dtype == kind
+        np.testing.assert_allclose(found, wanted, atol=tolerance)
+    few = torch.from_numpy(rows[:, :4, :]).requires_grad_()
+    assert torch.autograd.gradcheck(lambda x: joints(x, Paths()), few, fast_mode=True)
 
 
 def test_edges_root_is_another_skeleton() -> None:
