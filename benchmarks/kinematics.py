@@ -9,7 +9,8 @@ axis-angle (`ax_from_6v` of dataset/quaternion.py, with pytorch3d), axis-angle t
 (`SMPLSkeleton.forward` of vis.py). `EdgeSkeleton` is that loop; the conversions, which EDGE takes from pytorch3d, are
 written here anew by the same formulas. The results are compared before anything is measured.
 
-A measurement is one call of one way; "and gradients" is that with the backward pass of the mean square. Rounds are
+A measurement is one call of one way; "and gradients" is that with the backward pass of the mean square. On a CPU it
+is CPU time, so that other processes matter little; on a GPU it is the time until the device is done. Rounds are
 interleaved. Medians, and the ratio to this package's torch version: above 1 the other way takes longer.
 """
 
@@ -212,16 +213,17 @@ def compare(columns: np.ndarray, device: str) -> None:
 
 def measure(ways: dict[str, Callable[[], object]], rounds: int, device: str) -> dict[str, float]:
     """Return seconds by name, medians; the first call of each is not counted."""
+    clock = time.process_time if device == "cpu" else time.perf_counter
     times: dict[str, list[float]] = {name: [] for name in ways}
     for turn in range(rounds + 1):
         for name, way in ways.items():
             with torch.set_grad_enabled(name.endswith("gradients")):
-                start = time.perf_counter()
+                start = clock()
                 way()
                 if device != "cpu":
                     torch.cuda.synchronize()
             if turn:
-                times[name].append(time.perf_counter() - start)
+                times[name].append(clock() - start)
     return {name: statistics.median(found) for name, found in times.items()}
 
 
