@@ -210,7 +210,7 @@ def _on_the_path(columns: Tensor, layout: Columns) -> Tensor:
     still = torch.zeros_like(columns[..., :1, :1]).double()
     facing = torch.cat([still, -2 * turn[..., :-1, :].double().cumsum(-2)], dim=-2)
     ahead = torch.cat([still.expand(*still.shape[:-1], 2), step[..., :-1, :].double()], dim=-2)
-    path = _turned(*ahead.unbind(-1), facing[..., 0])
+    path = _turned(ahead[..., 0], ahead[..., 1], facing[..., 0])
     x, z = (axis.cumsum(-1).to(columns.dtype)[..., None] for axis in path)
     others = local.reshape(*local.shape[:-1], local.shape[-1] // 3, 3)
     east, south = _turned(others[..., 0], others[..., 2], facing.to(columns.dtype))
