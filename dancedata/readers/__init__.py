@@ -1,4 +1,4 @@
-"""Readers: built datasets as torch datasets and samplers.
+"""Readers: built datasets as torch datasets and samplers, and kinematics in torch.
 
 The names below are imported on first use, so that importing this package does not import torch. `dancedata.open`
 reads with numpy alone.
@@ -10,19 +10,40 @@ from typing import TYPE_CHECKING
 
 from dancedata.core.lazy import lazy_names
 
-__all__ = ["BatchLoader", "EpochSampler", "WindowDataset"]
+__all__ = [
+    "BalancedSampler",
+    "BatchLoader",
+    "BatchStream",
+    "BucketSampler",
+    "ClipDataset",
+    "EpochSampler",
+    "WindowDataset",
+    "pack_clips",
+    "pad_clips",
+]
 
 if TYPE_CHECKING:
+    from dancedata.readers.balanced import BalancedSampler
     from dancedata.readers.batch_loader import BatchLoader
+    from dancedata.readers.batch_stream import BatchStream
+    from dancedata.readers.buckets import BucketSampler
+    from dancedata.readers.clip_collate import pack_clips, pad_clips
+    from dancedata.readers.clips import ClipDataset
     from dancedata.readers.sampler import EpochSampler
     from dancedata.readers.windows import WindowDataset
 else:  # type checkers take the imports above, and so find misspelt names
     __getattr__, __dir__ = lazy_names(
         __name__,
         {
+            "BalancedSampler": "dancedata.readers.balanced",
             "BatchLoader": "dancedata.readers.batch_loader",
+            "BatchStream": "dancedata.readers.batch_stream",
+            "BucketSampler": "dancedata.readers.buckets",
+            "ClipDataset": "dancedata.readers.clips",
             "EpochSampler": "dancedata.readers.sampler",
             "WindowDataset": "dancedata.readers.windows",
+            "pack_clips": "dancedata.readers.clip_collate",
+            "pad_clips": "dancedata.readers.clip_collate",
         },
         without_torch="Reading with numpy alone is dancedata.open(path).",
     )

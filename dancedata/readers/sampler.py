@@ -127,17 +127,17 @@ class EpochSampler(Sampler[int]):
 
     def order(self, epoch: int) -> npt.NDArray[np.int64]:
         """Return this rank's indices of one epoch, (len(self),) int64; changes nothing."""
-        epoch = whole("epoch", epoch)
-        if self.shuffle:
-            stream = np.random.Philox(np.random.SeedSequence(self.seed, spawn_key=(_ORDER_STREAM, epoch)))
-            # Sorting random keys, not Generator.permutation: numpy keeps bit streams, not algorithms.
-            everyone = np.argsort(stream.random_raw(self.n_samples), kind="stable").astype(np.int64, copy=False)
-        else:
-            everyone = np.arange(self.n_samples, dtype=np.int64)
+        everyone = self.order_of_all(whole("epoch", epoch))
         total = self._length * self.world_size
         if total > self.n_samples:
             everyone = np.resize(everyone, total)  # starts over at the head, as often as needed
         return np.ascontiguousarray(everyone[self.rank : total : self.world_size])
+
+    def order_of_all(self, epoch: int) -> npt.NDArray[np.int64]:
+        """Return the indices of one epoch, (n_samples,) int64, before they are dealt to the ranks one by one."""
+        if self.shuffle:
+            return permutation(self.n_samples, self.seed, _ORDER_STREAM, epoch)
+        return np.arange(self.n_samples, dtype=np.int64)
 
     def __iter__(self) -> Iterator[int]:
         """Yield the rest of the current epoch's indices, then move on to the next epoch."""
@@ -198,6 +198,47 @@ class EpochSampler(Sampler[int]):
             return {"epoch": epoch + 1, "position": 0}
         return {"epoch": epoch, "position": consumed}
 
+    def at_step(self, step: int, batch_size: int, *, drop_last: bool = False) -> dict[str, int]:
+        """Return the state after a number of steps since the start of epoch 0; changes nothing.
+
+        A step takes `batch_size` samples of every rank, the last step of an epoch what is left. Steps of all ranks
+        together take the same samples for every number of ranks whose product with `batch_size` is the same: so a
+        run can be resumed with other ranks, each of them with the batch size that keeps the product.
+
+        Parameters
+        ----------
+        batch_size
+            Samples of this rank in a step.
+        drop_last
+            As given to the DataLoader: whether a last step with fewer samples is left out.
+
+        Raises
+        ------
+        UsageError
+            For negative numbers, or a batch size that no epoch has.
+        """
+        step, size = whole("step", step), whole("batch_size", batch_size)
+        steps = self.steps(size, drop_last=drop_last)
+        if not steps:
+            raise UsageError("an epoch has no step of this size", found=size, allowed=f"1 to {self._length}")
+        epoch, done = divmod(step, steps)
+        return self.at(epoch, done * size)
+
+    def steps(self, batch_size: int, *, drop_last: bool = False) -> int:
+        """Return the number of steps of an epoch, each with `batch_size` samples of this rank."""
+        if batch_size < 1:
+            return 0
+        return self._length // batch_size if drop_last else -(-self._length // batch_size)
+
+    def at_total(self, epoch: int, consumed: int) -> dict[str, int]:
+        """Return the state from which all ranks together have consumed so many samples of an epoch; changes nothing.
+
+        For a run that continues with another number of ranks: the order of an epoch is that of all ranks together,
+        dealt to them one by one. Where `consumed` is a multiple of the new number of ranks, every remaining sample
+        follows once and none is repeated; else the remainder, fewer samples than there are ranks, comes again.
+        """
+        return self.at(epoch, whole("consumed", consumed) // self.world_size)
+
     def load_state_dict(self, state: Mapping[str, int]) -> None:
         """Go where `state_dict` or `at` said; takes effect at the next ``iter(loader)``.
 
@@ -218,6 +259,13 @@ class EpochSampler(Sampler[int]):
     def _move(self, epoch: int, position: int) -> None:
         self._turn += 1
         self._epoch, self._position = epoch, position
+
+
+def permutation(n: int, seed: int, *key: int) -> npt.NDArray[np.int64]:
+    """Return the numbers 0 .. n - 1 in a random order, (n,) int64: a pure function of seed and key."""
+    stream = np.random.Philox(np.random.SeedSequence(seed, spawn_key=key))
+    # Sorting random keys, not Generator.permutation: numpy keeps bit streams, not algorithms.
+    return np.argsort(stream.random_raw(n), kind="stable").astype(np.int64, copy=False)
 
 
 def _rank_and_world_size(rank: int | None, world_size: int | None) -> tuple[int, int]:

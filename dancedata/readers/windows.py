@@ -28,6 +28,7 @@ from dancedata.readers.presets import fields_to_read, find_preset, given_or_pres
 from dancedata.readers.primitives import PrimitiveSpec, primitive_spec
 from dancedata.readers.scalers import mirrors_of, normalized_fields, root_columns, scaler_of
 from dancedata.readers.selection import Choice, no_window_error, require_protocol, select, window_filter
+from dancedata.readers.shared_epoch import shared_number
 from dancedata.store.dataset import Store, open_store, reopen
 
 _log = logging.getLogger(__name__)
@@ -223,7 +224,7 @@ class WindowDataset(Dataset[dict[str, Any]]):
             self._primitives.refuse_scaling(self.windows[0].length)
         self.relative_root = given_or_preset(relative_root, known, "relative_root", False)
         self._roots = root_columns(self.store, self.fields, self._normalizers) if self.relative_root else {}
-        self._epoch = _shared_number(0)
+        self._epoch = shared_number(0)
         self.mapped = mapped
         self._stride = self.store.window_grid(**self._choice.windows).stride
         self._starts: dict[str, range] = {}
@@ -268,7 +269,11 @@ class WindowDataset(Dataset[dict[str, Any]]):
         Their tensors are rows of one batch, which has memory of its own. Windows are read in the order of the files,
         independent of the order of `indices`.
         """
-        request, reader = self._request(indices), self._batch_reader()
+        return self.samples(indices)
+
+    def samples(self, indices: Sequence[int], epoch: int | None = None) -> list[dict[str, Any]]:
+        """Return many windows, as of an epoch that is given here instead of by `set_epoch`."""
+        request, reader = self._request(indices, epoch), self._batch_reader()
         if not len(request):
             return []
         tensors = {name: self._pool.tensor((len(request), *s), dtype) for name, (s, dtype) in reader.layout.items()}
@@ -304,7 +309,7 @@ class WindowDataset(Dataset[dict[str, Any]]):
         # torch's own workers receive the shared number itself; any other copy gets a number of its own, which has to
         # be shared as well, because workers may be started from that copy.
         if not self._epoch.is_shared():  # type: ignore[no-untyped-call]
-            self._epoch = _shared_number(self.epoch)
+            self._epoch = shared_number(self.epoch)
 
     @property
     def epoch(self) -> int:
@@ -358,9 +363,8 @@ class WindowDataset(Dataset[dict[str, Any]]):
             raise IndexError(f"window {index} of split {self.split!r}, which has {len(self.windows)} windows")
         return place
 
-    def _mirrored(self) -> npt.NDArray[np.bool_]:
-        """Return which windows are mirrored in the current epoch, (windows,) bool; drawn once an epoch."""
-        epoch = self.epoch
+    def _mirrored(self, epoch: int) -> npt.NDArray[np.bool_]:
+        """Return which windows are mirrored in an epoch, (windows,) bool; drawn once an epoch."""
         if self._mirror_flags is None or self._mirror_flags[0] != epoch:
             self._mirror_flags = epoch, mirrored_windows(self.seed, epoch, len(self.windows), self.mirror)
         return self._mirror_flags[1]
@@ -369,12 +373,12 @@ class WindowDataset(Dataset[dict[str, Any]]):
         """Return the shift, -2 .. 2 frames, of a sample's primitives in an epoch, or in the current one."""
         return primitive_shift(self.seed, self.epoch if epoch is None else epoch, place)
 
-    def _request(self, indices: Sequence[int]) -> Request:
-        """Return the windows at some indices, and which of them are mirrored in the current epoch."""
+    def _request(self, indices: Sequence[int], epoch: int | None = None) -> Request:
+        """Return the windows at some indices, and which of them are mirrored in an epoch, or in the current one."""
+        epoch = self.epoch if epoch is None else epoch
         places = tuple(self._place(index) for index in indices)
-        flags = self._mirrored() if self.mirror > 0 else None
+        flags = self._mirrored(epoch) if self.mirror > 0 else None
         mirrored = tuple(flags is not None and bool(flags[place]) for place in places)
-        epoch = self.epoch
         shifts = tuple(self._shift(place, epoch) for place in places) if self._augmenter.crops else (0,) * len(places)
         return Request(places, mirrored, shifts, epoch)
 
@@ -405,10 +409,3 @@ class WindowDataset(Dataset[dict[str, Any]]):
                 self.store, self.windows, fields, self._augmenter, self._primitives, self._bias
             )
         return self._cached_reader
-
-
-def _shared_number(value: int) -> torch.Tensor:
-    """Return a tensor (1,) int64 in memory that this process and its workers share."""
-    number = torch.tensor([value], dtype=torch.int64)
-    number.share_memory_()  # type: ignore[no-untyped-call]
-    return number

@@ -28,7 +28,14 @@ from dancedata.store.shard_reader import ShardReader
 from dancedata.store.side_files import SideFiles
 from dancedata.store.window_list import WindowList
 from dancedata.store.window_rows import WindowRows
-from dancedata.store.windowing import cut_windows, requested_windows, stored_windows, whole_period, window_starts
+from dancedata.store.windowing import (
+    cut_windows,
+    requested_windows,
+    stored_windows,
+    whole_clips,
+    whole_period,
+    window_starts,
+)
 
 
 def open_store(path: str | Path) -> Store:
@@ -169,6 +176,7 @@ class Store:
         stride_frames: int | None = None,
         fields: tuple[str, ...] | None = None,
         trim: bool = False,
+        whole: bool = False,
     ) -> WindowList:
         """List the windows of a split, in the store's order: shard by shard.
 
@@ -183,6 +191,8 @@ class Store:
             Fields in which these windows have to begin and end at whole rows. Default: all.
         trim
             Begin at each clip's trim_start: skip the frames that the source says should be cut (track scope only).
+        whole
+            One window per clip instead, as long as all of `fields` have whole rows (track scope only).
 
         Returns
         -------
@@ -203,17 +213,20 @@ class Store:
         )
         stored = WindowGrid(self._description.length, self._description.stride)
         shards = self._shards[split]
-        if requested == stored and not trim:
+        if requested == stored and not trim and not whole:
             return stored_windows(split, shards)
         if self.scope == "window":
+            asked = "whole clips" if whole else f"length {requested.length}, stride {requested.stride} frames"
             raise StoreError(
                 "a store of window scope holds only the windows that were built",
                 where=str(self.path),
-                found=f"length {requested.length}, stride {requested.stride} frames" + (", trimmed" if trim else ""),
+                found=asked + (", trimmed" if trim else ""),
                 allowed=f"length {stored.length}, stride {stored.stride} frames",
                 fix="build with scope: track",
             )
         own = [self.field(name) for name in fields or self._fields]
+        if whole:
+            return whole_clips(split, shards, self._description, own, trim)
         return cut_windows(split, shards, self._description, requested, own, trim)
 
     def window_grid(

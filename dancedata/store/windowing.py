@@ -102,12 +102,35 @@ def window_starts(
     trim: bool,
 ) -> range:
     """Return the first frames of a clip's windows; arguments as for `cut_windows`, `number` is that of the clip."""
-    record = table.records[number]
+    begin, end = _span(table, number, description, fields, trim)
+    count = max(windows.count(end - begin), 0)
+    return range(begin, begin + count * windows.stride, windows.stride)
+
+
+def whole_clips(
+    split: str, shards: Sequence[ShardReader], description: Description, fields: Sequence[Field], trim: bool = False
+) -> WindowList:
+    """Return one window per clip: all its frames that are whole rows of every one of `fields`; none without such."""
     period = whole_period(description, fields)
+    parts = []
+    for shard in shards:
+        numbers = range(len(shard.clips.records))
+        spans = [_span(shard.clips, number, description, fields, trim) for number in numbers]
+        begin, end = np.array(spans, dtype=np.int64).reshape(-1, 2).T
+        length = (end - begin) // period * period
+        clip = np.flatnonzero(length > 0)
+        parts.append((clip, begin[clip], length[clip], np.zeros(len(clip), np.int64)))
+    return _join(split, shards, parts)
+
+
+def _span(
+    table: ClipTable, number: int, description: Description, fields: Sequence[Field], trim: bool
+) -> tuple[int, int]:
+    """Return where a clip begins and ends, in frames: with `trim` after its trim_start, and within all fields."""
+    record, period = table.records[number], whole_period(description, fields)
     ends = [f.grid.rows_down(int(table.available[f.name][number]), of=description.grid) for f in fields]
     begin = -(-record.trim_start // period) * period if trim else 0
-    count = max(windows.count(min([record.n_frames, *ends]) - begin), 0)
-    return range(begin, begin + count * windows.stride, windows.stride)
+    return begin, min([record.n_frames, *ends])
 
 
 def whole_period(description: Description, fields: Sequence[Field]) -> int:

@@ -12,7 +12,7 @@ import sys
 import tempfile
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from functools import lru_cache
 from importlib import import_module
 from pathlib import Path
@@ -73,9 +73,14 @@ def load_librosa() -> None:
     ``import librosa`` alone loads none of its modules.
     """
     if any(module not in sys.modules for module in _RESAMPLING):
-        with file_lock(_lock_file()):
+        with kernel_lock():
             for module in _RESAMPLING:
                 import_module(module)
+
+
+def kernel_lock() -> AbstractContextManager[object]:
+    """Return the lock that a process holds while kernels of librosa may be compiled."""
+    return file_lock(_lock_file())
 
 
 def _lock_file() -> Path:

@@ -1,0 +1,138 @@
+"""BatchStream: batches by their global step, without an end, as an iterable torch dataset."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+from torch.utils.data import IterableDataset, default_collate, get_worker_info
+
+from dancedata.core.errors import UsageError
+from dancedata.readers.arguments import whole
+from dancedata.readers.buckets import BucketSampler
+from dancedata.readers.sampler import EpochSampler
+
+
+class EpochSamples(Protocol):
+    """A `WindowDataset` or `ClipDataset`: samples as a function of index and epoch."""
+
+    def __len__(self) -> int:
+        """Return the number of samples."""
+
+    def samples(self, indices: Sequence[int], epoch: int | None = None) -> list[dict[str, Any]]:
+        """Return samples as of an epoch."""
+
+
+class BatchStream(IterableDataset[Any]):
+    """Batches one after another, epoch after epoch, from any global step on: for trainers that count steps.
+
+    Batch number `step` is a pure function of (dataset, sampler, batch size, step)::
+
+        stream = BatchStream(train, 64, seed=0, start_step=checkpoint_step)
+        loader = DataLoader(stream, batch_size=None, num_workers=4)
+        for step, batch in enumerate(loader, start=checkpoint_step):
+            ...
+
+    The checkpoint's state of the data is the step, nothing else.
+
+    Notes
+    -----
+    *Workers.* Each takes every n-th step, and a DataLoader takes their batches in turns: the batches are the same, in
+    the same order, with any number of workers. `batch_size=None` is the DataLoader's, for batches are made here.
+
+    *Ranks.* The sampler deals the samples of each step to the ranks: `rank` and `world_size`, or torch.distributed's.
+    Do not let another library deal them again (Accelerate: use the loader as it is, without `prepare`). After a
+    change of the number of ranks, a step has the same samples, on all ranks together, if batch size times ranks is
+    the same; what an epoch's last step repeats, so that ranks have equally many, depends on the number of ranks.
+
+    *Epochs.* Each worker passes the epoch of a step to the dataset, whatever `set_epoch` was called with.
+    """
+
+    def __init__(
+        self,
+        dataset: EpochSamples,
+        batch_size: int | None = None,
+        *,
+        sampler: EpochSampler | BucketSampler | None = None,
+        seed: int = 0,
+        collate: Callable[[list[dict[str, Any]]], Any] = default_collate,
+        start_step: int = 0,
+        steps: int | None = None,
+        drop_last: bool = False,
+    ) -> None:
+        """Make the stream; nothing is read yet.
+
+        Parameters
+        ----------
+        batch_size
+            Samples of this rank in a step; None with a `BucketSampler`, which makes batches itself.
+        sampler
+            The order; its position is not used. Default: an `EpochSampler` with `seed`.
+        collate
+            Makes a batch of samples, such as `pad_clips`. With workers it has to be picklable.
+        start_step
+            Global step of the first batch; may be set before each ``iter(loader)``.
+        steps
+            Number of batches; None: without an end.
+        drop_last
+            Whether the last batch of an epoch is left out if it is not full.
+
+        Raises
+        ------
+        UsageError
+            For numbers that cannot be, or an epoch without a batch.
+        """
+        super().__init__()
+        self.dataset, self.collate, self.drop_last = dataset, collate, bool(drop_last)
+        self.sampler = EpochSampler(len(dataset), seed=seed) if sampler is None else sampler
+        if isinstance(self.sampler, BucketSampler) != (batch_size is None):
+            raise UsageError(
+                "a BucketSampler, and no other, makes batches itself", fix="give batch_size, or leave it out"
+            )
+        self.batch_size = None if batch_size is None else whole("batch_size", batch_size)
+        self.start_step = whole("start_step", start_step)
+        self.n_steps = None if steps is None else whole("steps", steps)
+        if not self.steps_per_epoch:
+            raise UsageError("an epoch has no batch", found=repr(self.sampler), fix="give a smaller batch_size")
+        self._order: tuple[int, list[npt.NDArray[np.int64]]] | None = None
+
+    @property
+    def steps_per_epoch(self) -> int:
+        """Batches of an epoch, on every rank."""
+        if isinstance(self.sampler, BucketSampler):
+            return len(self.sampler)
+        return self.sampler.steps(self.batch_size or 0, drop_last=self.drop_last)
+
+    def indices(self, step: int) -> tuple[int, npt.NDArray[np.int64]]:
+        """Return the epoch of a step, and the indices of this rank's samples."""
+        epoch, nth = divmod(whole("step", step), self.steps_per_epoch)
+        if self._order is None or self._order[0] != epoch:
+            self._order = epoch, self._batches(epoch)
+        return epoch, self._order[1][nth]
+
+    def _batches(self, epoch: int) -> list[npt.NDArray[np.int64]]:
+        """Return the indices of each of this rank's batches of an epoch."""
+        if isinstance(self.sampler, BucketSampler):
+            return self.sampler.order(epoch)
+        order, size = self.sampler.order(epoch), self.batch_size or 1
+        return [order[first : first + size] for first in range(0, len(order), size)]
+
+    def batch(self, step: int) -> Any:
+        """Return the batch of a step."""
+        epoch, indices = self.indices(step)
+        return self.collate(self.dataset.samples(indices.tolist(), epoch))
+
+    def __iter__(self) -> Iterator[Any]:
+        """Yield the batches of this worker's steps."""
+        worker = get_worker_info()
+        first, every = (worker.id, worker.num_workers) if worker is not None else (0, 1)
+        step, stop = self.start_step + first, None if self.n_steps is None else self.start_step + self.n_steps
+        while stop is None or step < stop:
+            yield self.batch(step)
+            step += every
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave the order of the epoch out."""
+        return {**self.__dict__, "_order": None}

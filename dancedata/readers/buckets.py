@@ -1,0 +1,146 @@
+"""BucketSampler: batches of samples of similar length."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+from torch.utils.data import Sampler
+
+from dancedata.core.errors import UsageError
+from dancedata.readers.arguments import whole
+from dancedata.readers.sampler import EpochSampler, permutation
+
+#: Apart from the stream of orders, which shuffles the batches.
+_BUCKET_STREAM = 7
+
+
+class TimedSamples(Protocol):
+    """A `ClipDataset`, or any other dataset that knows how long its samples are."""
+
+    @property
+    def lengths(self) -> npt.NDArray[np.int64]:
+        """Frames of each sample."""
+
+
+class BucketSampler(Sampler[list[int]]):
+    """Batches of similar length, in a random order, resumable at any batch: little padding for whole clips.
+
+    Samples are sorted by length and cut into buckets of equally many. In every epoch each bucket is shuffled and cut
+    into batches, and the batches of all buckets are shuffled. A pure function of (lengths, seed, epoch, rank, world
+    size)::
+
+        batches = BucketSampler(clips, batch_size=8, seed=0)
+        loader = DataLoader(clips, batch_sampler=batches, collate_fn=pad_clips)
+
+    State and resuming are an `EpochSampler`'s, counted in batches of this rank: `order_of_batches` is that sampler.
+    Ranks may have batches of different lengths in the same step.
+
+    Attributes
+    ----------
+    order_of_batches
+        The order of batches; `state_dict`, `load_state_dict` and `set_epoch` are its own, and so is ``at(epoch,
+        batches)``.
+    """
+
+    def __init__(
+        self,
+        data_source: TimedSamples,
+        *,
+        batch_size: int | None = None,
+        max_frames: int | None = None,
+        n_buckets: int = 8,
+        seed: int = 0,
+        rank: int | None = None,
+        world_size: int | None = None,
+        shuffle: bool = True,
+        drop_last: bool = False,
+    ) -> None:
+        """Make the sampler at the start of epoch 0.
+
+        Parameters
+        ----------
+        batch_size
+            Samples of a batch.
+        max_frames
+            Instead: frames of a batch, padding included, so that short clips come in larger batches.
+        n_buckets
+            Number of buckets, at most one per sample.
+        seed, rank, world_size, shuffle
+            As for an `EpochSampler`.
+        drop_last
+            Whether batches that are not full are left out: one per bucket.
+
+        Raises
+        ------
+        UsageError
+            If not exactly one of the two sizes is given, or a sample has more than `max_frames`.
+        """
+        lengths = np.asarray(data_source.lengths, dtype=np.int64)
+        if (batch_size is None) == (max_frames is None):
+            raise UsageError("a batch has a number of samples or a number of frames", fix="give one of the two")
+        if max_frames is not None and lengths.max(initial=0) > whole("max_frames", max_frames):
+            raise UsageError(
+                "a sample is longer than a batch may be",
+                found=f"sample {int(lengths.argmax())}: {lengths.max()} frames",
+                allowed=f"max_frames={max_frames}",
+            )
+        n = max(1, min(whole("n_buckets", n_buckets), len(lengths)))
+        self._buckets = [bucket for bucket in np.array_split(np.argsort(lengths, kind="stable"), n) if len(bucket)]
+        longest = [int(lengths[bucket[-1]]) for bucket in self._buckets]
+        self._sizes = [
+            max_frames // frames if max_frames else whole("batch_size", batch_size or 0) for frames in longest
+        ]
+        if 0 in self._sizes:
+            raise UsageError("batch_size is too small", found=batch_size, allowed="1 or more")
+        self._source, self.seed, self.shuffle, self.drop_last = data_source, seed, shuffle, drop_last
+        self.order_of_batches = EpochSampler(
+            len(self.batches(0)), seed=seed, rank=rank, world_size=world_size, shuffle=shuffle
+        )
+
+    def __len__(self) -> int:
+        """Return this rank's batches in an epoch."""
+        return len(self.order_of_batches)
+
+    def batches(self, epoch: int) -> list[npt.NDArray[np.int64]]:
+        """Return all batches of an epoch, bucket by bucket, before they are shuffled and dealt to the ranks."""
+        found: list[npt.NDArray[np.int64]] = []
+        for number, (bucket, size) in enumerate(zip(self._buckets, self._sizes, strict=True)):
+            if self.shuffle:
+                bucket = bucket[permutation(len(bucket), self.seed, _BUCKET_STREAM, epoch, number)]
+            stop = len(bucket) // size * size if self.drop_last else len(bucket)
+            found += [bucket[first : first + size] for first in range(0, stop, size)]
+        return found
+
+    def order(self, epoch: int) -> list[npt.NDArray[np.int64]]:
+        """Return this rank's batches of an epoch, in their order; changes nothing."""
+        batches = self.batches(epoch)
+        return [batches[number] for number in self.order_of_batches.order(epoch).tolist()]
+
+    def __iter__(self) -> Iterator[list[int]]:
+        """Yield the rest of the current epoch's batches, then move on to the next epoch."""
+        epoch = self.order_of_batches.epoch
+        set_epoch = getattr(self._source, "set_epoch", None)
+        if callable(set_epoch):
+            set_epoch(epoch)
+        batches = self.batches(epoch)
+        for number in self.order_of_batches:
+            yield batches[number].tolist()
+
+    def set_epoch(self, epoch: int) -> None:
+        """Go to the start of an epoch; the current epoch keeps its position."""
+        self.order_of_batches.set_epoch(epoch)
+
+    def state_dict(self) -> dict[str, int]:
+        """Return where the sampler stands, {"epoch", "position"}, in batches; with prefetching see `at`."""
+        return self.order_of_batches.state_dict()
+
+    def at(self, epoch: int, consumed: int) -> dict[str, int]:
+        """Return the state of a trainer that has consumed so many of this rank's batches of an epoch."""
+        return self.order_of_batches.at(epoch, consumed)
+
+    def load_state_dict(self, state: Mapping[str, int]) -> None:
+        """Go where `state_dict` or `at` said; takes effect at the next ``iter(loader)``."""
+        self.order_of_batches.load_state_dict(state)

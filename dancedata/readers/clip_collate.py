@@ -1,0 +1,87 @@
+"""Collate functions for clips of different lengths: padded to the longest, or packed one after another."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import torch
+from torch import Tensor
+from torch.utils.data import default_collate
+
+from dancedata.core.errors import UsageError
+
+
+def pad_clips(
+    samples: Sequence[dict[str, Any]], *, multiple: int = 1, length: int | None = None, value: float = 0.0
+) -> dict[str, Any]:
+    """Make a batch of clips, each filled up at its end to the length of the longest.
+
+    For a DataLoader: ``collate_fn=pad_clips``, or ``partial(pad_clips, multiple=64)``.
+
+    Parameters
+    ----------
+    samples
+        Of a `ClipDataset`.
+    multiple
+        Rows are filled up to a multiple of this, so that compiled models see few shapes.
+    length
+        Rows of every field instead, for one shape; fields of other rates have the same number.
+    value
+        What they are filled with.
+
+    Returns
+    -------
+    dict
+        A tensor (B, T, D) per field; ``"mask"``, by field (B, T) bool, true where there is a row of the clip;
+        ``"lengths"``, by field (B,) int64 rows; the other values as default_collate makes them.
+
+    Raises
+    ------
+    UsageError
+        If a clip has more rows than `length`.
+    """
+    fields, batch = _rows_and_rest(samples)
+    lengths = {name: torch.tensor([len(rows) for rows in clips]) for name, clips in fields.items()}
+    batch["mask"] = {}
+    for name, clips in fields.items():
+        longest = int(lengths[name].max())
+        if length is not None and longest > length:
+            raise UsageError(
+                f"a clip does not fit into a batch of {length} rows",
+                where=f"clip {samples[int(lengths[name].argmax())]['clip']}, field {name}",
+                found=f"{longest} rows",
+                fix="give a larger length, or read crops: ClipDataset(..., crop_frames=...)",
+            )
+        total = length if length is not None else -(-longest // multiple) * multiple
+        padded = clips[0].new_full((len(clips), total, clips[0].shape[1]), value)
+        for row, clip in zip(padded, clips, strict=True):
+            row[: len(clip)] = clip
+        batch[name] = padded
+        batch["mask"][name] = torch.arange(total) < lengths[name][:, None]
+    return {**batch, "lengths": lengths}
+
+
+def pack_clips(samples: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Make a batch of clips that lie one after another, without padding: for attention over jagged batches.
+
+    Returns
+    -------
+    dict
+        A tensor (sum of rows, D) per field; ``"offsets"``, by field (B + 1,) int64: clip k has rows offsets[k] to
+        offsets[k + 1] - 1, as torch.nested and, as int32, FlashAttention's cu_seqlens have them; ``"lengths"``, by
+        field (B,) int64; the other values as default_collate makes them.
+    """
+    fields, batch = _rows_and_rest(samples)
+    lengths = {name: torch.tensor([len(rows) for rows in clips]) for name, clips in fields.items()}
+    batch.update({name: torch.cat(clips) for name, clips in fields.items()})
+    zero = torch.zeros(1, dtype=torch.int64)
+    offsets = {name: torch.cat([zero, rows.cumsum(0)]) for name, rows in lengths.items()}
+    return {**batch, "offsets": offsets, "lengths": lengths}
+
+
+def _rows_and_rest(samples: Sequence[dict[str, Any]]) -> tuple[dict[str, list[Tensor]], dict[str, Any]]:
+    """Return the rows of each field, and a batch of everything else."""
+    fields = [name for name, value in samples[0].items() if isinstance(value, Tensor) and value.dim() == 2]
+    rest = {name: default_collate([sample[name] for sample in samples]) for name in samples[0] if name not in fields}
+    return {name: [sample[name] for sample in samples] for name in fields}, rest

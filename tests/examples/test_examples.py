@@ -1,0 +1,121 @@
+"""The examples train, generate and resume; what they write is what they say."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import re
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch")
+pytest.importorskip("accelerate")
+
+import torch
+from safetensors.torch import load_file
+
+import dancedata
+from dancedata.formats.bvh.kinematics import world
+from dancedata.formats.bvh.parse import read_bvh
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+SMALL = ["--cpu", "--width", "16", "--layers", "1", "--ddim", "2", "--rate", "5e-3"]
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A small demo with the fields of both examples; its music is beside it."""
+    folder = tmp_path_factory.mktemp("examples")
+    overrides = {
+        "dataset.synthetic": {"songs": 3, "clips_per_song": 3, "clip_s": 7},
+        "motion": {"edge151": {}, "lodge139": {}},
+        "keymotion": {"lodge": {}},
+    }
+    result = dancedata.build(
+        "demo", out=folder / "data", overrides=overrides, jobs=1, cache=folder / "cache", progress=False
+    )
+    assert result is not None
+    return folder / "data"
+
+
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch, data: Path) -> Callable[..., ModuleType]:
+    """Run an example as a script does, in this process."""
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+
+    def run(name: str, out: Path, *arguments: str) -> ModuleType:
+        spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
+        assert spec is not None
+        assert spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        monkeypatch.setitem(sys.modules, name, module)
+        spec.loader.exec_module(module)
+        monkeypatch.setattr(sys, "argv", [name, "--data", str(data), "--out", str(out), *SMALL, *arguments])
+        module.main()
+        return module
+
+    return run
+
+
+def losses(out: Path) -> list[float]:
+    return [json.loads(line)["loss"] for line in (out / "log.jsonl").read_text().splitlines()]
+
+
+def check_dance(out: Path, frames: int) -> None:
+    """The BVH is read back, stands where the figure in the browser stands, and has bones of constant length."""
+    bvh = read_bvh(out / "dance.bvh")
+    _, places = world(bvh, range(len(bvh.joints)), slice(None))
+    places = np.asarray(places)
+    assert places.shape == (frames, len(bvh.joints), 3)
+    assert np.isfinite(places).all()
+    for joint, about in enumerate(bvh.joints):
+        if about.parent is not None and about.parent >= 0:
+            bone = np.linalg.norm(places[:, joint] - places[:, about.parent], axis=-1)
+            np.testing.assert_allclose(bone, np.linalg.norm(about.offset), atol=1e-4)
+    figure = ElementTree.parse(out / "dance.svg").getroot()  # noqa: S314 (our own file)
+    (animation,) = figure.iter("{http://www.w3.org/2000/svg}animate")
+    paths = animation.get("values", "").split(";")
+    assert len(paths) == frames
+    numbers = np.array([[float(n) for n in re.findall(r"\d+", path)] for path in paths]).reshape(frames, -1, 2)
+    middle = (places[..., 0].min() + places[..., 0].max()) / 2
+    drawn = (numbers[..., 0].min() + numbers[..., 0].max()) / 2
+    hip = numbers[:, 0, 0] - drawn  # the first bone begins at the root
+    np.testing.assert_allclose(hip, (places[:, 0, 0] - middle) * 200, atol=2)
+
+
+def test_the_edge_like_example_is_short() -> None:
+    assert len((EXAMPLES / "train_edge_like.py").read_text().splitlines()) < 200
+    assert len((EXAMPLES / "train_lodge_like.py").read_text().splitlines()) < 200
+
+
+def test_edge_like_learns_generates_and_resumes(run: Callable[..., ModuleType], data: Path, tmp_path: Path) -> None:
+    size = ["--seconds", "2", "--batch", "8"]
+    (song,) = sorted((data.parent).rglob("*.wav"))[:1]
+    run("train_edge_like", tmp_path / "once", *size, "--steps", "24", "--song", str(song))
+    found = losses(tmp_path / "once")
+    assert len(found) == 24
+    assert np.mean(found[-4:]) < 0.6 * np.mean(found[:4])
+    check_dance(tmp_path / "once", len(dancedata.extract("librosa35", song)))
+    for steps in ("10", "24"):
+        run("train_edge_like", tmp_path / "twice", *size, "--steps", steps)
+    assert losses(tmp_path / "twice") == found
+    weights = [load_file(tmp_path / name / "checkpoint" / "model.safetensors") for name in ("once", "twice")]
+    assert all(torch.equal(weights[0][name], weights[1][name]) for name in weights[0])
+    check_dance(tmp_path / "twice", len(dancedata.open(data).clips[-1].read("librosa35")))
+
+
+def test_lodge_like_learns_and_generates(run: Callable[..., ModuleType], data: Path, tmp_path: Path) -> None:
+    run("train_lodge_like", tmp_path, "--frames", "192", "--segment", "48", "--steps", "24", "--batch", "8")
+    found = losses(tmp_path)
+    assert np.mean(found[-4:]) < 0.6 * np.mean(found[:4])
+    check_dance(tmp_path, 192)
+    with np.load(tmp_path / "primitives.npz") as made:
+        assert made["frames"].shape == (13, 8, 139)
+        assert (np.diff(made["start"]) >= 8).all()
+        assert str(made["genre"]) == dancedata.open(data).clips[-1].genre

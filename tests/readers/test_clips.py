@@ -1,0 +1,335 @@
+"""ClipDataset: whole clips and crops, padded and packed; balanced and bucketed orders; streams of batches by step."""
+
+from __future__ import annotations
+
+import pickle
+from collections import Counter
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch")
+
+import torch
+from torch.utils.data import DataLoader
+
+from dancedata.core.errors import StoreError, UsageError
+from dancedata.readers import (
+    BalancedSampler,
+    BatchStream,
+    BucketSampler,
+    ClipDataset,
+    EpochSampler,
+    WindowDataset,
+    pack_clips,
+    pad_clips,
+)
+from dancedata.store.dataset import Store, open_store
+from dancedata.testing.stores import RandomStore, random_fields, write_random_store
+
+MOTION, AUDIO = "edge151", "librosa35"
+PAIR = (MOTION, AUDIO)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> RandomStore:
+    """Clips of 40 to 140 frames; librosa35 as many rows, "fast" two rows per frame."""
+    fields = random_fields({MOTION: 151}, {AUDIO: 35, "fast": 4}, fast=60)
+    folder = tmp_path_factory.mktemp("clips") / "store"
+    return write_random_store(folder, clips={"train": 9, "val": 2}, fields=fields, clips_per_song=3)
+
+
+@pytest.fixture(scope="module")
+def store(made: RandomStore) -> Store:
+    return open_store(made.path)
+
+
+def same(one: Any, other: Any) -> bool:
+    if isinstance(one, torch.Tensor):
+        return one.dtype == other.dtype and bool(torch.isclose(one, other, rtol=0, atol=0, equal_nan=True).all())
+    if isinstance(one, dict):
+        return one.keys() == other.keys() and all(same(one[name], other[name]) for name in one)
+    return str(one) == str(other)  # nan is nan
+
+
+def test_a_sample_is_a_whole_clip(made: RandomStore, store: Store) -> None:
+    clips = ClipDataset(store, fields=(MOTION, AUDIO, "fast"), normalize=False)
+    assert len(clips) == 9
+    for k, sample in enumerate(clips):
+        clip = made.clip(sample["clip"])
+        assert (sample["start"], sample["length"], sample["index"]) == (0, clip.n_frames, k)
+        assert clips.lengths[k] == clip.n_frames
+        assert (sample["genre"], sample["music"]) == (clip.genre, clip.music)
+        for field in clips.fields:
+            np.testing.assert_array_equal(sample[field], made.rows(clip.id, field, 0, clip.n_frames))
+    assert same(clips[-1], clips[8])
+    with pytest.raises(IndexError, match="sample 9"):
+        clips[9]
+
+
+def test_crops_are_windows(made: RandomStore, store: Store) -> None:
+    """Equal bit for bit to the window at the same place, mirrored and normalised."""
+    for mirror in (0.0, 1.0):
+        crops = ClipDataset(store, fields=PAIR, crop_frames=30, crops=3, mirror=mirror)
+        windows = WindowDataset(store, fields=PAIR, length_frames=30, stride_frames=1, mirror=mirror)
+        places = {(w.clip, w.start): k for k, w in enumerate(windows.windows)}
+        starts = []
+        for epoch in (0, 1):
+            crops.set_epoch(epoch)
+            for sample in crops:
+                window = windows[places[sample["clip"], sample["start"]]]
+                assert all(torch.equal(sample[name], window[name]) for name in PAIR)
+                assert sample["mirrored"] == (mirror == 1.0)
+            starts.append([sample["start"] for sample in crops])
+        assert starts[0] != starts[1]
+        assert len(set(starts[0][:3])) > 1
+        assert Counter(sample["clip"] for sample in crops) == {
+            clip.id: 3 for clip in made.clips if clip.split == "train"
+        }
+
+
+def test_crops_reach_both_ends(store: Store) -> None:
+    crops = ClipDataset(store, fields=PAIR, crop_frames=36, crops=1)
+    spans = {w.clip: w.length for w in crops.windows}
+    first, last = set(), set()
+    for epoch in range(400):
+        starts, _ = crops._draws(epoch)
+        assert (starts >= 0).all()
+        assert (starts + 36 <= crops.windows.length).all()
+        first |= set(np.flatnonzero(starts == 0).tolist())
+        last |= set(np.flatnonzero(starts + 36 == crops.windows.length).tolist())
+    assert len(spans) == len(crops)
+    assert len(first) > 6
+    assert len(last) > 6
+
+
+def test_clips_shorter_than_a_crop_are_rejects(store: Store) -> None:
+    longest = int(ClipDataset(store, fields=PAIR).lengths.max())
+    crops = ClipDataset(store, fields=PAIR, crop_frames=longest)
+    assert len(crops) + len(crops.rejects) == 9
+    assert {reject.reason for reject in crops.rejects} == {"too_short"}
+    with pytest.raises(UsageError, match="no windows of that length"):
+        ClipDataset(store, fields=PAIR, crop_frames=longest + 1)
+
+
+def test_crops_begin_at_whole_rows_of_slow_fields(tmp_path: Path) -> None:
+    fields = random_fields({MOTION: 8}, {"slow": 3}, slow="7.5")
+    made = write_random_store(tmp_path / "s", clips={"train": 4}, fields=fields, length=40, stride=20)
+    whole = ClipDataset(made.path, fields=(MOTION, "slow"), normalize=False)
+    assert all(sample[MOTION].shape[0] == 4 * sample["slow"].shape[0] for sample in whole)
+    crops = ClipDataset(made.path, fields=(MOTION, "slow"), crop_frames=32, normalize=False)
+    for epoch in range(5):
+        crops.set_epoch(epoch)
+        for sample in crops:
+            assert sample["start"] % 4 == 0
+            np.testing.assert_array_equal(sample["slow"], made.rows(sample["clip"], "slow", sample["start"], 32))
+    with pytest.raises(UsageError, match="multiples of 4"):
+        ClipDataset(made.path, fields=(MOTION, "slow"), crop_frames=30)
+
+
+def test_padded_and_packed(store: Store) -> None:
+    clips = ClipDataset(store, fields=(MOTION, "fast"))
+    samples = clips.samples(range(4))
+    padded, packed = partial(pad_clips, multiple=16, value=7.0)(samples), pack_clips(samples)
+    assert padded[MOTION].shape == (4, -(-int(clips.lengths[:4].max()) // 16) * 16, 151)
+    for k, sample in enumerate(samples):
+        for field in clips.fields:
+            rows, mask = sample[field], padded["mask"][field][k]
+            assert padded["lengths"][field][k] == packed["lengths"][field][k] == len(rows) == mask.sum()
+            assert torch.equal(padded[field][k][mask], rows)
+            assert (padded[field][k][~mask] == 7.0).all()
+            low, high = packed["offsets"][field][k : k + 2].tolist()
+            assert torch.equal(packed[field][low:high], rows)
+    assert padded["clip"] == packed["clip"] == [sample["clip"] for sample in samples]
+    assert pad_clips(samples, length=300)["fast"].shape[1] == 300
+    with pytest.raises(UsageError, match="does not fit into a batch of 20 rows"):
+        pad_clips(samples, length=20)
+
+
+def test_wrong_arguments_are_named(store: Store, tmp_path: Path) -> None:
+    for arguments, message in (
+        ({"crop_s": 1, "crop_frames": 30}, "both crop_s and crop_frames"),
+        ({"crops": 2}, "number of crops"),
+        ({"crops": 0, "crop_frames": 30}, "number of crops"),
+        ({"crop_frames": 0}, "not a whole number of rows"),
+        ({"fields": ("edge151", "primitives")}, "primitives are parts of windows"),
+        ({"split": "tain"}, "no split named"),
+    ):
+        with pytest.raises(UsageError, match=message):
+            ClipDataset(store, **{"fields": PAIR, **arguments})
+    windowed = write_random_store(tmp_path / "w", scope="window", clips={"train": 2})
+    with pytest.raises(StoreError, match="whole clips"):
+        ClipDataset(windowed.path, fields=PAIR)
+
+
+def test_balanced_by_genre(made: RandomStore) -> None:
+    train = WindowDataset(made.path, fields=PAIR)
+    sampler = BalancedSampler(train, by="genre", n_samples=101, seed=3)
+    assert sampler.groups == ("break", "house")
+    epochs = [sampler.order(epoch) for epoch in range(4)]
+    assert not np.array_equal(epochs[0], epochs[1])
+    for order in epochs:
+        drawn = Counter(train[k]["genre"] for k in order.tolist())
+        assert abs(drawn["break"] - drawn["house"]) == 1
+        for genre, group in zip(sampler.groups, sampler._members, strict=True):
+            times = Counter(k for k in order.tolist() if k in set(group.tolist()))
+            least, most = min(times.get(k, 0) for k in group.tolist()), max(times.values())
+            assert most - least <= 1, genre
+    assert list(sampler) == epochs[0].tolist()
+    assert (sampler.epoch, sampler.position) == (1, 0)
+
+
+def test_balanced_by_own_labels_and_on_ranks(store: Store) -> None:
+    train = WindowDataset(store, fields=PAIR)
+    labels = [k % 7 == 0 for k in range(len(train))]
+    whole = BalancedSampler(train, by=labels, seed=1).order(2)
+    assert abs(2 * sum(labels[k] for k in whole.tolist()) - len(whole)) <= 1
+    ranks = [BalancedSampler(train, by=labels, seed=1, rank=r, world_size=2, drop_last=True).order(2) for r in (0, 1)]
+    np.testing.assert_array_equal(np.stack(ranks, axis=1).ravel(), whole[: 2 * len(ranks[0])])
+    with pytest.raises(UsageError, match="one label for each sample"):
+        BalancedSampler(train, by=labels[1:])
+    with pytest.raises(UsageError, match="Did you mean 'genre'"):
+        BalancedSampler(train, by="gerne")
+
+
+def test_buckets_have_similar_lengths(store: Store) -> None:
+    crops = ClipDataset(store, fields=PAIR)
+    sampler = BucketSampler(crops, batch_size=2, n_buckets=4, seed=0)
+    batches = list(sampler)
+    assert sorted(k for batch in batches for k in batch) == list(range(9))
+    assert len(batches) == len(sampler) == 5  # buckets of 3, 2, 2 and 2 clips
+    order = np.sort(crops.lengths)
+    for batch in batches:
+        low, high = (
+            np.searchsorted(order, crops.lengths[batch].min()),
+            np.searchsorted(order, crops.lengths[batch].max()),
+        )
+        assert high - low <= 2
+    assert batches != list(sampler)
+    resumed = BucketSampler(crops, batch_size=2, n_buckets=4, seed=0)
+    resumed.load_state_dict(sampler.at(0, 3))
+    assert list(resumed) == batches[3:]
+
+
+def test_buckets_by_frames(store: Store) -> None:
+    clips = ClipDataset(store, fields=PAIR)
+    limit = 2 * int(clips.lengths.max())
+    for batch in BucketSampler(clips, max_frames=limit, n_buckets=3):
+        assert len(batch) * clips.lengths[batch].max() <= limit
+    with pytest.raises(UsageError, match="longer than a batch"):
+        BucketSampler(clips, max_frames=50)
+    with pytest.raises(UsageError, match="a number of samples or a number of frames"):
+        BucketSampler(clips)
+
+
+# At step 7 the third epoch of 9 crops, 3 a step, is under way, and prefetching workers are in the fourth.
+@pytest.mark.filterwarnings("ignore:.*multi-threaded, use of fork:DeprecationWarning")
+@pytest.mark.filterwarnings("ignore:This DataLoader will create:UserWarning")
+@pytest.mark.parametrize("workers", [0, 2, 4])
+def test_a_stream_resumes_at_any_step(made: RandomStore, workers: int) -> None:
+    crops = ClipDataset(made.path, fields=PAIR, crop_frames=30, mirror=0.5, seed=1)
+    wanted = [BatchStream(crops, 3, seed=5).batch(step) for step in range(12)]
+    crops.set_epoch(17)  # has no effect on a stream
+    for start in (0, 7):
+        stream = BatchStream(crops, 3, seed=5, start_step=start, steps=12 - start)
+        found = list(DataLoader(stream, batch_size=None, num_workers=workers))
+        assert len(found) == 12 - start
+        assert all(map(same, found, wanted[start:]))
+
+
+@pytest.mark.filterwarnings("ignore:.*multi-threaded, use of fork:DeprecationWarning")
+def test_streams_of_windows_and_of_buckets(made: RandomStore) -> None:
+    windows = WindowDataset(made.path, fields=PAIR, mirror=0.5, seed=2)
+    by_map = DataLoader(windows, 16, sampler=EpochSampler(windows, seed=2))
+    stream = BatchStream(windows, 16, seed=2)
+    assert stream.steps_per_epoch == len(by_map)
+    for step, batch in enumerate([*by_map, *by_map]):
+        assert same(stream.batch(step), batch)
+    clips = ClipDataset(made.path, fields=PAIR)
+    buckets = BucketSampler(clips, batch_size=4, seed=2)
+    stream = BatchStream(clips, sampler=buckets, collate=pad_clips, steps=2 * len(buckets))
+    by_map = DataLoader(clips, batch_sampler=buckets, collate_fn=pad_clips)
+    wanted = [*by_map, *by_map]
+    assert all(map(same, DataLoader(stream, batch_size=None, num_workers=2), wanted))
+    with pytest.raises(UsageError, match="makes batches itself"):
+        BatchStream(clips, 4, sampler=buckets)
+    with pytest.raises(UsageError, match="no batch"):
+        BatchStream(clips, 10, drop_last=True)
+
+
+@pytest.mark.parametrize("n_samples", [96, 101])
+def test_other_ranks_take_the_same_samples_in_each_step(n_samples: int) -> None:
+    """What is exact after a change of the number of ranks, where batch size times ranks stays the same."""
+    for sizes in ((1, 12), (2, 6), (3, 4), (4, 3)):
+        ranks, size = sizes
+        samplers = [EpochSampler(n_samples, seed=4, rank=rank, world_size=ranks) for rank in range(ranks)]
+        for step in range(2 * samplers[0].steps(size)):
+            states = [sampler.at_step(step, size) for sampler in samplers]
+            epoch, position = states[0]["epoch"], states[0]["position"]
+            assert states == [states[0]] * ranks
+            taken = [set(sampler.order(epoch)[position : position + size].tolist()) for sampler in samplers]
+            everyone = EpochSampler(n_samples, seed=4).order(epoch)
+            wanted = set(everyone[12 * (step % -(-n_samples // 12)) :][:12].tolist())
+            found = set().union(*taken)
+            assert found >= wanted
+            extra = found - wanted  # only in an epoch's last step, so that ranks have equally many
+            assert len(extra) < ranks
+            assert not extra or len(wanted) < 12
+
+
+def test_any_number_of_ranks_goes_on_after_what_was_consumed() -> None:
+    """Another product of batch size and ranks: fewer samples than ranks are repeated, none is left out."""
+    consumed, n_samples = 40, 101
+    everyone = EpochSampler(n_samples, seed=4).order(0).tolist()
+    for ranks in (1, 2, 3, 5, 8):
+        rest: list[int] = []
+        for rank in range(ranks):
+            sampler = EpochSampler(n_samples, seed=4, rank=rank, world_size=ranks)
+            sampler.load_state_dict(sampler.at_total(0, consumed))
+            rest += list(sampler)
+        assert set(rest) >= set(everyone[consumed:])
+        assert len(set(rest) & set(everyone[:consumed]) - set(everyone[: ranks - 1])) <= consumed % ranks
+
+
+def test_steps_of_a_sampler(store: Store) -> None:
+    sampler = EpochSampler(100, seed=0)
+    assert (sampler.steps(8), sampler.steps(8, drop_last=True)) == (13, 12)
+    assert sampler.at_step(0, 8) == {"epoch": 0, "position": 0}
+    assert sampler.at_step(15, 8) == {"epoch": 1, "position": 16}
+    assert sampler.at_step(15, 8, drop_last=True) == {"epoch": 1, "position": 24}
+    with pytest.raises(UsageError, match="no step of this size"):
+        sampler.at_step(1, 101, drop_last=True)
+
+
+def test_copies_in_other_processes(made: RandomStore) -> None:
+    crops = ClipDataset(made.path, fields=PAIR, crop_frames=30, mirror=0.5)
+    crops.set_epoch(3)
+    copy = pickle.loads(pickle.dumps(crops))
+    assert copy.epoch == 3
+    assert all(map(same, copy.samples(range(9)), crops.samples(range(9))))
+    stream = pickle.loads(pickle.dumps(BatchStream(crops, 3)))
+    assert same(stream.batch(4), BatchStream(crops, 3).batch(4))
+
+
+def test_augmented_crops_are_augmented_windows(tmp_path: Path) -> None:
+    """The same as a WindowDataset's, for an augmentation that does not depend on where a sample comes from."""
+    made = write_random_store(tmp_path / "s", clips={"train": 3}, n_frames=(30, 30), length=30, stride=30)
+    arguments: dict[str, Any] = {
+        "fields": PAIR,
+        "augment": {"mirror": 0.5, "drop": {"p": 0.5, "fields": ["librosa35"]}},
+        "seed": 4,
+    }
+    crops = ClipDataset(made.path, crop_frames=30, **arguments)
+    windows = WindowDataset(made.path, **arguments)
+    changed = 0
+    for epoch in range(6):
+        for crop, window in zip(crops.samples(range(3), epoch), windows.samples(range(3), epoch), strict=True):
+            assert crop.keys() == window.keys()
+            assert all(same(crop[name], window[name]) for name in crop)
+            changed += crop["mirrored"] + bool(crop["librosa35_dropped"])
+    assert 0 < changed < 36
+    with pytest.raises(UsageError, match="crop"):
+        ClipDataset(made.path, fields=PAIR, augment=["crop"])
