@@ -98,8 +98,10 @@ class ExportFolder:
         self.write_bytes(name, text.encode("utf-8", "backslashreplace"))
 
     def write_pickle(self, name: str, obj: Any) -> None:
-        """Write a pickle of arrays and plain containers, readable by Python 3.4 and later."""
-        self.write_bytes(name, pickle.dumps(obj, protocol=4))
+        """Write a pickle of arrays and plain containers that every numpy of Python 3.4 and later loads."""
+        buffer = io.BytesIO()
+        _Pickler(buffer, protocol=4).dump(obj)
+        self.write_bytes(name, buffer.getbuffer())
 
     def copy_file(self, name: str, source: Path) -> None:
         """Copy a file, or make a hard link of it where links are asked for and possible."""
@@ -134,3 +136,15 @@ class ExportFolder:
                 self.linked += 1
                 return True
         return False
+
+
+class _Pickler(pickle.Pickler):
+    """Pickles arrays as calls of ``numpy.ndarray``.
+
+    Pickles that numpy 2 makes by itself name modules that numpy before 1.26, which most trainers need, does not have.
+    """
+
+    def reducer_override(self, obj: Any) -> Any:
+        if isinstance(obj, np.ndarray) and not obj.dtype.hasobject:
+            return np.ndarray, (obj.shape, obj.dtype.str, bytearray(np.ascontiguousarray(obj).data.cast("B")))
+        return NotImplemented
