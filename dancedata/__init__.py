@@ -23,6 +23,7 @@ __all__ = [
     "decode",
     "diff",
     "encode",
+    "export",
     "extract",
     "open",
     "plan",
@@ -31,6 +32,7 @@ __all__ = [
 if TYPE_CHECKING:
     from dancedata.api.arrays import decode, encode, extract
     from dancedata.api.commands import build, check, plan
+    from dancedata.api.export import export
     from dancedata.cache import FeatureCache
     from dancedata.core.audio_signal import AudioSignal
     from dancedata.core.motion import Motion
@@ -50,6 +52,7 @@ else:  # type checkers take the imports above, and so find misspelt names
             "decode": "dancedata.api.arrays",
             "diff": "dancedata.pipeline.diff",
             "encode": "dancedata.api.arrays",
+            "export": "dancedata.api.export",
             "extract": "dancedata.api.arrays",
             "open": "dancedata.store.dataset:open_store",
             "plan": "dancedata.api.commands",

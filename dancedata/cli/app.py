@@ -39,7 +39,8 @@ Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print no progress.")
 CACHE_HELP = "Cache folder; default $DANCEDATA_CACHE, else the user's cache folder."
 CacheFolder = Annotated[Path | None, typer.Option("--cache", help=CACHE_HELP)]
 ATOL_HELP = "Floating-point values that differ by no more than this are the same; default: compared exactly."
-KINDS_HELP = "dataset, representation, contact-rule, feature, key-motion, augmentation or filter."
+KINDS_HELP = "dataset, representation, contact-rule, feature, key-motion, augmentation, filter or export."
+TARGET_HELP = "Set a parameter of the target; list shows them."
 PART_HELP = "Compute the K-th of N shares of the work into the cache and write no dataset, for job arrays."
 
 
@@ -143,6 +144,40 @@ def check(
         typer.echo(describe_problems(path, problems))
     if errors:
         raise typer.Exit(1)
+
+
+@app.command()
+@_errors_to_exit_codes
+def export(
+    store: Annotated[Path, typer.Argument(metavar="STORE", help="A built dataset.")],
+    to: Annotated[str, typer.Option(metavar="TARGET", help="What to export to: edge, lodge, npz, ... (see list).")],
+    out: Annotated[Path, typer.Option(help="Folder to write; new or empty.")],
+    source: Annotated[Path | None, typer.Option(help="Folder with the music, for targets that write sound.")] = None,
+    feature: Annotated[str | None, typer.Option(help="Audio feature to write, where the target takes one.")] = None,
+    scaler: Annotated[str | None, typer.Option(help="train or all: what the target's scaler is fitted on.")] = None,
+    keep_ignored: Annotated[bool, typer.Option("--keep-ignored", help="Keep clips of the ignore list.")] = False,
+    link: Annotated[bool, typer.Option("--link", help="Hard links in place of files with equal bytes.")] = False,
+    overrides: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help=TARGET_HELP)] = None,
+    overwrite: Annotated[bool, typer.Option(help="Replace an export that was not changed.")] = False,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
+) -> None:
+    """Write a dataset as the files of another trainer or program: dancedata export STORE --to edge --out DIR."""
+    from dancedata.api.export import export as run_export
+    from dancedata.recipes.parse import apply_override
+
+    parameters: dict[str, Any] = {}
+    for override in overrides or ():
+        apply_override(parameters, override)
+    named = {"feature": feature, "scaler": scaler, "keep_ignored": keep_ignored or None}
+    parameters |= {key: value for key, value in named.items() if value is not None}
+    result = run_export(
+        store, to, out, source=source, link=link, overwrite=overwrite, progress=not (quiet or as_json), **parameters
+    )
+    if as_json:
+        _print_json(result.to_json())
+    else:
+        typer.echo(result.summary)
 
 
 @app.command()

@@ -15,6 +15,7 @@ from dancedata.core.registry import (
     AUGMENTATIONS,
     CONTACTS,
     DATASETS,
+    EXPORTS,
     FEATURES,
     FILTERS,
     KEYMOTIONS,
@@ -42,7 +43,7 @@ next:
   1. python -m pytest {test}: the template passes; change it, and run the test again
   2. in a checkout of dancedata: move {module} to {folder}/;
      elsewhere: write the pyproject.toml below beside it, and pip install -e {out}
-  3. dancedata list shows it, and a recipe may have: {recipe}
+  3. dancedata list shows it, and {use}
 
 [project]
 name = "{name}"
@@ -64,12 +65,20 @@ class Kind:
     template
         File of the template.
     recipe
-        How a recipe names a plug-in of this kind, with NAME in place of its name.
+        How a recipe names a plug-in of this kind, with NAME in place of its name; "" where none does.
+    command
+        The command that uses one then.
     """
 
     registry: Registry[Any]
     template: str
     recipe: str
+    command: str = ""
+
+    def use(self, name: str) -> str:
+        """Return how a plug-in is used, in words."""
+        text = f"a recipe may have: {self.recipe}" if self.recipe else f"it is used by: {self.command}"
+        return text.replace("NAME", name)
 
 
 #: Kinds by what the command line calls them.
@@ -81,6 +90,7 @@ KINDS = {
     "key-motion": Kind(KEYMOTIONS, "key_motion.py", "keymotion: {NAME: {}}"),
     "augmentation": Kind(AUGMENTATIONS, "augmentation.py", "augment: {NAME: {}}"),
     "filter": Kind(FILTERS, "filter.py", "windows: {filter: {NAME: {}}}"),
+    "export": Kind(EXPORTS, "export.py", "", "dancedata export STORE --to NAME --out DIR"),
 }
 
 
@@ -108,7 +118,7 @@ class NewPlugin:
             folder=group.replace(".", "/"),
             name=self.name,
             group=group,
-            recipe=self.kind.recipe.replace("NAME", self.name),
+            use=self.kind.use(self.name),
         )
 
 

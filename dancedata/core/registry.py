@@ -17,6 +17,7 @@ from dancedata.core.plugins import (
     Augmentation,
     ContactRule,
     Dataset,
+    Export,
     KeyMotionFinder,
     Plugin,
     Representation,
@@ -147,6 +148,7 @@ FEATURES = Registry("audio feature", "dancedata.audio", AudioFeature)
 KEYMOTIONS = Registry("key motion", "dancedata.keymotion", KeyMotionFinder)
 AUGMENTATIONS = Registry("augmentation", "dancedata.augment", Augmentation)
 FILTERS = Registry("window filter", "dancedata.filters", WindowFilter)
+EXPORTS = Registry("export", "dancedata.exports", Export)
 
 #: All of them, by what `dancedata list` calls them.
 REGISTRIES: dict[str, Registry[Any]] = {
@@ -157,4 +159,5 @@ REGISTRIES: dict[str, Registry[Any]] = {
     "key motions": KEYMOTIONS,
     "augmentations": AUGMENTATIONS,
     "window filters": FILTERS,
+    "exports": EXPORTS,
 }

@@ -20,6 +20,7 @@ import re
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -30,14 +31,15 @@ from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.bodies import SMPLX55
 from dancedata.core.clip import Scan
 from dancedata.core.columns import Columns
-from dancedata.core.errors import DanceDataError, SourceError, UsageError
+from dancedata.core.errors import DanceDataError, SourceError, StoreError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
-from dancedata.core.plugins import Augmentation, Plugin, WindowFilter
+from dancedata.core.plugins import Augmentation, Export, Plugin, WindowFilter
 from dancedata.core.registry import (
     AUGMENTATIONS,
     CONTACTS,
     DATASETS,
+    EXPORTS,
     FEATURES,
     FILTERS,
     KEYMOTIONS,
@@ -46,6 +48,8 @@ from dancedata.core.registry import (
     Registry,
 )
 from dancedata.core.skeleton import SMPL24, Skeleton
+from dancedata.exporting.place import ABOUT, read_about
+from dancedata.exporting.run import export_dataset
 from dancedata.pipeline.rejects import BY_CHOICE
 from dancedata.recipes.copies import CopySpec
 from dancedata.testing.examples import (
@@ -252,6 +256,83 @@ def check_window_filter(cls: type[WindowFilter]) -> None:
         recipe_with(dataset="synthetic", keys={"windows": windows, field.kind: {field.name: {}}})
 
 
+def check_export(cls: type[Export], folder: Path) -> None:
+    """Check an export: its own recipe suffices, equal bytes every time, nothing in folders that a loader lists.
+
+    Parameters
+    ----------
+    folder
+        An empty folder to work in.
+    """
+    check_plugin(cls)
+    made = cls()
+    source, store = build_for_export(made, folder)
+    outs = [folder / "one" / "export", folder / "two" / "export"]
+    for out in outs:
+        _require(export_dataset(store, made, out, source=source).path == out, "the result names the folder")
+    _check_exported(made, *outs)
+    again = partial(export_dataset, store, made, outs[0], source=source, link=True)
+    _raises(StoreError, again, "a second export there is an error")
+    again(overwrite=True)
+    _check_exported(made, *outs)
+    _check_refusal(made, folder, source)
+
+
+def build_for_export(made: Export, folder: Path) -> tuple[Path, Path]:
+    """Build a small dataset from an export's own recipe; returns its source and the dataset."""
+    from dancedata.pipeline.build import build
+    from dancedata.recipes.parse import parse_recipe
+
+    document = {
+        "recipe": 1,
+        "name": "conformance",
+        "dataset": {"aist++": {}},
+        "windows": {"length_s": 5, "stride_s": 0.5},
+        **made.recipe,
+    }
+    recipe, source, store = parse_recipe(document), folder / "source", folder / "store"
+    recipe.dataset.make_example(source)
+    build(recipe, source, store, cache=folder / "cache")
+    return source, store
+
+
+def _check_exported(made: Export, one: Path, two: Path) -> None:
+    listed = [{p.relative_to(f).as_posix(): p for p in f.rglob("*") if p.is_file()} for f in (one, two)]
+    _require(listed[0].keys() == listed[1].keys(), "two exports have the same files")
+    for name, path in listed[0].items():
+        here, there = (str(folder).encode() for folder in (one, two))
+        if name not in (ABOUT, "README.md"):  # these name the links, if there are any
+            same = path.read_bytes().replace(here, there) == listed[1][name].read_bytes()
+            _require(same, f"two exports of a dataset have equal bytes: {name}")
+    about = read_about(one)
+    _require(about is not None, "export.json is whole")
+    _require(about is not None and set(about["files"]) == listed[0].keys() - {ABOUT}, "export.json lists all files")
+    for folder in made.listed_folders:
+        _require((one / folder).is_dir(), f"the folder {folder} that a loader lists is there")
+    own = {"README.md", ABOUT, "LICENCE.txt"}
+    inside = [name for name in listed[0] if Path(name).name in own and len(Path(name).parts) > 1]
+    _require(not inside, f"README, licence and export.json are not among the files of a loader: {inside}")
+    _require(bool(made.guide.__doc__) and len((one / "README.md").read_text()) > 200, "README.md explains the files")
+    leftovers = [p.name for p in one.parent.iterdir() if p != one]
+    _require(not leftovers, f"nothing is left beside the export: {leftovers}")
+
+
+def _check_refusal(made: Export, folder: Path, source: Path) -> None:
+    """Check the error for a dataset of joints alone at an odd rate, where that is not enough."""
+    from dancedata.pipeline.build import build
+    from dancedata.recipes.parse import parse_recipe
+
+    dataset = made.recipe.get("dataset", {"aist++": {}})
+    keys = {"fps": 10, "windows": {"length_frames": 20, "stride_frames": 10}, "motion": {"joints": {}}}
+    recipe = parse_recipe({"recipe": 1, "name": "bare", "dataset": dataset, **keys})
+    build(recipe, source, folder / "bare", cache=folder / "cache")
+    try:
+        export_dataset(folder / "bare", made, folder / "refused" / "export", source=source)
+    except StoreError as error:
+        _require("fix: " in str(error), f"an error has the line of a recipe that helps: {error}")
+        _require(not (folder / "refused").exists(), "nothing is written where something is lacking")
+
+
 def check(cls: type[Plugin], folder: Path) -> None:
     """Check a plug-in of any kind; `folder` is an empty folder to work in."""
     _CHECKS[_registry_of(cls).kind](cls, folder)
@@ -266,6 +347,7 @@ _CHECKS: dict[str, Callable[[type[Any], Path], None]] = {
     FEATURES.kind: lambda cls, folder: check_audio_feature(cls),
     AUGMENTATIONS.kind: check_augmentation,
     FILTERS.kind: lambda cls, folder: check_window_filter(cls),
+    EXPORTS.kind: check_export,
 }
 
 

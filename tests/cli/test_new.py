@@ -65,6 +65,9 @@ def test_what_to_do_next(kind: str, tmp_path: Path) -> None:
     group = KINDS[kind].registry.package
     assert f'[project.entry-points."{group}"]\nshake = "shake"\n' in done.stdout
     assert f"'{tmp_path}/a folder/test_shake.py'" in done.stdout
+    if kind == "export":
+        assert "it is used by: dancedata export STORE --to shake --out DIR" in done.stdout
+        return
     recipe = load_yaml(done.stdout.split("a recipe may have: ")[1].splitlines()[0])
     assert "shake" in json.dumps(recipe)
 

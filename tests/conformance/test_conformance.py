@@ -17,6 +17,7 @@ from dancedata.core.registry import (
     AUGMENTATIONS,
     CONTACTS,
     DATASETS,
+    EXPORTS,
     FEATURES,
     FILTERS,
     KEYMOTIONS,
@@ -60,6 +61,11 @@ def test_augmentation(name: str, tmp_path: Path):
 @pytest.mark.parametrize("name", FILTERS.names())
 def test_window_filter(name: str):
     conformance.check_window_filter(FILTERS.get(name))
+
+
+@pytest.mark.parametrize("name", EXPORTS.names())
+def test_export(name: str, tmp_path: Path):
+    conformance.check_export(EXPORTS.get(name), tmp_path)
 
 
 @pytest.mark.parametrize("registry", REGISTRIES.values(), ids=lambda r: r.kind)
