@@ -122,6 +122,9 @@ class Representation(Plugin):
         What dataset.json says of the columns' axes and of the 6D convention.
     decodes
         Whether the class has a `decode` of its own; set by itself.
+    fits
+        Whether `decode` returns a motion with the joint positions of the columns only, on bones of their own: where
+        the dancer stood and faced, the body's bones and how they turn about themselves are lost in `encode`.
     """
 
     default_contacts: ClassVar[str | None] = None
@@ -130,6 +133,7 @@ class Representation(Plugin):
     axes: ClassVar[str]
     rotation_6d: ClassVar[str | None] = None
     decodes: ClassVar[bool] = False
+    fits: ClassVar[bool] = False
 
     @property
     @abstractmethod

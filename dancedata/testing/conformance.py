@@ -117,7 +117,10 @@ def check_representation(cls: type[Any]) -> None:
     mirror = made.columns.mirror
     if mirror is not None:
         _require(np.array_equal(mirror.apply(mirror.apply(array)), array), "mirroring twice gives back the columns")
-    if made.decodes:
+    if made.decodes and made.fits:
+        decoded = made.decode(array, FPS)
+        _require(decoded.n_frames == 40 and decoded.grid == FPS, "decode gives as many frames, at the rate asked for")
+    elif made.decodes:
         decoded = made.decode(array, FPS)
         wanted = motion
         if made.grounded:

@@ -1,7 +1,7 @@
 """Make tests/golden/data from the whole reference set: python tests/golden/pack.py GOLDEN OUT.
 
-GOLDEN has the folders `peers`, `jukebox` and `bailando438`, and the file `jukebox_keys.csv` beside it. What is left
-out, and why that changes no comparison, stands in data/README.md. The values that stay are the reference's own bits.
+GOLDEN has the folders `peers`, `jukebox`, `bailando438` and `humanml263`, and the file `jukebox_keys.csv` beside it.
+What is left out, and why that changes no comparison, stands in data/README.md. The values that stay are the reference's own bits.
 """
 
 from __future__ import annotations
@@ -38,6 +38,7 @@ BODY = 3 + 22 * 6
 CLIPS = ("5s", "odd", "short", "silence", "stereo48k")
 #: Codes of the longest of them.
 N_CODES = 1722
+HUMANML = "gHO_sBM_cAll_d19_mHO3_ch07"
 BAILANDO = "gHO_sBM_cAll_d17_mHO1_ch01.7.5fps"
 
 
@@ -232,6 +233,12 @@ def pack_bailando(golden: Path, out: Path) -> None:
     save(out / "modern_librosa0110_soxr.npz", kept)
 
 
+def pack_humanml(golden: Path, out: Path) -> None:
+    """A clip's columns and the joints that are recovered from them."""
+    arrays = load(golden / "golden.npz")
+    save(out / "golden.npz", {f"{HUMANML}.{what}": arrays[f"{HUMANML}.{what}"] for what in ("263", "recovered")})
+
+
 def pack_keys(path: Path, out: Path) -> None:
     """Names, shapes and types of the real files' tensors."""
     with path.open() as file:
@@ -253,6 +260,7 @@ def main(golden: Path, out: Path) -> None:
     pack_fact_music(golden / "peers", peers)
     pack_jukebox(golden / "jukebox", out / "jukebox")
     pack_bailando(golden / "bailando438", out / "bailando438")
+    pack_humanml(golden / "humanml263", out / "humanml263")
     pack_keys(golden.parent / "jukebox_keys.csv", out / "jukebox")
     sizes = {path: path.stat().st_size for path in sorted(out.rglob("*")) if path.is_file()}
     for path, size in sorted(sizes.items(), key=lambda item: item[1]):
