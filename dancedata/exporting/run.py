@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -78,7 +79,7 @@ def export_dataset(
 ) -> ExportResult:
     """Export a dataset; see `dancedata.export`."""
     with open_store(path) as store:
-        job = ExportJob(store, out.absolute(), source, link, progress or Progress(quiet=True))
+        job = ExportJob(store, Path(os.path.abspath(out)), source, link, progress or Progress(quiet=True))
         _check_place(job)
         raise_lacks(target, job, target.lacks(job))
         with new_export(job.out, overwrite=overwrite) as new:
