@@ -55,9 +55,16 @@ def compile_kernels() -> None:
     rng = np.random.default_rng(0)
     noise = rng.standard_normal(3 * TEMPO_SAMPLE_RATE).astype(np.float32)
     noise[:: TEMPO_SAMPLE_RATE // 2] = 10.0
+    with compiling():
+        _compute(noise, Settings(TEMPO_SAMPLE_RATE, 30 * HOP, None, 100.0))
+
+
+@contextmanager
+def compiling() -> Iterator[None]:
+    """Let kernels of librosa be compiled within the context, which one process at a time enters."""
     load_librosa()  # here, not in `resample`, which would wait for the lock that this process holds
     with file_lock(_lock_file()):
-        _compute(noise, Settings(TEMPO_SAMPLE_RATE, 30 * HOP, None, 100.0))
+        yield
 
 
 def load_librosa() -> None:
@@ -87,7 +94,7 @@ def _compute(samples: NDArray[np.float32], settings: Settings) -> NDArray[np.flo
     import librosa
 
     rate, start_bpm = settings.rate, settings.start_bpm
-    with _known_librosa_warnings():
+    with known_warnings():
         y = resample(samples, settings.sample_rate, rate)
         # Envelope and MFCC use the same dB mel spectrum: computed once, bit-equal to passing y to both.
         mel_db = librosa.power_to_db(librosa.feature.melspectrogram(y=y, sr=rate, hop_length=HOP))
@@ -116,7 +123,7 @@ def _compute(samples: NDArray[np.float32], settings: Settings) -> NDArray[np.flo
 def estimated_bpm(samples: NDArray[np.float32], sample_rate: int) -> float:
     """Estimate a tempo from a signal alone, in beats per minute."""
     compile_kernels()
-    with _known_librosa_warnings():
+    with known_warnings():
         return _estimated_bpm(samples, sample_rate)
 
 
@@ -128,8 +135,8 @@ def _estimated_bpm(samples: NDArray[np.float32], sample_rate: int) -> float:
 
 
 @contextmanager
-def _known_librosa_warnings() -> Iterator[None]:
-    """Hide the two warnings that librosa gives for short or silent audio; its results are right."""
+def known_warnings() -> Iterator[None]:
+    """Hide the warnings that librosa gives for short or silent audio; its results are right."""
     with warnings.catch_warnings():
         # Short signals (the lowest chroma octave's frame is about 2 s) are padded with zeros, as all ends are.
         warnings.filterwarnings("ignore", message=r"n_fft=\d+ is too large for input signal", category=UserWarning)
