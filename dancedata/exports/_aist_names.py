@@ -16,7 +16,7 @@ PARTS = {"train": ("train",), "test": ("test", "val")}
 def name_lacks(job: ExportJob, clips: list[ClipView]) -> list[Lack]:
     """Return clips whose name does not have the id of its music as the second last part between underscores."""
     music = {clip.id: clip.music for clip in clips}
-    form = "<...>_<music>_<...>, as AIST++ does: gBR_sBM_cAll_d04_mBR2_ch08; build without augment, whose copies end otherwise"
+    form = "as AIST++ does: gBR_sBM_cAll_d04_mBR2_ch08, with the music second last; copies (augment) end otherwise"
     return needs_names(clips, lambda name: bool(music[name]) and name.split("_")[-2:-1] == [music[name]], form)
 
 

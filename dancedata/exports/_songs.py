@@ -39,8 +39,8 @@ def find_songs(job: ExportJob, clips: list[ClipView]) -> tuple[dict[str, ClipVie
         other = [different[k] for k, s in enumerate(signals) if not _begins(s, signals[longest])]
         if other:
             problem = (
-                f"one file per song is read, and the music {shown(music)} of {shown(other[0].id)} is not the beginning "
-                f"of that of {shown(found[music].id)}"
+                f"one file per song is read, and the music {shown(music)} of {shown(other[0].id)} is not the "
+                f"beginning of that of {shown(found[music].id)}"
             )
             lacks.append(Lack(problem, "a source with one audio file per song, as the official AIST++ has"))
     return found, lacks

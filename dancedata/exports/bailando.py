@@ -41,15 +41,16 @@ ln -s {out}/data data
 sh srun.sh configs/sep_vqvae.yaml train YOUR_NODE 1  # steps 1 to 4 as in its README
 ```
 
-- `{train}/` and `{test}/`: 24 positions, metres, +Y up, 60 frames per second, with 438 columns of music. In train both
-  end together, in test the music goes on to the end of the song. Test holds the splits test and val, as there.
-- `{music}/` and `{music_60}/`: the music of each song at 7.5 and 60 rows per second. The loaders find it by the second
-  last part of a sequence's name. At 7.5 the envelope, beats and tempogram are zero in every row, as in the published
-  recipe, unless the feature has `onset_fmax: nyquist`.
-- Positions are those of the body that the dataset was built with, the published ones SMPL's male body: limbs differ by
-  up to centimetres.
+- `{train}/` and `{test}/`: 24 positions, metres, +Y up, 60 frames per second, with 438 columns of music. In train
+  both end together, in test the music goes on to the end of the song. Test holds the splits test and val, as there.
+- `{music}/` and `{music_60}/`: the music of each song at 7.5 and 60 rows per second. The loaders find it by the
+  second last part of a sequence's name. At 7.5 the envelope, beats and tempogram are zero in every row, as in the
+  published recipe, unless the feature has `onset_fmax: nyquist`.
+- Positions are those of the body that the dataset was built with, the published ones SMPL's male body: limbs differ
+  by up to centimetres.
 - {ignored}
-- Bailando++ reads `{train}_rotmat/` and `{test}_rotmat/` as well: 219 columns, translation and 24 matrices.{rotations}
+- Bailando++ reads `{train}_rotmat/` and `{test}_rotmat/` as well: 219 columns, translation and 24
+  matrices.{rotations}
 - Windows are made in memory as float64: all of AIST++ takes some 2 GB, and 5 GB of text on disk.
 """
 
@@ -82,7 +83,7 @@ class Bailando(Export):
     keep_ignored: bool = False
 
     def lacks(self, job: ExportJob) -> list[Lack]:
-        """Return missing fields, rates, splits and music, songs of two kinds, and names that would be read wrongly."""
+        """Return missing fields, rates, splits and music, songs of two kinds, and names that are read wrongly."""
         lacks = needs_track_scope(job) + needs_field(job, _MOTION, kind="motion", width=72, rate=_RATE)
         lacks += needs_feature(_FEATURE) + needs_field(job, self.feature, kind="audio", width=438, rate=_RATE)
         lacks += needs_splits(job, "train", "test")
@@ -106,8 +107,8 @@ class Bailando(Export):
             short = [clip.id for clip in clips if len(clip.read(_MOTION)) < _LEAST]
             if short:
                 folder.note(
-                    f"{counted(len(short), 'sequence')} of {part} shorter than {_LEAST} frames, which give no training "
-                    f"window: {listed(short)}"
+                    f"{counted(len(short), 'sequence')} of {part} shorter than {_LEAST} frames, which give no "
+                    f"training window: {listed(short)}"
                 )
         songs, _ = find_songs(job, [clip for part in PARTS for clip in self._clips(job, part)])
         feature = _feature_of(job, self.feature)

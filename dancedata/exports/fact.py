@@ -37,8 +37,8 @@ python trainer.py --config_path ./configs/fact_v5_deeper_t10_cm12.config --model
 ```
 
 - `fk_path` in the configuration names SMPL_MALE.pkl, which is not part of this export.
-- Motion has 219 columns at 60 per second; the loader puts six zeros in front. Music has 35 columns at 60 per second, of
-  the whole song. Motion ends where its music ends.
+- Motion has 219 columns at 60 per second; the loader puts six zeros in front. Music has 35 columns at 60 per second,
+  of the whole song. Motion ends where its music ends.
 - The records were read by an independent reader of TFRecords; tensorflow itself was not run on them.
 """
 
@@ -93,8 +93,8 @@ class Fact(Export):
             short = [clip.id for clip in clips if self._length(clip) < _LEAST]
             if short:
                 folder.note(
-                    f"{counted(len(short), 'sequence')} of {part} left out, shorter than the {_LEAST} frames that the "
-                    f"loader cuts: {listed(short)}"
+                    f"{counted(len(short), 'sequence')} of {part} left out, shorter than the {_LEAST} frames that "
+                    f"the loader cuts: {listed(short)}"
                 )
             kept = [clip for clip in clips if clip.id not in short]
             pairs = [(clip, clip) for clip in kept]
