@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Any
 from dancedata.core.atomic import write_json
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.plugins import Export
-from dancedata.core.text import counted, shown
+from dancedata.core.text import counted, listed, quoted, shown
 from dancedata.core.version import __version__
 from dancedata.execution.cache_admin import size_text
 from dancedata.execution.progress import Progress
@@ -22,6 +23,8 @@ from dancedata.recipes.documents import document_of
 from dancedata.store import open_store
 
 LICENCE = "LICENCE.txt"
+#: Longest id of a clip, in bytes: file names end with more.
+_MAX_NAME = 200
 
 
 @dataclass(frozen=True)
@@ -78,9 +81,9 @@ def export_dataset(
 ) -> ExportResult:
     """Export a dataset; see `dancedata.export`."""
     with open_store(path) as store:
-        job = ExportJob(store, out.absolute(), source, link, progress or Progress(quiet=True))
+        job = ExportJob(store, Path(os.path.abspath(out)), source, link, progress or Progress(quiet=True))
         _check_place(job)
-        raise_lacks(target, job, target.lacks(job))
+        raise_lacks(target, job, file_name_lacks(job) + target.lacks(job))
         with new_export(job.out, overwrite=overwrite) as new:
             folder = ExportFolder(new, job.out, link)
             target.write(job, folder)
@@ -99,6 +102,16 @@ def raise_lacks(target: Export, job: ExportJob, lacks: list[Lack]) -> None:
     raise StoreError(
         f"the dataset cannot be exported as {target.name}; nothing was written:{lines}", where=job.store.path
     )
+
+
+def file_name_lacks(job: ExportJob) -> list[Lack]:
+    """Return the clips whose id cannot be the name of a file."""
+    bad = [quoted(c.id) for c in job.clips() if "/" in c.id or c.id.startswith(".") or len(c.id.encode()) > _MAX_NAME]
+    if not bad:
+        return []
+    return [
+        Lack(f"ids of clips that cannot be names of files: {listed(bad)}", "name the files of the source otherwise")
+    ]
 
 
 def _check_place(job: ExportJob) -> None:

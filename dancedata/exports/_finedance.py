@@ -25,7 +25,7 @@ def note_missing(job: ExportJob, folder: ExportFolder, ignored: frozenset[str], 
     missing = [name for name in facts().ids if name not in ignored and name not in there]
     if missing:
         folder.note(
-            f"{loader} opens every published id but {len(ignored)} ignored ones; {counted(len(missing), 'id')} of them "
-            f"are not in the dataset, and the unmodified loader ends with FileNotFoundError at the first: "
+            f"{loader} opens every published id but {len(ignored)} ignored ones; {counted(len(missing), 'id')} of "
+            "them are not in the dataset, and the unmodified loader ends with FileNotFoundError at the first: "
             f"{listed(missing, 12)}"
         )

@@ -54,8 +54,8 @@ class SliceWriter:
             self.folder.make_folder(f"{part}/{name}")
         if len(found) < self.batch:
             self.folder.note(
-                f"{part} has {counted(len(found), 'window')}, fewer than the trainer's batch of {self.batch}, and its "
-                "loaders drop smaller batches: pass a smaller --batch_size"
+                f"{part} has {counted(len(found), 'window')}, fewer than the trainer's batch of {self.batch}, and "
+                "its loaders drop smaller batches: pass a smaller --batch_size"
             )
         motion = self._write_motion(part, found)
         self._write_features(part, found)

@@ -56,6 +56,8 @@ def slice_lacks(job: ExportJob, feature: str, splits: Sequence[str], *, sound: b
     if job.store.scope == "window" and not lacks:
         lacks += _window_lacks(job)
     lacks += needs_splits(job, *splits)
+    if set("*?[") & set(str(job.out)):
+        lacks.append(Lack("the loader lists folders by patterns, in which * ? [ have a meaning", "another --out"))
     return lacks + (needs_music(job, job.clips(*splits)) if sound else [])
 
 

@@ -24,16 +24,16 @@ accelerate launch train.py --data_path {out}/ --processed_data_dir NEW_FOLDER/ -
 ```
 
 - `NEW_FOLDER` has to be new. The loader takes `processed_train_data.pkl` and `processed_test_data.pkl` from it, and
-  train.py `train_tensor_dataset.pkl` and `test_tensor_dataset.pkl`, before they look at the data. After another export
-  remove these four, or pass `--force_reload --no_cache`.
-- train.py does not pass `--feature_type` on to its dataset: it reads `jukebox_feats` whatever the flag says, which only
-  sizes the model. So `{feature}` ({width} columns) lies in `jukebox_feats`{again}.
+  train.py `train_tensor_dataset.pkl` and `test_tensor_dataset.pkl`, before they look at the data. After another
+  export remove these four, or pass `--force_reload --no_cache`.
+- train.py does not pass `--feature_type` on to its dataset: it reads `jukebox_feats` whatever the flag says, which
+  only sizes the model. So `{feature}` ({width} columns) lies in `jukebox_feats`{again}.
 - `cache/` is the loader's cache of the same windows at 30 frames per second: copy it, and give the copy as
   `--processed_data_dir`, to start without reading the pickles one by one. It holds absolute paths below
   `{out}`: export again after moving the folder.
 - The first render, in epoch 100, dies where there are fewer test windows than `--batch_size` (64 by default).
-- The loader sorts windows as text, slice10 before slice2, and keeps every second of the 300 frames of a pickle, so each
-  frame at 30 per second lies there twice.
+- The loader sorts windows as text, slice10 before slice2, and keeps every second of the 300 frames of a pickle, so
+  each frame at 30 per second lies there twice.
 """
 
 
@@ -47,8 +47,8 @@ class Edge(Export):
     feature
         Audio feature to write, of 35 or 4800 columns.
     sound
-        ``cut``: wavs cut from the music of --source. ``silence``: silent wavs, without a source; training does not use
-        them, only rendering does.
+        ``cut``: wavs cut from the music of --source. ``silence``: silent wavs, without a source; training does not
+        use them, only rendering does.
     val_as_test
         Write the split val to the test folder too: EDGE has no validation split.
     """

@@ -25,8 +25,8 @@ mkdir -p data && ln -s {out}/finedance data/finedance
 python train_seq.py
 ```
 
-- vis.py, line 484, opens the rest joints of SMPL-X at an absolute path of its authors. The file `smplx_neu_J_1.npy` lies
-  in the repository; link it to that place.
+- vis.py, line 484, opens the rest joints of SMPL-X at an absolute path of its authors. The file `smplx_neu_J_1.npy`
+  lies in the repository; link it to that place.
 - Tracks are whole and not grounded. Lodge's `music_npynew` is cut, `music_npy` is not: do not exchange them.
 - The loader subtracts the root of a window's first frame in a view of its array, so that overlapping windows of one
   batch change each other. Compare one window at a time.

@@ -33,8 +33,8 @@ python train.py --cfg configs/lodge/coarse_finedance_fea139.yaml --cfg_assets {o
 ```
 
 - `assets.yaml` has absolute paths below `{out}`: export again, or change it, after moving the folder.
-- dld/data/FineDance_Module.py, line 28, opens `/data2/lrh/project/dance/Lodge/lodge_pub/data/smplx_neu_J_1.npy` whatever
-  the configuration says. The file lies in `data/` of the repository; link it to that place:
+- dld/data/FineDance_Module.py, line 28, opens `/data2/lrh/project/dance/Lodge/lodge_pub/data/smplx_neu_J_1.npy`
+  whatever the configuration says. The file lies in `data/` of the repository; link it to that place:
 
   ```sh
   mkdir -p /data2/lrh/project/dance/Lodge/lodge_pub && ln -s $PWD/data /data2/lrh/project/dance/Lodge/lodge_pub/data

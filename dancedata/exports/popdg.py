@@ -24,10 +24,10 @@ python train.py --data_path {out}/ --processed_data_dir NEW_FOLDER/ --feature_ty
 
 - The loader opens a file `high_quality_dataset` in the working folder. The repository has one, and the empty one of
   this export does as well: windows of every clip are read either way.
-- `NEW_FOLDER` has to be new: `processed_{{train,test}}_data.pkl` and `{{train,test}}_tensor_dataset.pkl` in it win over
-  the data. After another export remove them, or pass `--force_reload --no_cache`.
-- train.py does not pass `--feature_type` on to its dataset: it reads `jukebox_feats` whatever the flag says, which only
-  sizes the model. So `{feature}` ({width} columns) lies in `jukebox_feats`{again}.
+- `NEW_FOLDER` has to be new: `processed_{{train,test}}_data.pkl` and `{{train,test}}_tensor_dataset.pkl` in it win
+  over the data. After another export remove them, or pass `--force_reload --no_cache`.
+- train.py does not pass `--feature_type` on to its dataset: it reads `jukebox_feats` whatever the flag says, which
+  only sizes the model. So `{feature}` ({width} columns) lies in `jukebox_feats`{again}.
 - Its loaders drop batches smaller than `--batch_size` (128 by default), of test too.
 - The loader was read, not run.
 """
