@@ -21,6 +21,7 @@ __all__ = [
     "build",
     "check",
     "decode",
+    "decode_file",
     "diff",
     "encode",
     "export",
@@ -30,8 +31,9 @@ __all__ = [
 ]
 
 if TYPE_CHECKING:
-    from dancedata.api.arrays import decode, encode, extract
+    from dancedata.api.arrays import encode, extract
     from dancedata.api.commands import build, check, plan
+    from dancedata.api.decoding import decode, decode_file
     from dancedata.api.export import export
     from dancedata.cache import FeatureCache
     from dancedata.core.audio_signal import AudioSignal
@@ -49,7 +51,8 @@ else:  # type checkers take the imports above, and so find misspelt names
             "Skeleton": "dancedata.core.skeleton",
             "build": "dancedata.api.commands",
             "check": "dancedata.api.commands",
-            "decode": "dancedata.api.arrays",
+            "decode": "dancedata.api.decoding",
+            "decode_file": "dancedata.api.decoding",
             "diff": "dancedata.pipeline.diff",
             "encode": "dancedata.api.arrays",
             "export": "dancedata.api.export",

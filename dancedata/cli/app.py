@@ -148,6 +148,30 @@ def check(
 
 @app.command()
 @_errors_to_exit_codes
+def decode(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A trainer's output: .npy, .npz or .pkl.")],
+    representation: Annotated[str, typer.Option("--as", metavar="NAME", help="What its columns are: edge151, ...")],
+    to: Annotated[str, typer.Option(help="bvh, npz, smpl (AMASS's arrays) or smplx.")],
+    out: Annotated[Path, typer.Option(help="Folder for the files.")],
+    like: Annotated[Path | None, typer.Option(metavar="STORE", help="Undo the normaliser of this dataset.")] = None,
+    fps: Annotated[str | None, typer.Option(help="Frames per second; default: the dataset's.")] = None,
+    key: Annotated[str | None, typer.Option(help="Array in a file with several.")] = None,
+    overwrite: Annotated[bool, typer.Option(help="Replace files that are there.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Write generated motion as BVH, SMPL or npz: dancedata decode FILE --as edge151 --to bvh --out DIR."""
+    from dancedata.api.decoding import decode_file
+
+    kind: Any = to  # checked there
+    files = decode_file(file, representation, to=kind, out=out, like=like, fps=fps, key=key, overwrite=overwrite)
+    if as_json:
+        _print_json({"files": [str(path) for path in files]})
+    else:
+        typer.echo("\n".join(map(str, files)))
+
+
+@app.command()
+@_errors_to_exit_codes
 def export(
     store: Annotated[Path, typer.Argument(metavar="STORE", help="A built dataset.")],
     to: Annotated[str, typer.Option(metavar="TARGET", help="What to export to: edge, lodge, npz, ... (see list).")],

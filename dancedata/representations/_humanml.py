@@ -4,8 +4,8 @@ Its bones are those of the first frame of AMASS's clip 000021, to which every cl
 direction, and gets the length of the target's. Two peculiarities of the original are part of the numbers:
 
 - The facing direction of a frame is computed from hips and shoulders taken in opposite directions, so that the hips
-  count against the shoulders (`inverse_kinematics_np` swaps its names for the hips). The clip itself is turned to +Z by
-  hips and shoulders taken the same way.
+  count against the shoulders (`inverse_kinematics_np` swaps its names for the hips). The clip itself is turned to
+  +Z by hips and shoulders taken the same way.
 - The facing angle of a frame lies within half a turn, and its step to the next is taken as the arc sine of half the
   difference. Where it passes half a turn, the step has the wrong sign, and recovered positions face elsewhere from
   there on.
@@ -26,8 +26,8 @@ PARENTS = (-1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18,
 #: are constant to 2e-6.
 BONE_LENGTHS = (
     0.0, 0.10307395, 0.10988335, 0.13156825, 0.39362314, 0.39018813, 0.14319026, 0.43243298, 0.42564332, 0.05736471,
-    0.14338174, 0.14941867, 0.21936, 0.13748683, 0.14338283, 0.10303927, 0.13161398, 0.12298431, 0.25683984, 0.26309186,
-    0.26601186, 0.2698763,
+    0.14338174, 0.14941867, 0.21936, 0.13748683, 0.14338283, 0.10303927, 0.13161398, 0.12298431, 0.25683984,
+    0.26309186, 0.26601186, 0.2698763,
 )  # fmt: skip
 _X, _Y, _Z = np.eye(3)
 #: Direction of each bone at rest, from its parent.

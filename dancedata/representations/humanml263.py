@@ -40,10 +40,10 @@ HUMANML22 = _skeleton()
 @REPRESENTATIONS.register("humanml263")
 @dataclass(frozen=True)
 class Humanml263(Representation):
-    """Root 4, 21 positions and rotations, 22 velocities, contacts 4, 20 per second (HumanML3D, Guo et al. 2022).
+    """Root 4, 21 positions and rotations, 22 velocities, contacts 4; 20 per second (HumanML3D, Guo et al. 2022).
 
-    Joints are retargeted to one body, whose bones have the lengths of a subject of AMASS; the lowest joint of the clip
-    is at y = 0, the first frame at the origin and facing +Z. Every frame's positions and velocities are relative to
+    Joints are retargeted to one body, whose bones have the lengths of a subject of AMASS; the lowest joint of the
+    clip is at y = 0, the first frame at the origin and facing +Z. Positions and velocities are relative to
     the root and to the direction that the frame faces. Velocities lead to the next frame; the last row, which
     HumanML3D does not have, repeats those of the row before. 6D is the first two columns of each matrix.
     Mirroring swaps the sides and reflects across the plane x = 0; the body itself is not symmetric (by 7 mm).
@@ -108,8 +108,8 @@ class Humanml263(Representation):
     def decode(self, array: npt.NDArray[Any], grid: FrameGrid) -> Motion:
         """Decode columns (T, 263), not normalised, into a motion with the positions that they hold.
 
-        Rotations are fitted to the positions; the columns' own are not used, and neither are velocities of joints. How
-        bones turn about themselves is not in the columns. Raises the errors of `positions`.
+        Rotations are fitted to the positions; the columns' own are not used, and neither are velocities of joints.
+        How bones turn about themselves is not in the columns. Raises the errors of `positions`.
         """
         return fitted(self.positions(array), HUMANML22, grid)
 

@@ -1,7 +1,8 @@
 """Make tests/golden/data from the whole reference set: python tests/golden/pack.py GOLDEN OUT.
 
 GOLDEN has the folders `peers`, `jukebox`, `bailando438` and `humanml263`, and the file `jukebox_keys.csv` beside it.
-What is left out, and why that changes no comparison, stands in data/README.md. The values that stay are the reference's own bits.
+What is left out, and why that changes no comparison, stands in data/README.md. The values that stay are the
+reference's own bits.
 """
 
 from __future__ import annotations
