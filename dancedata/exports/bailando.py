@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
+from shlex import quote
 from typing import Any, ClassVar
 
 import numpy as np
@@ -131,7 +132,7 @@ class Bailando(Export):
         )
         rotations = "" if _ROTATIONS in job.store.fields else " They are not here."
         return _GUIDE.format(
-            out=job.out,
+            out=quote(str(job.out)),
             train=_TRAIN,
             test=_TEST,
             music=_MUSIC,

@@ -62,8 +62,6 @@ def test_window_scope(built, tmp_path: Path) -> None:
 def test_widths_and_features(built, tmp_path: Path) -> None:
     made = built("edge")
     assert "no field jukebox" in refusal(made.path, "edge", tmp_path / "out", source=made.source, feature="jukebox")
-    store = write_random_store(tmp_path / "odd", clips={"train": 2, "test": 2}, n_frames=(160, 170), length=150).path
-    assert "train" in dancedata.open(store).splits
     text = refusal(built("sixty").path, "fact", tmp_path / "out", feature="bailando438")
     assert "bailando438 has 438 columns, not 35" in text
 
@@ -134,6 +132,19 @@ def test_an_export_does_not_go_into_what_it_reads(built) -> None:
         with pytest.raises(UsageError, match="does not go into its"):
             dancedata.export(made.path, "edge", place / "out", source=made.source, progress=False)
         assert not (place / "out").exists()
+
+
+def test_the_working_folder_is_not_replaced(built, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(UsageError, match="cannot replace the current working directory"):
+        dancedata.export(built("edge").path, "npz", ".", progress=False)
+
+
+def test_clips_shorter_than_a_window(tmp_path: Path) -> None:
+    store = write_random_store(tmp_path / "short").path  # clips of 40 to 140 frames
+    text = refusal(store, "edge", tmp_path / "out", sound="silence")
+    assert "train has no window of five seconds\n  fix: longer clips" in text
+    assert "test has no window of five seconds" in text
 
 
 def test_npz_names_fields_that_are_not_there(built, tmp_path: Path) -> None:
