@@ -12,6 +12,8 @@ from dancedata.exporting.job import ExportJob, Lack
 from dancedata.readers.presets import recipes_with
 from dancedata.store import ClipView
 
+_SOURCE = "give --source DIR, the folder with the music"
+
 
 def needs_field(
     job: ExportJob, name: str, *, kind: str, width: int | None = None, rate: int | str | None = None
@@ -71,22 +73,18 @@ def needs_splits(job: ExportJob, *splits: str) -> list[Lack]:
 def needs_music(job: ExportJob, clips: list[ClipView]) -> list[Lack]:
     """Check that --source has the music of clips."""
     if job.source is None:
-        return [
-            Lack("the music itself is needed, which no dataset holds", "give --source DIR, the folder with the music")
-        ]
+        return [Lack("the music itself is needed, which no dataset holds", _SOURCE)]
     try:
         missing = job.music.missing(clips)
     except DanceDataError as error:
-        return [Lack(str(error), "give --source DIR, the folder with the music")]
+        return [Lack(str(error), _SOURCE)]
     stretched = [c.id for c in clips if c.source and c.n_frames != job.store.clip(c.source).n_frames]
     if stretched:
         found = f"copies at another tempo, whose music no source holds: {listed(stretched)}"
         return [Lack(found, "a recipe without copies at another tempo under augment")]
     if not missing:
         return []
-    return [
-        Lack(f"no music below {job.source} for {listed(missing)}", "give --source DIR, the folder with the music")
-    ]
+    return [Lack(f"no music below {job.source} for {listed(missing)}", _SOURCE)]
 
 
 def needs_names(clips: Iterable[ClipView], is_read_right: Callable[[str], bool], form: str) -> list[Lack]:

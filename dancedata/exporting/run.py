@@ -115,6 +115,10 @@ def file_name_lacks(job: ExportJob) -> list[Lack]:
 
 
 def _check_place(job: ExportJob) -> None:
+    if job.out.resolve() == Path.cwd():
+        raise UsageError(
+            "cannot replace the current working directory", where=job.out, fix="export from another folder"
+        )
     for what, folder in (("dataset", job.store.path), ("source", job.source)):
         if folder is not None and job.out.resolve().is_relative_to(folder.resolve()):
             raise UsageError(f"an export does not go into its {what}", where=job.out, fix="choose another --out")

@@ -58,6 +58,9 @@ def slice_lacks(job: ExportJob, feature: str, splits: Sequence[str], *, sound: b
     lacks += needs_splits(job, *splits)
     if set("*?[") & set(str(job.out)):
         lacks.append(Lack("the loader lists folders by patterns, in which * ? [ have a meaning", "another --out"))
+    if not lacks:
+        empty = [split for split in splits if not len(_windows(job, split, feature))]
+        lacks += [Lack(f"{split} has no window of five seconds", "longer clips") for split in empty]
     return lacks + (needs_music(job, job.clips(*splits)) if sound else [])
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
+from shlex import quote
 from typing import Any, ClassVar
 
 import numpy as np
@@ -89,12 +90,12 @@ class Bailando(Export):
         lacks += needs_splits(job, "train", "test")
         clips = [clip for part in PARTS for clip in self._clips(job, part)]
         lacks += name_lacks(job, clips) + self._ignored_lacks(job)
-        if _MOTION in job.store.fields and all(len(c.read(_MOTION)) < _LEAST for c in self._clips(job, "train")):
-            lacks.append(
-                Lack(f"no sequence of train has {_LEAST} frames, and loaders stop without a window", "longer clips")
-            )
-        missing = needs_music(job, clips)
-        return lacks + (missing or find_songs(job, clips)[1])
+        lacks += needs_music(job, clips)
+        if lacks:
+            return lacks
+        if all(len(clip.read(_MOTION)) < _LEAST for clip in self._clips(job, "train")):
+            lacks.append(Lack(f"no sequence of train has {_LEAST} frames: loaders stop without one", "longer clips"))
+        return lacks + find_songs(job, clips)[1]
 
     def write(self, job: ExportJob, folder: ExportFolder) -> None:
         """Write the folders of sequences and songs."""
@@ -131,7 +132,7 @@ class Bailando(Export):
         )
         rotations = "" if _ROTATIONS in job.store.fields else " They are not here."
         return _GUIDE.format(
-            out=job.out,
+            out=quote(str(job.out)),
             train=_TRAIN,
             test=_TEST,
             music=_MUSIC,

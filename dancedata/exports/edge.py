@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from shlex import quote
 from typing import Any, ClassVar, Literal
 
 from dancedata.core.plugins import Export
@@ -75,6 +76,11 @@ class Edge(Export):
         if "val" in job.store.splits and not self.val_as_test:
             n = counted(len(job.clips("val")), "clip")
             folder.note(f"the split val ({n}) is not exported: --set val_as_test=true adds it to test")
+        if job.store.scope == "track":
+            folder.note(
+                "the music was computed over whole songs, where EDGE's scripts take five seconds at a time: for "
+                "their numbers build the recipe aist++-edge-exact"
+            )
         writer = SliceWriter(job, folder, self.feature, self.sound, repeat=2, batch=_BATCH)
         for part, splits in self._splits.items():
             found, motion = writer.write(part, splits)
@@ -89,7 +95,7 @@ class Edge(Export):
         width = job.store.fields[self.feature].width
         kind = slices.WIDTHS[width]
         again = ", and once more in `baseline_feats`" if kind == "baseline" else ""
-        return _GUIDE.format(out=job.out, kind=kind, feature=self.feature, width=width, again=again)
+        return _GUIDE.format(out=quote(str(job.out)), kind=kind, feature=self.feature, width=width, again=again)
 
     @property
     def _splits(self) -> dict[str, tuple[str, ...]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from shlex import quote
 from typing import Any, ClassVar
 
 import numpy as np
@@ -105,7 +106,7 @@ class Fact(Export):
 
     def guide(self, job: ExportJob) -> str:
         """Return FACT's command and its stops."""
-        return _GUIDE.format(out=job.out)
+        return _GUIDE.format(out=quote(str(job.out)))
 
     def _length(self, clip: ClipView) -> int:
         """Return how many frames of motion have music."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from shlex import quote
 from typing import Any, ClassVar
 
 import numpy as np
@@ -68,4 +69,4 @@ class FineDance(Export):
 
     def guide(self, job: ExportJob) -> str:
         """Return the trainer's command and its stops."""
-        return _GUIDE.format(out=job.out)
+        return _GUIDE.format(out=quote(str(job.out)))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from importlib.util import find_spec
+from shlex import quote
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -104,7 +105,7 @@ class Lodge(Export):
         """Return Lodge's commands and its stops."""
         over = "the tracks of all splits, test included" if self.scaler == "all" else "the tracks of train"
         lodge = "as Lodge fits it" if self.scaler == "all" else "Lodge fits it on test as well (`--scaler all`)"
-        return _GUIDE.format(out=job.out, over=over, lodge=lodge)
+        return _GUIDE.format(out=quote(str(job.out)), over=over, lodge=lodge)
 
     def _fitted(self, job: ExportJob) -> Iterator[npt.NDArray[np.float32]]:
         for clip in job.clips(*(job.store.splits if self.scaler == "all" else ("train",))):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from shlex import quote
 from typing import Any, ClassVar, Literal
 
 from dancedata.core.plugins import Export
@@ -74,4 +75,4 @@ class Popdg(Export):
         width = job.store.fields[self.feature].width
         kind = slices.WIDTHS[width]
         again = ", and once more in `baseline_feats`" if kind == "baseline" else ""
-        return _GUIDE.format(out=job.out, kind=kind, feature=self.feature, width=width, again=again)
+        return _GUIDE.format(out=quote(str(job.out)), kind=kind, feature=self.feature, width=width, again=again)
