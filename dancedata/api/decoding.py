@@ -150,6 +150,12 @@ def decode_file(
         As `decode`, and if the file cannot be read.
     StoreError
         If the files cannot be written; then none is left.
+
+    Examples
+    --------
+    >>> import dancedata
+    >>> dancedata.decode_file("samples.npy", "edge151", to="bvh", like="data/aistpp", out="generated")
+    [PosixPath('generated/samples_000.bvh'), PosixPath('generated/samples_001.bvh')]
     """
     path, out = Path(path).expanduser(), Path(out).expanduser()
     if to not in MOTION_FILES:

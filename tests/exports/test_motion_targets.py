@@ -233,3 +233,22 @@ def test_bvh_of_humanml3ds_columns(dataset: Path, store: Store, tmp_path: Path) 
     motion = load_motion(tmp_path / "out" / "bvh_m" / f"{clip}.bvh", Reading(Declared(unit="m", up="y"), Declared()))
     wanted = dancedata.decode(store.read_clip(clip, "humanml263"), "humanml263").joints()
     np.testing.assert_allclose(motion.joints()[:, :22], wanted, rtol=0, atol=1e-4)
+
+
+def test_bvh_is_read_by_blender(store: Store, bvh: Path) -> None:
+    bpy = pytest.importorskip("bpy", reason="bpy, Blender as a Python module, is not installed")
+    clip = store.clips[0].id
+    wanted = _stored(store, clip)
+    for unit, scale in (("m", 1.0), ("cm", 0.01)):
+        bpy.ops.wm.read_factory_settings(use_empty=True)
+        path = str(bvh / unit / f"bvh_{unit}" / f"{clip}.bvh")
+        bpy.ops.import_anim.bvh(
+            filepath=path, global_scale=scale, axis_forward="-Z", axis_up="Y", update_scene_fps=True
+        )
+        (body,) = (o for o in bpy.data.objects if o.type == "ARMATURE")
+        assert bpy.context.scene.render.fps == 30
+        for frame in (0, 1, 60, wanted.n_frames - 1):
+            bpy.context.scene.frame_set(frame + 1)
+            for name, (x, y, z) in zip(wanted.skeleton.joints, wanted.joints()[frame], strict=True):
+                found = np.array(body.matrix_world @ body.pose.bones[name].head)
+                np.testing.assert_allclose(found, (x, -z, y), rtol=0, atol=1e-4, err_msg=f"{name} in frame {frame}")
