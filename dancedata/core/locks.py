@@ -63,7 +63,7 @@ def open_locked(path: Path, *, wait: bool = True) -> int | None:
         fd = os.open(path, os.O_CREAT | os.O_RDWR | os.O_NOFOLLOW, 0o666)
         try:
             locked = lock_file(fd, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
-            # The holder before may have removed it: a lock on a file without a name excludes nobody.
+            # The holder before may have removed it: a lock on a file without a name excludes no process.
             if locked is not False and os.fstat(fd).st_nlink:
                 return fd
         except BaseException:

@@ -128,7 +128,7 @@ def find_root(
     Raises
     ------
     SourceError
-        If there is no such folder, or several candidates; names the expected and the existing files.
+        If the folder does not exist, or there are several candidates; names the expected and the existing files.
     """
     require_folder(dataset, source, looked_for)
     if (source / motions).is_dir():

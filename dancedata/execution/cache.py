@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
-from importlib.metadata import version
 from pathlib import Path
 from stat import S_ISLNK
 from typing import Any
@@ -20,6 +19,7 @@ import numpy.typing as npt
 
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.hashing import json_sha256, sha256_file
+from dancedata.core.packages import version
 from dancedata.execution import cache_files as files
 
 ENVIRONMENT = "DANCEDATA_CACHE"

@@ -47,7 +47,8 @@ def _splits_table(recipe: Recipe, clips: Sequence[StoredClip], splits: Sequence[
         songs = len({c.music for c in mine})
         rows.append(f"| {split} | {len(mine)} | {sum(len(c.starts) for c in mine)} | {songs} | {minutes:.1f} |")
     length_s, stride_s = recipe.windows.length_s, recipe.windows.stride_s
-    about = f"Windows of {length_s:g} s every {stride_s:g} s at {recipe.grid} frames a second, scope: {recipe.scope}."
+    windows = f"Windows of {length_s:g} s every {stride_s:g} s"
+    about = f"{windows} at {recipe.grid} frames per second, scope: {recipe.scope}."
     return "\n".join(["## Splits", "", *rows, "", about, ""])
 
 

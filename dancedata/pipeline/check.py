@@ -49,7 +49,7 @@ def check(
                 problems += _implausible(path)
             return problems
     if not path.is_dir():
-        problem = "this is not a folder" if path.exists() else "there is no such folder"
+        problem = "this is not a folder" if path.exists() else "the folder does not exist"
         raise SourceError(problem, where=path, allowed="a built dataset, or a folder to build from")
     reader, scan = _scan(path, dataset)
     problems = [Problem("note", str(path), note) for note in scan.notes]

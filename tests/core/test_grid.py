@@ -103,7 +103,7 @@ def test_windows_are_all_that_fit(n: int, length: int, stride: int) -> None:
 
 
 def test_windows_of_the_papers() -> None:
-    # FACTS 3: EDGE counts at 60 frames a second, so the 1,919-frame clip has one window fewer there.
+    # FACTS 3: EDGE counts at 60 frames per second, so the 1,919-frame clip has one window fewer there.
     assert WindowGrid(300, 30).count(1919) == 54
     assert WindowGrid(150, 15).count(960) == 55
     assert WindowGrid(150, 15).count(149) == 0

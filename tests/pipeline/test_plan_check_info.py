@@ -179,7 +179,7 @@ def test_wrong_usage_ends_with_2(args: list[str], said: str, tmp_path: Path, mon
     [
         (["build", "aist++", "--source", "nowhere", "--out", "x"], "does not exist"),
         (["plan", "aist++", "--source", "nowhere"], "does not exist"),
-        (["check", "nowhere"], "nowhere: there is no such folder"),
+        (["check", "nowhere"], "nowhere: the folder does not exist"),
         (["info", "nowhere"], "no finished dataset"),
     ],
 )

@@ -78,7 +78,7 @@ def find_folders(source: Path) -> Folders:
     Raises
     ------
     SourceError
-        If there is no such folder, or several candidates; names the expected and the existing files.
+        If the folder does not exist, or there are several candidates; names the expected and the existing files.
     """
     root, others = find_root(
         "aist++", "AIST++", source, MOTIONS, looked_for=LOOKED_FOR, is_known=_KNOWN.__contains__, advice=_advice

@@ -60,7 +60,7 @@ def find_folders(source: Path) -> Folders:
     Raises
     ------
     SourceError
-        If there is no such folder, or several candidates; names the expected and the existing files.
+        If the folder does not exist, or there are several candidates; names the expected and the existing files.
     """
     root, others = find_root(
         "finedance",
