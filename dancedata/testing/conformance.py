@@ -266,7 +266,7 @@ def check_export(cls: type[Export], folder: Path) -> None:
         An empty folder to work in.
     """
     check_plugin(cls)
-    made = cls()
+    made, folder = cls(), folder.absolute()
     source, store = build_for_export(made, folder)
     outs = [folder / "one" / "export", folder / "two" / "export"]
     for out in outs:
