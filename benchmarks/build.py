@@ -2,6 +2,7 @@
 
     python benchmarks/build.py                   # 500, 1000 and 2000 clips, track scope, 2 jobs
     python benchmarks/build.py 2000 --scope window --jobs 1
+    python benchmarks/build.py aistpp            # 1,380 clips of 13.3 s on 60 songs, both scopes
 
 The corpus is synthetic, 40 clips per song, with the fields edge151 and librosa35; it is written before the clock
 starts. Clips are short (6 s, 3 windows each), so that fixed costs per clip show; each build starts with an empty
@@ -9,6 +10,10 @@ cache.
 
 Memory is read from /proc (Linux): the peak resident set (VmHWM) of the process that builds and of each of its
 workers, sampled ten times per second. Pages of libraries and of mapped files that processes share count in each.
+"aistpp" has the size of AIST++: split "crossmodal", of which 1,138 clips are stored; times per clip count all 1,380.
+Each build is timed with an empty cache, and again from the cache; then the writing of window scope alone, see
+benchmarks/writing.py. --folder keeps the corpus there for the next time.
+
 `wait4` returns the largest peak of all of them, also between two samples; it is printed as "largest".
 """
 
@@ -61,18 +66,55 @@ class Spent:
 def main() -> None:
     """Build corpora of growing size and print a row for each."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("clips", nargs="*", type=int, help=f"multiples of {CLIPS_PER_SONG}, others are rounded")
+    parser.add_argument("clips", nargs="*", help=f"aistpp, or multiples of {CLIPS_PER_SONG}; others are rounded")
+    parser.add_argument("--folder", type=Path, help="for aistpp: folder to work in and to keep the corpus in")
     parser.add_argument("--scope", choices=["track", "window"], default="track")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--clip-s", type=float, default=6.0)
     given = parser.parse_args()
     print_machine()
+    if given.clips == ["aistpp"]:
+        with tempfile.TemporaryDirectory(prefix="build-") as name:
+            aistpp(given.folder or Path(name), given.jobs)
+        return
     print(f"{given.scope} scope, {given.jobs} jobs, clips of {given.clip_s:g} s")
-    for n_clips in given.clips or (500, 1000, 2000):
+    for n_clips in [int(n) for n in given.clips] or (500, 1000, 2000):
         with tempfile.TemporaryDirectory(prefix="build-") as name:
             songs = max(2, round(n_clips / CLIPS_PER_SONG))
             spent = build(Path(name), songs, given.clip_s, given.scope, given.jobs)
         print_row(songs * CLIPS_PER_SONG, spent)
+
+
+def aistpp(folder: Path, jobs: int) -> None:
+    """Build a corpus of the size of AIST++ in both scopes, cold and from the cache; then measure writing alone."""
+    folder.mkdir(parents=True, exist_ok=True)
+    print(f"60 songs, 1,380 clips of 13.3 s, {jobs} jobs")
+    for scope in ("track", "window"):
+        recipe, cache = folder / f"{scope}.yaml", folder / f"cache-{scope}"
+        text = RECIPE.replace("split: all", "split: crossmodal")
+        recipe.write_text(text.format(songs=60, clips=23, clip_s=13.3, scope=scope), encoding="utf-8")
+        source = folder / "source"
+        # Writes the corpus, if it is not there, and leaves nothing in the cache that is measured.
+        environment = {**os.environ, "DANCEDATA_CACHE": str(folder / "cache-plan")}
+        command = [sys.executable, "-m", "dancedata"]
+        subprocess.run(
+            [*command, "plan", str(recipe), "--source", str(source)], check=True, capture_output=True, env=environment
+        )
+        shutil.rmtree(cache, ignore_errors=True)
+        environment["DANCEDATA_CACHE"] = str(cache)
+        for label in ("cold", "from the cache"):
+            out = folder / "out"
+            shutil.rmtree(out, ignore_errors=True)
+            arguments = ["--source", str(source), "--out", str(out), "--jobs", str(jobs)]
+            print(f"{scope} scope, {label}: ", end="", flush=True)
+            print_row(1380, watched([*command, "build", str(recipe), *arguments], environment))
+            shutil.rmtree(out)
+    print("writing window scope (benchmarks/writing.py)", flush=True)
+    script = Path(__file__).with_name("writing.py")
+    subprocess.run([sys.executable, str(script), *map(str, (recipe, source, cache, folder / "writing"))], check=True)
+    shutil.rmtree(folder / "writing")
+    for scope in ("track", "window", "plan"):
+        shutil.rmtree(folder / f"cache-{scope}", ignore_errors=True)
 
 
 def print_row(n_clips: int, spent: Spent) -> None:

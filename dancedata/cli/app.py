@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
+from copy import copy
 from io import TextIOWrapper
 from pathlib import Path
 from typing import Annotated, Any
@@ -14,7 +16,6 @@ from dancedata.cli.jukebox import app as jukebox
 from dancedata.core.errors import UsageError
 from dancedata.core.text import json_text
 from dancedata.core.version import __version__
-from dancedata.execution.arithmetic import adopt
 
 app = typer.Typer(
     help="Turn dance motion capture and music into training data.",
@@ -226,7 +227,7 @@ def info(
 @_errors_to_exit_codes
 def list_plugins(as_json: AsJson = False) -> None:
     """List recipes and plug-ins of all kinds, with their keys."""
-    from dancedata.cli.text import catalogue, describe_catalogue
+    from dancedata.cli.catalogue import catalogue, describe_catalogue
 
     if as_json:
         _print_json(catalogue())
@@ -299,6 +300,16 @@ def diff(
         raise typer.Exit(1)
 
 
+@app.command()
+@_errors_to_exit_codes
+def doctor(as_json: AsJson = False) -> None:
+    """Check in half a minute that this installation works; exit code 1 if something fails. Leaves nothing behind."""
+    from dancedata.cli.doctor import run_doctor
+
+    if not run_doctor(as_json=as_json):
+        raise typer.Exit(1)
+
+
 @caches.command("info")
 @_errors_to_exit_codes
 def cache_info(cache: CacheFolder = None, as_json: AsJson = False) -> None:
@@ -366,10 +377,24 @@ def _print_json(obj: Any) -> None:
     typer.echo(json_text(obj))
 
 
+def only_named(arguments: Sequence[str]) -> typer.Typer:
+    """Return the app with the one command that is asked for, if one is, or with none for the version.
+
+    Typer makes the parameters of every command that an app has before it looks which one is meant: most of the time
+    that help takes.
+    """
+    named = copy(app)
+    name = arguments[0] if arguments else ""
+    commands = [c for c in app.registered_commands if name == (c.name or getattr(c.callback, "__name__", ""))]
+    groups = [group for group in app.registered_groups if name == group.name]
+    if commands or groups or name == "--version":
+        named.registered_commands, named.registered_groups = commands, groups
+    return named
+
+
 def main() -> None:
     """Run the command line."""
-    adopt()
     # A path on the command line need not be UTF-8, and results name it.
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")
-    app(prog_name="dancedata")
+    only_named(sys.argv[1:])(prog_name="dancedata")

@@ -10,14 +10,19 @@ import typer
 
 from dancedata.cli.interrupts import EXIT_CODE, is_interrupted
 from dancedata.core.errors import DanceDataError, UsageError
+from dancedata.execution.arithmetic import adopt
 
 
 def errors_to_exit_codes(command: Callable[..., None]) -> Callable[..., None]:
-    """Print our errors as text: exit code 2 for wrong usage, 1 for a problem in the data."""
+    """Print our errors as text: exit code 2 for wrong usage, 1 for a problem in the data.
+
+    Before a command begins, and loads numpy, the instructions are chosen that results are computed with.
+    """
 
     @wraps(command)
     def run(*args: Any, **kwargs: Any) -> None:
         try:
+            adopt()
             command(*args, **kwargs)
         except DanceDataError as error:
             if is_interrupted():

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-import inspect
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -11,13 +9,11 @@ from typing import Any
 
 from dancedata.core.clip import Reject
 from dancedata.core.quality import IMPLAUSIBLE
-from dancedata.core.registry import REGISTRIES
 from dancedata.core.text import shown, table
 from dancedata.execution.cache_admin import size_text
 from dancedata.pipeline.implausible import describe_implausible
 from dancedata.pipeline.left_out import left_out_lines
 from dancedata.pipeline.rejects import NOTED
-from dancedata.recipes.parse import load_recipe, recipe_names
 from dancedata.store import Problem, Store, open_store
 from dancedata.store.clip_columns import CLIP_COLUMNS
 
@@ -168,32 +164,3 @@ def describe_problems(path: Path, problems: Sequence[Problem]) -> str:
         if len(notes) > _NAMED:
             lines.append(f"note: {kind}: {len(notes) - _NAMED} more (all with --json)")
     return "\n".join([*lines, f"{shown(path)}: {len(errors)} errors, {len(problems) - len(errors)} notes"])
-
-
-def catalogue() -> dict[str, Any]:
-    """Return all recipes and plug-ins, each with one line of description and its keys."""
-    recipes = {name: load_recipe(name).description for name in recipe_names()}
-    found: dict[str, Any] = {"recipes": {name: {"about": about} for name, about in recipes.items()}}
-    for kind, registry in REGISTRIES.items():
-        found[kind] = {name: _plugin_json(registry.get(name)) for name in registry.names()}
-    return found
-
-
-def _plugin_json(cls: type[Any]) -> dict[str, Any]:
-    about = (inspect.getdoc(cls) or "").split("\n\n")[0].replace("\n", " ")
-    keys = {f.name: f.default for f in dataclasses.fields(cls) if f.default is not dataclasses.MISSING}
-    if getattr(cls, "default_contacts", None) is not None:
-        keys["contacts"] = cls.default_contacts
-    return {"about": about, "keys": keys}
-
-
-def describe_catalogue(found: Mapping[str, Any]) -> str:
-    """Return the output of `list`."""
-    lines = []
-    for kind, entries in found.items():
-        lines.append(f"{kind}:")
-        for name, entry in entries.items():
-            lines.append(f"  {name}: {entry['about']}")
-            if entry.get("keys"):
-                lines.append(f"    keys: {', '.join(f'{k}={v!r}' for k, v in entry['keys'].items())}")
-    return "\n".join(lines)

@@ -8,7 +8,7 @@ import pkgutil
 import threading
 from collections.abc import Callable, Iterable
 from functools import lru_cache
-from importlib.metadata import entry_points
+from importlib.util import find_spec
 from typing import Any, Generic, TypeVar
 
 from dancedata.core.errors import UsageError, did_you_mean
@@ -40,6 +40,9 @@ class Registry(Generic[P]):
     the group of the same name, for plug-ins in other distributions. Each registers a frozen dataclass, whose
     fields are the keys a recipe may set.
 
+    Modules are imported when they are needed: to find one plug-in, that of its name, with "p" for "+" (aistpp has
+    "aist++"), is imported before the others; for the names of all, every module is.
+
     Parameters
     ----------
     kind
@@ -55,7 +58,8 @@ class Registry(Generic[P]):
         self.package = package
         self.base = base
         self._classes: dict[str, type[P]] = {}
-        self._begun = self._loaded = False
+        self._begun: set[str] = set()
+        self._done: set[str] = set()
 
     def register(self, name: str) -> Callable[[C], C]:
         """Return a decorator that registers a class under `name`, which becomes its attribute `name`.
@@ -104,39 +108,69 @@ class Registry(Generic[P]):
         self._load()
         return tuple(sorted(self._classes))
 
+    def __contains__(self, name: object) -> bool:
+        """Tell whether a plug-in has this name."""
+        return self._find(name) is not None
+
     def get(self, name: str, also: Iterable[str] = ()) -> type[P]:
         """Return a plug-in class; UsageError with the closest known name, or of `also`, see `did_you_mean`."""
-        self._load()
-        try:
-            return self._classes[name]
-        except KeyError:
-            raise UsageError(f"unknown {self.kind} {name!r}", fix=did_you_mean(name, self.names(), also)) from None
+        found = self._find(name)
+        if found is None:
+            raise UsageError(f"unknown {self.kind} {name!r}", fix=did_you_mean(name, self.names(), also))
+        return found
+
+    def _find(self, name: object) -> type[P] | None:
+        if not isinstance(name, str):
+            return None
+        # Those of other distributions first, so that a name that is taken twice is an error in every case.
+        self._once("installed", self._import_installed)
+        module = name.replace("+", "p")
+        if name not in self._classes and module.isidentifier() and not module.startswith("_"):
+            self._once(f"module {module}", lambda: self._import_own(module))
+        if name not in self._classes:
+            self._load()
+        return self._classes.get(name)
 
     def _load(self) -> None:
-        if self._loaded:
+        self._once("package", self._import_package)
+        self._once("installed", self._import_installed)
+
+    def _once(self, step: str, run: Callable[[], None]) -> None:
+        if step in self._done:
             return
         with _loading:
-            if self._begun:  # by another thread, or further up: a plug-in's module may ask for another plug-in
+            # By another thread, or further up: a plug-in's module may ask for another plug-in.
+            if step in self._begun:
                 return
-            self._begun = True
+            self._begun.add(step)
             try:
-                self._import_all()
+                run()
             except BaseException:
-                self._begun = False  # the next one that asks gets the error too, not a part of the plug-ins
+                self._begun.remove(step)  # the next one that asks gets the error too, not a part of the plug-ins
                 raise
-            self._loaded = True
+            self._done.add(step)
 
-    def _import_all(self) -> None:
+    def _import_own(self, module: str) -> None:
+        """Import the module of this name, if the package has one."""
+        if find_spec(f"{self.package}.{module}") is not None:
+            importlib.import_module(f"{self.package}.{module}")
+
+    def _import_package(self) -> None:
         package = importlib.import_module(self.package)
         for module in pkgutil.iter_modules(package.__path__):
             if not module.name.startswith("_"):
                 importlib.import_module(f"{self.package}.{module.name}")
+
+    def _import_installed(self) -> None:
         for entry in _installed().select(group=self.package):
             entry.load()
 
 
 @lru_cache(maxsize=1)
 def _installed() -> Any:
+    # Here, as worker processes ask for no plug-in by name.
+    from importlib.metadata import entry_points
+
     # Of all groups at once: each question reads the metadata of all installed packages.
     return entry_points()
 

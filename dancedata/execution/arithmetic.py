@@ -21,8 +21,9 @@ import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import lru_cache
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+
+from dancedata.core.packages import version
 
 #: The instructions that results are computed with wherever possible, as named in keys and dataset.json.
 REFERENCE = "x86-64-v3"
@@ -102,7 +103,7 @@ def has_reference() -> bool:
 def _numpy_features() -> str:
     try:
         major, minor = (int(part) for part in version("numpy").split(".")[:2])
-    except (PackageNotFoundError, ValueError):
+    except (ModuleNotFoundError, ValueError):
         major, minor = max(_NUMPY_FEATURES)
     return next(features for since, features in _NUMPY_FEATURES.items() if (major, minor) >= since)
 

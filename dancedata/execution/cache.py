@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
-from importlib.metadata import version
 from pathlib import Path
 from stat import S_ISLNK
 from typing import Any
@@ -20,6 +19,7 @@ import numpy.typing as npt
 
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.hashing import json_sha256, sha256_file
+from dancedata.core.packages import version
 from dancedata.execution import cache_files as files
 
 ENVIRONMENT = "DANCEDATA_CACHE"
@@ -91,7 +91,7 @@ class CachedArray:
             array = self._read_again()
         except (OSError, ValueError) as error:
             raise self._lost(error) from error
-        return np.array(array if self.entries is None else array[list(self.entries)], dtype=dtype)
+        return np.asarray(array if self.entries is None else _entries(array, self.entries), dtype=dtype)
 
     def take(self, entries: tuple[int, ...]) -> CachedArray:
         """Return the given indices along the first axis, in that order."""
@@ -132,6 +132,14 @@ class CachedArray:
             problem = "an entry of the cache is gone"
         fix = "run the same command again: only this entry is computed again"
         return EntryLostError(problem, where=self.path, found=str(error), fix=fix)
+
+
+def _entries(array: npt.NDArray[Any], entries: tuple[int, ...]) -> npt.NDArray[Any]:
+    """Return entries along the first axis; those that follow one another are not copied."""
+    first = entries[0] if entries else 0
+    if first >= 0 and entries == tuple(range(first, first + len(entries))) and first + len(entries) <= len(array):
+        return array[first : first + len(entries)]
+    return array[list(entries)]
 
 
 @dataclass(frozen=True)

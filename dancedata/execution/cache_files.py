@@ -92,10 +92,11 @@ def read_array(path: Path) -> npt.NDArray[Any]:
     """Read an entry and compare its checksum; ValueError if it is damaged, OSError if it cannot be read."""
     with open(path, "rb") as file:
         shape, dtype, begin = read_head(file.fileno())
-        data = bytearray(os.fstat(file.fileno()).st_size)
-        if file.readinto(data) != len(data):
+        # Not a bytearray: its bytes would be set to 0 first.
+        data = np.empty(os.fstat(file.fileno()).st_size, np.uint8)
+        if file.readinto(data.data) != len(data):
             raise ValueError("it ends before its end")
-    view = memoryview(data)
+    view = data.data
     _, checksum = _TRAILER.unpack(view[-_TRAILER.size :])
     if zlib.crc32(view[: -_TRAILER.size]) != checksum:
         raise ValueError("its checksum is not that of its bytes")

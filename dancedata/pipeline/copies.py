@@ -56,7 +56,8 @@ def make_copies(
             continue
         every = MotionKeys(recipe, content, spec)
         keys = [every.of(clip.ref, clip.motion_sha256) for clip in clips]
-        calls = [(cache, recipe, c.ref, c.motion_sha256, own, spec) for c, own in zip(clips, keys, strict=True)]
+        read = recipe.without_audio
+        calls = [(cache, read, c.ref, c.motion_sha256, own, spec) for c, own in zip(clips, keys, strict=True)]
         known = [known_motion(cache, recipe, own) for own in keys]
         label = f"encoding copies ({spec.name})"
         results = run_units(encode_motion, calls, known=known, jobs=jobs, label=label, progress=progress)

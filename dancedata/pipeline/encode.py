@@ -28,7 +28,8 @@ def encode_clips(
     every = MotionKeys(recipe, sources.content)
     keys = [every.of(clip.ref, clip.motion_sha256) for clip in sources.clips]
     known = [known_motion(cache, recipe, own) for own in keys]
-    calls = [(cache, recipe, c.ref, c.motion_sha256, own) for c, own in zip(sources.clips, keys, strict=True)]
+    read = recipe.without_audio
+    calls = [(cache, read, c.ref, c.motion_sha256, own) for c, own in zip(sources.clips, keys, strict=True)]
     results = run_units(encode_motion, calls, known=known, jobs=jobs, label="encoding motion", progress=progress)
     clips, rejects = [], []
     for clip, result in zip(sources.clips, results, strict=True):

@@ -264,7 +264,7 @@ def _find(name: str) -> Path:
     fix = f"{did_you_mean(name, recipe_names())}; or give the path of a .yaml file"
     if path.is_dir():
         problem, fix = f"{problem}: it is a folder", f"name a recipe, and the folder with --source; {fix}"
-    elif name in DATASETS.names():
+    elif name in DATASETS:
         problem, fix = f"{problem}: it is a dataset", f"write a recipe with dataset: {name}; {fix}"
     raise UsageError(problem, fix=fix)
 

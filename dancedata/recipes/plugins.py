@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
@@ -72,32 +72,30 @@ def split_instance(registry: Registry[P], name: str) -> tuple[str, str | None]:
     parts = name.split(".")
     for n in range(len(parts) - 1, 0, -1):
         plugin = ".".join(parts[:n])
-        if name not in registry.names() and plugin in registry.names():
+        if name not in registry and plugin in registry:
             return plugin, ".".join(parts[n:])
     return name, None
 
 
 def longest_key(at: Any, parts: list[str], registry: Registry[Any] | None) -> tuple[str, list[str]]:
     """Split off the longest key that a mapping has or that is registered, or else the first part."""
-    known = {*at, *(registry.names() if registry is not None else ())}
     for n in range(len(parts), 1, -1):
         key = ".".join(parts[:n])
-        if key in known:
+        if key in at or (registry is not None and key in registry):
             return key, parts[n:]
     return parts[0], parts[1:]
 
 
-def key_paths(registry: Registry[P], where: str, given: Any, also: Sequence[str] = ()) -> list[str]:
-    """Return the keys of the plug-ins that a slot names, as --set takes them: "audio.librosa35.tightness"."""
+def key_paths(registry: Registry[P], where: str, given: Any, also: Sequence[str] = ()) -> Iterator[str]:
+    """Yield the keys of the plug-ins that a slot names, as --set takes them: "audio.librosa35.tightness"."""
     names = [given] if isinstance(given, str) else list(given) if isinstance(given, dict) else []
-    paths = []
     for name in names:
         plugin, _ = split_instance(registry, str(name))
-        if plugin not in registry.names():
+        if plugin not in registry:
             continue
         keys = [f.name for f in dataclasses.fields(registry.get(plugin))]
-        paths += [f"{where}.{name}", *(f"{where}.{name}.{key}" for key in (*keys, *also))]
-    return paths
+        yield f"{where}.{name}"
+        yield from (f"{where}.{name}.{key}" for key in (*keys, *also))
 
 
 def make_named(registry: Registry[P], where: str, name: str, parameters: dict[str, Any]) -> P:
@@ -156,7 +154,7 @@ def one_of(registry: Registry[P], where: str, given: Any, problems: list[str]) -
     """Make the one plug-in of a slot, given as ``name`` or ``{name: {parameters}}``."""
     if isinstance(given, str):
         given = {given: {}}
-    strange = [name for name in given if name not in registry.names()] if isinstance(given, dict) else []
+    strange = [name for name in given if name not in registry] if isinstance(given, dict) else []
     if strange and len(given) - len(strange) == 1:
         # "dataset.split=all" where "dataset.aist++.split=all" was meant.
         for name in strange:

@@ -52,6 +52,11 @@ class Recipe:
         """The fields that follow from a clip's motion."""
         return (*self.motion, *self.keymotion)
 
+    @cached_property
+    def without_audio(self) -> Recipe:
+        """The recipe without audio fields: all that encoding depends on, so that workers load no feature for it."""
+        return replace(self, audio=())
+
     @property
     def fps(self) -> Fraction:
         """Frames a second of the store."""

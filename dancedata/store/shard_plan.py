@@ -12,6 +12,7 @@ import numpy.typing as npt
 from dancedata.core.errors import StoreError
 from dancedata.store.clip_check import check_clip
 from dancedata.store.schema import (
+    Field,
     StoreHeader,
     check_name,
     shard_name,
@@ -109,6 +110,11 @@ class ShardPlan:
                 found=f"{known[1].shape} and {block.array.shape}",
             )
         return known[0]
+
+    def window_starts(self, f: Field, clip: int) -> IntArray:
+        """Return the row of a field, counted in the clip, at which each window of a clip begins."""
+        starts = np.asarray(self.clips[clip].starts, dtype=np.int64)
+        return self.header.grid.rows_of_all(starts, of=f.grid)[0]
 
     def window_table(self) -> WindowTable:
         """Return the windows of the shard, in the store's order."""

@@ -1,10 +1,17 @@
-"""Writes one shard: clip by clip, so that memory holds one clip or one timeline at a time."""
+"""Writes one shard: clip by clip, so that memory holds two clips or timelines at a time.
+
+A thread loads the next array while one is checked and written.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -13,17 +20,22 @@ from dancedata.core.atomic import atomic_file
 from dancedata.core.errors import StoreError
 from dancedata.store import hdf5
 from dancedata.store.clip_columns import CLIP_COLUMNS
+from dancedata.store.overlaps import BoolArray, SameColumns, same_columns
 from dancedata.store.schema import FORMAT, Field
 from dancedata.store.shard_plan import ShardPlan
 from dancedata.store.sparse_file import SparseFile
 from dancedata.store.stored_clip import LazyArray
 
 #: Values converted and checked at a time.
-_CHUNK_VALUES = 1 << 21
+_CHUNK_VALUES = 1 << 18
 
 
-def write_shard(out: Path, plan: ShardPlan, progress: Callable[[], None]) -> None:
-    """Write the shard that `plan` describes to ``out / plan.file``, whole or not at all.
+@contextmanager
+def written_shard(out: Path, plan: ShardPlan, progress: Callable[[], None]) -> Iterator[SameColumns]:
+    """Write the shard that `plan` describes, and put it at ``out / plan.file`` at the end of the context.
+
+    Leaving the context flushes it to the disk and renames it, which another thread may do. On any exception nothing
+    of the shard is left.
 
     Parameters
     ----------
@@ -33,6 +45,11 @@ def write_shard(out: Path, plan: ShardPlan, progress: Callable[[], None]) -> Non
         What goes where.
     progress
         Called after each clip.
+
+    Returns
+    -------
+    context manager of SameColumns
+        Of all clips together; empty in track scope.
 
     Raises
     ------
@@ -47,9 +64,12 @@ def write_shard(out: Path, plan: ShardPlan, progress: Callable[[], None]) -> Non
         _write_clips(file.create_group("clips"), plan)
         _write_windows(file.create_group("windows"), plan)
         offsets = {f.name: _make_field(file, plan, f) for f in plan.header.fields}
-    with atomic_file(out / plan.file) as temporary, open(temporary, "wb") as target:
-        layout.copy_to(target)
-        _write_fields(target, plan, offsets, progress)
+    with atomic_file(out / plan.file) as temporary:
+        with open(temporary, "wb") as target:
+            layout.copy_to(target)
+            target.flush()
+            same = _write_fields(target.fileno(), plan, offsets, progress)
+        yield same
 
 
 def _write_attributes(file: Any, plan: ShardPlan) -> None:
@@ -89,36 +109,82 @@ def _make_field(file: Any, plan: ShardPlan, f: Field) -> int:
     return int(dataset.id.get_offset() or 0)
 
 
+@dataclass(frozen=True)
+class _Piece:
+    """Rows to be written: number of their clip, field, first row in the field, and the array that has them."""
+
+    clip: int
+    field: Field
+    first: int
+    array: LazyArray
+    where: str
+
+
 def _write_fields(
-    target: IO[bytes], plan: ShardPlan, offsets: Mapping[str, int], progress: Callable[[], None]
-) -> None:
-    """Write all rows to their places, clip by clip."""
+    file: int, plan: ShardPlan, offsets: Mapping[str, int], progress: Callable[[], None]
+) -> dict[str, BoolArray]:
+    """Write all rows to their places, clip by clip; returns what `same_columns` finds in all clips."""
+    windowed = [f for f in plan.header.fields if f.per_clip and plan.header.scope == "window"]
+    same = {f.name: np.ones(f.columns.width, dtype=np.bool_) for f in windowed}
+    done = 0
+    with ThreadPoolExecutor(max_workers=1, thread_name_prefix="loading") as loading:
+        for piece, array in _loaded_ahead(loading, _pieces(plan)):
+            while done < piece.clip:
+                done += 1
+                progress()
+            place = offsets[piece.field.name] + piece.first * piece.field.row_bytes
+            for rows in _checked_rows(array, piece):
+                _write_at(file, rows.data.cast("B"), place)
+                place += rows.nbytes
+            if piece.field.name in same:
+                same[piece.field.name] &= same_columns(array, plan.window_starts(piece.field, piece.clip))
+            del array
+    while done < len(plan.clips):
+        done += 1
+        progress()
+    return same
 
-    def write(f: Field, first: int, array: LazyArray, where: str) -> None:
-        target.seek(offsets[f.name] + first * f.row_bytes)
-        for rows in _checked_rows(array, f, where):
-            target.write(rows.data)
 
+def _pieces(plan: ShardPlan) -> Iterator[_Piece]:
+    """Yield what is written of each clip; what clips share is written with the first of them."""
     written: dict[str, set[str]] = {name: set() for name in plan.blocks}
     for number, clip in enumerate(plan.clips):
         for f in plan.header.fields:
             where = f"clip {clip.id}, field {f.name}"
             if f.per_clip:
-                write(f, plan.motion[f.name][number].start, clip.motion[f.name], where)
+                yield _Piece(number, f, plan.motion[f.name][number].start, clip.motion[f.name], where)
                 continue
             for block in clip.audio[f.name]:
                 if block.key not in written[f.name]:
                     written[f.name].add(block.key)
-                    write(f, plan.blocks[f.name][block.key][0], block.array, where)
-        progress()
+                    yield _Piece(number, f, plan.blocks[f.name][block.key][0], block.array, where)
 
 
-def _checked_rows(lazy: LazyArray, f: Field, where: str) -> Iterator[npt.NDArray[Any]]:
-    """Load an array and yield its rows as they are stored, some at a time."""
-    array = np.asarray(lazy)
-    if array.shape != tuple(lazy.shape):
+def _loaded_ahead(loading: Executor, pieces: Iterable[_Piece]) -> Iterator[tuple[_Piece, npt.NDArray[Any]]]:
+    """Yield pieces with their arrays, and load the next one meanwhile."""
+    each = ((piece, loading.submit(np.asarray, piece.array)) for piece in pieces)
+    begun = next(each, None)
+    while begun is not None:
+        piece, array = begun[0], begun[1].result()
+        # Without the future, nothing but the caller has the array.
+        begun = None
+        begun = next(each, None)
+        yield piece, array
+        del array
+
+
+def _write_at(file: int, data: memoryview, place: int) -> None:
+    while data:
+        n = os.pwrite(file, data, place)
+        data, place = data[n:], place + n
+
+
+def _checked_rows(array: npt.NDArray[Any], piece: _Piece) -> Iterator[npt.NDArray[Any]]:
+    """Yield the rows of a piece as they are stored, some at a time."""
+    f, where, shape = piece.field, piece.where, piece.array.shape
+    if array.shape != tuple(shape):
         raise StoreError(
-            "an array does not have the shape that it reported", where=where, found=array.shape, allowed=lazy.shape
+            "an array does not have the shape that it reported", where=where, found=array.shape, allowed=shape
         )
     if array.dtype.kind not in "fiub":
         raise StoreError("an array does not hold real numbers", where=where, found=str(array.dtype))

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -11,30 +14,24 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.normalize import MinMax
-from dancedata.store import hdf5
+from dancedata.store.column_stats import QUANTILES, ColumnStats, column_stats
+from dancedata.store.counted_rows import CountedRows, Counts
+from dancedata.store.overlaps import SameColumns, rows_once
 from dancedata.store.schema import Field, StoreHeader
 from dancedata.store.shard_plan import ShardPlan
+from dancedata.store.threads import n_threads
 
-QUANTILES = (0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
 #: Values (float32) of a block of columns in memory; a field with more rows is read in several passes.
-_BLOCK_VALUES = 1 << 25
-#: Values read from the file at a time.
-_CHUNK_VALUES = 1 << 21
-
-Counts = npt.NDArray[np.int64]
-
-
-@dataclass(frozen=True)
-class _Rows:
-    """Rows of a dataset in a shard, and how many times each of them counts."""
-
-    path: Path
-    dataset: str
-    counts: Counts
+_BLOCK_VALUES = 1 << 24
 
 
 def compute_stats(
-    out: Path, header: StoreHeader, plans: Sequence[ShardPlan], *, block_values: int = _BLOCK_VALUES
+    out: Path,
+    header: StoreHeader,
+    plans: Sequence[ShardPlan],
+    same: Sequence[SameColumns] = (),
+    *,
+    block_values: int = _BLOCK_VALUES,
 ) -> dict[str, Any]:
     """Compute statistics over every row that a train window covers.
 
@@ -47,6 +44,9 @@ def compute_stats(
         Folder with the shards, written.
     header, plans
         Of the store.
+    same
+        What writing each shard found out. It saves reading the rows that windows have in common more than once, and
+        changes no number.
     block_values
         Values held in memory at a time.
 
@@ -67,29 +67,54 @@ def compute_stats(
     if not train:
         result["note"] = "there are no train windows, so there are no statistics and no scaler"
         return result
+    shards = [own for own, plan in zip(same, plans, strict=False) if any(plan is p for p in train)]
     for f in header.fields:
-        sources = list(_covered(out, header, f, train))
-        result["fields"][f.name] = _field_stats(f, sources, block_values)
+        found: list[ColumnStats] = []
+        sources = _covered(out, header, f, train)
+        for columns, once in _groups(f, shards):
+            found += _column_stats(_each_once(sources, train, f) if once else sources, columns, block_values)
+        result["fields"][f.name] = _summary(sum(int(source.counts.sum()) for source in sources), found)
     return result
 
 
-def _covered(out: Path, header: StoreHeader, f: Field, train: Sequence[ShardPlan]) -> Iterator[_Rows]:
-    """Yield the rows of the train shards and their counts; a timeline of several shards counts in the first."""
+def _groups(f: Field, same: Sequence[SameColumns]) -> Iterator[tuple[slice, bool]]:
+    """Split the columns of a field into those whose rows the windows of all shards have in common, and others."""
+    flags = np.zeros(f.columns.width, dtype=np.bool_)
+    if all(f.name in shard for shard in same) and same:
+        flags = np.logical_and.reduce([shard[f.name] for shard in same])
+    edges = [0, *(np.flatnonzero(np.diff(flags)) + 1).tolist(), len(flags)]
+    for begin, end in pairwise(edges):
+        yield slice(begin, end), bool(flags[begin])
+
+
+def _each_once(sources: Sequence[CountedRows], train: Sequence[ShardPlan], f: Field) -> list[CountedRows]:
+    """Return the same rows, where windows have them in common: each once, with the number of its windows."""
+    counted = []
+    for source, plan in zip(sources, train, strict=True):
+        length = plan.header.grid.rows(plan.header.length, of=f.grid)
+        starts = [plan.window_starts(f, number) for number in range(len(plan.clips))]
+        known = {own.tobytes(): rows_once(own, length).reshape(-1) for own in starts}
+        counted.append(replace(source, counts=np.concatenate([known[own.tobytes()] for own in starts])))
+    return counted
+
+
+def _covered(out: Path, header: StoreHeader, f: Field, train: Sequence[ShardPlan]) -> list[CountedRows]:
+    """Return the rows of the train shards and their counts; a timeline of several shards counts in the first."""
     length = header.grid.rows(header.length, of=f.grid)
     first_shard: dict[str, tuple[Counts, int]] = {}
-    found: list[_Rows] = []
+    counted: list[Counts] = []
     for plan in train:
         starts = plan.window_table().rows[f.name]
         edges = np.zeros(plan.rows[f.name] + 1, dtype=np.int64)
         np.add.at(edges, starts, 1)
         np.add.at(edges, starts + length, -1)
-        counts = np.cumsum(edges[:-1])
+        counts = np.cumsum(edges[:-1], dtype=np.int32)
         if header.scope == "track":
             counts = np.minimum(counts, 1)
             if f.kind == "audio":
                 _count_in_first_shard(plan, f.name, counts, first_shard)
-        found.append(_Rows(out / plan.file, f.path, counts))
-    yield from found
+        counted.append(counts)
+    return [CountedRows.of(out / plan.file, f.path, counts) for plan, counts in zip(train, counted, strict=True)]
 
 
 def _count_in_first_shard(
@@ -106,61 +131,31 @@ def _count_in_first_shard(
         here[:] = 0
 
 
-def _field_stats(f: Field, sources: Sequence[_Rows], block_values: int) -> dict[str, Any]:
-    n = int(sum(int(s.counts.sum()) for s in sources))
-    width = f.columns.width
-    step = max(1, min(width, block_values // n))
-    summary: dict[str, list[Any]] = {k: [] for k in ("mean", "std", "min", "max")}
-    quantiles: dict[str, list[float]] = {str(q): [] for q in QUANTILES}
-    for begin in range(0, width, step):
-        block = _read_columns(sources, n, slice(begin, min(begin + step, width)))
-        # Sorted columns make every number below independent of the order in which rows were stored.
-        block.sort(axis=1)
-        for column in block:
-            _add_column(column, summary, quantiles)
-        # Otherwise two blocks would be in memory while the next one is read.
-        del block, column
+def _column_stats(sources: Sequence[CountedRows], columns: slice, block_values: int) -> list[ColumnStats]:
+    """Read some columns of a field, as many at a time as fit into a block, and return the statistics of each."""
+    each = [source.weights for source in sources]
+    weights = np.concatenate(each)
+    of_rows = None if (weights == 1).all() else weights
+    firsts = [0, *itertools.accumulate(map(len, each))]
+    step = max(1, block_values // len(weights))
+    found: list[ColumnStats] = []
+    with ThreadPoolExecutor(n_threads(), thread_name_prefix="statistics") as threads:
+        for begin in range(columns.start, columns.stop, step):
+            some = slice(begin, min(begin + step, columns.stop))
+            block = np.empty((some.stop - some.start, len(weights)), dtype=np.float32)
+            parts = [block[:, a:b] for a, b in pairwise(firsts)]
+            list(threads.map(CountedRows.read_into, sources, itertools.repeat(some), parts))
+            found += threads.map(column_stats, block, itertools.repeat(of_rows))
+            # Otherwise two blocks would be in memory while the next one is read.
+            del block, parts
+    return found
+
+
+def _summary(n: int, found: Sequence[ColumnStats]) -> dict[str, Any]:
+    summary = {name: [getattr(own, name) for own in found] for name in ("mean", "std", "min", "max")}
+    quantiles = {str(q): [own.quantiles[k] for own in found] for k, q in enumerate(QUANTILES)}
     minimum, maximum = (np.asarray(summary[k], dtype=np.float32) for k in ("min", "max"))
     return {"n": n, **summary, "quantiles": quantiles, "scaler": _scaler(minimum, maximum)}
-
-
-def _read_columns(sources: Sequence[_Rows], n: int, columns: slice) -> npt.NDArray[np.float32]:
-    """Read some columns of all counted rows, (columns, n), in runs of whole rows."""
-    block = np.empty((columns.stop - columns.start, n), dtype=np.float32)
-    filled = 0
-    for source in sources:
-        with hdf5.open_file(source.path) as file:
-            dataset = file[source.dataset]
-            step = max(1, _CHUNK_VALUES // dataset.shape[1])
-            for begin in range(0, len(source.counts), step):
-                counts = source.counts[begin : begin + step]
-                total = int(counts.sum())
-                if total:
-                    rows = dataset[begin : begin + len(counts)][:, columns]
-                    block[:, filled : filled + total] = np.repeat(rows, counts, axis=0).T
-                    filled += total
-    # Turns -0.0 into 0.0: the two are equal, so a sort may put either one first.
-    block += np.float32(0)
-    return block
-
-
-def _add_column(
-    column: npt.NDArray[np.float32], summary: dict[str, list[Any]], quantiles: dict[str, list[float]]
-) -> None:
-    values = column.astype(np.float64)
-    low, high = float(values[0]), float(values[-1])
-    mean = low if low == high else float(values.mean())
-    difference = values - mean
-    summary["mean"].append(mean)
-    summary["std"].append(float(np.sqrt(np.mean(difference * difference))))
-    summary["min"].append(low)
-    summary["max"].append(high)
-    for q in QUANTILES:
-        position = q * (len(values) - 1)
-        below = int(position)
-        above = min(below + 1, len(values) - 1)
-        between = values[below] + (values[above] - values[below]) * (position - below)
-        quantiles[str(q)].append(float(between))
 
 
 def _scaler(minimum: npt.NDArray[np.float32], maximum: npt.NDArray[np.float32]) -> dict[str, list[float]]:

@@ -6,7 +6,8 @@ import itertools
 import json
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor, wait
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from dancedata.core.atomic import write_text
 from dancedata.core.clip import Reject
 from dancedata.core.errors import StoreError
 from dancedata.core.hashing import json_sha256, sha256_file
+from dancedata.store.overlaps import SameColumns
 from dancedata.store.schema import (
     CARD_FILE,
     DATASET_FILE,
@@ -24,7 +26,7 @@ from dancedata.store.schema import (
     StoreHeader,
 )
 from dancedata.store.shard_plan import ShardPlan, plan_shards
-from dancedata.store.shard_writer import write_shard
+from dancedata.store.shard_writer import written_shard
 from dancedata.store.stats import compute_stats
 from dancedata.store.stored_clip import StoredClip
 
@@ -74,15 +76,25 @@ def write_store(
             progress(next(done), len(clips))
 
     try:
-        with ThreadPoolExecutor(max_workers=1, thread_name_prefix="hashing") as hashing:
-            # A shard is hashed while the next one is written, or the statistics are computed; at most one waits.
+        with (
+            ThreadPoolExecutor(max_workers=1, thread_name_prefix="publishing") as publishing,
+            ThreadPoolExecutor(max_workers=1, thread_name_prefix="hashing") as hashing,
+        ):
+            # A shard is flushed and hashed while the next one is written, or the statistics are computed; at most one
+            # waits for either.
+            published: list[Future[None]] = []
             entries: list[Future[dict[str, Any]]] = []
+            same: list[SameColumns] = []
             for plan in plans:
-                write_shard(out, plan, advance)
-                wait(entries)
-                entries.append(hashing.submit(_describe_shard, out, plan))
-            stats = compute_stats(out, header, plans)
-            document["shards"] = [shard.result() for shard in entries]
+                with ExitStack() as shard:
+                    same.append(shard.enter_context(written_shard(out, plan, advance)))
+                    if entries:
+                        entries[-1].result()
+                    published.append(publishing.submit(shard.pop_all().close))
+                entries.append(hashing.submit(_describe_shard, out, plan, published[-1]))
+            published[-1].result()
+            stats = compute_stats(out, header, plans, same)
+            document["shards"] = [entry.result() for entry in entries]
         write_text(out / STATS_FILE, dump_json(stats))
         write_text(out / REJECTS_FILE, dump_lines([r.to_json() for r in rejects]))
         write_text(out / QUALITY_FILE, dump_lines(quality))
@@ -167,7 +179,8 @@ def _check_meta(header: StoreHeader, document: dict[str, Any]) -> dict[str, Any]
     return {**document, **meta}
 
 
-def _describe_shard(out: Path, plan: ShardPlan) -> dict[str, Any]:
+def _describe_shard(out: Path, plan: ShardPlan, published: Future[None]) -> dict[str, Any]:
+    published.result()
     return {
         "file": plan.file,
         "split": plan.split,

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from dancedata.cli import errors
+from dancedata.cli.app import app, only_named
 from dancedata.execution.cache import Cache
 from dancedata.pipeline.audio import SignalId, extract_track, identify_audio
 from dancedata.pipeline.motion import MotionKeys, encode_motion
@@ -22,9 +24,14 @@ LATER = HEAVY | {"h5py", "joblib", "loky", "yaml", "tqdm", "numpy"}
 
 def imported(*args: str) -> set[str]:
     """Top-level packages that a fresh interpreter imports."""
+    return {name.split(".")[0] for name in modules(*args)}
+
+
+def modules(*args: str) -> set[str]:
+    """Modules that a fresh interpreter imports."""
     result = subprocess.run([sys.executable, "-X", "importtime", *args], check=True, capture_output=True, text=True)
     lines = [line for line in result.stderr.splitlines() if line.startswith("import time:")]
-    names = {line.rsplit("|", 1)[1].strip().split(".")[0] for line in lines}
+    names = {line.rsplit("|", 1)[1].strip() for line in lines}
     assert "dancedata" in names
     return names
 
@@ -42,6 +49,57 @@ def test_help_is_light(args: list[str]):
 def test_reading_is_light():
     names = imported("-c", "import dancedata; dancedata.open")
     assert names & (HEAVY | {"joblib", "loky", "pydantic", "typer"}) == set()
+
+
+def test_listing_is_light():
+    """It shows the fields of plug-ins' classes: these need numpy, and nothing that reads, computes or writes."""
+    code = "from dancedata.cli.catalogue import *; assert 'edge151' in describe_catalogue(catalogue())"
+    names = modules("-c", code)
+    assert {name.split(".")[0] for name in names} & (HEAVY | {"h5py", "loky", "pydantic", "typer", "tqdm"}) == set()
+    rooms = {name.split(".")[1] for name in names if name.startswith("dancedata.")}
+    assert rooms & {"pipeline", "store", "api", "readers", "testing"} == set()
+    assert imported("-m", "dancedata", "list") & (HEAVY | {"h5py", "loky", "tqdm"}) == set()
+
+
+def test_a_recipe_loads_its_own_plug_ins():
+    names = modules("-c", "from dancedata.recipes.parse import load_recipe; load_recipe('aist++')")
+    assert {"dancedata.datasets.aistpp.reader", "dancedata.audio.librosa35.feature"} <= names
+    others = ("datasets.finedance", "datasets.folder", "audio.jukebox", "representations.fact219", "synthetic")
+    assert [name for name in names if name.startswith(tuple(f"dancedata.{other}" for other in others))] == []
+
+
+def test_only_the_command_that_is_asked_for_is_made():
+    names = {command.name or command.callback.__name__ for command in app.registered_commands}  # type: ignore[union-attr]
+    assert {"build", "plan", "list", "doctor"} <= names
+    for name in names:
+        (command,) = only_named([name, "--help"]).registered_commands
+        assert name in (command.name, command.callback.__name__)  # type: ignore[union-attr]
+    assert [group.name for group in only_named(["cache", "info"]).registered_groups] == ["cache"]
+    for arguments in ([], ["--help"], ["biuld"]):
+        assert only_named(arguments).registered_commands == app.registered_commands
+
+
+def test_every_command_chooses_how_results_are_computed():
+    """Before it begins: see `errors_to_exit_codes`."""
+    groups = [app, *(group.typer_instance for group in app.registered_groups)]
+    for command in (command for group in groups for command in group.registered_commands):  # type: ignore[union-attr]
+        assert command.callback.__code__.co_filename == errors.__file__, command.name  # type: ignore[union-attr]
+
+
+def test_a_worker_that_encodes_motion_loads_no_feature(corpus: Path, tmp_path: Path):
+    recipe, cache = load_recipe("aist++"), Cache(tmp_path / "cache")
+    (ref, *_) = recipe.dataset.scan(corpus).clips
+    sha = cache.file_sha256(ref.motion_path)
+    unit = (encode_motion, (cache, recipe.without_audio, ref, sha, MotionKeys(recipe, {}).of(ref, sha)))
+    (tmp_path / "unit").write_bytes(pickle.dumps(unit))
+    code = "import pickle, sys\nfunction, call = pickle.load(open(sys.argv[1], 'rb'))\nfunction(*call)"
+    names = modules("-c", code, str(tmp_path / "unit"))
+    assert "dancedata.representations.edge151" in names
+    heavy = HEAVY | {"pydantic", "h5py", "typer", "loky", "importlib.metadata"}
+    assert names & heavy == set()
+    assert [name for name in names if name.startswith("dancedata.audio")] == []
+    (made,) = recipe.motion
+    assert cache.array("motion", unit[1][4].fields[made.name]) is not None
 
 
 def test_workers_import_neither_pydantic_nor_librosa(corpus: Path, tmp_path: Path):

@@ -22,7 +22,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dancedata.audio.checks import require_rows, require_samples, require_windows
-from dancedata.audio.librosa35 import fast, reference
 from dancedata.audio.librosa35.settings import HOP, N_COLUMNS, Settings
 from dancedata.audio.signal import pcm16, resampled_length
 from dancedata.core.audio_signal import AudioSignal
@@ -117,6 +116,8 @@ class Librosa35(AudioFeature):
         rate = _feature_rate(grid)
         _require_bpm(start_bpm)
         require_samples("librosa35", signal)
+        from dancedata.audio.librosa35 import fast, reference
+
         is_fast = self._is_fast(lambda: fast.why_not_track(signal.samples, signal.sample_rate, rate))
         compute = fast.track_features if is_fast else reference.track_features
         return compute(signal.samples, Settings(signal.sample_rate, rate, start_bpm, self.tightness))
@@ -125,6 +126,8 @@ class Librosa35(AudioFeature):
         """Return the tempo that `extract` starts from if none is given, in beats per minute."""
         rate = _feature_rate(grid)
         require_samples("librosa35", signal)
+        from dancedata.audio.librosa35 import fast, reference
+
         is_fast = self._is_fast(lambda: fast.why_not_track(signal.samples, signal.sample_rate, rate))
         estimate = fast.estimated_bpm if is_fast else reference.estimated_bpm
         return estimate(signal.samples, signal.sample_rate)
@@ -136,6 +139,8 @@ class Librosa35(AudioFeature):
         rate = _feature_rate(grid)
         require_samples("librosa35", signal)
         require_windows("librosa35", signal, starts, n_samples)
+        from dancedata.audio.librosa35 import fast, reference
+
         is_fast = self._is_fast(lambda: fast.why_not_windows(n_samples, signal.sample_rate, rate))
         estimate = fast.estimated_bpm if is_fast else reference.estimated_bpm
         windows = (pcm16(signal.samples[int(start) : int(start) + n_samples]) for start in starts)
@@ -192,6 +197,8 @@ class Librosa35(AudioFeature):
         require_rows("librosa35", self.n_rows(n_samples, signal.sample_rate, grid), n_rows, grid)
         if len(starts) == 0:
             return np.empty((0, n_rows, N_COLUMNS), dtype=np.float32)
+        from dancedata.audio.librosa35 import fast, reference
+
         is_fast = self._is_fast(lambda: fast.why_not_windows(n_samples, signal.sample_rate, rate))
         if is_fast and (reason := fast.why_not_shared(signal.sample_rate, rate)):
             _log_once("librosa35: windows are computed one by one, three times as slowly: %s", reason)
