@@ -21,18 +21,22 @@ __all__ = [
     "build",
     "check",
     "decode",
+    "decode_file",
     "diff",
     "encode",
     "evaluate",
+    "export",
     "extract",
     "open",
     "plan",
 ]
 
 if TYPE_CHECKING:
-    from dancedata.api.arrays import decode, encode, extract
+    from dancedata.api.arrays import encode, extract
     from dancedata.api.commands import build, check, plan
     from dancedata.api.evaluation import evaluate
+    from dancedata.api.decoding import decode, decode_file
+    from dancedata.api.export import export
     from dancedata.cache import FeatureCache
     from dancedata.core.audio_signal import AudioSignal
     from dancedata.core.motion import Motion
@@ -49,10 +53,12 @@ else:  # type checkers take the imports above, and so find misspelt names
             "Skeleton": "dancedata.core.skeleton",
             "build": "dancedata.api.commands",
             "check": "dancedata.api.commands",
-            "decode": "dancedata.api.arrays",
+            "decode": "dancedata.api.decoding",
+            "decode_file": "dancedata.api.decoding",
             "diff": "dancedata.pipeline.diff",
             "encode": "dancedata.api.arrays",
             "evaluate": "dancedata.api.evaluation",
+            "export": "dancedata.api.export",
             "extract": "dancedata.api.arrays",
             "open": "dancedata.store.dataset:open_store",
             "plan": "dancedata.api.commands",

@@ -1,4 +1,4 @@
-"""extract, encode and decode: one song or one motion at a time, without a dataset."""
+"""extract and encode: one song or one motion at a time, without a dataset."""
 
 from __future__ import annotations
 
@@ -117,44 +117,3 @@ def encode(
     raise_problems(problems)
     array: npt.NDArray[np.float32] = plugin.encode(motion, made)
     return array
-
-
-def decode(array: npt.NDArray[Any], representation: str, *, fps: Number = 30, **parameters: Any) -> Motion:
-    """Decode the columns of a representation into a motion.
-
-    Parameters
-    ----------
-    array
-        (T, D) columns, not normalised: as stored, or as `unnormalize` returns them.
-    representation
-        Name of the representation that the columns are in.
-    fps
-        Frames per second of the rows.
-    parameters
-        The representation's own, as in a recipe.
-
-    Returns
-    -------
-    Motion
-        Metres, radians, +Y up.
-
-    Raises
-    ------
-    UsageError
-        For an unknown representation or parameter, and for a representation that holds positions only.
-    DataError
-        If the columns are not those of the representation, or not finite.
-
-    Examples
-    --------
-    >>> import dancedata
-    >>> dancedata.decode(ds.read(window, "edge151"), "edge151", fps=ds.fps)
-    Motion(150 frames at 30 FPS, 5.00 s, skeleton smpl24)
-    """
-    plugin = make_named(REPRESENTATIONS, "motion", representation, parameters)
-    if not plugin.decodes:
-        raise UsageError(
-            f"{representation} cannot be decoded: positions do not determine how a bone turns about its own axis",
-            fix="use the positions as they are, or store a representation that holds rotations as well",
-        )
-    return plugin.decode(array, FrameGrid.of(fps))

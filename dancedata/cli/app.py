@@ -42,7 +42,8 @@ Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print no progress.")
 CACHE_HELP = "Cache folder; default $DANCEDATA_CACHE, else the user's cache folder."
 CacheFolder = Annotated[Path | None, typer.Option("--cache", help=CACHE_HELP)]
 ATOL_HELP = "Floating-point values that differ by no more than this are the same; default: compared exactly."
-KINDS_HELP = "dataset, representation, contact-rule, feature, key-motion, augmentation, filter or metric."
+KINDS_HELP = "dataset, representation, contact-rule, feature, key-motion, augmentation, filter, metric or export."
+TARGET_HELP = "Set a parameter of the target; list shows them."
 PART_HELP = "Compute the K-th of N shares of the work into the cache and write no dataset, for job arrays."
 
 
@@ -146,6 +147,64 @@ def check(
         typer.echo(describe_problems(path, problems))
     if errors:
         raise typer.Exit(1)
+
+
+@app.command()
+@_errors_to_exit_codes
+def decode(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A trainer's output: .npy, .npz or .pkl.")],
+    representation: Annotated[str, typer.Option("--as", metavar="NAME", help="What its columns are: edge151, ...")],
+    to: Annotated[str, typer.Option(help="bvh, npz, smpl (AMASS's arrays) or smplx.")],
+    out: Annotated[Path, typer.Option(help="Folder for the files.")],
+    like: Annotated[Path | None, typer.Option(metavar="STORE", help="Undo the normaliser of this dataset.")] = None,
+    fps: Annotated[str | None, typer.Option(help="Frames per second; default: the dataset's.")] = None,
+    key: Annotated[str | None, typer.Option(help="Array in a file with several.")] = None,
+    overwrite: Annotated[bool, typer.Option(help="Replace files that are there.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Write generated motion as BVH, SMPL or npz: dancedata decode FILE --as edge151 --to bvh --out DIR."""
+    from dancedata.api.decoding import decode_file
+
+    kind: Any = to  # checked there
+    files = decode_file(file, representation, to=kind, out=out, like=like, fps=fps, key=key, overwrite=overwrite)
+    if as_json:
+        _print_json({"files": [str(path) for path in files]})
+    else:
+        typer.echo("\n".join(map(str, files)))
+
+
+@app.command()
+@_errors_to_exit_codes
+def export(
+    store: Annotated[Path, typer.Argument(metavar="STORE", help="A built dataset.")],
+    to: Annotated[str, typer.Option(metavar="TARGET", help="What to export to: edge, lodge, npz, ... (see list).")],
+    out: Annotated[Path, typer.Option(help="Folder to write; new or empty.")],
+    source: Annotated[Path | None, typer.Option(help="Folder with the music, for targets that write sound.")] = None,
+    feature: Annotated[str | None, typer.Option(help="Audio feature to write, where the target takes one.")] = None,
+    scaler: Annotated[str | None, typer.Option(help="train or all: what the target's scaler is fitted on.")] = None,
+    keep_ignored: Annotated[bool, typer.Option("--keep-ignored", help="Keep clips of the ignore list.")] = False,
+    link: Annotated[bool, typer.Option("--link", help="Hard links in place of files with equal bytes.")] = False,
+    overrides: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help=TARGET_HELP)] = None,
+    overwrite: Annotated[bool, typer.Option(help="Replace an export that was not changed.")] = False,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
+) -> None:
+    """Write a dataset as the files of another trainer or program: dancedata export STORE --to edge --out DIR."""
+    from dancedata.api.export import export as run_export
+    from dancedata.recipes.parse import apply_override
+
+    parameters: dict[str, Any] = {}
+    for override in overrides or ():
+        apply_override(parameters, override)
+    named = {"feature": feature, "scaler": scaler, "keep_ignored": keep_ignored or None}
+    parameters |= {key: value for key, value in named.items() if value is not None}
+    result = run_export(
+        store, to, out, source=source, link=link, overwrite=overwrite, progress=not (quiet or as_json), **parameters
+    )
+    if as_json:
+        _print_json(result.to_json())
+    else:
+        typer.echo(result.summary)
 
 
 @app.command()

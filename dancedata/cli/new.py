@@ -15,6 +15,7 @@ from dancedata.core.registry import (
     AUGMENTATIONS,
     CONTACTS,
     DATASETS,
+    EXPORTS,
     FEATURES,
     FILTERS,
     KEYMOTIONS,
@@ -91,6 +92,7 @@ KINDS = {
     "augmentation": Kind(AUGMENTATIONS, "augmentation.py", "augment: {NAME: {}}"),
     "filter": Kind(FILTERS, "filter.py", "windows: {filter: {NAME: {}}}"),
     "metric": Kind(METRICS, "metric.py", "", 'METRICS.get("NAME")().measure(dance), and protocols'),
+    "export": Kind(EXPORTS, "export.py", "", "dancedata export STORE --to NAME --out DIR"),
 }
 
 

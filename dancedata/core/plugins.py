@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import Any, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -28,12 +28,17 @@ from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import Skeleton
 from dancedata.core.spatial import Spatial
 
+if TYPE_CHECKING:  # an export reads a whole dataset: the only plug-in that takes more than values of core
+    from dancedata.exporting.folder import ExportFolder
+    from dancedata.exporting.job import ExportJob, Lack
+
 __all__ = [
     "AudioFeature",
     "Augmentation",
     "Better",
     "ContactRule",
     "Dataset",
+    "Export",
     "Float32Array",
     "KeyMotionFinder",
     "Metric",
@@ -129,6 +134,9 @@ class Representation(Plugin):
         cannot be turned or shifted.
     decodes
         Whether the class has a `decode` of its own; set by itself.
+    fits
+        Whether `decode` returns a motion with the joint positions of the columns only, on bones of their own: where
+        the dancer stood and faced, the body's bones and how they turn about themselves are lost in `encode`.
     """
 
     default_contacts: ClassVar[str | None] = None
@@ -138,6 +146,7 @@ class Representation(Plugin):
     rotation_6d: ClassVar[str | None] = None
     spatial: ClassVar[Spatial | None] = None
     decodes: ClassVar[bool] = False
+    fits: ClassVar[bool] = False
 
     @property
     @abstractmethod
@@ -508,3 +517,46 @@ class Metric(Plugin):
         if not len(rows):
             raise Undefined("few_clips", found="0 clips", allowed="at least 1")
         return dict(zip(self.columns, rows.mean(axis=0).tolist(), strict=True))
+
+
+class Export(Plugin):
+    """Writes a built dataset as the files that one trainer or program reads.
+
+    Attributes
+    ----------
+    recipe
+        Keys of a recipe whose datasets have all that the export needs, as in a recipe's YAML. Errors show them, and
+        the conformance suite builds such a dataset.
+    reference
+        Repository and commit of the code that reads the files; "" where there is none.
+    listed_folders
+        Folders of which a loader opens every file: besides its own files nothing may be written there.
+    """
+
+    recipe: ClassVar[Mapping[str, Any]]
+    reference: ClassVar[str] = ""
+    listed_folders: ClassVar[tuple[str, ...]] = ()
+
+    @abstractmethod
+    def lacks(self, job: ExportJob) -> list[Lack]:
+        """Return everything that the dataset lacks for this export; nothing is written while there is something.
+
+        `dancedata.exporting.needs` has the usual checks: fields, rates, splits, scope, names, music.
+        """
+
+    @abstractmethod
+    def write(self, job: ExportJob, folder: ExportFolder) -> None:
+        """Write the files. Called once `lacks` has returned nothing.
+
+        Parameters
+        ----------
+        folder
+            Its methods write files by their path below the folder of the export.
+        """
+
+    @abstractmethod
+    def guide(self, job: ExportJob) -> str:
+        """Return Markdown for the README of the export.
+
+        The trainer's command, its caches that have to be removed, and where it is known to stop.
+        """

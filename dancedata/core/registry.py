@@ -17,6 +17,7 @@ from dancedata.core.plugins import (
     Augmentation,
     ContactRule,
     Dataset,
+    Export,
     KeyMotionFinder,
     Metric,
     Plugin,
@@ -183,6 +184,7 @@ KEYMOTIONS = Registry("key motion", "dancedata.keymotion", KeyMotionFinder)
 AUGMENTATIONS = Registry("augmentation", "dancedata.augment", Augmentation)
 FILTERS = Registry("window filter", "dancedata.filters", WindowFilter)
 METRICS = Registry("metric", "dancedata.metrics", Metric)
+EXPORTS = Registry("export", "dancedata.exports", Export)
 
 #: All of them, by what `dancedata list` calls them.
 REGISTRIES: dict[str, Registry[Any]] = {
@@ -194,4 +196,5 @@ REGISTRIES: dict[str, Registry[Any]] = {
     "augmentations": AUGMENTATIONS,
     "window filters": FILTERS,
     "metrics": METRICS,
+    "exports": EXPORTS,
 }

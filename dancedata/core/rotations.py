@@ -84,6 +84,29 @@ def matrix_from_6d(rows: FloatArray) -> Float64Array:
     return np.stack([a, b, np.cross(a, b)], axis=-2)
 
 
+def shortest_rotation(start: FloatArray, end: FloatArray, fallback: FloatArray | None = None) -> Float64Array:
+    """Return the shortest rotations (..., 3, 3) from one direction (..., 3) to another.
+
+    For opposite directions: 180 degrees about the part of `fallback`, (..., 3), perpendicular to them, or the
+    identity without one. `fallback` must not be parallel to them.
+    """
+    a = start / np.maximum(np.linalg.norm(start, axis=-1, keepdims=True), 1e-300)
+    b = end / np.maximum(np.linalg.norm(end, axis=-1, keepdims=True), 1e-300)
+    cosine = np.sum(a * b, axis=-1)[..., None, None]
+    axis = np.cross(a, b)
+    cross = np.zeros((*axis.shape[:-1], 3, 3))
+    cross[..., 0, 1], cross[..., 0, 2], cross[..., 1, 2] = -axis[..., 2], axis[..., 1], -axis[..., 0]
+    cross -= np.swapaxes(cross, -1, -2)
+    opposite = cosine < -0.999999
+    turned = np.eye(3) + cross + cross @ cross / np.where(opposite, 1.0, 1 + cosine)
+    half = np.eye(3)
+    if fallback is not None:
+        perpendicular = fallback - np.sum(fallback * a, axis=-1, keepdims=True) * a
+        perpendicular /= np.maximum(np.linalg.norm(perpendicular, axis=-1, keepdims=True), 1e-300)
+        half = 2 * perpendicular[..., :, None] * perpendicular[..., None, :] - np.eye(3)
+    return np.where(opposite, half, turned)
+
+
 def slerp(rotvec: FloatArray, frames: Float64Array) -> Float64Array:
     """Interpolate rotations (T, J, 3) at fractional frames (M,), along the shortest arc: (M, J, 3)."""
     lower = np.minimum(frames.astype(np.int64), max(len(rotvec) - 2, 0))

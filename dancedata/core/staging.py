@@ -128,13 +128,14 @@ def foreign_in(folder: Path, layout: Layout) -> list[str]:
     if folder.is_symlink() or not folder.is_dir():
         return [folder.name]
     names = sorted(os.listdir(folder))
-    if not _is_proved(folder):
+    if not is_claimed(folder):
         # A process killed while it was saying so leaves an empty folder, or one with a temporary file.
         return [name for name in names if not (is_temporary(name) and _is_file(folder / name))]
     return [n for n in names if not (_is_file(folder / n) and (n == MARKER or is_temporary(n) or layout.is_own(n)))]
 
 
-def _is_proved(folder: Path) -> bool:
+def is_claimed(folder: Path) -> bool:
+    """Tell whether a folder is one that `claim` has made."""
     marker = folder / MARKER
     try:
         return _is_file(marker) and marker.stat().st_size == len(_PROOF) and marker.read_bytes() == _PROOF

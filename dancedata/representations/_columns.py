@@ -52,7 +52,7 @@ def translation() -> Part:
 
 def positions(skeleton: Skeleton) -> Part:
     """Return joint positions, metres."""
-    return _per_joint("position", "m", skeleton, tuple(_AXES), _S)
+    return per_joint("position", "m", skeleton, tuple(_AXES), _S)
 
 
 def rotations(skeleton: Skeleton, n_rows: int) -> Part:
@@ -64,17 +64,20 @@ def rotations(skeleton: Skeleton, n_rows: int) -> Part:
     entries = [(r, c) for r in range(n_rows) for c in range(3)]
     name = {2: "rotation_6d", 3: "rotation_matrix"}[n_rows]
     parts = tuple(f"{r}{_AXES[c]}" for r, c in entries)
-    return _per_joint(name, "1", skeleton, parts, [_S[r] * _S[c] for r, c in entries])
+    return per_joint(name, "1", skeleton, parts, [_S[r] * _S[c] for r, c in entries])
 
 
-def _per_joint(name: str, unit: str, skeleton: Skeleton, parts: tuple[str, ...], signs: Sequence[int]) -> Part:
-    n, width = skeleton.n_joints, len(parts)
-    other = list(range(n))
+def per_joint(
+    name: str, unit: str, skeleton: Skeleton, entries: Sequence[str], signs: Sequence[int], *, first: int = 0
+) -> Part:
+    """Return the same entries of every joint from `first` on; mirroring swaps the sides and applies `signs`."""
+    other = list(range(skeleton.n_joints))
     for left, right in skeleton.pairs:
         other[left], other[right] = right, left
-    permutation = tuple(width * other[joint] + k for joint in range(n) for k in range(width))
-    labels = tuple(f"{joint}.{part}" for joint in skeleton.joints for part in parts)
-    return Part(Group(name, n * width, unit, labels), Mirror(permutation, tuple(signs) * n))
+    width, joints = len(entries), skeleton.joints[first:]
+    permutation = tuple(width * (joint - first) + k for joint in other[first:] for k in range(width))
+    labels = tuple(f"{joint}.{entry}" for joint in joints for entry in entries)
+    return Part(Group(name, len(joints) * width, unit, labels), Mirror(permutation, tuple(signs) * len(joints)))
 
 
 def packed_positions(motion: Motion) -> npt.NDArray[np.float32]:

@@ -65,6 +65,28 @@ class ClipView(ClipRecord):
         """
         return self.store.read_clip(self.id, field)
 
+    def read_song(self, field: str) -> npt.NDArray[Any]:
+        """Read the rows of an audio field from the clip's first frame to the end of its music.
+
+        Parameters
+        ----------
+        field
+            Name of an audio field.
+
+        Returns
+        -------
+        ndarray
+            (T, D), a new array: `read`, and the rows after the clip's last frame.
+
+        Raises
+        ------
+        UsageError
+            For a field of motion.
+        StoreError
+            In window scope, where clips are not stored whole.
+        """
+        return self.store.read_song(self.id, field)
+
     def __repr__(self) -> str:
         """Show id, length, music and genre."""
         length = f"{self.n_frames} frames, {float(self.store.grid.seconds(self.n_frames)):.2f} s"

@@ -340,6 +340,15 @@ class Store:
 
     def read_clip(self, clip_id: str, field: str) -> npt.NDArray[Any]:
         """Read all rows of a field that belong to a clip; see `ClipView.read`."""
+        return self._read_rows(clip_id, field, whole_song=False)
+
+    def read_song(self, clip_id: str, field: str) -> npt.NDArray[Any]:
+        """Read an audio field from a clip's first frame to the end of its music; see `ClipView.read_song`."""
+        if self.field(field).kind != "audio":
+            raise UsageError(f"field {field} is not a field of music", where=str(self.path), fix="use read_clip")
+        return self._read_rows(clip_id, field, whole_song=True)
+
+    def _read_rows(self, clip_id: str, field: str, *, whole_song: bool) -> npt.NDArray[Any]:
         f = self.field(field)
         shard, number = self._place(clip_id)
         if self.scope == "window":
@@ -350,7 +359,7 @@ class Store:
             )
         table = shard.clips
         rows = int(table.available[field][number])
-        if f.kind == "audio":
+        if f.kind == "audio" and not whole_song:
             rows = max(0, min(rows, self.grid.rows_up(table.records[number].n_frames, of=f.grid)))
         out = np.empty((rows, f.columns.width), dtype=f.disk_dtype)
         shard.read_rows(field, int(table.first[field][number]), out)

@@ -20,6 +20,7 @@ import re
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Mapping
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -31,14 +32,15 @@ from dancedata.core.bodies import SMPLX55
 from dancedata.core.clip import Scan
 from dancedata.core.columns import Columns
 from dancedata.core.dance import OUTCOMES, Dance, Undefined
-from dancedata.core.errors import DanceDataError, SourceError, UsageError
+from dancedata.core.errors import DanceDataError, SourceError, StoreError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
-from dancedata.core.plugins import Augmentation, Metric, Plugin, WindowFilter
+from dancedata.core.plugins import Augmentation, Export, Metric, Plugin, WindowFilter
 from dancedata.core.registry import (
     AUGMENTATIONS,
     CONTACTS,
     DATASETS,
+    EXPORTS,
     FEATURES,
     FILTERS,
     KEYMOTIONS,
@@ -49,6 +51,8 @@ from dancedata.core.registry import (
 )
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.spatial import Placement, moved
+from dancedata.exporting.place import ABOUT, read_about
+from dancedata.exporting.run import export_dataset
 from dancedata.pipeline.rejects import BY_CHOICE
 from dancedata.recipes.copies import CopySpec
 from dancedata.testing.examples import (
@@ -62,6 +66,7 @@ from dancedata.testing.examples import (
 )
 from dancedata.testing.require import require as _require
 from dancedata.testing.sample_checks import check_drops, check_samples, check_starts
+from dancedata.testing.stores import random_fields, write_random_store
 
 #: Radians and metres: what float32 columns may lose.
 ANGLE_TOLERANCE = 1e-4
@@ -120,7 +125,10 @@ def check_representation(cls: type[Any]) -> None:
     if mirror is not None:
         _require(np.array_equal(mirror.apply(mirror.apply(array)), array), "mirroring twice gives back the columns")
     _check_spatial(made, motion, array)
-    if made.decodes:
+    if made.decodes and made.fits:
+        decoded = made.decode(array, FPS)
+        _require(decoded.n_frames == 40 and decoded.grid == FPS, "decode gives as many frames, at the rate asked for")
+    elif made.decodes:
         decoded = made.decode(array, FPS)
         wanted = motion
         if made.grounded:
@@ -307,6 +315,76 @@ def check_metric(cls: type[Metric]) -> None:
     _raises(Undefined, lambda: made.summarise(table[:0], table), "a set without clips is Undefined")
 
 
+def check_export(cls: type[Export], folder: Path) -> None:
+    """Check an export: its own recipe suffices, equal bytes every time, nothing in folders that a loader lists.
+
+    Parameters
+    ----------
+    folder
+        An empty folder to work in.
+    """
+    check_plugin(cls)
+    made, folder = cls(), folder.absolute()
+    source, store = build_for_export(made, folder)
+    outs = [folder / "one" / "export", folder / "two" / "export"]
+    for out in outs:
+        done = export_dataset(store, made, out, source=source, link=out is outs[1])
+        _require(done.path == out, "the result names the folder")
+    _check_exported(made, *outs)
+    _raises(StoreError, lambda: export_dataset(store, made, outs[0], source=source), "a second one there is an error")
+    _check_refusal(made, folder, source)
+
+
+def build_for_export(made: Export, folder: Path) -> tuple[Path, Path]:
+    """Build a small dataset from an export's own recipe; returns its source and the dataset."""
+    from dancedata.pipeline.build import build
+    from dancedata.recipes.parse import parse_recipe
+
+    document = {
+        "recipe": 1,
+        "name": "conformance",
+        "dataset": {"aist++": {}},
+        "windows": {"length_s": 5, "stride_s": 0.5},
+        **made.recipe,
+    }
+    recipe, source, store = parse_recipe(document), folder / "source", folder / "store"
+    recipe.dataset.make_example(source)
+    build(recipe, source, store, cache=folder / "cache")
+    return source, store
+
+
+def _check_exported(made: Export, one: Path, two: Path) -> None:
+    listed = [{p.relative_to(f).as_posix(): p for p in f.rglob("*") if p.is_file()} for f in (one, two)]
+    _require(listed[0].keys() == listed[1].keys(), "two exports have the same files")
+    for name, path in listed[0].items():
+        here, there = (str(folder).encode() for folder in (one, two))
+        if name not in (ABOUT, "README.md"):  # these name the links, if there are any
+            same = path.read_bytes().replace(here, there) == listed[1][name].read_bytes()
+            _require(same, f"two exports of a dataset have equal bytes: {name}")
+    about = read_about(one)
+    _require(about is not None, "export.json is whole")
+    _require(about is not None and set(about["files"]) == listed[0].keys() - {ABOUT}, "export.json lists all files")
+    for folder in made.listed_folders:
+        _require((one / folder).is_dir(), f"the folder {folder} that a loader lists is there")
+    own = {"README.md", ABOUT, "LICENCE.txt"}
+    inside = [name for name in listed[0] if Path(name).name in own and len(Path(name).parts) > 1]
+    _require(not inside, f"README, licence and export.json are not among the files of a loader: {inside}")
+    _require(bool(made.guide.__doc__) and len((one / "README.md").read_text()) > 200, "README.md explains the files")
+    leftovers = [p.name for p in one.parent.iterdir() if p != one]
+    _require(not leftovers, f"nothing is left beside the export: {leftovers}")
+
+
+def _check_refusal(made: Export, folder: Path, source: Path) -> None:
+    """Check the error for a dataset of two odd columns at an odd rate, where that is not enough."""
+    fields = random_fields({"odd": 2}, {}, odd=10)
+    bare = write_random_store(folder / "bare", fields=fields, fps=Fraction(10), length=20, stride=10).path
+    try:
+        export_dataset(bare, made, folder / "refused" / "export", source=source)
+    except StoreError as error:
+        _require("fix: " in str(error), f"an error has the line of a recipe that helps: {error}")
+        _require(not (folder / "refused").exists(), "nothing is written where something is lacking")
+
+
 def check(cls: type[Plugin], folder: Path) -> None:
     """Check a plug-in of any kind; `folder` is an empty folder to work in."""
     _CHECKS[_registry_of(cls).kind](cls, folder)
@@ -322,6 +400,7 @@ _CHECKS: dict[str, Callable[[type[Any], Path], None]] = {
     AUGMENTATIONS.kind: check_augmentation,
     FILTERS.kind: lambda cls, folder: check_window_filter(cls),
     METRICS.kind: lambda cls, folder: check_metric(cls),
+    EXPORTS.kind: check_export,
 }
 
 

@@ -68,6 +68,9 @@ def test_what_to_do_next(kind: str, tmp_path: Path) -> None:
     if kind == "metric":
         assert 'it is used by: METRICS.get("shake")().measure(dance)' in done.stdout
         return
+    if kind == "export":
+        assert "it is used by: dancedata export STORE --to shake --out DIR" in done.stdout
+        return
     recipe = load_yaml(done.stdout.split("a recipe may have: ")[1].splitlines()[0])
     assert "shake" in json.dumps(recipe)
 

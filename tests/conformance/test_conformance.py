@@ -17,6 +17,7 @@ from dancedata.core.registry import (
     AUGMENTATIONS,
     CONTACTS,
     DATASETS,
+    EXPORTS,
     FEATURES,
     FILTERS,
     KEYMOTIONS,
@@ -67,6 +68,11 @@ def test_window_filter(name: str):
 @pytest.mark.parametrize("name", METRICS.names())
 def test_metric(name: str):
     conformance.check_metric(METRICS.get(name))
+
+
+@pytest.mark.parametrize("name", EXPORTS.names())
+def test_export(name: str, tmp_path: Path):
+    conformance.check_export(EXPORTS.get(name), tmp_path)
 
 
 @pytest.mark.parametrize("registry", REGISTRIES.values(), ids=lambda r: r.kind)

@@ -7,7 +7,7 @@ import pytest
 from dancedata.core.errors import did_you_mean
 from dancedata.core.nearest import closest
 
-RECIPES = ("aist++-edge-exact", "aist++-lodge", "aist++", "demo", "finedance")
+RECIPES = ("aist++-60", "aist++-edge-exact", "aist++-lodge", "aist++", "demo", "finedance")
 KEYS = ("store", "windows", "windows.stride_s", "store.shard_mb", "audio.librosa35.tightness")
 
 

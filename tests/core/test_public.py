@@ -16,8 +16,8 @@ import dancedata.audio.jukebox
 import dancedata.readers
 
 PUBLIC = {
-    "open", "build", "plan", "check", "diff", "evaluate", "extract", "encode", "decode", "Motion", "Skeleton",
-    "AudioSignal", "FeatureCache", "__version__",
+    "open", "build", "plan", "check", "diff", "export", "evaluate", "extract", "encode", "decode", "decode_file",
+    "Motion", "Skeleton", "AudioSignal", "FeatureCache", "__version__",
 }  # fmt: skip
 
 

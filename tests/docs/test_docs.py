@@ -13,6 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dancedata.core.registry import EXPORTS
+from dancedata.core.skeleton import SMPL24
 from dancedata.pipeline.build import build
 from dancedata.pipeline.summary import describe_built
 from dancedata.readers.presets import PRESETS
@@ -201,6 +203,47 @@ def test_added_metric_measures(plug_in, tmp_path: Path) -> None:
     command = [sys.executable, "-W", "error", "-c", use]
     done = subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.stdout == _blocks(page, "text")[0], done.stderr
+
+
+def test_the_page_of_exports_prints_what_it_says(
+    demo: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(demo)
+    (code,), (output,) = _blocks("docs/exports.md", "python"), _blocks("docs/exports.md", "text")
+    exec(compile(code, "exports.md", "exec"), {})
+    assert capsys.readouterr().out == output
+
+
+def test_the_page_of_exports_names_every_target_and_option() -> None:
+    text = (ROOT / "docs" / "exports.md").read_text(encoding="utf-8")
+    table = text.split("## Targets")[1].split("## Options")[0]
+    assert [name for name in EXPORTS.names() if f"\n| `{name}` |" not in table] == []
+    for name in EXPORTS.names():
+        reference = EXPORTS.get(name).reference
+        assert not reference or reference.split("commit ")[1][:7] in table, name
+
+
+def test_an_export_is_one_file_of_the_tree(plug_in, tmp_path: Path) -> None:
+    page = "docs/add-an-export.md"
+    environment = plug_in(page, "exports", "poses")
+    code = "import my_poses; from pathlib import Path; from dancedata.testing import conformance as c; "
+    _python(environment, tmp_path, code + "c.check(my_poses.Poses, Path('conformance'))")
+    shutil.rmtree(tmp_path / "site")
+    for folder in ("dancedata", "pipelines", "manifests"):
+        shutil.copytree(ROOT / folder, tmp_path / "tree" / folder, ignore=shutil.ignore_patterns("__pycache__"))
+    (tmp_path / "tree/dancedata/exports/poses.py").write_text(_blocks(page, "python")[0], encoding="utf-8")
+    environment["PYTHONPATH"] = os.pathsep.join([str(tmp_path / "tree"), os.environ.get("PYTHONPATH", "")])
+    assert "poses" in json.loads(_dancedata(environment, tmp_path, "list", "--json"))["exports"]
+    _dancedata(environment, tmp_path, "build", "recipe.yaml", "--out", "data", "--jobs", "1")
+    arguments = ("export", "data", "--to", "poses", "--out", "poses", "--set", "scale=100", "--json")
+    about = json.loads(_dancedata(environment, tmp_path, *arguments))
+    assert about["parameters"] == {"scale": 100.0}
+    with open_store(tmp_path / "data") as store:
+        for clip in store.clips:
+            positions = np.load(tmp_path / "poses" / "poses" / f"{clip.id}.npy")
+            np.testing.assert_allclose(positions.reshape(clip.n_frames, -1), 100 * clip.read("joints"), rtol=1e-6)
+        names = (tmp_path / "poses" / "train.txt").read_text().split()
+        assert names == sorted(clip.id for clip in store.clips if clip.split == "train")
 
 
 @pytest.mark.parametrize("page", PAGES)

@@ -1,7 +1,8 @@
 """Make tests/golden/data from the whole reference set: python tests/golden/pack.py GOLDEN OUT.
 
-GOLDEN has the folders `peers`, `metrics` and `jukebox`, and the file `jukebox_keys.csv` beside it. What is left out,
-and why that changes no comparison, stands in data/README.md. The values that stay are the reference's own bits.
+GOLDEN has the folders `peers`, `metrics`, `jukebox`, `bailando438` and `humanml263`, and the file `jukebox_keys.csv`
+beside it. What is left out, and why that changes no comparison, stands in data/README.md. The values that stay are the
+reference's own bits.
 """
 
 from __future__ import annotations
@@ -43,6 +44,8 @@ METRIC_SETS = (
 CLIPS = ("5s", "odd", "short", "silence", "stereo48k")
 #: Codes of the longest of them.
 N_CODES = 1722
+HUMANML = "gHO_sBM_cAll_d19_mHO3_ch07"
+BAILANDO = "gHO_sBM_cAll_d17_mHO1_ch01.7.5fps"
 
 
 def frames(n: int, every: int) -> np.ndarray:
@@ -268,6 +271,20 @@ def _expected(path: Path) -> Arrays:
     return kept | {n: a[rows] for n, a in arrays.items() if n.startswith("act_") and n[4:].isdigit()}
 
 
+def pack_bailando(golden: Path, out: Path) -> None:
+    """A song at 7.5 rows per second, its samples and some of its rows."""
+    arrays = load(golden / "modern_librosa0110_soxr.npz")
+    rows, samples = arrays[BAILANDO], f"{BAILANDO}.audio"
+    kept = {samples: arrays[samples], **chosen(BAILANDO, rows, {0: frames(len(rows), 4)})}
+    save(out / "modern_librosa0110_soxr.npz", kept)
+
+
+def pack_humanml(golden: Path, out: Path) -> None:
+    """A clip's columns and the joints that are recovered from them."""
+    arrays = load(golden / "golden.npz")
+    save(out / "golden.npz", {f"{HUMANML}.{what}": arrays[f"{HUMANML}.{what}"] for what in ("263", "recovered")})
+
+
 def pack_keys(path: Path, out: Path) -> None:
     """Names, shapes and types of the real files' tensors."""
     with path.open() as file:
@@ -290,6 +307,8 @@ def main(golden: Path, out: Path) -> None:
     pack_old_metrics(golden / "peers", peers)
     pack_metrics(golden / "metrics", out / "metrics")
     pack_jukebox(golden / "jukebox", out / "jukebox")
+    pack_bailando(golden / "bailando438", out / "bailando438")
+    pack_humanml(golden / "humanml263", out / "humanml263")
     pack_keys(golden.parent / "jukebox_keys.csv", out / "jukebox")
     sizes = {path: path.stat().st_size for path in sorted(out.rglob("*")) if path.is_file()}
     for path, size in sorted(sizes.items(), key=lambda item: item[1]):

@@ -128,7 +128,8 @@ def test_wrong_arguments_say_what_is_allowed(store: Store, wrong: dict[str, obje
         ({"preset": "lodge-global"}, ["'lodge139'", "preset 'lodge-global'", "aist++-lodge or finedance"]),
         ({"preset": "finenet"}, ["'finedance319'", "preset 'finenet'", "such as finedance,"]),
         ({"fields": ("lodge139",)}, ["'lodge139'", "ame fields that the dataset has", "aist++-lodge or finedance"]),
-        ({"fields": ("joints",)}, ["'joints'", "nown: edge151, librosa35"]),
+        ({"fields": ("lodge319",)}, ["'lodge319'", "nown: edge151, librosa35"]),
+        ({"fields": ("joints",)}, ["'joints'", "such as aist++-60,"]),
     ],
 )
 def test_a_field_that_is_not_there_names_the_recipes_that_have_it(

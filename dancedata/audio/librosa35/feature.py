@@ -21,11 +21,12 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from dancedata.audio.checks import require_rows, require_samples, require_windows
 from dancedata.audio.librosa35.settings import HOP, N_COLUMNS, Settings
 from dancedata.audio.signal import pcm16, resampled_length
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.columns import Columns, Group
-from dancedata.core.errors import DataError, UsageError
+from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
@@ -35,8 +36,6 @@ _log = logging.getLogger(__name__)
 # The top chroma filter reaches 4,107 Hz, 4,147 with the tuning half a bin up: the Nyquist frequency must
 # be higher.
 MIN_SAMPLE_RATE = 8300
-# Above it the squared spectrum might overflow float32; full scale is 1.
-MAX_SAMPLE = 1e12
 
 _GROUPS = (
     Group("onset_envelope", 1, "dB"),
@@ -116,7 +115,7 @@ class Librosa35(AudioFeature):
         """
         rate = _feature_rate(grid)
         _require_bpm(start_bpm)
-        _require_samples(signal)
+        require_samples("librosa35", signal)
         from dancedata.audio.librosa35 import fast, reference
 
         is_fast = self._is_fast(lambda: fast.why_not_track(signal.samples, signal.sample_rate, rate))
@@ -126,7 +125,7 @@ class Librosa35(AudioFeature):
     def estimated_bpm(self, signal: AudioSignal, grid: FrameGrid) -> float:
         """Return the tempo that `extract` starts from if none is given, in beats per minute."""
         rate = _feature_rate(grid)
-        _require_samples(signal)
+        require_samples("librosa35", signal)
         from dancedata.audio.librosa35 import fast, reference
 
         is_fast = self._is_fast(lambda: fast.why_not_track(signal.samples, signal.sample_rate, rate))
@@ -138,8 +137,8 @@ class Librosa35(AudioFeature):
     ) -> list[float]:
         """Return the tempos that `extract_windows` starts from if none is given, one per window."""
         rate = _feature_rate(grid)
-        _require_samples(signal)
-        _require_windows(signal, starts, n_samples)
+        require_samples("librosa35", signal)
+        require_windows("librosa35", signal, starts, n_samples)
         from dancedata.audio.librosa35 import fast, reference
 
         is_fast = self._is_fast(lambda: fast.why_not_windows(n_samples, signal.sample_rate, rate))
@@ -193,16 +192,9 @@ class Librosa35(AudioFeature):
         """
         rate = _feature_rate(grid)
         _require_bpm(start_bpm)
-        _require_samples(signal)
-        _require_windows(signal, starts, n_samples)
-        available = self.n_rows(n_samples, signal.sample_rate, grid)
-        if n_rows > available:
-            raise DataError(
-                "librosa35: the windows are too short",
-                reason="short_audio",
-                found=f"{n_samples} samples at {signal.sample_rate} Hz, which give {available} rows",
-                allowed=f"audio for {n_rows} rows at {grid.rate} frames per second",
-            )
+        require_samples("librosa35", signal)
+        require_windows("librosa35", signal, starts, n_samples)
+        require_rows("librosa35", self.n_rows(n_samples, signal.sample_rate, grid), n_rows, grid)
         if len(starts) == 0:
             return np.empty((0, n_rows, N_COLUMNS), dtype=np.float32)
         from dancedata.audio.librosa35 import fast, reference
@@ -248,32 +240,4 @@ def _require_bpm(start_bpm: float | None) -> None:
             "librosa35: invalid value for start_bpm",
             found=str(start_bpm),
             allowed="beats per minute above 0, or None for an estimate",
-        )
-
-
-def _require_samples(signal: AudioSignal) -> None:
-    if len(signal.samples) == 0:
-        raise DataError("librosa35: the signal has no samples", reason="empty_audio", found="0 samples")
-    # Not "any > maximum": NaN fails every comparison.
-    bad = np.flatnonzero(~(np.abs(signal.samples) <= MAX_SAMPLE))
-    if bad.size:
-        raise DataError(
-            "librosa35: the signal has samples that are NaN, infinite or too large",
-            reason="nan",
-            found=f"{bad.size} samples, the first is {signal.samples[bad[0]]} at sample {bad[0]}",
-            allowed=f"finite samples up to {MAX_SAMPLE:g} (full scale is 1)",
-            fix="export the file again, for example as 16-bit wav",
-        )
-
-
-def _require_windows(signal: AudioSignal, starts: NDArray[np.int64], n_samples: int) -> None:
-    if len(starts) == 0:
-        return
-    first, last = int(np.min(starts)), int(np.max(starts)) + n_samples
-    if first < 0 or last > len(signal.samples):
-        raise DataError(
-            "librosa35: a window reaches beyond the audio",
-            reason="short_audio",
-            found=f"windows from sample {first} to {last}",
-            allowed=f"0 to {len(signal.samples)} (at {signal.sample_rate} Hz)",
         )

@@ -99,7 +99,7 @@ def _compute(samples: NDArray[np.float32], settings: Settings) -> NDArray[np.flo
     import librosa
 
     rate, start_bpm = settings.rate, settings.start_bpm
-    with _known_librosa_warnings():
+    with known_warnings():
         y = resample(samples, settings.sample_rate, rate)
         # Envelope and MFCC use the same dB mel spectrum: computed once, bit-equal to passing y to both.
         mel_db = librosa.power_to_db(librosa.feature.melspectrogram(y=y, sr=rate, hop_length=HOP))
@@ -128,7 +128,7 @@ def _compute(samples: NDArray[np.float32], settings: Settings) -> NDArray[np.flo
 def estimated_bpm(samples: NDArray[np.float32], sample_rate: int) -> float:
     """Estimate a tempo from a signal alone, in beats per minute."""
     compile_kernels()
-    with _known_librosa_warnings():
+    with known_warnings():
         return _estimated_bpm(samples, sample_rate)
 
 
@@ -140,8 +140,8 @@ def _estimated_bpm(samples: NDArray[np.float32], sample_rate: int) -> float:
 
 
 @contextmanager
-def _known_librosa_warnings() -> Iterator[None]:
-    """Hide the two warnings that librosa gives for short or silent audio; its results are right."""
+def known_warnings() -> Iterator[None]:
+    """Hide the warnings that librosa gives for short or silent audio; its results are right."""
     with warnings.catch_warnings():
         # Short signals (the lowest chroma octave's frame is about 2 s) are padded with zeros, as all ends are.
         warnings.filterwarnings("ignore", message=r"n_fft=\d+ is too large for input signal", category=UserWarning)

@@ -33,6 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dancedata.core.errors import DataError
+from dancedata.core.rotations import shortest_rotation
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.formats.bvh.joint_names import JointMap, ancestors
 from dancedata.formats.bvh.kinematics import bone_offsets, rest_positions, world
@@ -161,7 +162,7 @@ def _body_rotations(rig: Rig, mapped: list[int], turns: Floats, places: Floats) 
         if j in rig.child_of:
             child = rig.child_of[j]
             to = places[:, mapped.index(child)] - places[:, mapped.index(j)]
-            full[:, j] = _shortest(full[:, j] @ rig.offsets[child], to) @ full[:, j]
+            full[:, j] = shortest_rotation(full[:, j] @ rig.offsets[child], to) @ full[:, j]
     return full
 
 
@@ -290,7 +291,7 @@ class _Aligner:
         self.child_of[joint] = below
         bone = self._smpl[below] - self._smpl[joint]
         start = self.align[above]
-        aimed = _shortest(start @ bone, self.places[below] - self.places[joint], start[:, 2]) @ start
+        aimed = shortest_rotation(start @ bone, self.places[below] - self.places[joint], start[:, 2]) @ start
         return self._untwisted(joint, above, aimed, bone / _norm(bone))
 
     def _untwisted(self, joint: int, above: int, align: Floats, bone: Floats | None) -> Floats:
@@ -332,26 +333,3 @@ def _basis(across: Floats, up: Floats) -> Floats | None:
         return None
     third /= _norm(third)
     return np.stack([first, np.cross(third, first), third], axis=1)
-
-
-def _shortest(start: Floats, end: Floats, fallback: Floats | None = None) -> Floats:
-    """Return the shortest rotations (..., 3, 3) from one direction (..., 3) to another.
-
-    For opposite directions: 180 degrees about `fallback`, (3,), or the identity without one.
-    """
-    a = start / np.maximum(np.linalg.norm(start, axis=-1, keepdims=True), 1e-300)
-    b = end / np.maximum(np.linalg.norm(end, axis=-1, keepdims=True), 1e-300)
-    cosine = np.sum(a * b, axis=-1)[..., None, None]
-    axis = np.cross(a, b)
-    cross = np.zeros((*axis.shape[:-1], 3, 3))
-    cross[..., 0, 1], cross[..., 0, 2], cross[..., 1, 2] = -axis[..., 2], axis[..., 1], -axis[..., 0]
-    cross -= np.swapaxes(cross, -1, -2)
-    opposite = cosine < -0.999999
-    turned = np.eye(3) + cross + cross @ cross / np.where(opposite, 1.0, 1 + cosine)
-    half = np.eye(3)
-    if fallback is not None:
-        # 180 degrees about the part of `fallback` perpendicular to the bone.
-        perpendicular = fallback - (fallback @ a) * a
-        perpendicular = perpendicular / max(_norm(perpendicular), 1e-300)
-        half = 2 * np.outer(perpendicular, perpendicular) - np.eye(3)
-    return np.where(opposite, half, turned)

@@ -1,19 +1,46 @@
-"""Writes BVH files, for the example of the dataset `folder` and for tests."""
+"""Writes BVH files."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dancedata.core import atomic
+from dancedata.core.motion import Motion
 
-__all__ = ["write_bvh"]
+__all__ = ["bvh_text", "motion_bvh", "write_bvh"]
 
 Floats = NDArray[np.float64]
+
+
+#: Units per metre.
+UNITS = {"m": 1.0, "cm": 100.0}
+#: Length of the bone that ends a limb, as a part of the bone before it; viewers draw nothing without one.
+_END = 0.5
+
+
+def motion_bvh(motion: Motion, unit: Literal["m", "cm"] = "m") -> str:
+    """Return a motion as the text of a BVH file, +Y up, with the bones of its skeleton at rest.
+
+    The root's offset is 0 and its position channels hold where it is, so that programs that add the offset and
+    programs that do not agree. Angles are those of R = Rz Ry Rx, in degrees.
+
+    Parameters
+    ----------
+    unit
+        Of lengths: metres, or centimetres, which most programs for animation use.
+    """
+    scale, skeleton = UNITS[unit], motion.skeleton
+    offsets = scale * np.array(skeleton.offsets)
+    offsets[0] = 0
+    root = scale * (motion.translation + skeleton.offsets[0])
+    period = f"{float(1 / motion.grid.rate):.10f}"
+    ends = _END * offsets
+    return bvh_text(skeleton.joints, skeleton.parents, offsets, motion.matrices, root, period, ends=ends)
 
 
 def write_bvh(
@@ -26,7 +53,21 @@ def write_bvh(
     frame_time: str,
     orders: Sequence[str] | str = "ZYX",
 ) -> None:
-    """Write a skeleton and its motion.
+    """Write a skeleton and its motion; the parameters are those of `bvh_text`."""
+    atomic.write_text(path, bvh_text(names, parents, offsets, rotations, root, frame_time, orders))
+
+
+def bvh_text(
+    names: Sequence[str],
+    parents: Sequence[int],
+    offsets: Floats,
+    rotations: Floats,
+    root: Floats,
+    frame_time: str,
+    orders: Sequence[str] | str = "ZYX",
+    ends: Floats | None = None,
+) -> str:
+    """Return the text of a file with a skeleton and its motion.
 
     Parameters
     ----------
@@ -35,12 +76,14 @@ def write_bvh(
     root : (T, 3) positions of the root.
     frame_time : seconds, as text for the file.
     orders : order of the rotation channels, for all joints or for each.
+    ends : (J, 3) offsets of the ends of joints without children; None: 0.
     """
     from scipy.spatial.transform import Rotation
 
     orders = [orders] * len(names) if isinstance(orders, str) else list(orders)
+    ends = np.zeros((len(names), 3)) if ends is None else ends
     lines = ["HIERARCHY"]
-    _block(lines, 0, 0, names, parents, offsets, orders)
+    _block(lines, 0, 0, names, parents, offsets, orders, ends)
     columns = [np.asarray(root, dtype=np.float64)]
     for joint in _file_order(parents):
         order: Any = orders[joint]
@@ -48,7 +91,7 @@ def write_bvh(
     rows = np.concatenate(columns, axis=1)
     lines += ["MOTION", f"Frames: {len(rows)}", f"Frame Time: {frame_time}"]
     lines += [" ".join(f"{value:.6f}" for value in row) for row in rows]
-    atomic.write_text(path, "\n".join(lines) + "\n")
+    return "\n".join(lines) + "\n"
 
 
 def _file_order(parents: Sequence[int], joint: int = 0) -> list[int]:
@@ -68,6 +111,7 @@ def _block(
     parents: Sequence[int],
     offsets: Floats,
     orders: Sequence[str],
+    ends: Floats,
 ) -> None:
     indent = "\t" * depth
     position = "Xposition Yposition Zposition " if depth == 0 else ""
@@ -80,7 +124,8 @@ def _block(
         f"{indent}\tCHANNELS {6 if depth == 0 else 3} {position}{rotation}",
     ]
     for child in children:
-        _block(lines, child, depth + 1, names, parents, offsets, orders)
+        _block(lines, child, depth + 1, names, parents, offsets, orders, ends)
     if not children:
-        lines += [f"{indent}\tEnd Site", f"{indent}\t{{", f"{indent}\t\tOFFSET 0.0 0.0 0.0", f"{indent}\t}}"]
+        end = " ".join(f"{value:.6f}" if value else "0.0" for value in ends[joint])
+        lines += [f"{indent}\tEnd Site", f"{indent}\t{{", f"{indent}\t\tOFFSET {end}", f"{indent}\t}}"]
     lines.append(f"{indent}}}")

@@ -1,0 +1,287 @@
+"""decode: columns, one motion or a batch of them, back to motions, and the output of a trainer to motion files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, overload
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core import atomic
+from dancedata.core.errors import DanceDataError, StoreError, UsageError, did_you_mean
+from dancedata.core.grid import FrameGrid, Number
+from dancedata.core.motion import Motion
+from dancedata.core.plugins import Representation
+from dancedata.core.registry import REPRESENTATIONS
+from dancedata.formats.arrays import ArrayFile, open_arrays
+from dancedata.formats.motion_files import MOTION_FILES, motion_file
+from dancedata.recipes.plugins import make_named, split_instance
+
+if TYPE_CHECKING:
+    from dancedata.store import Store
+
+__all__ = ["decode", "decode_file"]
+
+#: A dataset, open or not.
+Like: TypeAlias = "Store | str | Path | None"
+_OneMotion = np.ndarray[tuple[int, int], Any]
+_Batch = np.ndarray[tuple[int, int, int], Any]
+
+
+@overload
+def decode(
+    array: _Batch, representation: str, *, fps: Number | None = ..., like: Like = ..., **parameters: Any
+) -> list[Motion]: ...
+
+
+@overload
+def decode(
+    array: _OneMotion, representation: str, *, fps: Number | None = ..., like: Like = ..., **parameters: Any
+) -> Motion: ...
+
+
+def decode(
+    array: npt.NDArray[Any],
+    representation: str,
+    *,
+    fps: Number | None = None,
+    like: Like = None,
+    **parameters: Any,
+) -> Motion | list[Motion]:
+    """Decode the columns of a representation into a motion, or a batch of them into a list.
+
+    Parameters
+    ----------
+    array
+        (T, D) columns, or a batch (B, T, D). Not normalised, as stored or as `unnormalize` returns them; with `like`
+        normalised, as a trainer puts them out.
+    representation
+        Name of the representation that the columns are in; with `like` the name of the dataset's field, such as
+        "edge151.second".
+    fps
+        Frames per second of the rows. Default: those of `like`, else the representation's own rate, else 30.
+    like
+        The dataset that the trainer read: its scaler of the field is undone. Values beyond [-1, 1] are clipped
+        before, as EDGE and Lodge do.
+    parameters
+        The representation's own, as in a recipe.
+
+    Returns
+    -------
+    Motion, or list of Motion for a batch
+        Metres, radians, +Y up.
+
+    Raises
+    ------
+    UsageError
+        For an unknown representation or parameter, for a representation that holds positions only, for another shape
+        or a rate that the dataset does not have.
+    DataError
+        If the columns are not those of the representation, or not finite; for a batch with the number of the motion.
+
+    Examples
+    --------
+    >>> import dancedata
+    >>> dancedata.decode(ds.read(window, "edge151"), "edge151", fps=ds.fps)
+    Motion(150 frames at 30 FPS, 5.00 s, skeleton smpl24)
+    """
+    name, _ = split_instance(REPRESENTATIONS, representation)
+    plugin = make_named(REPRESENTATIONS, "motion", name, parameters)
+    if not plugin.decodes:
+        raise UsageError(
+            f"{representation} cannot be decoded: positions do not determine how a bone turns about its own axis",
+            fix="use the positions as they are, or store a representation that holds rotations as well",
+        )
+    array = np.asarray(array)
+    _require_shape(array, plugin, representation)
+    store = _opened(like)
+    grid = _grid(plugin, representation, fps, store)
+    if store is not None:
+        array = _unnormalised(array, representation, store)
+    if array.ndim == 2:
+        return plugin.decode(array, grid)
+    return [_numbered(plugin, one, grid, number) for number, one in enumerate(array)]
+
+
+def decode_file(
+    path: str | Path,
+    representation: str,
+    *,
+    to: Literal["bvh", "npz", "smpl", "smplx"],
+    out: str | Path,
+    like: Like = None,
+    fps: Number | None = None,
+    key: str | None = None,
+    overwrite: bool = False,
+    **parameters: Any,
+) -> list[Path]:
+    """Decode a file that a trainer wrote into motion files, as ``dancedata decode`` does.
+
+    Parameters
+    ----------
+    path
+        .npy, .npz or .pkl with columns (T, D), or a batch (B, T, D). Pickles are read without executing them.
+    representation, like, parameters
+        As in `decode`.
+    to
+        "bvh": metres, +Y up. "npz": translation, rotations, positions, skeleton. "smpl": AMASS's arrays on SMPL-H,
+        and "smplx" on SMPL-X, both +Z up.
+    out
+        Folder for the files: <name>.bvh, or <name>_000.bvh and so on for a batch.
+    fps
+        Frames per second. Default: those of `like`, or the representation's own rate; there is no other.
+    key
+        Name of the array, where the file has several. Default: the only one with the representation's columns.
+    overwrite
+        Replace files that are there.
+
+    Returns
+    -------
+    list of Path
+        The files, in the order of the batch.
+
+    Raises
+    ------
+    UsageError
+        As `decode`; for an unknown format or array, an unknown rate, and files that are there.
+    DataError
+        As `decode`, and if the file cannot be read.
+    StoreError
+        If the files cannot be written; then none is left.
+
+    Examples
+    --------
+    >>> import dancedata
+    >>> dancedata.decode_file("samples.npy", "edge151", to="bvh", like="data/aistpp", out="generated")
+    [PosixPath('generated/samples_000.bvh'), PosixPath('generated/samples_001.bvh')]
+    """
+    path, out = Path(path).expanduser(), Path(out).expanduser()
+    if to not in MOTION_FILES:
+        raise UsageError(f"unknown format {to!r}", fix=did_you_mean(to, MOTION_FILES))
+    name, _ = split_instance(REPRESENTATIONS, representation)
+    plugin = make_named(REPRESENTATIONS, "motion", name, parameters)
+    if like is None and fps is None and plugin.rate is None:
+        raise UsageError(
+            "the frame rate of these columns is unknown",
+            where=path,
+            fix="give it with --fps, or name the dataset that the trainer read with --like",
+        )
+    with open_arrays(path) as arrays:
+        array = arrays.read(_key(arrays, plugin, key))
+    try:
+        found: Any = decode(array, representation, fps=fps, like=like, **parameters)
+    except DanceDataError as error:
+        error.where = f"{path}, {error.where}" if error.where else path
+        raise
+    return _written(_files(path, out, to, found), overwrite)
+
+
+def _opened(like: Like) -> Store | None:
+    if not isinstance(like, str | Path):
+        return like
+    from dancedata.store import open_store
+
+    return open_store(Path(like).expanduser())
+
+
+def _require_shape(array: npt.NDArray[Any], plugin: Representation, name: str) -> None:
+    width = plugin.columns.width
+    if array.ndim not in (2, 3) or array.shape[-1] != width or 0 in array.shape:
+        raise UsageError(
+            f"these are not columns of {name}",
+            found=f"shape {array.shape}",
+            allowed=f"(T, {width}) or a batch (B, T, {width}), not empty",
+            fix=_named_by_width(array.shape[-1]) if array.ndim in (2, 3) else None,
+        )
+
+
+def _named_by_width(width: int) -> str | None:
+    fitting = [n for n in REPRESENTATIONS.names() if REPRESENTATIONS.get(n)().columns.width == width]
+    return f"{width} columns are those of {' or '.join(fitting)}" if fitting else None
+
+
+def _grid(plugin: Representation, name: str, fps: Number | None, store: Store | None) -> FrameGrid:
+    stored = None if store is None else FrameGrid(store.field(name).rate)
+    if fps is None:
+        return stored or FrameGrid(plugin.rate or FrameGrid.of(30).rate)
+    grid = FrameGrid.of(fps)
+    if stored is not None and grid != stored:
+        raise UsageError(
+            f"{name} has another rate in the dataset",
+            where=store.path if store else None,
+            found=f"{grid} frames per second",
+            allowed=f"{stored}",
+            fix="omit fps: the rate is the dataset's",
+        )
+    return grid
+
+
+def _unnormalised(array: npt.NDArray[Any], name: str, store: Store) -> npt.NDArray[Any]:
+    normalised = np.asarray(array, dtype=np.float64)
+    undone: npt.NDArray[Any] = store.normalizer(name).unnormalize(normalised, clip=True)
+    return np.where(np.isfinite(normalised), undone, np.nan)  # clipping would hide infinity
+
+
+def _numbered(plugin: Representation, array: npt.NDArray[Any], grid: FrameGrid, number: int) -> Motion:
+    try:
+        return plugin.decode(array, grid)
+    except DanceDataError as error:
+        error.where = f"motion {number} of the batch" + (f", {error.where}" if error.where else "")
+        raise
+
+
+def _key(arrays: ArrayFile, plugin: Representation, key: str | None) -> str:
+    width = plugin.columns.width
+    if key is not None:
+        if key not in arrays.names:
+            raise UsageError(
+                f"the file has no array {key!r}", where=arrays.path, fix=did_you_mean(key, list(arrays.names))
+            )
+        return key
+    if len(arrays.names) == 1:
+        return arrays.names[0]
+    fitting = [name for name in arrays.names if _shape(arrays, name)[-1:] == (width,)]
+    if len(fitting) != 1:
+        raise UsageError(
+            f"{'several arrays have' if fitting else 'no array has'} {width} columns",
+            where=arrays.path,
+            found=arrays.listed,
+            fix="name the array with --key" if fitting else "name the representation that the file holds with --as",
+        )
+    return fitting[0]
+
+
+def _shape(arrays: ArrayFile, name: str) -> tuple[int, ...]:
+    try:
+        return arrays.shape(name)
+    except DanceDataError:
+        return ()  # not numbers
+
+
+def _files(path: Path, out: Path, to: str, motions: Motion | list[Motion]) -> Mapping[Path, bytes]:
+    """Return the bytes of the files: <name>.bvh for one motion, <name>_000.bvh, ... for a batch."""
+    suffix = MOTION_FILES[to][0]
+    if isinstance(motions, Motion):
+        return {out / f"{path.stem}{suffix}": motion_file(motions, to)}
+    digits = max(3, len(str(len(motions) - 1)))
+    return {out / f"{path.stem}_{k:0{digits}}{suffix}": motion_file(one, to) for k, one in enumerate(motions)}
+
+
+def _written(files: Mapping[Path, bytes], overwrite: bool) -> list[Path]:
+    there = [path for path in files if path.exists()]
+    if there and not overwrite:
+        raise UsageError("files are already there", where=there[0], fix="choose another --out, or add --overwrite")
+    done: list[Path] = []
+    try:
+        for path, data in files.items():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            atomic.write_bytes(path, data)
+            done.append(path)
+    except OSError as error:
+        for path in done:
+            if path not in there:
+                path.unlink(missing_ok=True)
+        raise StoreError("the motion files cannot be written", where=path.parent, found=str(error)) from error
+    return done

@@ -1,0 +1,188 @@
+"""The 438 columns of music that Bailando and Bailando++ read.
+
+MFCC, their derivative, chroma of the harmonic part, onset envelope, beats and tempogram of the percussive part, at a
+hop of 512 samples and a sample rate of 512 times the frame rate: 60 rows per second beside motion, 7.5 for the GPT of
+Bailando (Siyao et al., CVPR 2022, and its public preparation script). The numbers are librosa's own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dancedata.audio.bailando438.compute import (
+    DELTA_WIDTH,
+    N_CHROMA,
+    N_COLUMNS,
+    N_LAGS,
+    N_MFCC,
+    track_features,
+)
+from dancedata.audio.checks import require_rows, require_samples, require_windows
+from dancedata.audio.librosa35.settings import HOP
+from dancedata.audio.signal import pcm16, resample, resampled_length
+from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.columns import Columns, Group
+from dancedata.core.errors import DataError, UsageError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.plugins import AudioFeature
+from dancedata.core.registry import FEATURES
+
+#: That of 7.5 rows per second, the lowest of Bailando's two; the five octaves of chroma need about 1 kHz.
+MIN_SAMPLE_RATE = 3840
+#: Upper limit of the onset envelope's mel bands in librosa 0.8, whatever the sample rate.
+ERA_FMAX = 11025.0
+
+_GROUPS = (
+    Group("mfcc", N_MFCC, "dB"),
+    Group("mfcc_delta", N_MFCC, "dB"),
+    Group("chroma_cqt", N_CHROMA, "1"),
+    Group("onset_envelope", 1, "dB"),
+    Group("beat", 1, "0/1"),
+    Group("tempogram", N_LAGS, "1"),
+)
+
+
+@FEATURES.register("bailando438")
+@dataclass(frozen=True)
+class Bailando438(AudioFeature):
+    """MFCC 20, their derivative 20, chroma 12, onset envelope 1, beats 1, tempogram 384.
+
+    Parameters
+    ----------
+    onset_fmax
+        Upper limit of the mel bands whose median is the onset envelope. "era": 11,025 Hz, as in librosa 0.8, which
+        Bailando's requirements pin. At 7.5 rows per second more than half of the bands lie above half the sample
+        rate and are empty: envelope, beats and tempogram are zero in every row, as in the published data.
+        "nyquist": half the sample rate, as in librosa 0.10 and later.
+    """
+
+    onset_fmax: Literal["era", "nyquist"] = "era"
+
+    version: ClassVar[int] = 1
+    packages: ClassVar[tuple[str, ...]] = ("librosa", "numpy", "scipy", "soxr")
+    #: Bailando's script starts the search for the tempo at 120 beats per minute, whatever the song.
+    uses_tempo: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        if self.onset_fmax not in ("era", "nyquist"):
+            raise UsageError(
+                "bailando438: invalid value for onset_fmax", found=str(self.onset_fmax), allowed="era, nyquist"
+            )
+
+    @property
+    def columns(self) -> Columns:
+        """Names, widths and units of the 438 columns; music has no mirror image."""
+        return Columns(_GROUPS, None)
+
+    def n_rows(self, n_samples: int, sample_rate: int, grid: FrameGrid) -> int:
+        """Return how many rows `extract` gives for `n_samples`: 1 + floor(resampled length / 512)."""
+        return 1 + resampled_length(n_samples, sample_rate, _feature_rate(grid)) // HOP
+
+    def extract(self, signal: AudioSignal, grid: FrameGrid, *, start_bpm: float | None = None) -> NDArray[np.float32]:
+        """Features of a whole song, as Bailando computes them.
+
+        Parameters
+        ----------
+        signal
+            Mono samples (n,) float32 at any rate.
+        grid
+            60 or 7.5 rows per second in Bailando. Any rate of at least 7.5 for which 512 times it is a whole number
+            is taken; chroma have seven octaves at 60, five at the others.
+        start_bpm
+            Not used.
+
+        Returns
+        -------
+        NDArray[np.float32]
+            (T, 438), T = `n_rows(n, rate, grid)`; row t is centred on t / fps seconds.
+
+        Raises
+        ------
+        UsageError
+            Frame rate out of range.
+        DataError
+            Reason ``empty_audio`` (no sample), ``nan`` (samples that are not finite, or above 1e12) or
+            ``short_audio`` (fewer than 3 rows).
+        """
+        require_samples(self.name, signal)
+        return self._rows(signal.samples, signal.sample_rate, grid)
+
+    def extract_windows(
+        self,
+        signal: AudioSignal,
+        starts: NDArray[np.int64],
+        n_samples: int,
+        grid: FrameGrid,
+        n_rows: int,
+        *,
+        start_bpm: float | None = None,
+    ) -> NDArray[np.float32]:
+        """Features of windows, each one by itself from its own 16-bit wav, as librosa35's are.
+
+        Bailando has no such windows: its features are those of whole songs (scope: track).
+
+        Parameters
+        ----------
+        signal
+            The whole song, mono samples (n,) float32.
+        starts
+            (W,) first sample of each window.
+        n_samples
+            Samples per window, at the signal's rate.
+        grid
+            As in `extract`.
+        n_rows
+            Rows to keep of each window.
+        start_bpm
+            Not used.
+
+        Returns
+        -------
+        NDArray[np.float32]
+            (W, n_rows, 438).
+
+        Raises
+        ------
+        UsageError
+            As in `extract`.
+        DataError
+            As in `extract`; reason ``short_audio`` also if a window is not within the signal, or too short for
+            `n_rows` rows.
+        """
+        require_samples(self.name, signal)
+        require_windows(self.name, signal, starts, n_samples)
+        require_rows(self.name, self.n_rows(n_samples, signal.sample_rate, grid), n_rows, grid)
+        rows = np.empty((len(starts), n_rows, N_COLUMNS), dtype=np.float32)
+        for own, start in zip(rows, starts.tolist(), strict=True):
+            window = pcm16(signal.samples[start : start + n_samples])
+            own[:] = self._rows(window, signal.sample_rate, grid)[:n_rows]
+        return rows
+
+    def _rows(self, samples: NDArray[np.float32], sample_rate: int, grid: FrameGrid) -> NDArray[np.float32]:
+        rate = _feature_rate(grid)
+        available = self.n_rows(len(samples), sample_rate, grid)
+        if available < DELTA_WIDTH:
+            raise DataError(
+                "bailando438: the audio is too short for the derivative of its MFCC",
+                reason="short_audio",
+                found=f"{len(samples)} samples at {sample_rate} Hz: rows {available}",
+                allowed=f"audio for at least {DELTA_WIDTH} rows at {grid.rate} per second",
+            )
+        fmax = ERA_FMAX if self.onset_fmax == "era" else rate / 2
+        return track_features(resample(samples, sample_rate, rate), rate, fmax)
+
+
+def _feature_rate(grid: FrameGrid) -> int:
+    rate = grid.divided(HOP).rate
+    if rate.denominator != 1 or rate < MIN_SAMPLE_RATE:
+        raise UsageError(
+            "bailando438 cannot be computed at this frame rate",
+            found=f"{grid.rate} rows per second, so a sample rate of {float(rate):g} Hz",
+            allowed=f"a rate that makes 512 x rate a whole number of at least {MIN_SAMPLE_RATE} Hz",
+            fix="use 60 (beside motion) or 7.5 (Bailando's GPT) rows per second",
+        )
+    return int(rate)

@@ -1,0 +1,77 @@
+"""What an export is asked to do, and what a dataset may lack for it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TypeVar
+
+from dancedata.execution.progress import Progress
+from dancedata.exporting.music import SourceMusic
+from dancedata.store import ClipView, Store
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Lack:
+    """Something that a dataset lacks for an export.
+
+    Attributes
+    ----------
+    problem
+        What is missing or has the wrong rate, width or name, with what was found.
+    fix
+        The line of a recipe, or the option, that gives it.
+    """
+
+    problem: str
+    fix: str
+
+    def __str__(self) -> str:
+        """Return both, on one line."""
+        return f"{self.problem}; {self.fix}"
+
+
+@dataclass(frozen=True)
+class ExportJob:
+    """What an export is asked to do.
+
+    Attributes
+    ----------
+    store
+        The dataset.
+    out
+        Absolute path that the folder of the export will have, for files that hold absolute paths.
+    source
+        Folder with the music that the dataset was built from; None if none was given.
+    link
+        Whether files of equal bytes become hard links of one.
+    """
+
+    store: Store
+    out: Path
+    source: Path | None = None
+    link: bool = False
+    progress: Progress = field(default_factory=lambda: Progress(quiet=True))
+
+    def clips(self, *splits: str) -> list[ClipView]:
+        """Return the clips of some splits, by id; of all splits if none is named."""
+        chosen = splits or self.store.splits
+        return sorted((c for c in self.store.clips if c.split in chosen), key=lambda clip: clip.id)
+
+    @cached_property
+    def music(self) -> SourceMusic:
+        """The music below `source`. UsageError without a source, SourceError where it cannot be read."""
+        return SourceMusic.of(self.store, self.source)
+
+    def each(self, label: str, items: Sequence[T]) -> Iterator[T]:
+        """Return the items one by one and show the progress."""
+        if not items:
+            return
+        with self.progress.stage(label, len(items)) as advance:
+            for item in items:
+                yield item
+                advance(1)

@@ -1,0 +1,123 @@
+"""The music that a dataset was built from, found again below a folder."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+from dancedata.audio.signal import audio_length, load_audio
+from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.errors import DanceDataError, DataError, SourceError, UsageError
+from dancedata.core.plugins import Dataset
+from dancedata.core.registry import DATASETS
+from dancedata.core.text import shown
+from dancedata.pipeline.source_record import DIGITS, NO_MUSIC, SourceRecord
+from dancedata.recipes.plugins import one_of
+from dancedata.store import ClipView, Store
+
+#: Endings of audio files, those that are preferred first.
+SUFFIXES = (".wav", ".flac", ".mp3", ".ogg")
+
+
+@dataclass(frozen=True)
+class SourceMusic:
+    """Audio files of clips.
+
+    Attributes
+    ----------
+    folder
+        Where they were looked for.
+    files
+        Audio file of each clip that has one, by the clip's id; copies of clips have that of their clip.
+    hashes
+        First digits of the hash of each clip's samples, as the dataset recorded it.
+    """
+
+    folder: Path
+    files: Mapping[str, Path]
+    hashes: Mapping[str, str]
+
+    @classmethod
+    def of(cls, store: Store, source: Path | None) -> Self:
+        """Find the music of a dataset's clips.
+
+        The dataset's own reader lists `source`; a folder that is not a copy of the data set is searched for audio
+        files that are named as clips or as songs.
+
+        Raises
+        ------
+        UsageError
+            Without a source.
+        SourceError
+            If there is no such folder.
+        """
+        if source is None:
+            raise UsageError("the music is needed", fix="name the folder with it: --source DIR, or source=DIR")
+        if not source.is_dir():
+            raise SourceError("there is no such folder with music", where=source)
+        originals = [clip for clip in store.clips if not clip.source]
+        found = _listed(store, source) or _named(originals, source)
+        files = {clip.id: found[clip.source or clip.id] for clip in store.clips if (clip.source or clip.id) in found}
+        clips = SourceRecord.of_store(store).clips or {}
+        hashes = {clip: value.split()[1] for clip, value in clips.items()}
+        return cls(source, files, hashes)
+
+    def missing(self, clips: list[ClipView]) -> list[str]:
+        """Return the songs, or clips whose song has no name, that have no audio file."""
+        return sorted({clip.music or clip.id for clip in clips if clip.id not in self.files})
+
+    def length(self, clip: ClipView) -> tuple[int, int]:
+        """Return samples and sample rate of a clip's music, without decoding it."""
+        return audio_length(self.files[clip.id])
+
+    def load(self, clip: ClipView) -> AudioSignal:
+        """Decode a clip's music.
+
+        Raises
+        ------
+        DataError
+            If it cannot be decoded, or is other music than the dataset was built from.
+        """
+        path = self.files[clip.id]
+        signal = load_audio(path)
+        wanted = self.hashes.get(clip.source or clip.id, NO_MUSIC)
+        if wanted != NO_MUSIC and signal.sha256[:DIGITS] != wanted:
+            raise DataError(
+                "this is other music than the dataset was built from",
+                reason="other_music",
+                where=path,
+                found=f"samples with the hash {signal.sha256[:DIGITS]}",
+                allowed=f"{wanted}, the music of clip {shown(clip.id)}",
+                fix="name the source that the dataset was built from, or build the dataset again from this one",
+            )
+        return signal
+
+
+def _listed(store: Store, source: Path) -> dict[str, Path]:
+    """Return the audio files that the dataset's reader lists; nothing where it cannot read the folder."""
+    reader = _reader(store)
+    if reader is None or not any(source.iterdir()):  # a reader that generates its source would fill an empty folder
+        return {}
+    try:
+        return {clip.id: clip.audio_path for clip in reader.scan(source).clips if clip.audio_path is not None}
+    except DanceDataError:
+        return {}
+
+
+def _reader(store: Store) -> Dataset | None:
+    recipe = store.meta.get("recipe")
+    given = recipe.get("dataset") if isinstance(recipe, Mapping) else None
+    return one_of(DATASETS, "dataset", given, []) if isinstance(given, Mapping) else None
+
+
+def _named(clips: list[ClipView], source: Path) -> dict[str, Path]:
+    """Return files that have the name of a clip, or else of its song."""
+    files: dict[str, Path] = {}
+    for path in sorted(p for p in source.rglob("*") if p.suffix.lower() in SUFFIXES and p.is_file()):
+        known = files.get(path.stem)
+        if known is None or SUFFIXES.index(path.suffix.lower()) < SUFFIXES.index(known.suffix.lower()):
+            files[path.stem] = path
+    found = {clip.id: files.get(clip.id) or files.get(clip.music) for clip in clips}
+    return {clip: path for clip, path in found.items() if path is not None}

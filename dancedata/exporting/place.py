@@ -1,0 +1,177 @@
+"""Where an export is written: locked, looked at, filled beside its place and renamed; nothing of others is touched.
+
+Beside DIR there may be, of an export that is running or was killed::
+
+    .dancedata-NAME.lock                     held by the export that is writing
+    .dancedata-NAME.export-new-<8 digits>    the folder that will be DIR, with a marker that says that it is ours
+    .dancedata-NAME.export-old-<8 digits>    the export that is replaced
+
+A finished export is known by its export.json, which lists its files.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+from uuid import uuid4
+
+from dancedata.core.atomic import OWN, sync_folder
+from dancedata.core.errors import StoreError
+from dancedata.core.hashing import json_sha256, sha256_file
+from dancedata.core.locks import writing_lock
+from dancedata.core.staging import MARKER, claim, is_claimed
+from dancedata.core.strict_json import read_json
+from dancedata.core.text import listed
+
+#: The file of a finished export that says what it is.
+ABOUT = "export.json"
+README = "README.md"
+#: Largest export.json, bytes: some 250 a file.
+MAX_BYTES = 1 << 30
+
+
+def self_hash(about: Mapping[str, Any]) -> str:
+    """Return the hash of export.json without its own key self_sha256."""
+    return json_sha256({key: value for key, value in about.items() if key != "self_sha256"})
+
+
+def read_about(folder: Path) -> dict[str, Any] | None:
+    """Read export.json of a finished export; None where there is none, or one that is not ours."""
+    path = folder / ABOUT
+    try:
+        about = None if path.is_symlink() else read_json(path, MAX_BYTES)
+    except (OSError, ValueError):
+        return None
+    if not isinstance(about, dict) or not isinstance(about.get("files"), dict):
+        return None
+    return about if about.get("self_sha256") == self_hash(about) else None
+
+
+@contextmanager
+def new_export(out: Path, *, overwrite: bool) -> Iterator[Path]:
+    """Give a folder to fill; on success it becomes `out`. On any exception it is removed, and `out` stays as it was.
+
+    Raises
+    ------
+    StoreError
+        If `out` holds anything but an export that may be replaced, another export is writing there, or nothing can
+        be written.
+    """
+    made = [folder for folder in (out.parent, *out.parent.parents) if not folder.exists()]
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        with writing_lock(out, "export"):
+            _put_back(out)
+            _check(out, overwrite)
+            for folder in _beside(out):
+                _remove(folder)
+            with _swapped(out, overwrite) as new:
+                yield new
+        made = []
+    except OSError as error:
+        raise StoreError(
+            "the folder of the export cannot be written",
+            where=out,
+            found=str(error),
+            fix="choose an --out that is a folder of your own, on a disk with room; nothing was left there",
+        ) from error
+    finally:
+        for folder in made:
+            with suppress(OSError):
+                folder.rmdir()
+
+
+@contextmanager
+def _swapped(out: Path, overwrite: bool) -> Iterator[Path]:
+    real, digits = out.resolve(), uuid4().hex[:8]
+    new, old = (real.with_name(f"{OWN}{real.name}.export-{which}-{digits}") for which in ("new", "old"))
+    claim(new)
+    try:
+        yield new
+        _check(out, overwrite)  # again: an export may take an hour
+        (new / MARKER).unlink()
+        if os.path.lexists(real):
+            os.rename(real, old)
+        os.rename(new, real)
+    except BaseException:
+        if os.path.lexists(old) and not os.path.lexists(real):
+            os.rename(old, real)
+        if os.path.lexists(new):
+            shutil.rmtree(new)  # made above, under a name that no other process has
+        raise
+    sync_folder(real.parent)
+    if os.path.lexists(old):
+        _remove(old)
+
+
+def _check(out: Path, overwrite: bool) -> None:
+    if not os.path.lexists(out):
+        return
+    if not out.is_dir():
+        raise StoreError("the place of the export is not a folder", where=out, fix="choose another --out")
+    if not any(out.iterdir()):
+        return
+    about = read_about(out)
+    what, changed = "that are not an export's", sorted(p.name for p in out.iterdir())
+    if about is not None:
+        what, changed = "that were added or changed since it was exported", _foreign(out, about["files"])
+    if changed:
+        raise StoreError(
+            f"the folder of the export holds files {what}",
+            where=out,
+            found=listed(changed),
+            allowed="an empty folder, a new one, or with --overwrite an export made before",
+            fix="choose another --out, or move them away; nothing was written",
+        )
+    if about is not None and not overwrite:
+        raise StoreError(
+            "the folder holds an export already",
+            where=out,
+            found=f"{about.get('target')} of {about.get('name')}",
+            fix="choose another --out, or replace it with --overwrite; nothing was written",
+        )
+
+
+def _foreign(folder: Path, files: Mapping[str, Any]) -> list[str]:
+    """Return the files of a folder that its export.json does not list, or that have changed."""
+    found = []
+    for path in folder.rglob("*"):
+        name = path.relative_to(folder).as_posix()
+        if name == ABOUT or (path.is_dir() and not path.is_symlink()):
+            continue
+        size, sha256 = files.get(name, (-1, ""))
+        is_same = not path.is_symlink() and path.stat().st_size == size
+        if not is_same or (name == README and sha256_file(path) != sha256):
+            found.append(name)
+    return sorted(found)
+
+
+def _beside(out: Path, which: str = "new|old") -> list[Path]:
+    """Return the folders that killed exports to `out` left, by name."""
+    real = out.resolve()
+    ours = re.compile(rf"{re.escape(OWN + real.name)}\.export-({which})-[0-9a-f]{{8}}")
+    found = [real.parent / name for name in os.listdir(real.parent) if ours.fullmatch(name)]
+    return sorted(folder for folder in found if folder.is_dir() and not folder.is_symlink())
+
+
+def _put_back(out: Path) -> None:
+    """Put the old export back where a swap was killed half way."""
+    if not os.path.lexists(out):
+        whole = [folder for folder in _beside(out, "old") if read_about(folder) is not None]
+        if whole:
+            os.rename(whole[-1], out.resolve())
+
+
+def _remove(folder: Path) -> None:
+    """Remove what is proved to be ours: an unfinished folder, or the listed files of an export."""
+    about = read_about(folder)
+    if is_claimed(folder) or (about is not None and not _foreign(folder, about["files"])):
+        shutil.rmtree(folder)
+    else:
+        with suppress(OSError):  # a killed process had just made it
+            folder.rmdir()

@@ -1,0 +1,151 @@
+"""Exports a dataset: what is lacking, the target's files, README, licence and export.json."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from dancedata.core.atomic import write_json
+from dancedata.core.errors import StoreError, UsageError
+from dancedata.core.plugins import Export
+from dancedata.core.text import counted, listed, quoted, shown
+from dancedata.core.version import __version__
+from dancedata.execution.cache_admin import size_text
+from dancedata.execution.progress import Progress
+from dancedata.exporting.folder import ExportFolder
+from dancedata.exporting.job import ExportJob, Lack
+from dancedata.exporting.place import ABOUT, README, new_export, read_about, self_hash
+from dancedata.exporting.readme import licence_text, readme_text
+from dancedata.recipes.documents import document_of
+from dancedata.store import open_store
+
+LICENCE = "LICENCE.txt"
+#: Longest id of a clip, in bytes: file names end with more.
+_MAX_NAME = 200
+
+
+@dataclass(frozen=True)
+class ExportResult:
+    """A finished export.
+
+    Attributes
+    ----------
+    path
+        Absolute path of its folder.
+    about
+        What its export.json holds.
+    """
+
+    path: Path
+    about: Mapping[str, Any]
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What to know about these files."""
+        return tuple(self.about["notes"])
+
+    @property
+    def summary(self) -> str:
+        """What was written, and what to know about it."""
+        files = self.about["files"]
+        size = size_text(sum(size for size, _ in files.values()))
+        head = f"exported {shown(self.about['name'])} as {self.about['target']} to {shown(self.path)}"
+        lines = [f"{head}: {counted(len(files), 'file')}, {size}"]
+        lines += [f"  {shown(note, 2000)}" for note in self.notes]
+        return "\n".join([*lines, f"read {shown(self.path / README)}: the commands, and where trainers stop"])
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain JSON data, without the list of files."""
+        files = self.about["files"]
+        about = {key: value for key, value in self.about.items() if key not in ("files", "self_sha256")}
+        return {
+            "path": str(self.path),
+            **about,
+            "files": len(files),
+            "bytes": sum(size for size, _ in files.values()),
+        }
+
+
+def export_dataset(
+    path: Path,
+    target: Export,
+    out: Path,
+    *,
+    source: Path | None = None,
+    link: bool = False,
+    overwrite: bool = False,
+    progress: Progress | None = None,
+) -> ExportResult:
+    """Export a dataset; see `dancedata.export`."""
+    with open_store(path) as store:
+        job = ExportJob(store, Path(os.path.abspath(out)), source, link, progress or Progress(quiet=True))
+        _check_place(job)
+        raise_lacks(target, job, file_name_lacks(job) + target.lacks(job))
+        with new_export(job.out, overwrite=overwrite) as new:
+            folder = ExportFolder(new, job.out, link)
+            target.write(job, folder)
+            _finish(target, job, folder)
+    about = read_about(job.out)
+    if about is None:
+        raise StoreError("the export was changed while it was written", where=job.out)
+    return ExportResult(job.out, about)
+
+
+def raise_lacks(target: Export, job: ExportJob, lacks: list[Lack]) -> None:
+    """Raise StoreError with everything that is lacking, one line each; nothing where nothing is."""
+    if not lacks:
+        return
+    lines = "".join(f"\n- {lack.problem}\n  fix: {lack.fix}" for lack in lacks)
+    raise StoreError(
+        f"the dataset cannot be exported as {target.name}; nothing was written:{lines}", where=job.store.path
+    )
+
+
+def file_name_lacks(job: ExportJob) -> list[Lack]:
+    """Return the clips whose id cannot be the name of a file."""
+    bad = [quoted(c.id) for c in job.clips() if "/" in c.id or c.id.startswith(".") or len(c.id.encode()) > _MAX_NAME]
+    if not bad:
+        return []
+    return [
+        Lack(f"ids of clips that cannot be names of files: {listed(bad)}", "name the files of the source otherwise")
+    ]
+
+
+def _check_place(job: ExportJob) -> None:
+    if job.out.resolve() == Path.cwd():
+        raise UsageError(
+            "cannot replace the current working directory", where=job.out, fix="export from another folder"
+        )
+    for what, folder in (("dataset", job.store.path), ("source", job.source)):
+        if folder is not None and job.out.resolve().is_relative_to(folder.resolve()):
+            raise UsageError(f"an export does not go into its {what}", where=job.out, fix="choose another --out")
+
+
+def _finish(target: Export, job: ExportJob, folder: ExportFolder) -> None:
+    """Add README, licence and export.json, which is the last file."""
+    if folder.linked:
+        folder.note(
+            f"{counted(folder.linked, 'file')} are hard links of files with equal bytes, of this export or of the "
+            "source: a change of one changes the other"
+        )
+    licence = licence_text(job.store)
+    if licence:
+        folder.write_text(LICENCE, licence)
+    folder.write_text(README, readme_text(target, job, folder.notes))
+    about = {
+        "dancedata": __version__,
+        "target": target.name,
+        "version": target.version,
+        "parameters": document_of(target),
+        "reference": target.reference,
+        "name": str(job.store.meta.get("name", job.store.path.name)),
+        "dataset": {key: job.store.meta.get(key) for key in ("self_sha256", "recipe_sha256")},
+        "clips": {split: len(job.clips(split)) for split in job.store.splits},
+        "licence": job.store.meta.get("licence"),
+        "notes": list(folder.notes),
+        "files": {name: [file.size, file.sha256] for name, file in sorted(folder.files.items())},
+    }
+    write_json(folder.path / ABOUT, {**about, "self_sha256": self_hash(about)})

@@ -1,0 +1,146 @@
+"""Five-second slices in EDGE's folders: their names, order, motion and sound."""
+
+from __future__ import annotations
+
+import io
+import wave
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+
+from dancedata.audio.signal import pcm16
+from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.clip import Window
+from dancedata.core.grid import FrameGrid
+from dancedata.core.motion import Motion
+from dancedata.core.registry import REPRESENTATIONS
+from dancedata.core.text import counted, listed
+from dancedata.core.windows import WindowGrid
+from dancedata.exporting.folder import ExportFolder
+from dancedata.exporting.job import ExportJob, Lack
+from dancedata.exporting.needs import needs_field, needs_fps, needs_music, needs_splits
+from dancedata.store import ClipView, WindowList
+from dancedata.store.schema import slice_name
+
+MOTION = "edge151"
+FPS, LENGTH, STRIDE = 30, 150, 15
+LENGTH_S, STRIDE_S = 5, Fraction(1, 2)
+#: Columns of EDGE's two features: librosa ("baseline") and Jukebox.
+WIDTHS = {35: "baseline", 4800: "jukebox"}
+_SILENCE_RATE = 16_000
+
+
+@dataclass(frozen=True)
+class Slice:
+    """A window under its name in EDGE's files."""
+
+    name: str
+    clip: ClipView
+    window: Window
+
+    @property
+    def number(self) -> int:
+        """Number of the window among all those of its clip."""
+        return WindowGrid(LENGTH, STRIDE).number(self.window.start)
+
+
+def slice_lacks(job: ExportJob, feature: str, splits: Sequence[str], *, sound: bool) -> list[Lack]:
+    """Return what a dataset lacks for slices."""
+    lacks = needs_fps(job, FPS) + needs_field(job, MOTION, kind="motion", width=151, rate=FPS)
+    lacks += needs_field(job, feature, kind="audio", rate=FPS)
+    if feature in job.store.fields and job.store.fields[feature].width not in WIDTHS:
+        width, fix = job.store.fields[feature].width, "audio: {librosa35: {}}, and --feature librosa35"
+        lacks.append(Lack(f"{feature} has {width} columns, not 35 or 4800", fix))
+    if job.store.scope == "window" and not lacks:
+        lacks += _window_lacks(job)
+    lacks += needs_splits(job, *splits)
+    if set("*?[") & set(str(job.out)):
+        lacks.append(Lack("the loader lists folders by patterns, in which * ? [ have a meaning", "another --out"))
+    if not lacks:
+        empty = [split for split in splits if not len(_windows(job, split, feature))]
+        lacks += [Lack(f"{split} has no window of five seconds", "longer clips") for split in empty]
+    return lacks + (needs_music(job, job.clips(*splits)) if sound else [])
+
+
+def _window_lacks(job: ExportJob) -> list[Lack]:
+    about = job.store.meta["windows"]
+    if (about["length"], about["stride"]) == (LENGTH, STRIDE):
+        return []
+    found = f"windows of {about['length']} frames every {about['stride']}, not {LENGTH} every {STRIDE}"
+    return [
+        Lack(f"the dataset has window scope with {found}", "windows: {length_s: 5, stride_s: 0.5}, or scope: track")
+    ]
+
+
+def sort_key(name: str) -> str:
+    """Return what EDGE's loader sorts a slice by: its file name as text, slice10 before slice2."""
+    return f"{name}."
+
+
+def slices_of(job: ExportJob, split: str, feature: str) -> list[Slice]:
+    """Return the slices of a split."""
+    clips = {clip.id: clip for clip in job.clips(split)}
+    return [Slice(slice_name(w.clip, w.start // STRIDE), clips[w.clip], w) for w in _windows(job, split, feature)]
+
+
+def _windows(job: ExportJob, split: str, feature: str) -> WindowList:
+    if job.store.scope == "window":
+        return job.store.windows(split)
+    fields = (MOTION, feature)
+    return job.store.windows(split, length_frames=LENGTH, stride_frames=STRIDE, fields=fields)
+
+
+def slice_motion(job: ExportJob, item: Slice) -> Motion:
+    """Return the motion of a slice: 150 frames at 30 per second, metres, radians, +Y up."""
+    rows = job.store.read(item.window, MOTION)
+    return REPRESENTATIONS.get(MOTION)().decode(rows, FrameGrid.of(FPS))
+
+
+def with_whole_sound(job: ExportJob, slices: list[Slice], folder: ExportFolder) -> list[Slice]:
+    """Return the slices whose five seconds of sound exist in full, as EDGE counts them; the others are noted."""
+    lengths = {clip_id: job.music.length(clip) for clip_id, clip in {s.clip.id: s.clip for s in slices}.items()}
+    short = []
+    for item in slices:
+        n_samples, rate = lengths[item.clip.id]
+        if _first_sample(item, rate) + LENGTH_S * rate > n_samples:
+            short.append(item.name)
+    if short:
+        folder.note(
+            f"{counted(len(short), 'window')} left out, whose music ends before five seconds of samples, as in EDGE: "
+            f"{listed(short)}"
+        )
+    return [item for item in slices if item.name not in set(short)]
+
+
+def cut_sounds(job: ExportJob, slices: list[Slice]) -> Iterator[tuple[Slice, bytes]]:
+    """Cut the sound of slices: their names with a 16-bit mono wav; each song is decoded once per clip."""
+    clip, signal = "", None
+    for item in slices:
+        if item.clip.id != clip or signal is None:
+            clip, signal = item.clip.id, job.music.load(item.clip)
+        first = _first_sample(item, signal.sample_rate)
+        yield item, wav_bytes(signal.part(first, first + LENGTH_S * signal.sample_rate))
+
+
+def silence() -> bytes:
+    """Return five seconds of silence as a wav."""
+    return wav_bytes(AudioSignal(np.zeros(LENGTH_S * _SILENCE_RATE, np.float32), _SILENCE_RATE))
+
+
+def wav_bytes(signal: AudioSignal) -> bytes:
+    """Return a signal as a 16-bit mono wav, quantised as soundfile does it."""
+    steps = (pcm16(signal.samples) * np.float32(32768)).astype("<i2")
+    buffer = io.BytesIO()
+    with wave.open(buffer, "wb") as file:
+        file.setnchannels(1)
+        file.setsampwidth(2)
+        file.setframerate(signal.sample_rate)
+        file.writeframes(steps.tobytes())
+    return buffer.getvalue()
+
+
+def _first_sample(item: Slice, rate: int) -> int:
+    # EDGE adds up a stride that is truncated to samples.
+    return item.number * int(STRIDE_S * rate)

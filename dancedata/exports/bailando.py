@@ -1,0 +1,174 @@
+"""Bailando and Bailando++: JSON files of positions, rotations and 438 columns of music."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from shlex import quote
+from typing import Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.grid import FrameGrid
+from dancedata.core.plugins import AudioFeature, Export
+from dancedata.core.registry import EXPORTS, FEATURES
+from dancedata.core.text import counted, listed
+from dancedata.execution.threads import as_in_builds
+from dancedata.exporting.folder import ExportFolder
+from dancedata.exporting.job import ExportJob, Lack
+from dancedata.exporting.needs import needs_feature, needs_field, needs_music, needs_splits, needs_track_scope
+from dancedata.exports._aist_names import PARTS, is_ignored, name_lacks, note_ignored
+from dancedata.exports._json_rows import json_of
+from dancedata.exports._songs import find_songs
+from dancedata.recipes.plugins import make_named
+from dancedata.store import ClipView
+
+_MOTION, _ROTATIONS, _FEATURE, _RATE = "bailando72", "fact219", "bailando438", 60
+_SLOW = FrameGrid(Fraction(15, 2))
+#: Frames of a window in both steps: a shorter sequence gives none.
+_LEAST = 240
+_TRAIN, _TEST = "data/aistpp_train_wav", "data/aistpp_test_full_wav"
+_FOLDERS = {"train": _TRAIN, "test": _TEST}
+_MUSIC, _MUSIC_60 = "data/aistpp_music_feat_7.5fps", "data/aistpp_music_feat_60fps"
+_GUIDE = """## Train
+
+The configurations look for `data/` below the working folder. In a checkout of Bailando (PyYAML below 6, numpy below
+1.24):
+
+```sh
+ln -s {out}/data data
+sh srun.sh configs/sep_vqvae.yaml train YOUR_NODE 1  # steps 1 to 4 as in its README
+```
+
+- `{train}/` and `{test}/`: 24 positions, metres, +Y up, 60 frames per second, with 438 columns of music. In train
+  both end together, in test the music goes on to the end of the song. Test holds the splits test and val, as there.
+- `{music}/` and `{music_60}/`: the music of each song at 7.5 and 60 rows per second. The loaders find it by the
+  second last part of a sequence's name. At 7.5 the envelope, beats and tempogram are zero in every row, as in the
+  published recipe, unless the feature has `onset_fmax: nyquist`.
+- Positions are those of the body that the dataset was built with, the published ones SMPL's male body: limbs differ
+  by up to centimetres.
+- {ignored}
+- Bailando++ reads `{train}_rotmat/` and `{test}_rotmat/` as well: 219 columns, translation and 24
+  matrices.{rotations}
+- Windows are made in memory as float64: all of AIST++ takes some 2 GB, and 5 GB of text on disk.
+"""
+
+
+@EXPORTS.register("bailando")
+@dataclass(frozen=True)
+class Bailando(Export):
+    """Bailando's JSON folders of sequences and songs, and those of Bailando++ (Siyao et al. 2022, 2023).
+
+    Attributes
+    ----------
+    feature
+        Field with the 438 columns at 60 rows per second; those at 7.5 are computed by the same feature.
+    keep_ignored
+        Keep the clips of the ignore list: Bailando's script means to remove them, but its command lacks the ending of
+        their names, so its training set has them.
+    """
+
+    version: ClassVar[int] = 1
+    recipe: ClassVar[Mapping[str, Any]] = {
+        "fps": _RATE,
+        "windows": {"length_frames": 240, "stride_frames": 40},
+        "motion": {_MOTION: {}, _ROTATIONS: {}},
+        "audio": {_FEATURE: {}},
+    }
+    reference: ClassVar[str] = "lisiyao21/Bailando, commit cc90b98, utils/functional.py"
+    listed_folders: ClassVar[tuple[str, ...]] = (_TRAIN, _TEST, _MUSIC, _MUSIC_60)
+
+    feature: str = _FEATURE
+    keep_ignored: bool = False
+
+    def lacks(self, job: ExportJob) -> list[Lack]:
+        """Return missing fields, rates, splits and music, songs of two kinds, and names that are read wrongly."""
+        lacks = needs_track_scope(job) + needs_field(job, _MOTION, kind="motion", width=72, rate=_RATE)
+        lacks += needs_feature(_FEATURE) + needs_field(job, self.feature, kind="audio", width=438, rate=_RATE)
+        lacks += needs_splits(job, "train", "test")
+        clips = [clip for part in PARTS for clip in self._clips(job, part)]
+        lacks += name_lacks(job, clips) + self._ignored_lacks(job)
+        lacks += needs_music(job, clips)
+        if lacks:
+            return lacks
+        if all(len(clip.read(_MOTION)) < _LEAST for clip in self._clips(job, "train")):
+            lacks.append(Lack(f"no sequence of train has {_LEAST} frames: loaders stop without one", "longer clips"))
+        return lacks + find_songs(job, clips)[1]
+
+    def write(self, job: ExportJob, folder: ExportFolder) -> None:
+        """Write the folders of sequences and songs."""
+        if not self.keep_ignored:
+            note_ignored(folder, job.clips())
+        for part in PARTS:
+            clips = self._clips(job, part)
+            for clip in job.each(part, clips):
+                self._write_sequence(job, folder, part, clip)
+            short = [clip.id for clip in clips if len(clip.read(_MOTION)) < _LEAST]
+            if short:
+                folder.note(
+                    f"{counted(len(short), 'sequence')} of {part} shorter than {_LEAST} frames, which give no "
+                    f"training window: {listed(short)}"
+                )
+        songs, _ = find_songs(job, [clip for part in PARTS for clip in self._clips(job, part)])
+        feature = _feature_of(job, self.feature)
+        compute = as_in_builds(feature.exact)
+        for music, clip in job.each("songs at 7.5 rows per second", list(songs.items())):
+            folder.write_bytes(
+                f"{_MUSIC_60}/{music}.json", json_of(music, {"music_array": clip.read_song(self.feature)})
+            )
+            slow = compute(feature.extract, job.music.load(clip), _SLOW)
+            folder.write_bytes(f"{_MUSIC}/{music}.json", json_of(music, {"music_array": slow}))
+        if _ROTATIONS not in job.store.fields:
+            folder.note(f"without Bailando++'s rotations: they need motion: {{{_ROTATIONS}: {{}}}}")
+
+    def guide(self, job: ExportJob) -> str:
+        """Return Bailando's commands and its stops."""
+        ignored = (
+            "Clips of the ignore list are kept, as in the paper's training set."
+            if self.keep_ignored
+            else "Clips of the ignore list are left out. The paper's training set has them (`--keep-ignored`)."
+        )
+        rotations = "" if _ROTATIONS in job.store.fields else " They are not here."
+        return _GUIDE.format(
+            out=quote(str(job.out)),
+            train=_TRAIN,
+            test=_TEST,
+            music=_MUSIC,
+            music_60=_MUSIC_60,
+            ignored=ignored,
+            rotations=rotations,
+        )
+
+    def _clips(self, job: ExportJob, part: str) -> list[ClipView]:
+        return [clip for clip in job.clips(*PARTS[part]) if self.keep_ignored or not is_ignored(clip)]
+
+    def _ignored_lacks(self, job: ExportJob) -> list[Lack]:
+        """Return the clips of the ignore list that the dataset itself has left out."""
+        if not self.keep_ignored:
+            return []
+        absent = [str(row.get("clip")) for row in job.store.rejects if row.get("reason") == "ignored"]
+        fix = "dataset: {aist++: {ignore: none}}"
+        return [Lack(f"clips of the ignore list are not in the dataset: {listed(absent)}", fix)] if absent else []
+
+    def _write_sequence(self, job: ExportJob, folder: ExportFolder, part: str, clip: ClipView) -> None:
+        music = clip.read_song(self.feature) if part == "test" else clip.read(self.feature)
+        for field, ending in ((_MOTION, ""), (_ROTATIONS, "_rotmat")):
+            if field in job.store.fields:
+                dance = clip.read(field)
+                rows = min(len(dance), len(music)) if part == "train" else None
+                arrays: dict[str, npt.NDArray[np.float32]] = {
+                    "music_array": music[:rows],
+                    "dance_array": dance[:rows],
+                }
+                folder.write_bytes(f"{_FOLDERS[part]}{ending}/{clip.id}.json", json_of(clip.id, arrays))
+
+
+def _feature_of(job: ExportJob, name: str) -> AudioFeature:
+    """Return the audio feature of a field, with the parameters that the dataset was built with."""
+    recipe = job.store.meta.get("recipe")
+    given = recipe.get("audio") if isinstance(recipe, Mapping) else None
+    parameters = dict(given[name]) if isinstance(given, Mapping) and isinstance(given.get(name), Mapping) else {}
+    parameters.pop("fps", None)
+    return make_named(FEATURES, "audio", _FEATURE, parameters)

@@ -1,0 +1,59 @@
+"""BVH files, one per clip, for Blender, Maya, MotionBuilder and other programs for animation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal
+
+from dancedata.core.plugins import Export
+from dancedata.core.registry import EXPORTS
+from dancedata.exporting.folder import ExportFolder
+from dancedata.exporting.job import ExportJob, Lack
+from dancedata.exports._motions import decoded, field_name, motion_lacks
+from dancedata.formats.bvh.write import motion_bvh
+
+
+@EXPORTS.register("bvh")
+@dataclass(frozen=True)
+class BvhFiles(Export):
+    """One BVH file per clip, with the rest pose of the body; bvh_m/ in metres or bvh_cm/ in centimetres.
+
+    Attributes
+    ----------
+    unit
+        ``m``: metres, which Blender reads at a scale of 1. ``cm``: centimetres, as Maya and MotionBuilder expect.
+    field
+        Motion field to decode; none: the first that holds rotations.
+    """
+
+    version: ClassVar[int] = 1
+    recipe: ClassVar[Mapping[str, Any]] = {"motion": {"edge151": {}}}
+
+    unit: Literal["m", "cm"] = "m"
+    field: str = ""
+
+    def lacks(self, job: ExportJob) -> list[Lack]:
+        """Return what is missing for clips to be decoded."""
+        return motion_lacks(job, self.field)
+
+    def write(self, job: ExportJob, folder: ExportFolder) -> None:
+        """Write bvh_<unit>/<clip>.bvh."""
+        for clip, motion in decoded(job, self.field):
+            folder.write_text(f"bvh_{self.unit}/{clip.id}.bvh", motion_bvh(motion, self.unit))
+
+    def guide(self, job: ExportJob) -> str:
+        """Return how Blender opens the files."""
+        name = field_name(job, self.field)
+        scale = "1" if self.unit == "m" else "0.01"
+        return (
+            f"Decoded from `{name}`, {job.store.field(name).rate} frames per second, +Y up, "
+            f"{'metres' if self.unit == 'm' else 'centimetres'}.\n\n"
+            "In Blender: File, Import, Motion Capture (.bvh), Scale "
+            f"{scale}, Forward -Z, Up Y, Update Scene FPS; or in its console:\n\n"
+            "```python\nimport bpy\n\n"
+            f'bpy.ops.import_anim.bvh(filepath="bvh_{self.unit}/{job.clips()[0].id}.bvh", global_scale={scale}, '
+            'axis_forward="-Z", axis_up="Y", update_scene_fps=True)\n```\n\n'
+            "The rest pose is that of the body: all angles 0. Joints without children end in a bone of half the "
+            "length before it, which is no part of the motion.\n"
+        )

@@ -1,0 +1,102 @@
+"""EDGE: sliced folders for its loader, and the loader's own cache."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from shlex import quote
+from typing import Any, ClassVar, Literal
+
+from dancedata.core.plugins import Export
+from dancedata.core.registry import EXPORTS
+from dancedata.core.text import counted
+from dancedata.exporting.folder import ExportFolder
+from dancedata.exporting.job import ExportJob, Lack
+from dancedata.exports import _slices as slices
+from dancedata.exports._slice_files import FOLDERS, SliceWriter
+
+_BATCH = 64
+_GUIDE = """## Train
+
+In a checkout of EDGE, with its requirements installed:
+
+```sh
+accelerate launch train.py --data_path {out}/ --processed_data_dir NEW_FOLDER/ --feature_type {kind}
+```
+
+- `NEW_FOLDER` has to be new. The loader takes `processed_train_data.pkl` and `processed_test_data.pkl` from it, and
+  train.py `train_tensor_dataset.pkl` and `test_tensor_dataset.pkl`, before they look at the data. After another
+  export remove these four, or pass `--force_reload --no_cache`.
+- train.py does not pass `--feature_type` on to its dataset: it reads `jukebox_feats` whatever the flag says, which
+  only sizes the model. So `{feature}` ({width} columns) lies in `jukebox_feats`{again}.
+- `cache/` is the loader's cache of the same windows at 30 frames per second: copy it, and give the copy as
+  `--processed_data_dir`, to start without reading the pickles one by one. It holds absolute paths below
+  `{out}`: export again after moving the folder.
+- The first render, in epoch 100, dies where there are fewer test windows than `--batch_size` (64 by default).
+- The loader sorts windows as text, slice10 before slice2, and keeps every second of the 300 frames of a pickle, so
+  each frame at 30 per second lies there twice.
+"""
+
+
+@EXPORTS.register("edge")
+@dataclass(frozen=True)
+class Edge(Export):
+    """EDGE's folders motions_sliced, wavs_sliced, jukebox_feats, baseline_feats, and its cache (Tseng et al. 2023).
+
+    Attributes
+    ----------
+    feature
+        Audio feature to write, of 35 or 4800 columns.
+    sound
+        ``cut``: wavs cut from the music of --source. ``silence``: silent wavs, without a source; training does not
+        use them, only rendering does.
+    val_as_test
+        Write the split val to the test folder too: EDGE has no validation split.
+    """
+
+    version: ClassVar[int] = 1
+    recipe: ClassVar[Mapping[str, Any]] = {"motion": {"edge151": {}}, "audio": {"librosa35": {}}}
+    reference: ClassVar[str] = "Stanford-TML/EDGE, commit 17c3428, dataset/dance_dataset.py"
+    listed_folders: ClassVar[tuple[str, ...]] = (
+        *(f"train/{name}" for name in FOLDERS),
+        *(f"test/{name}" for name in FOLDERS),
+    )
+
+    feature: str = "librosa35"
+    sound: Literal["cut", "silence"] = "cut"
+    val_as_test: bool = False
+
+    def lacks(self, job: ExportJob) -> list[Lack]:
+        """Return missing fields, rates, widths, splits, windows and music."""
+        splits = [split for part in self._splits.values() for split in part]
+        return slices.slice_lacks(job, self.feature, splits, sound=self.sound == "cut")
+
+    def write(self, job: ExportJob, folder: ExportFolder) -> None:
+        """Write train/, test/ and cache/."""
+        if "val" in job.store.splits and not self.val_as_test:
+            n = counted(len(job.clips("val")), "clip")
+            folder.note(f"the split val ({n}) is not exported: --set val_as_test=true adds it to test")
+        if job.store.scope == "track":
+            folder.note(
+                "the music was computed over whole songs, where EDGE's scripts take five seconds at a time: for "
+                "their numbers build the recipe aist++-edge-exact"
+            )
+        writer = SliceWriter(job, folder, self.feature, self.sound, repeat=2, batch=_BATCH)
+        for part, splits in self._splits.items():
+            found, motion = writer.write(part, splits)
+            paths = {
+                "filenames": [str(folder.final / part / "jukebox_feats" / f"{item.name}.npy") for item in found],
+                "wavs": [str(folder.final / part / "wavs_sliced" / f"{item.name}.wav") for item in found],
+            }
+            folder.write_pickle(f"cache/processed_{part}_data.pkl", {**motion, **paths})
+
+    def guide(self, job: ExportJob) -> str:
+        """Return EDGE's command, its caches and its stops."""
+        width = job.store.fields[self.feature].width
+        kind = slices.WIDTHS[width]
+        again = ", and once more in `baseline_feats`" if kind == "baseline" else ""
+        return _GUIDE.format(out=quote(str(job.out)), kind=kind, feature=self.feature, width=width, again=again)
+
+    @property
+    def _splits(self) -> dict[str, tuple[str, ...]]:
+        return {"train": ("train",), "test": ("test", "val") if self.val_as_test else ("test",)}

@@ -1,0 +1,144 @@
+"""FACT (mint): TFRecords of motion and music at 60 frames per second."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from shlex import quote
+from typing import Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.errors import UsageError
+from dancedata.core.plugins import Export
+from dancedata.core.registry import EXPORTS
+from dancedata.core.text import counted, listed
+from dancedata.exporting.folder import ExportFolder
+from dancedata.exporting.job import ExportJob, Lack
+from dancedata.exporting.needs import needs_field, needs_splits, needs_track_scope
+from dancedata.exports._aist_names import PARTS, is_ignored, name_lacks, note_ignored
+from dancedata.exports._tfrecord import example, record
+from dancedata.store import ClipView
+
+_MOTION, _RATE = "fact219", 60
+#: Frames of a training example: the loader cuts so many frames of music from a random place in the motion.
+_LEAST = 240
+_SHARDS = 20
+#: The seed with which mint's script draws the file of each record.
+_SEED = 42
+_GUIDE = """## Train
+
+The configuration looks for `./data/aist_tfrecord-train-*` below the working folder. In a checkout of mint:
+
+```sh
+ln -s {out}/data data
+python trainer.py --config_path ./configs/fact_v5_deeper_t10_cm12.config --model_dir CHECKPOINTS
+```
+
+- `fk_path` in the configuration names SMPL_MALE.pkl, which is not part of this export.
+- Motion has 219 columns at 60 per second; the loader puts six zeros in front. Music has 35 columns at 60 per second,
+  of the whole song. Motion ends where its music ends.
+- The records were read by an independent reader of TFRecords; tensorflow itself was not run on them.
+"""
+
+
+@EXPORTS.register("fact")
+@dataclass(frozen=True)
+class Fact(Export):
+    """FACT's TFRecords aist_tfrecord-train and -testval, 20 files each (Li et al. 2021); needs no tensorflow.
+
+    Attributes
+    ----------
+    feature
+        Audio feature of 35 columns.
+    unpaired
+        How often each test motion is written with the music of another one, drawn with a fixed seed. mint's script
+        writes ten, without a seed.
+    """
+
+    version: ClassVar[int] = 1
+    recipe: ClassVar[Mapping[str, Any]] = {
+        "fps": _RATE,
+        "motion": {_MOTION: {}},
+        "audio": {"librosa35": {}},
+    }
+    reference: ClassVar[str] = "google-research/mint, commit b8f8bdf, tools/preprocessing.py and mint/core/inputs.py"
+
+    feature: str = "librosa35"
+    unpaired: int = 0
+
+    def __post_init__(self) -> None:
+        """Check the parameters."""
+        if self.unpaired < 0:
+            raise UsageError("unpaired is a number of copies", found=self.unpaired, allowed="0 and above")
+
+    def lacks(self, job: ExportJob) -> list[Lack]:
+        """Return missing fields, rates and splits, names that would be read wrongly, and a part without sequences."""
+        lacks = needs_track_scope(job) + needs_field(job, _MOTION, kind="motion", width=219, rate=_RATE)
+        lacks += needs_field(job, self.feature, kind="audio", width=35, rate=_RATE)
+        lacks += needs_splits(job, "train", "test") + name_lacks(job, _clips(job, "train") + _clips(job, "test"))
+        if not lacks:
+            for part in PARTS:
+                if all(self._length(clip) < _LEAST for clip in _clips(job, part)):
+                    found = f"no sequence of {part} has {_LEAST} frames with music at {_RATE} per second"
+                    lacks.append(Lack(found, "longer clips: FACT trains on four seconds"))
+        return lacks
+
+    def write(self, job: ExportJob, folder: ExportFolder) -> None:
+        """Write data/aist_tfrecord-{train,testval}-00000-of-00020 and so on."""
+        note_ignored(folder, job.clips())
+        for part, name in (("train", "train"), ("test", "testval")):
+            clips = _clips(job, part)
+            short = [clip.id for clip in clips if self._length(clip) < _LEAST]
+            if short:
+                folder.note(
+                    f"{counted(len(short), 'sequence')} of {part} left out, shorter than the {_LEAST} frames that "
+                    f"the loader cuts: {listed(short)}"
+                )
+            kept = [clip for clip in clips if clip.id not in short]
+            pairs = [(clip, clip) for clip in kept]
+            if part == "test":
+                others = np.random.RandomState(_SEED).randint(0, len(kept), size=(self.unpaired, len(kept)))
+                pairs += [(kept[i], kept[other]) for row in others for i, other in enumerate(row)]
+            self._write_part(job, folder, name, pairs)
+
+    def guide(self, job: ExportJob) -> str:
+        """Return FACT's command and its stops."""
+        return _GUIDE.format(out=quote(str(job.out)))
+
+    def _length(self, clip: ClipView) -> int:
+        """Return how many frames of motion have music."""
+        return min(len(clip.read(_MOTION)), len(clip.read_song(self.feature)))
+
+    def _write_part(
+        self, job: ExportJob, folder: ExportFolder, name: str, pairs: Sequence[tuple[ClipView, ClipView]]
+    ) -> None:
+        shards = np.random.RandomState(_SEED).randint(0, _SHARDS, size=len(pairs))
+        with ExitStack() as stack:
+            files = [
+                stack.enter_context(folder.open_file(f"data/aist_tfrecord-{name}-{k:05d}-of-{_SHARDS:05d}"))
+                for k in range(_SHARDS)
+            ]
+            for (dance, song), shard in job.each(name, list(zip(pairs, shards.tolist(), strict=True))):
+                files[shard].write(record(_example(dance, song, self.feature)))
+
+
+def _clips(job: ExportJob, part: str) -> list[ClipView]:
+    return [clip for clip in job.clips(*PARTS[part]) if not is_ignored(clip)]
+
+
+def _example(dance: ClipView, song: ClipView, feature: str) -> bytes:
+    music: npt.NDArray[np.float32] = song.read_song(feature).astype(np.float32)
+    motion = dance.read(_MOTION)[: len(music)]
+    return example(
+        {
+            "motion_name": dance.id.encode(),
+            "motion_sequence": motion,
+            "motion_sequence_shape": motion.shape,
+            "audio_name": song.music.encode(),
+            "audio_sequence": music,
+            "audio_sequence_shape": music.shape,
+        }
+    )

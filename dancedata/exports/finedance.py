@@ -1,0 +1,72 @@
+"""FineDance's own trainer (FineNet): whole tracks of 319 columns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from shlex import quote
+from typing import Any, ClassVar
+
+import numpy as np
+
+from dancedata.core.plugins import Export
+from dancedata.core.registry import EXPORTS
+from dancedata.datasets.finedance.facts import facts
+from dancedata.exporting.folder import ExportFolder
+from dancedata.exporting.job import ExportJob, Lack
+from dancedata.exports._finedance import note_missing, track_lacks
+
+_MOTION = "finedance319"
+_GUIDE = """## Train
+
+The loader reads `./data/finedance` below the working folder. In a checkout of FineDance:
+
+```sh
+mkdir -p data && ln -s {out}/finedance data/finedance
+python train_seq.py
+```
+
+- vis.py, line 484, opens the rest joints of SMPL-X at an absolute path of its authors. The file `smplx_neu_J_1.npy`
+  lies in the repository; link it to that place.
+- Tracks are whole and not grounded. Lodge's `music_npynew` is cut, `music_npy` is not: do not exchange them.
+- The loader subtracts the root of a window's first frame in a view of its array, so that overlapping windows of one
+  batch change each other. Compare one window at a time.
+"""
+
+
+@EXPORTS.register("finedance")
+@dataclass(frozen=True)
+class FineDance(Export):
+    """FineDance's motion_fea319 and music_npy, as its own trainer reads them (Li et al. 2023).
+
+    Attributes
+    ----------
+    feature
+        Audio feature of 35 columns.
+    """
+
+    version: ClassVar[int] = 1
+    recipe: ClassVar[Mapping[str, Any]] = {
+        "dataset": {"finedance": {}},
+        "motion": {_MOTION: {}},
+        "audio": {"librosa35": {}},
+    }
+    reference: ClassVar[str] = "li-ronghui/FineDance, commit bb13fe8, dataset/FineDance_dataset.py"
+
+    feature: str = "librosa35"
+
+    def lacks(self, job: ExportJob) -> list[Lack]:
+        """Return missing fields and rates, and names that are not FineDance's."""
+        return track_lacks(job, _MOTION, self.feature)
+
+    def write(self, job: ExportJob, folder: ExportFolder) -> None:
+        """Write the tracks."""
+        for clip in job.each("tracks", job.clips()):
+            folder.write_npy(f"finedance/motion_fea319/{clip.id}.npy", clip.read(_MOTION))
+            folder.write_npy(f"finedance/music_npy/{clip.id}.npy", clip.read(self.feature).astype(np.float32))
+        lists = facts().ignore_lists
+        note_missing(job, folder, lists["ignored"].ids | lists["ignored.finenet"].ids, "FineDance's loader")
+
+    def guide(self, job: ExportJob) -> str:
+        """Return the trainer's command and its stops."""
+        return _GUIDE.format(out=quote(str(job.out)))

@@ -1,0 +1,116 @@
+"""HumanML3D's folders: vectors, joints, mean and deviation, lists of splits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.plugins import Export
+from dancedata.core.registry import EXPORTS
+from dancedata.core.text import listed
+from dancedata.exporting.folder import ExportFolder
+from dancedata.exporting.job import ExportJob, Lack
+from dancedata.exporting.needs import needs_field, needs_track_scope
+from dancedata.representations.humanml263 import Humanml263
+from dancedata.store import ClipView
+
+Floats = npt.NDArray[np.float32]
+
+FIELD = "humanml263"
+#: Borders of the columns whose deviations are averaged: turn, velocity and height of the root, positions, rotations,
+#: velocities, contacts.
+_GROUPS = (0, 1, 3, 4, 67, 193, 259, 263)
+_LISTS = ("train", "val", "test")
+
+
+@EXPORTS.register("humanml3d")
+@dataclass(frozen=True)
+class HumanML3D(Export):
+    """HumanML3D's new_joint_vecs, new_joints, Mean.npy, Std.npy and lists of splits (Guo et al. 2022).
+
+    Attributes
+    ----------
+    scaler
+        ``all``: mean and deviation over the clips of all splits, test included, as HumanML3D's. ``train``: of train.
+    """
+
+    version: ClassVar[int] = 1
+    recipe: ClassVar[Mapping[str, Any]] = {"motion": {"humanml263": {}}}
+    reference: ClassVar[str] = (
+        "EricGuo5513/HumanML3D, commit 9176e8f, motion_representation.ipynb and cal_mean_variance.ipynb"
+    )
+    listed_folders: ClassVar[tuple[str, ...]] = ("new_joint_vecs", "new_joints")
+
+    scaler: Literal["all", "train"] = "all"
+
+    def lacks(self, job: ExportJob) -> list[Lack]:
+        """Return a missing field or scope, and clips too short for a row."""
+        lacks = needs_track_scope(job) + needs_field(job, FIELD, kind="motion", width=263, rate=20)
+        if self.scaler == "train" and "train" not in job.store.splits:
+            lacks.append(Lack("the dataset has no split train to fit mean and deviation on", "--scaler all"))
+        return lacks or _short(job)
+
+    def write(self, job: ExportJob, folder: ExportFolder) -> None:
+        """Write vectors and joints of every clip, mean, deviation and lists."""
+        made = Humanml263()
+        for clip in job.each("clips", job.clips()):
+            rows = vectors(clip)
+            folder.write_npy(f"new_joint_vecs/{clip.id}.npy", rows)
+            folder.write_npy(f"new_joints/{clip.id}.npy", made.positions(rows).astype(np.float32))
+        splits = job.store.splits if self.scaler == "all" else ("train",)
+        mean, std = mean_and_std(lambda: map(vectors, job.clips(*splits)))
+        folder.write_npy("Mean.npy", mean)
+        folder.write_npy("Std.npy", std)
+        if not std.all():
+            folder.note("Std.npy has zeros: columns that do not change in these clips; a loader divides by them")
+        for split in (*_LISTS, *(s for s in job.store.splits if s not in _LISTS)):
+            names = [clip.id for clip in job.clips(split)] if split in job.store.splits else []
+            folder.write_text(f"{split}.txt", "".join(f"{name}\n" for name in names))
+            if not names:
+                folder.note(f"{split}.txt is empty: the dataset has no clips in {split}")
+        folder.write_text("all.txt", "".join(f"{clip.id}\n" for clip in job.clips()))
+
+    def guide(self, job: ExportJob) -> str:
+        """Return where the files go, and what text-to-motion loaders need besides."""
+        over = "all splits, test included, as HumanML3D's are" if self.scaler == "all" else "train alone"
+        return (
+            "Put the folder, or a link to it, where the trainer looks for `HumanML3D/`: T2M, MDM and MLD read "
+            "`new_joint_vecs`, `Mean.npy`, `Std.npy` and the lists; `new_joints` are positions, for plots.\n\n"
+            "- 20 rows per second; a clip of T frames has T - 1 rows.\n"
+            f"- Mean and deviation are over {over}; the deviation is averaged within root turn, root velocity, root "
+            "height, positions, rotations, velocities and contacts, as in cal_mean_variance.ipynb.\n"
+            "- Text-to-motion loaders need `texts/<id>.txt` as well. A dataset of music and dance has no captions: "
+            "there are none here. Without them such a loader drops every clip. Loaders of motion alone leave them "
+            "out.\n- Remove caches of earlier data, and an evaluator's own mean and deviation "
+            "(`checkpoints/*/meta/{mean,std}.npy` in T2M) where it was trained on HumanML3D itself.\n"
+        )
+
+
+def _short(job: ExportJob) -> list[Lack]:
+    short = [clip.id for clip in job.clips() if len(clip.read(FIELD)) < 2]
+    if not short:
+        return []
+    return [Lack(f"clips of one row, which has no velocity: {listed(short)}", "leave them out of the source")]
+
+
+def vectors(clip: ClipView) -> Floats:
+    """Return a clip's rows as HumanML3D has them, (T - 1, 263): the last of the stored ones has no velocity."""
+    return np.asarray(clip.read(FIELD)[:-1], np.float32)
+
+
+def mean_and_std(parts: Callable[[], Iterable[Floats]]) -> tuple[Floats, Floats]:
+    """Return mean and grouped deviation (263,) of arrays (T, 263), which `parts()` gives twice."""
+    count, total = 0, np.zeros(263)
+    for rows in parts():
+        count, total = count + len(rows), total + rows.sum(axis=0, dtype=np.float64)
+    mean = total / max(count, 1)
+    squares = sum((((rows - mean) ** 2).sum(axis=0) for rows in parts()), np.zeros(263))
+    std = np.sqrt(squares / max(count, 1))
+    for first, last in pairwise(_GROUPS):
+        std[first:last] = std[first:last].mean()
+    return mean.astype(np.float32), std.astype(np.float32)

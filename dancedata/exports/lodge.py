@@ -1,0 +1,132 @@
+"""Lodge: trimmed tracks, labels, its normaliser and its assets.yaml."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from importlib.util import find_spec
+from shlex import quote
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.plugins import Export
+from dancedata.core.registry import EXPORTS
+from dancedata.core.text import listed
+from dancedata.datasets.finedance.facts import facts
+from dancedata.exporting.folder import ExportFolder
+from dancedata.exporting.job import ExportJob, Lack
+from dancedata.exports._finedance import note_missing, track_lacks
+from dancedata.exports._lodge_scaler import normalizer_bytes
+from dancedata.store import ClipView
+
+#: Columns that Lodge trains on: all of lodge139, the first of lodge319.
+_WIDTH = 139
+_GUIDE = """## Train
+
+In a checkout of Lodge (pytorch_lightning 1.9, numpy below 1.24), first the local stage, then the global one:
+
+```sh
+export TORCH_FORCE_NO_WEIGHTS_ONLY_LOAD=1  # torch 2.6 and later refuse a pickled normaliser, the published one too
+python train.py --cfg configs/lodge/finedance_fea139.yaml --cfg_assets {out}/assets.yaml
+python train.py --cfg configs/lodge/coarse_finedance_fea139.yaml --cfg_assets {out}/assets.yaml
+```
+
+- `assets.yaml` has absolute paths below `{out}`: export again, or change it, after moving the folder.
+- dld/data/FineDance_Module.py, line 28, opens `/data2/lrh/project/dance/Lodge/lodge_pub/data/smplx_neu_J_1.npy`
+  whatever the configuration says. The file lies in `data/` of the repository; link it to that place:
+
+  ```sh
+  mkdir -p /data2/lrh/project/dance/Lodge/lodge_pub && ln -s $PWD/data /data2/lrh/project/dance/Lodge/lodge_pub/data
+  ```
+
+- `TRAIN.PRETRAINED` of the second configuration names a checkpoint of its authors.
+- Batches of 190 and 800 windows, the last one dropped: a small set gives no batch at all, and no error.
+- Tracks begin where Lodge cuts them (ten ids), motion and music alike. Windows that stand still are left out by the
+  loader itself, so all are here.
+- `Normalizer.pth` covers {over}; {lodge}.
+- The global stage finds its key motions in each batch, so there is no file of them.
+"""
+
+
+@EXPORTS.register("lodge")
+@dataclass(frozen=True)
+class Lodge(Export):
+    """Lodge's mofea319, music_npynew, label_json, Normalizer.pth and assets.yaml (Li et al. 2024).
+
+    Attributes
+    ----------
+    motion
+        ``lodge139`` or ``lodge319``; the loader reads 139 columns of either.
+    feature
+        Audio feature of 35 columns.
+    scaler
+        ``all``: the normaliser covers all tracks, test included, as Lodge's does. ``train``: those of train.
+    """
+
+    version: ClassVar[int] = 1
+    recipe: ClassVar[Mapping[str, Any]] = {
+        "dataset": {"finedance": {}},
+        "motion": {"lodge139": {}},
+        "audio": {"librosa35": {}},
+    }
+    reference: ClassVar[str] = "li-ronghui/LODGE, commit a898e59, dld/data/FineDance_dataset.py"
+    listed_folders: ClassVar[tuple[str, ...]] = ("finedance/label_json", "finedance/mofea319")
+
+    motion: Literal["lodge139", "lodge319"] = "lodge139"
+    feature: str = "librosa35"
+    scaler: Literal["all", "train"] = "all"
+
+    def lacks(self, job: ExportJob) -> list[Lack]:
+        """Return missing fields and rates, names that are not FineDance's, and clips without a genre."""
+        lacks = track_lacks(job, self.motion, self.feature)
+        unknown = [clip.id for clip in job.clips() if clip.genre not in facts().genre_ids]
+        if unknown:
+            fix = "dataset: {finedance: {labels: required}}, which leaves them out"
+            lacks.append(Lack(f"clips without one of the 16 genres: {listed(unknown)}", fix))
+        if find_spec("torch") is None:
+            lacks.append(
+                Lack("torch is not installed, which writes Normalizer.pth", "pip install 'dancedata[torch]'")
+            )
+        return lacks
+
+    def write(self, job: ExportJob, folder: ExportFolder) -> None:
+        """Write the tracks, labels, Normalizer.pth and assets.yaml."""
+        for clip in job.each("tracks", job.clips()):
+            folder.write_npy(f"finedance/mofea319/{clip.id}.npy", self._rows(clip, self.motion))
+            folder.write_npy(f"finedance/music_npynew/{clip.id}.npy", self._rows(clip, self.feature))
+            folder.write_json(f"finedance/label_json/{clip.id}.json", {"style2": clip.genre})
+        folder.write_bytes("Normalizer.pth", normalizer_bytes(self._fitted(job)))
+        folder.write_text("assets.yaml", _assets(folder))
+        note_missing(job, folder, facts().ignored("cross_genre"), "Lodge's loader")
+
+    def guide(self, job: ExportJob) -> str:
+        """Return Lodge's commands and its stops."""
+        over = "the tracks of all splits, test included" if self.scaler == "all" else "the tracks of train"
+        lodge = "as Lodge fits it" if self.scaler == "all" else "Lodge fits it on test as well (`--scaler all`)"
+        return _GUIDE.format(out=quote(str(job.out)), over=over, lodge=lodge)
+
+    def _fitted(self, job: ExportJob) -> Iterator[npt.NDArray[np.float32]]:
+        for clip in job.clips(*(job.store.splits if self.scaler == "all" else ("train",))):
+            yield self._rows(clip, self.motion)[:, :_WIDTH]
+
+    @staticmethod
+    def _rows(clip: ClipView, field: str) -> npt.NDArray[np.float32]:
+        """Return a clip's rows from the frame on at which Lodge cuts it."""
+        return np.asarray(clip.read(field)[clip.trim_start :], np.float32)
+
+
+def _assets(folder: ExportFolder) -> str:
+    """Return Lodge's configuration of paths; the paths of this export, which are absolute, quoted."""
+    keys = {
+        "ROOT": "finedance",
+        "MOTION": "finedance/mofea319",
+        "MUSIC": "finedance/music_npynew",
+        "normalizer": "Normalizer.pth",
+        "LABEL": "finedance/label_json",
+    }
+    paths = "".join(
+        f"    {key}: '{str(folder.final / name).replace(chr(39), 2 * chr(39))}'\n" for key, name in keys.items()
+    )
+    return f"FOLDER: './experiments'\n\nTEST:\n  FOLDER: './experiments'\n\nDATASET:\n  FINEDANCE_139CUT:\n{paths}"

@@ -1,0 +1,107 @@
+"""A folder of .npz files and one JSON file, for any program that reads numpy."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from dancedata.core.errors import did_you_mean
+from dancedata.core.plugins import Export
+from dancedata.core.registry import EXPORTS
+from dancedata.exporting.folder import ExportFolder
+from dancedata.exporting.job import ExportJob, Lack
+from dancedata.exporting.needs import needs_music
+from dancedata.store import ClipView
+
+#: Layout of index.json.
+LAYOUT = 1
+
+
+@EXPORTS.register("npz")
+@dataclass(frozen=True)
+class Npz(Export):
+    """One .npz per clip with an array per field, and index.json with columns, rates, clips, windows and scalers.
+
+    Attributes
+    ----------
+    fields
+        Names of the fields to write; none: all.
+    """
+
+    version: ClassVar[int] = 1
+    recipe: ClassVar[Mapping[str, Any]] = {"motion": {"edge151": {}}, "audio": {"librosa35": {}}}
+
+    fields: tuple[str, ...] = ()
+
+    def lacks(self, job: ExportJob) -> list[Lack]:
+        """Return fields that the dataset does not have, and missing music where a source is given."""
+        known = job.store.fields
+        absent = [
+            Lack(f"the dataset has no field {f!r}", did_you_mean(f, known)) for f in self.fields if f not in known
+        ]
+        return absent + (needs_music(job, job.clips()) if job.source is not None else [])
+
+    def write(self, job: ExportJob, folder: ExportFolder) -> None:
+        """Write clips/<id>.npz, index.json and, with a source, music/."""
+        clips = {clip.id: self._write_clip(job, clip, folder) for clip in job.each("clips", job.clips())}
+        if job.source is not None:
+            for clip, name in _copy_music(job, folder).items():
+                clips[clip]["music_file"] = name
+        folder.write_json("index.json", self._index(job, clips))
+
+    def guide(self, job: ExportJob) -> str:
+        """Return how a script reads it."""
+        clip, field = job.clips()[0].id, self._names(job)[0]
+        shape = "(T, D)" if job.store.scope == "track" else "(windows, L, D)"
+        return (
+            "```python\nimport json, numpy as np\n\n"
+            'index = json.load(open("index.json"))\n'
+            f'rows = np.load("clips/{clip}.npz")["{field}"]  # {shape}, not normalised\n```\n\n'
+            "`index.json` has the columns, rate and axes of each field, the attributes of each clip, the windows "
+            "of each split as [clip, first frame, frames], and the extremes of each column over train windows.\n"
+        )
+
+    def _names(self, job: ExportJob) -> tuple[str, ...]:
+        return self.fields or tuple(job.store.fields)
+
+    def _write_clip(self, job: ExportJob, clip: ClipView, folder: ExportFolder) -> dict[str, Any]:
+        record = clip.record
+        about = {key: list(value) if isinstance(value, tuple) else value for key, value in vars(record).items()}
+        file = f"clips/{clip.id}.npz"
+        folder.write_npz(file, _arrays(job, clip, self._names(job)))
+        return {**about, "file": file}
+
+    def _index(self, job: ExportJob, clips: Mapping[str, Any]) -> dict[str, Any]:
+        store = job.store
+        fields = {name: store.field(name).to_json() for name in self._names(job)}
+        for name, about in fields.items():
+            about["axes"] = store.meta.get("axes", {}).get(name)
+            if "train" in store.splits and len(store.windows("train")):
+                about["scaler"] = store.normalizer(name).state_dict()
+        windows = {split: [[w.clip, w.start, w.length] for w in store.windows(split)] for split in store.splits}
+        about = {"layout": LAYOUT, "fps": str(store.grid), "scope": store.scope, "skeleton": store.skeleton.to_json()}
+        return {**about, "fields": fields, "clips": clips, "windows": windows}
+
+
+def _arrays(job: ExportJob, clip: ClipView, names: tuple[str, ...]) -> dict[str, Any]:
+    if job.store.scope == "track":
+        return {name: clip.read(name) for name in names}
+    windows = [w for w in job.store.windows(clip.split) if w.clip == clip.id]
+    windows.sort(key=lambda window: window.start)
+    return {name: np.stack([job.store.read(w, name) for w in windows]) for name in names}
+
+
+def _copy_music(job: ExportJob, folder: ExportFolder) -> dict[str, str]:
+    """Copy each audio file once; returns its name by clip."""
+    names: dict[Path, str] = {}
+    for clip in job.clips():
+        path = job.music.files[clip.id]
+        if path not in names:
+            name = f"music/{path.name}"
+            names[path] = name if name not in names.values() else f"music/{clip.id}{path.suffix}"
+            folder.copy_file(names[path], path)
+    return {clip.id: names[job.music.files[clip.id]] for clip in job.clips()}

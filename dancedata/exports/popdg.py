@@ -1,0 +1,78 @@
+"""POPDG: EDGE's folders at 30 frames per second."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from shlex import quote
+from typing import Any, ClassVar, Literal
+
+from dancedata.core.plugins import Export
+from dancedata.core.registry import EXPORTS
+from dancedata.exporting.folder import ExportFolder
+from dancedata.exporting.job import ExportJob, Lack
+from dancedata.exports import _slices as slices
+from dancedata.exports._slice_files import FOLDERS, SliceWriter
+
+_BATCH = 128
+_GUIDE = """## Train
+
+In a checkout of POPDG, with its requirements installed:
+
+```sh
+python train.py --data_path {out}/ --processed_data_dir NEW_FOLDER/ --feature_type {kind}
+```
+
+- The loader opens a file `high_quality_dataset` in the working folder. The repository has one, and the empty one of
+  this export does as well: windows of every clip are read either way.
+- `NEW_FOLDER` has to be new: `processed_{{train,test}}_data.pkl` and `{{train,test}}_tensor_dataset.pkl` in it win
+  over the data. After another export remove them, or pass `--force_reload --no_cache`.
+- train.py does not pass `--feature_type` on to its dataset: it reads `jukebox_feats` whatever the flag says, which
+  only sizes the model. So `{feature}` ({width} columns) lies in `jukebox_feats`{again}.
+- Its loaders drop batches smaller than `--batch_size` (128 by default), of test too.
+- The loader was read, not run.
+"""
+
+
+@EXPORTS.register("popdg")
+@dataclass(frozen=True)
+class Popdg(Export):
+    """POPDG's folders motions_sliced (30 frames per second), wavs_sliced and features (Luo et al. 2024).
+
+    Attributes
+    ----------
+    feature
+        Audio feature to write, of 35 or 4800 columns.
+    sound
+        ``cut``: wavs cut from the music of --source. ``silence``: silent wavs, without a source.
+    """
+
+    version: ClassVar[int] = 1
+    recipe: ClassVar[Mapping[str, Any]] = {"motion": {"edge151": {}}, "audio": {"librosa35": {}}}
+    reference: ClassVar[str] = "Luke-Luo1/POPDG, commit ec57d87, dataset/load_popdanceset.py"
+    listed_folders: ClassVar[tuple[str, ...]] = (
+        *(f"train/{name}" for name in FOLDERS),
+        *(f"test/{name}" for name in FOLDERS),
+    )
+
+    feature: str = "librosa35"
+    sound: Literal["cut", "silence"] = "cut"
+
+    def lacks(self, job: ExportJob) -> list[Lack]:
+        """Return missing fields, rates, widths, splits, windows and music."""
+        return slices.slice_lacks(job, self.feature, ("train", "test"), sound=self.sound == "cut")
+
+    def write(self, job: ExportJob, folder: ExportFolder) -> None:
+        """Write train/ and test/, the lists of clips and an empty high_quality_dataset."""
+        writer = SliceWriter(job, folder, self.feature, self.sound, repeat=1, batch=_BATCH)
+        for part in ("train", "test"):
+            writer.write(part, (part,))
+            folder.write_text(f"splits/{part}.txt", "".join(f"{clip.id}\n" for clip in job.clips(part)))
+        folder.write_text("high_quality_dataset", "")
+
+    def guide(self, job: ExportJob) -> str:
+        """Return POPDG's command, its caches and its stops."""
+        width = job.store.fields[self.feature].width
+        kind = slices.WIDTHS[width]
+        again = ", and once more in `baseline_feats`" if kind == "baseline" else ""
+        return _GUIDE.format(out=quote(str(job.out)), kind=kind, feature=self.feature, width=width, again=again)

@@ -1,0 +1,65 @@
+"""AMASS-like and SMPL-X files, one per clip, for Blender's SMPL add-ons and tools that read AMASS."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal
+
+from dancedata.core.plugins import Export
+from dancedata.core.registry import EXPORTS
+from dancedata.exporting.folder import ExportFolder
+from dancedata.exporting.job import ExportJob, Lack
+from dancedata.exports._motions import decoded, field_name, motion_lacks
+from dancedata.formats.smpl_files import amass_arrays, smplx_arrays
+
+_GUIDE = """Decoded from `{name}`, {rate} frames per second. Both folders have every clip:
+
+| folder | arrays |
+|---|---|
+| `amass` | poses (T, 156) on SMPL-H, trans, betas, gender, mocap_framerate |
+| `smplx` | poses (T, 165), its parts (root_orient, pose_body, ...), trans, betas, gender, mocap_frame_rate |
+
++Z up as in AMASS, metres, axis-angle. betas are 0, the mean body, as datasets hold no shapes. The pelvis is where it
+was; `trans` differs between the folders by the bodies' own rest positions. SMPL's two hand joints are left out:
+SMPL-H and SMPL-X have fingers in their place, which stay at rest if the dataset has none.
+
+In Blender: the SMPL-X add-on, Add Animation, with the files of `smplx` (format AMASS); the SMPL add-on with those of
+`amass`. dancedata reads both as its dataset `folder`.
+"""
+
+
+@EXPORTS.register("smpl")
+@dataclass(frozen=True)
+class SmplFiles(Export):
+    """amass/<clip>.npz on SMPL-H's joints and smplx/<clip>.npz on SMPL-X's, +Z up, metres.
+
+    Attributes
+    ----------
+    gender
+        Written into the files: the body model that a viewer takes. AIST++ was fitted with the male one.
+    field
+        Motion field to decode; none: the first that holds rotations.
+    """
+
+    version: ClassVar[int] = 1
+    recipe: ClassVar[Mapping[str, Any]] = {"motion": {"edge151": {}}}
+    reference: ClassVar[str] = "AMASS's and SMPL-X's .npz (amass.is.tue.mpg.de)"
+
+    gender: Literal["neutral", "male", "female"] = "neutral"
+    field: str = ""
+
+    def lacks(self, job: ExportJob) -> list[Lack]:
+        """Return what is missing for clips to be decoded."""
+        return motion_lacks(job, self.field)
+
+    def write(self, job: ExportJob, folder: ExportFolder) -> None:
+        """Write both files of every clip."""
+        for clip, motion in decoded(job, self.field):
+            folder.write_npz(f"amass/{clip.id}.npz", amass_arrays(motion, self.gender))
+            folder.write_npz(f"smplx/{clip.id}.npz", smplx_arrays(motion, self.gender))
+
+    def guide(self, job: ExportJob) -> str:
+        """Return what reads the files, and what they leave out."""
+        name = field_name(job, self.field)
+        return _GUIDE.format(name=name, rate=job.store.field(name).rate)

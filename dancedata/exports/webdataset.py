@@ -1,0 +1,166 @@
+"""Tar shards of windows or clips, as webdataset and other readers of tar streams take them."""
+
+from __future__ import annotations
+
+import io
+import json
+import tarfile
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.clip import Window
+from dancedata.core.errors import UsageError, did_you_mean
+from dancedata.core.plugins import Export
+from dancedata.core.registry import EXPORTS
+from dancedata.exporting.folder import ExportFolder
+from dancedata.exporting.job import ExportJob, Lack
+from dancedata.exporting.needs import needs_names, needs_track_scope
+from dancedata.store import ClipView
+
+Member = tuple[str, bytes]
+
+
+@EXPORTS.register("webdataset")
+@dataclass(frozen=True)
+class WebDataset(Export):
+    """<split>-000000.tar, ...: samples of one .npy per field and one .json, by the key before the first point.
+
+    Attributes
+    ----------
+    samples
+        ``windows``: those of the dataset. ``clips``: whole clips.
+    fields
+        Names of the fields to write; none: all.
+    shard_mb
+        Size of a shard in MiB; a sample is never split.
+    seed
+        Samples are shuffled within each split, as readers of streams shuffle only within a buffer; below 0: they keep
+        the dataset's order.
+    """
+
+    version: ClassVar[int] = 1
+    recipe: ClassVar[Mapping[str, Any]] = {"motion": {"edge151": {}}}
+    reference: ClassVar[str] = "webdataset (github.com/webdataset/webdataset)"
+
+    samples: Literal["windows", "clips"] = "windows"
+    fields: tuple[str, ...] = ()
+    shard_mb: float = 256
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if not 0 < self.shard_mb <= 1 << 20:
+            raise UsageError(
+                "webdataset: invalid value for shard_mb", found=self.shard_mb, allowed="MiB above 0, up to 1048576"
+            )
+
+    def lacks(self, job: ExportJob) -> list[Lack]:
+        """Return fields that the dataset does not have, whole clips of window scope, and names with a point."""
+        known = job.store.fields
+        lacks = [
+            Lack(f"the dataset has no field {f!r}", did_you_mean(f, known)) for f in self.fields if f not in known
+        ]
+        lacks += needs_track_scope(job) if self.samples == "clips" else []
+        return lacks + needs_names(
+            job.clips(), lambda name: "." not in name, "without points: a key ends at the first"
+        )
+
+    def write(self, job: ExportJob, folder: ExportFolder) -> None:
+        """Write the shards of every split, and index.json with their samples."""
+        index: dict[str, int] = {}
+        for split in job.store.splits:
+            samples = self._clips(job, split) if self.samples == "clips" else self._windows(job, split)
+            index |= self._shards(job, folder, split, samples)
+        folder.write_json("index.json", {"shards": index, "fields": self._about(job)})
+
+    def guide(self, job: ExportJob) -> str:
+        """Return how webdataset and plain Python read the shards."""
+        name = self._names(job)[0]
+        split = job.store.splits[0]
+        return (
+            f"Samples are {self.samples}; `index.json` has the number in each shard, and columns, rates and scalers "
+            "of the fields. Rows are not normalised.\n\n"
+            "```python\nimport webdataset as wds\n\n"
+            f'train = wds.WebDataset("{split}-000000.tar", shardshuffle=False).shuffle(1000).decode()\n'
+            f'for sample in train:\n    rows = sample["{_suffix(name)}"]  # (L, D) numpy\n'
+            '    about = sample["json"]  # clip, first frame, genre, ...\n```\n\n'
+            "With several shards: `train-{000000..000007}.tar` and `shardshuffle=100`. A worker takes whole shards: "
+            "have at least as many shards as workers and ranks.\n"
+        )
+
+    def _names(self, job: ExportJob) -> tuple[str, ...]:
+        return self.fields or tuple(job.store.fields)
+
+    def _windows(self, job: ExportJob, split: str) -> list[tuple[ClipView, Window | None]]:
+        clips = {clip.id: clip for clip in job.clips(split)}
+        return [(clips[window.clip], window) for window in job.store.windows(split)]
+
+    def _clips(self, job: ExportJob, split: str) -> list[tuple[ClipView, Window | None]]:
+        return [(clip, None) for clip in job.clips(split)]
+
+    def _shards(
+        self, job: ExportJob, folder: ExportFolder, split: str, samples: list[tuple[ClipView, Window | None]]
+    ) -> dict[str, int]:
+        """Write the shards of a split; returns how many samples are in each."""
+        if self.seed >= 0:
+            order = np.random.default_rng(self.seed).permutation(len(samples)).tolist()
+            samples = [samples[k] for k in order]
+        left = iter(job.each(f"samples of {split}", samples))
+        counts: dict[str, int] = {}
+        pending = next(left, None)
+        while pending is not None:
+            name, size, count = f"{split}-{len(counts):06d}.tar", 0, 0
+            with (
+                folder.open_file(name) as file,
+                tarfile.open(fileobj=file, mode="w", format=tarfile.USTAR_FORMAT) as tar,
+            ):
+                while pending is not None and (count == 0 or size < self.shard_mb * 2**20):
+                    size += _add(tar, self._members(job, *pending))
+                    count, pending = count + 1, next(left, None)
+            counts[name] = count
+        return counts
+
+    def _members(self, job: ExportJob, clip: ClipView, window: Window | None) -> Iterator[Member]:
+        key = clip.id if window is None else f"{clip.id}_{window.start:06d}"
+        for name in self._names(job):
+            rows = clip.read(name) if window is None else job.store.read(window, name)
+            yield f"{key}.{_suffix(name)}", _npy(rows)
+        about = {k: list(v) if isinstance(v, tuple) else v for k, v in vars(clip.record).items()}
+        if window is not None:
+            about |= {"start": window.start, "frames": window.length}
+        yield (
+            f"{key}.json",
+            json.dumps(about, ensure_ascii=False, allow_nan=False).encode("utf-8", "backslashreplace"),
+        )
+
+    def _about(self, job: ExportJob) -> dict[str, Any]:
+        about = {name: job.store.field(name).to_json() for name in self._names(job)}
+        for name, field in about.items():
+            if "train" in job.store.splits and len(job.store.windows("train")):
+                field["scaler"] = job.store.normalizer(name).state_dict()
+        return about
+
+
+def _suffix(field: str) -> str:
+    """Return what follows the key of a sample; an instance such as librosa35.60 has no second point in it."""
+    return f"{field.replace('.', '-')}.npy"
+
+
+def _npy(rows: npt.NDArray[Any]) -> bytes:
+    buffer = io.BytesIO()
+    np.save(buffer, np.ascontiguousarray(rows), allow_pickle=False)
+    return buffer.getvalue()
+
+
+def _add(tar: tarfile.TarFile, members: Iterator[Member]) -> int:
+    """Add files without owner and time, so that equal samples give equal bytes; returns their size."""
+    size = 0
+    for name, data in members:
+        info = tarfile.TarInfo(name)
+        info.size = len(data)
+        tar.addfile(info, io.BytesIO(data))
+        size += len(data)
+    return size

@@ -1,0 +1,141 @@
+"""HumanML3D's 263 columns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.bodies import BODY_JOINTS, has_body
+from dancedata.core.columns import Columns, Group, Mirror
+from dancedata.core.errors import UsageError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.inverse_kinematics import fitted
+from dancedata.core.motion import Motion
+from dancedata.core.plugins import ContactRule, Representation
+from dancedata.core.registry import REPRESENTATIONS
+from dancedata.core.skeleton import SMPL24, Skeleton
+from dancedata.representations import _columns as parts
+from dancedata.representations import _humanml as humanml
+from dancedata.representations._columns import Part
+
+_WIDTH = 263
+
+
+def _skeleton() -> Skeleton:
+    """Return HumanML3D's body: SMPL's directions at rest, the target's lengths, the pelvis at the translation."""
+    body = SMPL24.subset("humanml22", BODY_JOINTS)
+    lengths = np.array(humanml.BONE_LENGTHS)[:, None]
+    directions = body.offsets / np.linalg.norm(body.offsets, axis=-1, keepdims=True)
+    return Skeleton(body.name, body.joints, body.parents, lengths * directions, body.pairs, body.feet)
+
+
+#: The 22 joints and their bones.
+HUMANML22 = _skeleton()
+
+
+@REPRESENTATIONS.register("humanml263")
+@dataclass(frozen=True)
+class Humanml263(Representation):
+    """Root 4, 21 positions and rotations, 22 velocities, contacts 4; 20 per second (HumanML3D, Guo et al. 2022).
+
+    Joints are retargeted to one body, whose bones have the lengths of a subject of AMASS; the lowest joint of the
+    clip is at y = 0, the first frame at the origin and facing +Z. Positions and velocities are relative to
+    the root and to the direction that the frame faces. Velocities lead to the next frame; the last row, which
+    HumanML3D does not have, repeats those of the row before. 6D is the first two columns of each matrix.
+    Mirroring swaps the sides and reflects across the plane x = 0; the body itself is not symmetric (by 7 mm).
+    """
+
+    version: ClassVar[int] = 1
+    default_contacts: ClassVar[str | None] = None
+    skeleton: ClassVar[Skeleton] = HUMANML22
+    axes: ClassVar[str] = "right-handed, +Y up, each frame facing +Z; metres, metres per frame"
+    rotation_6d: ClassVar[str | None] = "first two columns of the matrix, one after the other (Zhou et al. 2019)"
+    rate: ClassVar[Fraction | None] = Fraction(20)
+    grounded: ClassVar[bool] = True
+    fits: ClassVar[bool] = True
+
+    @property
+    def columns(self) -> Columns:
+        """The 263 columns."""
+        return parts.columns_of(*_root(), _local_positions(), _rotations(), _velocities(), _contacts())
+
+    def encode(self, motion: Motion, contacts: ContactRule | None = None) -> npt.NDArray[np.float32]:
+        """Encode a motion at its own rate; contacts and velocities are per frame, so 20 per second are HumanML3D's.
+
+        Parameters
+        ----------
+        motion
+            On a body of the SMPL family, +Y up; its first 22 joints are taken.
+        contacts
+            None: the contacts are HumanML3D's own.
+
+        Returns
+        -------
+        (T, 263) float32
+
+        Raises
+        ------
+        UsageError
+            For another family of bodies, or with a rule.
+        DataError
+            "bad_skeleton" for a bone without a length.
+        """
+        parts.refuse_rule(contacts, "humanml263")
+        if not has_body(motion.skeleton):
+            raise UsageError(
+                f"humanml263 cannot hold a motion on skeleton {motion.skeleton.name}",
+                found=f"joints {', '.join(motion.skeleton.joints[:4])}, ...",
+                allowed=f"bodies of the SMPL family, whose first joints are {', '.join(BODY_JOINTS[:4])}, ...",
+            )
+        return humanml.columns_of(humanml.retargeted(motion.joints()[:, : humanml.N_JOINTS]))
+
+    def positions(self, array: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+        """Return the joint positions (T, 22, 3) of columns (T, 263), metres, as HumanML3D's `recover_from_ric`.
+
+        Raises
+        ------
+        UsageError
+            For another shape.
+        DataError
+            "nan".
+        """
+        return humanml.joints_of(parts.checked(array, _WIDTH, "humanml263"))
+
+    def decode(self, array: npt.NDArray[Any], grid: FrameGrid) -> Motion:
+        """Decode columns (T, 263), not normalised, into a motion with the positions that they hold.
+
+        Rotations are fitted to the positions; the columns' own are not used, and neither are velocities of joints.
+        How bones turn about themselves is not in the columns. Raises the errors of `positions`.
+        """
+        return fitted(self.positions(array), HUMANML22, grid)
+
+
+def _root() -> tuple[Part, ...]:
+    return (
+        Part(Group("root_turn", 1, "rad, half the angle"), Mirror((0,), (-1,))),
+        Part(Group("root_velocity", 2, "m", ("x", "z")), Mirror((0, 1), (-1, 1))),
+        Part(Group("root_height", 1, "m"), Mirror((0,), (1,))),
+    )
+
+
+def _local_positions() -> Part:
+    return parts.per_joint("local_position", "m", HUMANML22, "xyz", (-1, 1, 1), first=1)
+
+
+def _rotations() -> Part:
+    # Entry (r, c) changes its sign if row or column is x, not if both are; here column by column.
+    entries, signs = ("x0", "y0", "z0", "x1", "y1", "z1"), (1, -1, -1, -1, 1, 1)
+    return parts.per_joint("rotation_6d_columns", "1", HUMANML22, entries, signs, first=1)
+
+
+def _velocities() -> Part:
+    return parts.per_joint("local_velocity", "m", HUMANML22, "xyz", (-1, 1, 1))
+
+
+def _contacts() -> Part:
+    names = ("left_ankle", "left_foot", "right_ankle", "right_foot")
+    return Part(Group("foot_contact", 4, "1", names), Mirror((2, 3, 0, 1), (1, 1, 1, 1)))

@@ -1,0 +1,29 @@
+"""The page on motion out of a trainer: its code prints what it shows."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+import dancedata
+from dancedata.formats.motion_files import MOTION_FILES
+
+TEXT = (Path(__file__).resolve().parents[2] / "docs" / "decoding.md").read_text(encoding="utf-8")
+
+
+def test_its_code_prints_what_it_shows(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    small = {"audio": {}, "dataset.synthetic.songs": 3, "dataset.synthetic.clips_per_song": 2}
+    dancedata.build("demo", out="data/demo", overrides=small, cache="cache", jobs=1, progress=False)
+    ((code, output),) = re.findall(r"^```python\n(.*?)^```\n\n```text\n(.*?)^```", TEXT, re.DOTALL | re.MULTILINE)
+    exec(compile(code, "decoding.md", "exec"), {})
+    assert capsys.readouterr().out == output
+
+
+def test_every_format_is_on_the_page() -> None:
+    row = next(line for line in TEXT.splitlines() if line.startswith("| `--to`"))
+    assert set(re.findall(r"`([a-z]+)`", row)) == set(MOTION_FILES)

@@ -1,0 +1,144 @@
+"""EDGE's folders and cache hold what its loader makes of its own files; POPDG's are the same at 30 per second."""
+
+from __future__ import annotations
+
+import pickle
+import wave
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dancedata
+from dancedata.audio.signal import load_audio
+from dancedata.core.grid import FrameGrid
+from dancedata.core.motion import Motion
+from dancedata.core.skeleton import SMPL24
+from dancedata.exporting.run import ExportResult
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(path.stem for path in folder.iterdir())
+
+
+def loaded(path: Path) -> dict[str, np.ndarray]:
+    return pickle.loads(path.read_bytes())
+
+
+def motion_of(pos: np.ndarray, q: np.ndarray) -> Motion:
+    return Motion(pos.astype(float), q.reshape(len(q), 24, 3).astype(float), FrameGrid.of(30), SMPL24)
+
+
+@pytest.mark.parametrize("scope", ["edge", "edge-exact"])
+def test_slices_and_cache_give_back_the_windows(export: Callable[..., ExportResult], built, scope: str) -> None:
+    out, store = export(scope, "edge").path, built(scope).store
+    for part in ("train", "test"):
+        windows = {f"{w.clip}_slice{w.start // 15}": w for w in store.windows(part)}
+        folders = ("motions_sliced", "wavs_sliced", "jukebox_feats", "baseline_feats")
+        listed = [names(out / part / folder) for folder in folders]
+        assert listed == [listed[0]] * 4
+        assert set(listed[0]) <= set(windows)
+        cache = loaded(out / "cache" / f"processed_{part}_data.pkl")
+        assert [Path(p).stem for p in cache["filenames"]] == sorted(listed[0], key=lambda name: f"{name}.npy")
+        assert all(Path(p).is_file() for p in (*cache["filenames"], *cache["wavs"]))
+        assert all(p.startswith(f"{out}/{part}/") for p in (*cache["filenames"], *cache["wavs"]))
+        for number, name in enumerate(Path(p).stem for p in cache["filenames"]):
+            piece = loaded(out / part / "motions_sliced" / f"{name}.pkl")
+            assert {k: (v.shape, v.dtype) for k, v in piece.items()} == {
+                "pos": ((300, 3), np.float32),
+                "q": ((300, 72), np.float32),
+            }
+            for key in ("pos", "q"):
+                np.testing.assert_array_equal(piece[key][::2], cache[key][number])
+                np.testing.assert_array_equal(piece[key][1::2], cache[key][number])
+            # Back again: in EDGE's own quantities, contacts aside, which a window's last frame does not keep.
+            again = dancedata.encode(motion_of(cache["pos"][number], cache["q"][number]), "edge151")
+            np.testing.assert_allclose(again[:, 4:], store.read(windows[name], "edge151")[:, 4:], atol=1e-5)
+            for folder in ("jukebox_feats", "baseline_feats"):
+                rows = np.load(out / part / folder / f"{name}.npy")
+                assert rows.dtype == np.float32
+                np.testing.assert_array_equal(rows, store.read(windows[name], "librosa35"))
+
+
+def test_sounds_are_cut_as_edge_cuts_them(export: Callable[..., ExportResult], built) -> None:
+    out, made = export("edge", "edge").path, built("edge")
+    path = next(p for p in sorted((out / "train" / "wavs_sliced").iterdir()) if p.stem.endswith("_slice1"))
+    clip = made.store.clip(path.stem.removesuffix("_slice1"))
+    signal = load_audio(made.source / "wavs" / f"{clip.music}.wav")
+    rate = signal.sample_rate
+    with wave.open(str(path)) as file:
+        assert (file.getframerate(), file.getnchannels(), file.getsampwidth()) == (rate, 1, 2)
+        found = np.frombuffer(file.readframes(file.getnframes()), "<i2")
+    piece = signal.samples[rate // 2 : rate // 2 + 5 * rate]
+    assert len(found) == 5 * rate
+    np.testing.assert_array_equal(found, np.floor(piece.astype(float) * 32768))
+
+
+def test_windows_without_whole_sound_are_left_out(export, built, tmp_path: Path) -> None:
+    made = built("edge")
+    source = tmp_path / "source"
+    (source / "x").mkdir(parents=True)
+    store = made.store
+    ends = {clip.music: clip.n_frames / 30 for clip in store.clips}
+    for music, end in ends.items():
+        with wave.open(str(made.source / "wavs" / f"{music}.wav")) as file:
+            parameters, data = file.getparams(), file.readframes(int((end - 0.02) * file.getframerate()))
+        with wave.open(str(source / "x" / f"{music}.wav"), "wb") as file:
+            file.setparams(parameters)
+            file.writeframes(data)
+    recipe = {**store.meta["recipe"], "dataset": {"aist++": {}}}
+    for part in ("motions", "splits", "ignore_list.txt", "cameras"):
+        (source / part).symlink_to(made.source / part)
+    (source / "x").rename(source / "wavs")
+    dancedata.build(recipe, source, tmp_path / "short", jobs=1, cache=tmp_path / "cache", progress=False)
+    short = dancedata.open(tmp_path / "short")
+    done = dancedata.export(short.path, "edge", tmp_path / "out", source=source, progress=False)
+    gone = {f"{w.clip}_slice{w.start // 15}" for s in ("train", "test") for w in short.windows(s)}
+    gone -= {*names(done.path / "train" / "wavs_sliced"), *names(done.path / "test" / "wavs_sliced")}
+    assert gone
+    assert all(any(name in note and "left out" in note for note in done.notes) for name in sorted(gone)[:1])
+
+
+def test_val_is_named_and_may_be_test(export) -> None:
+    without = export("edge", "edge")
+    assert any("the split val" in note and "val_as_test" in note for note in without.notes)
+    with_val = export("edge", "edge", "two", val_as_test=True)
+    n = [len(names(r.path / "test" / "wavs_sliced")) for r in (without, with_val)]
+    assert n[1] > n[0] > 0
+
+
+def test_silence_needs_no_source(export) -> None:
+    done = export("edge", "edge", source=None, sound="silence", link=True)
+    sounds = sorted((done.path / "train" / "wavs_sliced").iterdir())
+    assert {p.stat().st_ino for p in sounds} == {sounds[0].stat().st_ino}
+    with wave.open(str(sounds[0])) as file:
+        assert file.getnframes() == 5 * file.getframerate()
+        assert set(file.readframes(file.getnframes())) == {0}
+
+
+def test_pickles_load_where_numpy_has_no_private_modules(export) -> None:
+    out = export("edge", "edge").path
+    for path in (next((out / "train" / "motions_sliced").iterdir()), out / "cache" / "processed_test_data.pkl"):
+        data = path.read_bytes()
+        assert b"_core" not in data.split(b"filenames")[0][:2000]
+        arrays = loaded(path)
+        arrays["pos"][0] = 1  # writable
+        assert b"numpy\x94\x8c\x07ndarray" in data
+
+
+def test_popdg_has_each_frame_once(export, built) -> None:
+    out, store = export("edge", "popdg").path, built("edge").store
+    path = sorted((out / "train" / "motions_sliced").iterdir())[0]
+    piece = loaded(path)
+    assert (piece["pos"].shape, piece["q"].shape) == ((150, 3), (150, 72))
+    clip, _, number = path.stem.rpartition("_slice")
+    rows = store.read(
+        next(w for w in store.windows("train") if w.clip == clip and w.start == 15 * int(number)), "edge151"
+    )
+    again = dancedata.encode(motion_of(piece["pos"], piece["q"]), "edge151")
+    np.testing.assert_allclose(again[:, 4:], rows[:, 4:], atol=1e-5)
+    assert (out / "high_quality_dataset").read_text() == ""
+    assert (out / "splits" / "train.txt").read_text().splitlines() == [
+        c.id for c in store.clips if c.split == "train"
+    ]

@@ -1,0 +1,271 @@
+"""bvh, smpl, humanml3d and webdataset: what they write is read back, by this package and by independent readers."""
+
+from __future__ import annotations
+
+import io
+import json
+import subprocess
+import sys
+import tarfile
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import dancedata
+from dancedata.core.errors import StoreError, UsageError
+from dancedata.core.motion import Motion
+from dancedata.datasets.folder.facts import Declared
+from dancedata.datasets.folder.load import Reading, load_motion
+from dancedata.recipes.parse import parse_recipe
+from dancedata.store import Store, open_store
+
+DOCUMENT: dict[str, Any] = {
+    "recipe": 1,
+    "name": "motion",
+    "dataset": {"synthetic": {"songs": 3, "clips_per_song": 2, "clip_s": 6}},
+    "windows": {"length_s": 5, "stride_s": 0.5},
+    "motion": {"edge151": {}, "humanml263": {}, "joints": {}},
+}
+#: What a file's own layout does not say.
+ANY = Reading(Declared(), Declared())
+
+
+def _build(folder: Path, **keys: Any) -> Path:
+    recipe = parse_recipe({**DOCUMENT, **keys})
+    dancedata.build(recipe, folder / "source", folder / "store", cache=folder / "cache", jobs=1, progress=False)
+    return folder / "store"
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return _build(tmp_path_factory.mktemp("motion"))
+
+
+@pytest.fixture(scope="module")
+def store(dataset: Path) -> Store:
+    return open_store(dataset)
+
+
+def _stored(store: Store, clip: str) -> Motion:
+    found = dancedata.decode(store.read_clip(clip, "edge151"), "edge151", fps=30)
+    assert isinstance(found, Motion)
+    return found
+
+
+@pytest.fixture(scope="module")
+def bvh(dataset: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("bvh")
+    dancedata.export(dataset, "bvh", out / "m", progress=False)
+    dancedata.export(dataset, "bvh", out / "cm", progress=False, unit="cm")
+    return out
+
+
+@pytest.mark.parametrize("unit", ["m", "cm"])
+def test_bvh_is_read_back(store: Store, bvh: Path, unit: str) -> None:
+    reading = Reading(Declared(unit=unit, up="y"), Declared())
+    clips = list(store.clips)
+    assert {p.stem for p in (bvh / unit / f"bvh_{unit}").iterdir()} == {clip.id for clip in clips}
+    for clip in clips[:2]:
+        motion = load_motion(bvh / unit / f"bvh_{unit}" / f"{clip.id}.bvh", reading)
+        wanted = _stored(store, clip.id)
+        assert motion.grid == wanted.grid
+        np.testing.assert_allclose(motion.joints(), wanted.joints(), rtol=0, atol=1e-5)
+
+
+def test_bvh_is_read_by_bvhio(store: Store, bvh: Path) -> None:
+    bvhio = pytest.importorskip("bvhio", reason="bvhio, an independent reader of BVH, is not installed")
+    clip = store.clips[0].id
+    wanted = _stored(store, clip)
+    root = bvhio.readAsHierarchy(str(bvh / "m" / "bvh_m" / f"{clip}.bvh"))
+    for frame in (0, 1, 60, wanted.n_frames - 1):
+        root.loadPose(frame)
+        found = {joint.Name: np.array(joint.PositionWorld) for joint, _, _ in root.layout()}
+        for name, place in zip(wanted.skeleton.joints, wanted.joints()[frame], strict=True):
+            np.testing.assert_allclose(found[name], place, rtol=0, atol=1e-4, err_msg=f"{name} in frame {frame}")
+
+
+def test_bvh_has_a_rest_pose_and_ends(store: Store, bvh: Path) -> None:
+    text = (bvh / "cm" / "bvh_cm" / f"{store.clips[0].id}.bvh").read_text()
+    assert text.startswith("HIERARCHY\nROOT pelvis\n{\n\tOFFSET 0.000000 0.000000 0.000000\n\tCHANNELS 6 Xposition")
+    assert "OFFSET 5.858135 -8.228004 -1.766408" in text  # the left hip, in centimetres
+    assert text.count("End Site") == 5
+    assert "OFFSET 0.0 0.0 0.0" not in text
+    assert "Frame Time: 0.0333333333\n" in text
+
+
+@pytest.mark.parametrize("kind", ["amass", "smplx"])
+def test_smpl_files_are_read_back(store: Store, dataset: Path, tmp_path: Path, kind: str) -> None:
+    dancedata.export(dataset, "smpl", tmp_path / "out", progress=False, gender="male")
+    clip = store.clips[1].id
+    path = tmp_path / "out" / kind / f"{clip}.npz"
+    motion, wanted = load_motion(path, ANY), _stored(store, clip)
+    assert motion.grid == wanted.grid
+    np.testing.assert_allclose(motion.matrices[:, :22], wanted.matrices[:, :22], rtol=0, atol=1e-6)
+    np.testing.assert_allclose(motion.joints()[:, 0], wanted.joints()[:, 0], rtol=0, atol=1e-6)
+    with np.load(path) as file:
+        assert file["poses"].shape == (wanted.n_frames, {"amass": 156, "smplx": 165}[kind])
+        assert str(file["gender"]) == "male"
+        # AMASS has +Z up.
+        height = wanted.translation[:, 1] - wanted.translation[0, 1]
+        np.testing.assert_allclose(file["trans"][:, 2] - file["trans"][0, 2], height, atol=1e-9)
+        if kind == "smplx":
+            joined = [file[k] for k in ("root_orient", "pose_body", "pose_jaw", "pose_eye", "pose_hand")]
+            np.testing.assert_array_equal(np.concatenate(joined, axis=1), file["poses"])
+
+
+def test_humanml3d(store: Store, dataset: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    dancedata.export(dataset, "humanml3d", out, progress=False)
+    vectors = {path.stem: np.load(path) for path in sorted((out / "new_joint_vecs").iterdir())}
+    assert sorted(vectors) == sorted(clip.id for clip in store.clips)
+    for clip, rows in vectors.items():
+        stored = store.read_clip(clip, "humanml263")
+        assert rows.dtype == np.float32
+        np.testing.assert_array_equal(rows, stored[:-1])
+        joints = np.load(out / "new_joints" / f"{clip}.npy")
+        assert joints.shape == (len(rows), 22, 3)
+        back = dancedata.decode(rows, "humanml263")
+        assert int(back.grid.rate) == 20
+        np.testing.assert_allclose(back.joints(), joints, rtol=0, atol=1e-5)
+    everything = np.concatenate(list(vectors.values())).astype(np.float64)
+    np.testing.assert_allclose(np.load(out / "Mean.npy"), everything.mean(axis=0), rtol=0, atol=1e-6)
+    deviation = everything.std(axis=0)
+    # cal_mean_variance.ipynb, with J = 22: J - 1 positions, rotations in 6D, J velocities, 4 contacts.
+    for part in ((0, 1), (1, 3), (3, 4), (4, 4 + 21 * 3), (4 + 21 * 3, 4 + 21 * 9), (193, 193 + 66), (259, 263)):
+        deviation[slice(*part)] = deviation[slice(*part)].mean()
+    np.testing.assert_allclose(np.load(out / "Std.npy"), deviation, rtol=1e-5)
+    lists = {split: (out / f"{split}.txt").read_text().split() for split in ("train", "val", "test", "all")}
+    assert lists["all"] == sorted(vectors)
+    assert sorted(lists["train"] + lists["val"] + lists["test"]) == lists["all"]
+    assert {path.name for path in (out / "new_joint_vecs").iterdir()} == {f"{clip}.npy" for clip in vectors}
+
+
+def test_humanml3d_scaled_on_train(store: Store, dataset: Path, tmp_path: Path) -> None:
+    dancedata.export(dataset, "humanml3d", tmp_path / "out", progress=False, scaler="train")
+    train = [clip.id for clip in store.clips if clip.split == "train"]
+    rows = np.concatenate([store.read_clip(clip, "humanml263")[:-1] for clip in train]).astype(np.float64)
+    np.testing.assert_allclose(np.load(tmp_path / "out" / "Mean.npy"), rows.mean(axis=0), rtol=0, atol=1e-6)
+
+
+def _samples(path: Path) -> dict[str, dict[str, bytes]]:
+    found: dict[str, dict[str, bytes]] = {}
+    with tarfile.open(path) as tar:
+        for member in tar:
+            key, _, suffix = member.name.partition(".")
+            assert (member.mtime, member.uid) == (0, 0)
+            found.setdefault(key, {})[suffix] = tar.extractfile(member).read()  # type: ignore[union-attr]
+    return found
+
+
+def test_webdataset_holds_every_window_once(store: Store, dataset: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    dancedata.export(dataset, "webdataset", out, progress=False, fields=("edge151", "joints"), shard_mb=0.5)
+    index = json.loads((out / "index.json").read_text())
+    for split in store.splits:
+        shards = sorted(out.glob(f"{split}-*.tar"))
+        assert len(shards) > (split == "train")
+        assert [shard.name for shard in shards] == sorted(s for s in index["shards"] if s.startswith(f"{split}-"))
+        samples: dict[str, dict[str, bytes]] = {}
+        for shard in shards:
+            own = _samples(shard)
+            assert len(own) == index["shards"][shard.name]
+            samples |= own
+        windows = list(store.windows(split))
+        assert len(samples) == len(windows)
+        for window in windows:
+            sample = samples[f"{window.clip}_{window.start:06d}"]
+            assert set(sample) == {"edge151.npy", "joints.npy", "json"}
+            rows = np.load(io.BytesIO(sample["edge151.npy"]))
+            np.testing.assert_array_equal(rows, store.read(window, "edge151"))
+            about = json.loads(sample["json"])
+            assert (about["start"], about["frames"], about["split"]) == (window.start, 150, split)
+    keys = [key for shard in sorted(out.glob("train-*.tar")) for key in _samples(shard)]
+    assert keys != sorted(keys)  # shuffled
+    assert index["fields"]["edge151"]["scaler"]["data_min"]
+
+
+def test_webdataset_of_clips_in_order(store: Store, dataset: Path, tmp_path: Path) -> None:
+    dancedata.export(dataset, "webdataset", tmp_path / "out", progress=False, samples="clips", seed=-1)
+    samples = _samples(tmp_path / "out" / "train-000000.tar")
+    assert list(samples) == sorted(clip.id for clip in store.clips if clip.split == "train")
+    for clip, sample in samples.items():
+        rows = np.load(io.BytesIO(sample["humanml263.npy"]))
+        np.testing.assert_array_equal(rows, store.read_clip(clip, "humanml263"))
+
+
+@pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
+def test_webdataset_is_read_by_webdataset(store: Store, dataset: Path, tmp_path: Path) -> None:
+    wds = pytest.importorskip("webdataset", reason="webdataset, the reader of these shards, is not installed")
+    dancedata.export(dataset, "webdataset", tmp_path / "out", progress=False, fields=("edge151",))
+    shards = wds.WebDataset(str(tmp_path / "out" / "train-000000.tar"), shardshuffle=False).decode()
+    samples = {sample["__key__"]: sample for sample in shards}
+    windows = list(store.windows("train"))
+    assert len(samples) == len(windows)
+    sample = samples[f"{windows[3].clip}_{windows[3].start:06d}"]
+    np.testing.assert_array_equal(sample["edge151.npy"], store.read(windows[3], "edge151"))
+    assert sample["json"]["start"] == windows[3].start
+
+
+def test_what_is_lacking_is_named(dataset: Path, tmp_path: Path) -> None:
+    one = {"synthetic": {"songs": 3, "clips_per_song": 2, "clip_s": 6}}
+    positions = _build(tmp_path, dataset=one, motion={"joints": {}}, scope="window")
+    for target, parts in {
+        "bvh": ["whole clips", "no field with rotations (it has joints)", "motion: {edge151: {}}"],
+        "smpl": ["no field with rotations"],
+        "humanml3d": ["no field humanml263", "motion: {humanml263: {}}", "scope: track"],
+    }.items():
+        with pytest.raises(StoreError) as caught:
+            dancedata.export(positions, target, tmp_path / target, progress=False)
+        assert all(part in str(caught.value) for part in parts), str(caught.value)
+        assert not (tmp_path / target).exists()
+    with pytest.raises(StoreError, match="joints holds positions"):
+        dancedata.export(dataset, "bvh", tmp_path / "out", progress=False, field="joints")
+    with pytest.raises(StoreError, match="no field 'edge'"):
+        dancedata.export(dataset, "webdataset", tmp_path / "out", progress=False, fields=("edge",))
+    with pytest.raises(UsageError, match="shard_mb"):
+        dancedata.export(dataset, "webdataset", tmp_path / "out", progress=False, shard_mb=0)
+
+
+def test_bvh_of_humanml3ds_columns(dataset: Path, store: Store, tmp_path: Path) -> None:
+    """Where only positions come back, rotations are fitted to them."""
+    dancedata.export(dataset, "bvh", tmp_path / "out", progress=False, field="humanml263")
+    clip = store.clips[0].id
+    motion = load_motion(tmp_path / "out" / "bvh_m" / f"{clip}.bvh", Reading(Declared(unit="m", up="y"), Declared()))
+    wanted = dancedata.decode(store.read_clip(clip, "humanml263"), "humanml263").joints()
+    np.testing.assert_allclose(motion.joints()[:, :22], wanted, rtol=0, atol=1e-4)
+
+
+#: In a process of its own: Blender as a module is built for another numpy.
+BLENDER = """
+import bpy, json, sys
+path, scale, frames, out = sys.argv[1], float(sys.argv[2]), json.loads(sys.argv[3]), sys.argv[4]
+bpy.ops.wm.read_factory_settings(use_empty=True)
+bpy.ops.import_anim.bvh(filepath=path, global_scale=scale, axis_forward="-Z", axis_up="Y", update_scene_fps=True)
+(body,) = [o for o in bpy.data.objects if o.type == "ARMATURE"]
+found = {"fps": bpy.context.scene.render.fps}
+for frame in frames:
+    bpy.context.scene.frame_set(frame + 1)
+    found[frame] = {bone.name: list(body.matrix_world @ bone.head) for bone in body.pose.bones}
+json.dump(found, open(out, "w"))
+"""
+
+
+@pytest.mark.parametrize(("unit", "scale"), [("m", "1"), ("cm", "0.01")])
+def test_bvh_is_read_by_blender(store: Store, bvh: Path, tmp_path: Path, unit: str, scale: str) -> None:
+    if find_spec("bpy") is None:
+        pytest.skip("bpy, Blender as a Python module, is not installed")
+    clip = store.clips[0].id
+    wanted = _stored(store, clip)
+    frames = [0, 1, 60, wanted.n_frames - 1]
+    path, out = bvh / unit / f"bvh_{unit}" / f"{clip}.bvh", tmp_path / "joints.json"
+    command = [sys.executable, "-c", BLENDER, str(path), scale, json.dumps(frames), str(out)]
+    subprocess.run(command, check=True, capture_output=True)
+    found = json.loads(out.read_text())
+    assert found["fps"] == 30
+    for frame in frames:
+        for name, (x, y, z) in zip(wanted.skeleton.joints, wanted.joints()[frame], strict=True):
+            place = found[str(frame)][name]
+            np.testing.assert_allclose(place, (x, -z, y), rtol=0, atol=1e-4, err_msg=f"{name} in frame {frame}")

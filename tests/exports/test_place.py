@@ -1,0 +1,227 @@
+"""An export appears whole or not at all, and nothing of others is touched."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+import dancedata
+from dancedata.cli.app import app
+from dancedata.core.errors import StoreError, UsageError
+from dancedata.core.staging import claim
+from dancedata.exporting.folder import ExportFolder
+from dancedata.exporting.place import new_export, read_about, self_hash
+from dancedata.exports.npz import Npz
+
+
+def tree(folder: Path) -> dict[str, bytes]:
+    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+@pytest.fixture
+def npz(built, tmp_path: Path) -> Callable[..., Any]:
+    def run(out: str = "out", **options: Any) -> Any:
+        return dancedata.export(built("edge").path, "npz", tmp_path / out, progress=False, **options)
+
+    return run
+
+
+def test_what_an_export_says_of_itself(npz, built) -> None:
+    done = npz()
+    about = json.loads((done.path / "export.json").read_text())
+    assert about == done.about
+    assert about["self_sha256"] == self_hash(about)
+    assert about["dataset"]["self_sha256"] == built("edge").store.meta["self_sha256"]
+    assert set(about["files"]) == set(tree(done.path)) - {"export.json"}
+    assert {name: size for name, (size, _) in about["files"].items()} == {
+        name: len(data) for name, data in tree(done.path).items() if name != "export.json"
+    }
+    assert "research use, no redistribution" in (done.path / "LICENCE.txt").read_text()
+    assert "research use, no redistribution" in (done.path / "README.md").read_text()
+
+
+def test_an_export_is_replaced_only_where_that_is_asked(npz) -> None:
+    first = tree(npz().path)
+    with pytest.raises(StoreError, match=r"holds an export already; found npz of edge.*--overwrite"):
+        npz()
+    assert tree(npz(overwrite=True, fields=["edge151"]).path).keys() == first.keys()
+    assert tree(npz(overwrite=True).path) == first
+
+
+@pytest.mark.parametrize("change", ["added", "other size", "README.md", "a folder of others", "a link"])
+def test_what_others_changed_stays(npz, change: str, tmp_path: Path) -> None:
+    out = npz().path
+    path = {
+        "added": out / "clips" / "mine.txt",
+        "other size": out / "index.json",
+        "README.md": out / "README.md",
+    }.get(change, out / "mine")
+    if change == "a folder of others":
+        path.mkdir()
+        path = path / "file"
+    if change == "a link":
+        path.symlink_to(tmp_path)
+    else:
+        path.write_bytes(b"mine" if change != "README.md" else path.read_bytes()[::-1])
+    before = tree(out)
+    with pytest.raises(StoreError, match="added or changed since it was exported"):
+        npz(overwrite=True)
+    assert tree(out) == before
+
+
+@pytest.mark.parametrize("kind", ["file", "folder", "dataset", "forged"])
+def test_folders_of_others_are_refused(npz, kind: str, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    if kind == "file":
+        out.write_text("mine")
+    else:
+        out.mkdir()
+        (out / {"folder": "mine", "dataset": "dataset.json", "forged": "export.json"}[kind]).write_text(
+            '{"files": {}}'
+        )
+    with pytest.raises(StoreError, match=r"not a folder|not an export's"):
+        npz(overwrite=True)
+    assert out.read_text() == "mine" if kind == "file" else len(list(out.iterdir())) == 1
+
+
+def test_an_empty_folder_is_taken(npz, tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    assert read_about(npz().path)
+
+
+@pytest.mark.parametrize("file", [0, 3, 6])
+def test_a_full_disk_leaves_nothing(npz, tmp_path: Path, file: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    old = tree(npz("old").path)
+    write, count = Path.write_bytes, iter(range(1000))
+
+    def full(path: Path, data: bytes) -> int:
+        if ".export-new-" in str(path) and "tmp" not in path.name and next(count) == file:
+            write(path, bytes(data)[:100])
+            raise OSError(errno.ENOSPC, "No space left on device", str(path))
+        return write(path, data)
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(StoreError, match=r"cannot be written; found .*No space left.*nothing was left there"):
+        npz("new/out")
+    assert not (tmp_path / "new").exists()
+    count = iter(range(1000))
+    with pytest.raises(StoreError, match="No space left"):
+        npz("old", overwrite=True)
+    assert tree(tmp_path / "old") == old
+    assert [p.name for p in tmp_path.iterdir()] == ["old"]
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError])
+def test_an_interrupted_export_leaves_nothing(npz, tmp_path: Path, error: type, monkeypatch) -> None:
+    def interrupted(self: Npz, job: Any, folder: ExportFolder) -> None:
+        folder.write_text("clips/a", "half")
+        raise error
+
+    monkeypatch.setattr(Npz, "write", interrupted)
+    with pytest.raises(error):
+        npz()
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_a_killed_export_left_goes_with_the_next(npz, tmp_path: Path) -> None:
+    half = tmp_path / ".dancedata-out.export-new-01234567"
+    claim(half)
+    (half / "clips").mkdir()
+    (half / "clips" / "a.npz").write_bytes(b"half")
+    (tmp_path / ".dancedata-out.export-new-89abcdef").mkdir()  # killed before it had said that it is ours
+    foreign = tmp_path / ".dancedata-out.export-new-76543210"
+    foreign.mkdir()
+    (foreign / "mine").write_text("mine")
+    other = tmp_path / ".dancedata-two.export-new-01234567"
+    claim(other)
+    npz()
+    assert sorted(p.name for p in tmp_path.iterdir()) == [foreign.name, other.name, "out"]
+    assert (foreign / "mine").exists()
+
+
+def test_a_swap_that_was_killed_is_put_back(npz, tmp_path: Path) -> None:
+    before = tree(npz().path)
+    (tmp_path / "out").rename(tmp_path / ".dancedata-out.export-old-01234567")
+    with pytest.raises(StoreError, match="holds an export already"):
+        npz()
+    assert tree(tmp_path / "out") == before
+    assert [p.name for p in tmp_path.iterdir()] == ["out"]
+
+
+def test_two_exports_at_once(tmp_path: Path) -> None:
+    def second() -> None:
+        with new_export(tmp_path / "out", overwrite=False):
+            pass
+
+    with new_export(tmp_path / "out", overwrite=False), pytest.raises(StoreError, match="another export is writing"):
+        second()
+
+
+def test_a_file_that_appears_meanwhile_is_not_replaced(tmp_path: Path) -> None:
+    def fill() -> None:
+        with new_export(tmp_path / "out", overwrite=False) as folder:
+            (folder / "a").write_text("a")
+            (tmp_path / "out").mkdir()
+            (tmp_path / "out" / "mine").write_text("mine")
+
+    with pytest.raises(StoreError, match="not an export's"):
+        fill()
+    assert [p.name for p in tmp_path.iterdir()] == ["out"]
+    assert (tmp_path / "out" / "mine").read_text() == "mine"
+
+
+@pytest.mark.parametrize("name", ["", "/abs", "../up", "a/../../up", "nul\0"])
+def test_paths_of_files_stay_below(tmp_path: Path, name: str) -> None:
+    with pytest.raises(UsageError, match="not a path below"):
+        ExportFolder(tmp_path, tmp_path).write_text(name, "x")
+    assert not list(tmp_path.iterdir())
+
+
+def test_no_file_is_written_twice(tmp_path: Path) -> None:
+    folder = ExportFolder(tmp_path, tmp_path)
+    folder.write_text("a", "x")
+    with pytest.raises(UsageError, match="the same name"):
+        folder.write_text("a", "y")
+
+
+def test_links_are_of_equal_bytes_only(tmp_path: Path) -> None:
+    folder = ExportFolder(tmp_path, tmp_path, link=True)
+    for name, text in (("a", "x"), ("b", "x"), ("c", "y")):
+        folder.write_text(name, text)
+    assert os.stat(tmp_path / "a").st_ino == os.stat(tmp_path / "b").st_ino != os.stat(tmp_path / "c").st_ino
+    assert folder.linked == 1
+
+
+def test_the_command(built, tmp_path: Path) -> None:
+    made = built("edge")
+    run = CliRunner().invoke
+    arguments = [
+        "export",
+        str(made.path),
+        "--to",
+        "edge",
+        "--out",
+        str(tmp_path / "out"),
+        "--source",
+        str(made.source),
+    ]
+    done = run(app, [*arguments, "--set", "val_as_test=true", "--feature", "librosa35", "--link", "--quiet"])
+    assert done.exit_code == 0, done.output
+    assert f"exported edge as edge to {tmp_path}/out: " in done.stdout
+    assert "fewer than the trainer's batch of 64" in done.stdout
+    again = run(app, arguments)
+    assert again.exit_code == 1
+    assert "error: " in again.stderr
+    told = json.loads(run(app, [*arguments, "--overwrite", "--json"]).stdout)
+    assert (told["target"], told["parameters"]["val_as_test"]) == ("edge", False)
+    assert told["files"] > 20
+    wrong = run(app, ["export", str(made.path), "--to", "edge", "--out", str(tmp_path / "x"), "--set", "speed=2"])
+    assert wrong.exit_code == 2
+    assert "export.edge.speed: unknown key" in wrong.stderr

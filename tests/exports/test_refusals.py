@@ -1,0 +1,187 @@
+"""What a dataset lacks is said at once, before anything is written."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dancedata
+from dancedata.core.errors import DanceDataError, RecipeError, SourceError, StoreError, UsageError
+from dancedata.core.registry import EXPORTS
+from dancedata.store import StoredClip, write_store
+from dancedata.store.schema import StoreHeader
+from dancedata.testing.stores import write_random_store
+
+
+def refusal(store: Path, to: str, out: Path, **options) -> str:
+    with pytest.raises(DanceDataError) as caught:
+        dancedata.export(store, to, out, progress=False, **options)
+    assert not out.exists()
+    assert not [p.name for p in out.parent.iterdir() if p.name.startswith(".dancedata")]
+    return str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("to", "wanted"),
+    [
+        ("edge", ["60 frames per second, not 30", "fix: fps: 30", "no field edge151", "fix: motion: {edge151: {}}",
+                  "librosa35 has 60 rows per second, not 30", "fix: audio: {librosa35: {fps: 30}}", "--source DIR"]),
+        ("popdg", ["no field edge151", "--source DIR"]),
+        ("lodge", ["60 frames per second", "no field lodge139", "as in the recipe aist++-lodge or finedance",
+                   "without one of the 16 genres", "name clips 001 to 211"]),
+        ("finedance", ["no field finedance319", "name clips 001 to 211"]),
+        ("bailando", ["--source DIR"]),
+    ],
+)  # fmt: skip
+def test_everything_is_said_at_once(built, tmp_path: Path, to: str, wanted: list[str]) -> None:
+    text = refusal(built("sixty").path, to, tmp_path / "out")
+    assert f"the dataset cannot be exported as {to}; nothing was written:" in text
+    for words in wanted:
+        assert words in text, words
+
+
+def test_thirty_per_second_beside_sixty(built, tmp_path: Path) -> None:
+    """A recipe at 30 gives motion at 60 beside music at 30: the trap of FACT and Bailando."""
+    made = built("sixty", fps=30, audio={"librosa35": {}}, motion={"fact219": {}, "bailando72": {}})
+    text = refusal(made.path, "fact", tmp_path / "out")
+    assert text.count("fix:") == 1
+    assert "librosa35 has 30 rows per second, not 60\n  fix: audio: {librosa35: {fps: 60}}" in text
+
+
+def test_window_scope(built, tmp_path: Path) -> None:
+    text = refusal(built("edge-exact").path, "fact", tmp_path / "out")
+    assert "the dataset has window scope, without whole clips\n  fix: scope: track" in text
+    made = built("edge-exact", windows={"length_s": 4, "stride_s": 0.5, "order": "name"})
+    text = refusal(made.path, "edge", tmp_path / "out", source=made.source)
+    assert "windows of 120 frames every 15, not 150 every 15" in text
+
+
+def test_widths_and_features(built, tmp_path: Path) -> None:
+    made = built("edge")
+    assert "no field jukebox" in refusal(made.path, "edge", tmp_path / "out", source=made.source, feature="jukebox")
+    text = refusal(built("sixty").path, "fact", tmp_path / "out", feature="bailando438")
+    assert "bailando438 has 438 columns, not 35" in text
+
+
+def test_missing_splits(built, tmp_path: Path) -> None:
+    made = built("edge", dataset={"aist++": {"split": "all"}})
+    text = refusal(made.path, "edge", tmp_path / "out", source=made.source)
+    assert "no clips in train and test (its splits: all)" in text
+
+
+def test_missing_music(built, tmp_path: Path) -> None:
+    made = built("edge")
+    (tmp_path / "empty").mkdir()
+    text = refusal(made.path, "edge", tmp_path / "out", source=tmp_path / "empty")
+    assert f"no music below {tmp_path}/empty for m" in text
+    assert not list((tmp_path / "empty").iterdir())
+    assert "there is no such folder" in refusal(made.path, "edge", tmp_path / "out", source=tmp_path / "none")
+
+
+def test_music_by_its_name_alone(built, tmp_path: Path) -> None:
+    made = built("edge")
+    (tmp_path / "music" / "deep").mkdir(parents=True)
+    for path in (made.source / "wavs").iterdir():
+        (tmp_path / "music" / "deep" / path.name).symlink_to(path)
+    done = dancedata.export(made.path, "edge", tmp_path / "out", source=tmp_path / "music", progress=False)
+    assert list((done.path / "train" / "wavs_sliced").iterdir())
+
+
+def test_names_that_would_be_read_wrongly(built, tmp_path: Path) -> None:
+    made = built("sixty", augment={"mirror": True}, audio={"librosa35": {}}, motion={"fact219": {}})
+    text = refusal(made.path, "fact", tmp_path / "out")
+    assert "names that the loader would read wrongly" in text
+    assert "__mirror" in text
+
+
+def test_ids_that_are_no_file_names(tmp_path: Path) -> None:
+    made = write_random_store(tmp_path / "store", clips={"train": 2, "test": 1})
+    first = made.clips[0]
+    values = {name: getattr(first, name) for name in StoredClip.__dataclass_fields__}
+    bent = StoredClip(**{**values, "id": "../../up"})
+    header = StoreHeader(**{name: getattr(made.header, name) for name in StoreHeader.__dataclass_fields__})
+    (tmp_path / "bent").mkdir()
+    write_store(tmp_path / "bent", header, [bent])
+    assert "cannot be names of files: '../../up'" in refusal(tmp_path / "bent", "npz", tmp_path / "out")
+
+
+def test_patterns_in_the_folders_name(built, tmp_path: Path) -> None:
+    made = built("edge")
+    text = refusal(made.path, "edge", tmp_path / "edge[1]", source=made.source)
+    assert "lists folders by patterns" in text
+
+
+def test_unknown_targets_and_parameters(built, tmp_path: Path) -> None:
+    store = built("edge").path
+    with pytest.raises(UsageError, match=r"unknown export 'egde'. Did you mean 'edge'"):
+        dancedata.export(store, "egde", tmp_path / "out")
+    with pytest.raises(RecipeError, match=r"export\.edge\.scaler: unknown key"):
+        dancedata.export(store, "edge", tmp_path / "out", scaler="all")
+    with pytest.raises(RecipeError, match=r"export\.lodge\.scaler"):
+        dancedata.export(store, "lodge", tmp_path / "out", scaler="both")
+    with pytest.raises(StoreError, match="there is no finished dataset"):
+        dancedata.export(tmp_path, "npz", tmp_path / "out")
+
+
+def test_an_export_does_not_go_into_what_it_reads(built) -> None:
+    made = built("edge")
+    for place in (made.path, made.source):
+        with pytest.raises(UsageError, match="does not go into its"):
+            dancedata.export(made.path, "edge", place / "out", source=made.source, progress=False)
+        assert not (place / "out").exists()
+
+
+def test_the_working_folder_is_not_replaced(built, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(UsageError, match="cannot replace the current working directory"):
+        dancedata.export(built("edge").path, "npz", ".", progress=False)
+
+
+def test_clips_shorter_than_a_window(tmp_path: Path) -> None:
+    store = write_random_store(tmp_path / "short").path  # clips of 40 to 140 frames
+    text = refusal(store, "edge", tmp_path / "out", sound="silence")
+    assert "train has no window of five seconds\n  fix: longer clips" in text
+    assert "test has no window of five seconds" in text
+
+
+def test_npz_names_fields_that_are_not_there(built, tmp_path: Path) -> None:
+    assert "no field 'edge15'" in refusal(built("edge").path, "npz", tmp_path / "out", fields=["edge15"])
+
+
+def test_errors_of_the_source_are_their_own(built, tmp_path: Path) -> None:
+    made = built("edge")
+    (tmp_path / "file").write_text("")
+    with pytest.raises((SourceError, StoreError), match="no such folder"):
+        dancedata.export(made.path, "npz", tmp_path / "out", source=tmp_path / "file", progress=False)
+
+
+@pytest.mark.parametrize("to", EXPORTS.names())
+def test_a_target_says_what_it_reads(to: str) -> None:
+    cls = EXPORTS.get(to)
+    assert isinstance(cls.recipe, dict)
+    assert not any(folder in ("", ".") for folder in cls.listed_folders)
+
+
+def test_npz_holds_the_dataset(export: Callable, built) -> None:
+    import json
+
+    for name in ("edge", "edge-exact"):
+        out, store = export(name, "npz", name, link=True).path, built(name).store
+        index = json.loads((out / "index.json").read_text())
+        assert set(index["clips"]) == {clip.id for clip in store.clips}
+        for clip in store.clips:
+            held = np.load(out / index["clips"][clip.id]["file"])
+            assert (out / index["clips"][clip.id]["music_file"]).is_file()
+            for field in store.fields:
+                if store.scope == "track":
+                    np.testing.assert_array_equal(held[field], clip.read(field))
+        for split in store.splits:
+            assert index["windows"][split] == [[w.clip, w.start, w.length] for w in store.windows(split)]
+        window = store.windows("train")[0]
+        start, rows = window.start, np.load(out / f"clips/{window.clip}.npz")["edge151"]
+        piece = rows[start : start + 150] if store.scope == "track" else rows[start // 15]
+        np.testing.assert_array_equal(piece, store.read(window, "edge151"))
+        assert index["fields"]["edge151"]["scaler"] == store.normalizer("edge151").state_dict()

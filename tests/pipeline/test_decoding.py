@@ -1,0 +1,202 @@
+"""decode of batches and of trainers' files: API, command, and what they refuse."""
+
+from __future__ import annotations
+
+import json
+import pickle
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import dancedata
+from dancedata.cli.app import app
+from dancedata.contacts.velocity import Velocity
+from dancedata.core import atomic
+from dancedata.core.errors import DataError, StoreError, UsageError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.motion import Motion
+from dancedata.core.registry import CONTACTS, REPRESENTATIONS
+from dancedata.datasets.folder.facts import Declared
+from dancedata.datasets.folder.load import Reading, load_motion
+from dancedata.recipes.parse import parse_recipe
+from dancedata.representations.edge151 import Edge151
+from dancedata.store import Store, open_store
+from dancedata.testing.examples import random_motion
+
+DECODED = [name for name in REPRESENTATIONS.names() if REPRESENTATIONS.get(name).decodes]
+METRES = Reading(Declared(unit="m", up="y"), Declared())
+
+
+def _columns(name: str, n_frames: int = 30) -> tuple[Any, np.ndarray]:
+    made = REPRESENTATIONS.get(name)()
+    rule = None if made.default_contacts is None else CONTACTS.get(made.default_contacts)()
+    return made, made.encode(random_motion(made.skeleton, n_frames, turn_rad=0.3), rule)
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory: pytest.TempPathFactory) -> Store:
+    folder = tmp_path_factory.mktemp("decoding")
+    document = {
+        "recipe": 1,
+        "name": "decoding",
+        "dataset": {"synthetic": {"songs": 3, "clips_per_song": 2, "clip_s": 6}},
+        "fps": 24,
+        "windows": {"length_s": 5, "stride_s": 0.5},
+        "motion": {"edge151": {}},
+    }
+    recipe = parse_recipe(document)
+    dancedata.build(recipe, folder / "source", folder / "store", cache=folder / "cache", jobs=1, progress=False)
+    return open_store(folder / "store")
+
+
+@pytest.mark.parametrize("name", DECODED)
+def test_a_batch_is_its_motions(name: str) -> None:
+    _, array = _columns(name)
+    batch = np.stack([array, array[::-1], array])
+    motions = dancedata.decode(batch, name, fps=24)
+    assert len(motions) == 3
+    for motion, rows in zip(motions, batch, strict=True):
+        one = dancedata.decode(rows, name, fps=24)
+        assert isinstance(one, Motion)
+        assert motion.grid == one.grid == FrameGrid.of(24)
+        np.testing.assert_array_equal(motion.joints(), one.joints())
+
+
+@pytest.mark.parametrize(("name", "rate"), [("edge151", 30), ("fact219", 60), ("humanml263", 20)])
+def test_the_rate_that_nobody_gave(name: str, rate: int) -> None:
+    assert dancedata.decode(_columns(name)[1], name).grid == FrameGrid.of(rate)
+
+
+def test_the_normaliser_is_undone(store: Store) -> None:
+    windows = list(store.windows("train"))[:2]
+    rows = np.stack([store.read(window, "edge151") for window in windows])
+    normal = store.normalizer("edge151").normalize(rows)
+    for like in (store, store.path, str(store.path)):
+        motions = dancedata.decode(normal, "edge151", like=like)
+        for motion, wanted in zip(motions, rows, strict=True):
+            assert motion.grid == FrameGrid.of(24)  # the dataset's
+            plain = dancedata.decode(wanted, "edge151", fps=24)
+            np.testing.assert_allclose(motion.joints(), plain.joints(), rtol=0, atol=1e-5)
+    beyond = dancedata.decode(normal * 3, "edge151", like=store)[0].translation
+    clipped = dancedata.decode(np.clip(normal * 3, -1, 1), "edge151", like=store)[0].translation
+    np.testing.assert_array_equal(beyond, clipped)
+
+
+def test_what_decode_refuses(store: Store) -> None:
+    _, array = _columns("edge151")
+    cases: list[tuple[np.ndarray, str, dict[str, Any], list[str]]] = [
+        (array[:, :139], "edge151", {}, ["(30, 139)", "(T, 151) or a batch (B, T, 151)", "those of lodge139"]),
+        (array[None, None], "edge151", {}, ["(1, 1, 30, 151)"]),
+        (array[:0], "edge151", {}, ["(0, 151)", "not empty"]),
+        (array, "edge", {}, ["edge151"]),
+        (array[:, :72], "bailando72", {}, ["positions do not determine"]),
+        (array, "edge151", {"fps": 30, "like": store}, ["30 frames per second", "allowed: 24"]),
+        (_columns("fact219")[1], "fact219", {"like": store}, ["no field named 'fact219'"]),
+    ]
+    for wrong, name, options, parts in cases:
+        with pytest.raises(UsageError) as caught:
+            dancedata.decode(wrong, name, **options)
+        assert all(part in str(caught.value) for part in parts), str(caught.value)
+    batch = np.stack([array, array, array])
+    for value, options in ((np.nan, {}), (np.nan, {"like": store}), (np.inf, {"like": store})):
+        batch[1, 7, 20] = value
+        with pytest.raises(DataError, match="motion 1 of the batch, edge151: the columns have NaN"):
+            dancedata.decode(batch, "edge151", **options)
+
+
+@pytest.mark.parametrize("to", ["bvh", "npz", "smpl", "smplx"])
+def test_a_trainers_file(store: Store, tmp_path: Path, to: Any) -> None:
+    window = store.windows("train")[0]
+    normal = store.normalizer("edge151").normalize(store.read(window, "edge151"))
+    np.save(tmp_path / "sample.npy", np.stack([normal, normal]))
+    files = dancedata.decode_file(tmp_path / "sample.npy", "edge151", to=to, out=tmp_path / "out", like=store)
+    suffix = "bvh" if to == "bvh" else "npz"
+    assert [path.name for path in files] == [f"sample_000.{suffix}", f"sample_001.{suffix}"]
+    wanted = dancedata.decode(store.read(window, "edge151"), "edge151", fps=24)
+    if to == "npz":
+        with np.load(files[1]) as file:
+            np.testing.assert_allclose(file["positions"], wanted.joints(), rtol=0, atol=1e-5)
+            assert (float(file["fps"]), str(file["fps_exact"]), str(file["skeleton"])) == (24, "24", "smpl24")
+            assert file["joints"].tolist() == list(wanted.skeleton.joints)
+            assert file["rotations"].shape == (120, 24, 3)
+        return
+    motion = load_motion(files[1], METRES if to == "bvh" else Reading(Declared(), Declared()))
+    assert motion.grid == wanted.grid
+    np.testing.assert_allclose(motion.joints()[:, 0], wanted.joints()[:, 0], rtol=0, atol=1e-5)
+    if to == "bvh":
+        np.testing.assert_allclose(motion.joints(), wanted.joints(), rtol=0, atol=1e-5)
+
+
+def test_files_of_several_arrays(tmp_path: Path) -> None:
+    _, array = _columns("edge151")
+    np.savez(tmp_path / "out.npz", sample=array, music=np.zeros((30, 35)), names=np.array(["a"]))
+    options: dict[str, Any] = {"to": "bvh", "fps": 30}
+    (file,) = dancedata.decode_file(tmp_path / "out.npz", "edge151", out=tmp_path / "a", **options)
+    assert file == tmp_path / "a" / "out.bvh"
+    with (tmp_path / "out.pkl").open("wb") as pickled:
+        pickle.dump({"pose": array}, pickled)
+    dancedata.decode_file(tmp_path / "out.pkl", "edge151", out=tmp_path / "b", **options)
+    assert (tmp_path / "b" / "out.bvh").read_bytes() == file.read_bytes()
+    np.savez(tmp_path / "two.npz", one=array, two=array[:5])
+    with pytest.raises(UsageError, match=r"several arrays have 151 columns.*--key"):
+        dancedata.decode_file(tmp_path / "two.npz", "edge151", out=tmp_path / "c", **options)
+    dancedata.decode_file(tmp_path / "two.npz", "edge151", out=tmp_path / "c", key="two", **options)
+    assert "Frames: 5\n" in (tmp_path / "c" / "two.bvh").read_text()
+    with pytest.raises(UsageError, match=r"no array has 219 columns.*'one', 'two'.*--as"):
+        dancedata.decode_file(tmp_path / "two.npz", "fact219", out=tmp_path / "d", **options)
+    with pytest.raises(UsageError, match="no array 'three'"):
+        dancedata.decode_file(tmp_path / "two.npz", "edge151", out=tmp_path / "d", key="three", **options)
+    assert not (tmp_path / "d").exists()
+
+
+def test_nothing_is_guessed_or_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    _, array = _columns("edge151")
+    np.save(tmp_path / "x.npy", np.stack([array, array]))
+    path, out = tmp_path / "x.npy", tmp_path / "out"
+    with pytest.raises(UsageError, match=r"x\.npy: the frame rate of these columns is unknown.*--fps.*--like"):
+        dancedata.decode_file(path, "edge151", to="bvh", out=out)
+    with pytest.raises(UsageError, match="unknown format 'fbx'"):
+        dancedata.decode_file(path, "edge151", to="fbx", out=out, fps=30)  # type: ignore[arg-type]
+    with pytest.raises(DataError, match=r"gone\.npy"):
+        dancedata.decode_file(tmp_path / "gone.npy", "edge151", to="bvh", out=out, fps=30)
+    dancedata.decode_file(path, "edge151", to="bvh", out=out, fps=30)
+    with pytest.raises(UsageError, match=r"x_000\.bvh: files are already there.*--overwrite"):
+        dancedata.decode_file(path, "edge151", to="bvh", out=out, fps=30)
+    dancedata.decode_file(path, "edge151", to="bvh", out=out, fps=30, overwrite=True)
+    calls = []
+
+    def full(place: Path, data: bytes) -> None:
+        calls.append(place)
+        if len(calls) == 2:
+            raise OSError(28, "No space left on device")
+        place.write_bytes(data)
+
+    monkeypatch.setattr(atomic, "write_bytes", full)
+    with pytest.raises(StoreError, match="No space left"):
+        dancedata.decode_file(path, "edge151", to="npz", out=tmp_path / "full", fps=30)
+    assert not list((tmp_path / "full").iterdir())
+
+
+def test_the_command(store: Store, tmp_path: Path) -> None:
+    window = store.windows("train")[0]
+    np.save(tmp_path / "x.npy", store.normalizer("edge151").normalize(store.read(window, "edge151")))
+    options = ["--as", "edge151", "--to", "bvh", "--like", str(store.path), "--out", str(tmp_path / "out")]
+    done = CliRunner().invoke(app, ["decode", str(tmp_path / "x.npy"), *options])
+    assert (done.exit_code, done.stdout) == (0, f"{tmp_path / 'out' / 'x.bvh'}\n")
+    done = CliRunner().invoke(app, ["decode", str(tmp_path / "x.npy"), *options, "--overwrite", "--json"])
+    assert json.loads(done.stdout) == {"files": [str(tmp_path / "out" / "x.bvh")]}
+    np.save(tmp_path / "x.npy", np.zeros((5, 150)))
+    done = CliRunner().invoke(app, ["decode", str(tmp_path / "x.npy"), *options])
+    assert done.exit_code == 2
+    assert f"{tmp_path / 'x.npy'}: these are not columns of edge151; found shape (5, 150)" in done.stderr
+
+
+def test_contacts_are_no_part_of_a_motion() -> None:
+    motion = random_motion(Edge151().skeleton, 20, turn_rad=0.3)
+    array = Edge151().encode(motion, Velocity())
+    array[:, :4] = np.nan  # as networks give them: any number
+    found = dancedata.decode(array, "edge151")
+    np.testing.assert_allclose(found.joints(), motion.joints(), rtol=0, atol=1e-5)

@@ -1,0 +1,163 @@
+"""humanml263 against HumanML3D's own functions, and what it adds to them.
+
+Gates: 1e-4 for columns, as the original computes inverse kinematics in float32; measured 5e-5 in rotations, 4e-6 in
+positions and velocities, 3e-6 in the turn of the root. Contacts are equal. Recovered joints: 1 mm; measured 4e-7 m.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import dancedata
+from dancedata.contacts.velocity import Velocity
+from dancedata.core.bodies import SMPLX55
+from dancedata.core.errors import DataError, UsageError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.inverse_kinematics import fitted
+from dancedata.core.motion import Motion
+from dancedata.core.skeleton import SMPL24
+from dancedata.datasets.aistpp import AistPP
+from dancedata.representations import _humanml as humanml
+from dancedata.representations.humanml263 import HUMANML22, Humanml263
+from dancedata.testing.examples import mirrored_motion, random_motion
+from tests.conftest import DATA, Arrays, unpack
+
+TWENTY = FrameGrid.of(20)
+MADE = Humanml263()
+CONTACTS = MADE.columns.slice("foot_contact")
+
+
+def _assert_columns(array: np.ndarray, expected: np.ndarray) -> None:
+    np.testing.assert_allclose(array, expected, rtol=0, atol=1e-4)
+    np.testing.assert_array_equal(array[:, CONTACTS], expected[:, CONTACTS])
+
+
+def test_a_clip_of_the_corpus(peers: Any, tmp_path: Path) -> None:
+    """From the reader of AIST++ to the columns; the reference's input were joints of the same clip."""
+    arrays = Arrays(unpack(DATA / "humanml263", tmp_path) / "golden.npz")
+    (name,) = (key for key in arrays if key.endswith(".263"))
+    reader = AistPP(split="all")
+    ref = next(c for c in reader.scan(peers / "inputs" / "edge_aistpp").clips if name.startswith(c.id))
+    motion = reader.load(ref).resampled(TWENTY)
+    array = MADE.encode(motion)
+    assert array.dtype == np.float32
+    _assert_columns(array[:-1], arrays[name])
+    np.testing.assert_allclose(MADE.positions(arrays[name]), arrays[f"{name[:-4]}.recovered"], rtol=0, atol=1e-5)
+
+
+def test_all_clips_and_real_ones(shared: Path) -> None:
+    arrays = Arrays(shared / "golden" / "humanml263" / "golden.npz")
+    synthetic = Arrays(shared / "golden" / "peers" / "fk_smpl24.npz")
+    np.testing.assert_allclose(humanml.BONE_LENGTHS, arrays["target_bone_lengths"], rtol=0, atol=1e-7)
+    clips = [key.removesuffix(".263") for key in arrays if key.endswith(".263")]
+    assert len(clips) == 10
+    for clip in clips:
+        own = f"{clip}.joints20" in arrays
+        joints = arrays[f"{clip}.joints20"] if own else synthetic[f"{clip}.yup60"][::3, :22]
+        array = humanml.columns_of(humanml.retargeted(joints.astype(np.float64)))
+        _assert_columns(array[:-1], arrays[f"{clip}.263"])
+        # The columns themselves, and ours, give the joints that the original recovers.
+        recovered = arrays[f"{clip}.recovered"]
+        np.testing.assert_allclose(MADE.positions(arrays[f"{clip}.263"]), recovered, rtol=0, atol=1e-6)
+        np.testing.assert_allclose(MADE.positions(array[:-1]), recovered, rtol=0, atol=1e-3)
+
+
+def _dance(seconds: float = 4.0) -> Motion:
+    return random_motion(SMPL24, int(20 * seconds), turn_rad=0.15, step_m=0.01)
+
+
+def test_positions_come_back() -> None:
+    motion = _dance()
+    joints = humanml.retargeted(motion.joints()[:, :22])
+    found = MADE.positions(MADE.encode(motion))
+    np.testing.assert_allclose(found, joints, rtol=0, atol=1e-5)
+    assert found[..., 1].min() == pytest.approx(0, abs=1e-6)
+    np.testing.assert_allclose(found[0, 0, [0, 2]], 0, atol=1e-6)
+    # Every bone has the direction of the dancer's and the target's length.
+    bones = found[:, 1:] - found[:, list(humanml.PARENTS[1:])]
+    np.testing.assert_allclose(np.linalg.norm(bones, axis=-1), np.tile(humanml.BONE_LENGTHS[1:], (80, 1)), atol=1e-5)
+
+
+@pytest.mark.parametrize("skeleton", [SMPL24, SMPLX55, HUMANML22], ids=lambda s: s.name)
+@pytest.mark.parametrize("turn_rad", [0.15, 2.5])
+def test_decoding_gives_a_motion_at_these_positions(skeleton: Any, turn_rad: float) -> None:
+    array = MADE.encode(random_motion(skeleton, 60, turn_rad=turn_rad, step_m=0.01))
+    motion = MADE.decode(array, TWENTY)
+    np.testing.assert_allclose(motion.joints(), MADE.positions(array), rtol=0, atol=1e-5)
+    assert motion.grid == TWENTY
+    assert motion.skeleton.joints == HUMANML22.joints
+    assert dancedata.decode(array, "humanml263", fps=20).n_frames == 60
+
+
+def test_the_last_row_goes_on_as_the_one_before() -> None:
+    motion = _dance()
+    array = MADE.encode(motion)
+    later = np.r_[0:3, 193:263]
+    np.testing.assert_array_equal(array[-1, later], array[-2, later])
+    assert not np.array_equal(array[-1], array[-2])
+    one = MADE.encode(motion.part(0, 1))
+    assert one.shape == (1, 263)
+    assert not one[0, later[:-4]].any()
+    assert one[0, CONTACTS].all()
+
+
+def test_velocities_and_contacts_are_of_the_next_frame() -> None:
+    still = Motion(np.zeros((10, 3)), np.zeros((10, 24, 3)), TWENTY, SMPL24)
+    array = MADE.encode(still)
+    velocity = MADE.columns.slice("local_velocity")
+    assert not array[:, velocity].any()
+    assert array[:, CONTACTS].all()
+    walk = np.zeros((10, 3))
+    walk[5:, 2] = 0.1  # 1 dm between frames 4 and 5; 0.01 m2 is above the threshold of 0.002
+    array = MADE.encode(Motion(walk, np.zeros((10, 24, 3)), TWENTY, SMPL24))
+    assert np.flatnonzero(array[:, velocity].any(axis=1)).tolist() == [4]
+    assert np.flatnonzero(~array[:, CONTACTS].all(axis=1)).tolist() == [4]
+    scale = (0.39018813 + 0.42564332) / np.linalg.norm(SMPL24.offsets[[5, 8]], axis=1).sum()
+    assert array[4, 2] == pytest.approx(0.1 * scale, abs=1e-3)
+
+
+def test_the_mirror_is_the_reflections_on_a_symmetric_body(monkeypatch: pytest.MonkeyPatch) -> None:
+    lengths = np.array(humanml.BONE_LENGTHS)
+    for left, right in HUMANML22.pairs:
+        lengths[[left, right]] = lengths[[left, right]].mean()
+    monkeypatch.setattr(humanml, "BONE_LENGTHS", tuple(lengths))
+    symmetric = SMPL24.mirrored().offsets
+    body = replace(SMPL24, name="symmetric", offsets=(SMPL24.offsets + symmetric) / 2)
+    motion = _dance().on(body)
+    image = MADE.columns.mirror.apply(MADE.encode(motion))  # type: ignore[union-attr]
+    np.testing.assert_allclose(image, MADE.encode(mirrored_motion(motion)), rtol=0, atol=1e-5)
+
+
+def test_bones_that_point_against_their_rest() -> None:
+    """Both arms straight up: the half turn's axis is open, and stays finite and continuous in the columns."""
+    rotations = np.zeros((4, 24, 3))
+    rotations[:, 16, 2], rotations[:, 17, 2] = np.pi / 2, -np.pi / 2
+    array = MADE.encode(Motion(np.zeros((4, 3)), rotations, TWENTY, SMPL24))
+    assert np.isfinite(array).all()
+    np.testing.assert_allclose(MADE.decode(array, TWENTY).joints(), MADE.positions(array), rtol=0, atol=1e-6)
+
+
+def test_what_it_refuses() -> None:
+    with pytest.raises(UsageError, match="holds no contacts"):
+        MADE.encode(_dance(), Velocity())
+    flat = replace(SMPL24, offsets=np.zeros((24, 3)))
+    with pytest.raises(DataError, match="a bone has no length"):
+        MADE.encode(_dance().on(flat))
+    with pytest.raises(UsageError, match=r"decodes \(T, 263\)"):
+        MADE.decode(np.zeros((3, 262)), TWENTY)
+    array = MADE.encode(_dance())
+    array[3, 100] = np.nan
+    with pytest.raises(DataError, match="NaN"):
+        MADE.decode(array, TWENTY)
+
+
+def test_fitting_takes_any_positions() -> None:
+    positions = np.random.default_rng(0).normal(size=(20, 22, 3))
+    motion = fitted(positions, HUMANML22, TWENTY)
+    assert np.isfinite(motion.joints()).all()
+    np.testing.assert_allclose(motion.joints()[:, 0], positions[:, 0], atol=1e-9)
