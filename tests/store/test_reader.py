@@ -18,7 +18,7 @@ from dancedata.core.clip import Window
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.store import Store, open_store
 from dancedata.store.schema import Field
-from dancedata.testing.stores import random_columns
+from dancedata.testing.stores import random_columns, write_random_store
 
 
 def checksum(store: Store, position: int) -> float:
@@ -163,6 +163,9 @@ def test_other_windows_end_with_the_music(tmp_path: Path, make_store: Any) -> No
     assert [w.start for w in store.windows("train", stride_frames=10, fields=("pose",))][-1] == 70
     assert [w.start for w in store.windows("train", stride_frames=10, fields=("pose", "fast"))][-1] == 60
     assert store.clip("c").read("music").shape == (60, 5)
+    assert store.clip("c").read_song("music").shape == (60, 5)
+    with pytest.raises(UsageError, match="field pose is not a field of music"):
+        store.clip("c").read_song("pose")
     assert store.clip("c").read("layer").shape == (100, 3)
     with pytest.raises(UsageError, match="after the last row of field music"):
         store.read(Window("c", 40, 30), "music")
@@ -361,3 +364,12 @@ def test_shard_cut_or_overwritten_while_open(make_store: Any) -> None:
     (other.path / shard.name).write_bytes(b"x" * size)
     with pytest.raises(StoreError, match="cannot be read"):
         other.windows("train")
+
+
+def test_a_song_goes_on_after_its_clip(tmp_path: Path) -> None:
+    made = write_random_store(tmp_path / "store")
+    store = open_store(made.path)
+    for clip in store.clips:
+        block = made.clip(clip.id).audio["librosa35"][0]
+        np.testing.assert_array_equal(clip.read_song("librosa35"), np.asarray(block.array)[block.offset :])
+        np.testing.assert_array_equal(clip.read_song("librosa35")[: clip.n_frames], clip.read("librosa35"))
