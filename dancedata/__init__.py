@@ -34,8 +34,8 @@ __all__ = [
 if TYPE_CHECKING:
     from dancedata.api.arrays import encode, extract
     from dancedata.api.commands import build, check, plan
-    from dancedata.api.evaluation import evaluate
     from dancedata.api.decoding import decode, decode_file
+    from dancedata.api.evaluation import evaluate
     from dancedata.api.export import export
     from dancedata.cache import FeatureCache
     from dancedata.core.audio_signal import AudioSignal

@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 from dancedata.core.registry import EXPORTS
-from dancedata.core.skeleton import SMPL24
 from dancedata.pipeline.build import build
 from dancedata.pipeline.summary import describe_built
 from dancedata.readers.presets import PRESETS
