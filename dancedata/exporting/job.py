@@ -6,11 +6,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from dancedata.execution.progress import Progress
-from dancedata.exporting.music import SourceMusic
-from dancedata.store import ClipView, Store
+
+if TYPE_CHECKING:
+    from dancedata.exporting.music import SourceMusic
+    from dancedata.store import ClipView, Store
 
 T = TypeVar("T")
 
@@ -65,6 +67,8 @@ class ExportJob:
     @cached_property
     def music(self) -> SourceMusic:
         """The music below `source`. UsageError without a source, SourceError where it cannot be read."""
+        from dancedata.exporting.music import SourceMusic
+
         return SourceMusic.of(self.store, self.source)
 
     def each(self, label: str, items: Sequence[T]) -> Iterator[T]:

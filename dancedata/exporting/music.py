@@ -5,17 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 from dancedata.audio.signal import audio_length, load_audio
-from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DanceDataError, DataError, SourceError, UsageError
-from dancedata.core.plugins import Dataset
 from dancedata.core.registry import DATASETS
 from dancedata.core.text import shown
 from dancedata.pipeline.source_record import DIGITS, NO_MUSIC, SourceRecord
 from dancedata.recipes.plugins import one_of
-from dancedata.store import ClipView, Store
+
+if TYPE_CHECKING:
+    from dancedata.core.audio_signal import AudioSignal
+    from dancedata.core.plugins import Dataset
+    from dancedata.store import ClipView, Store
 
 #: Endings of audio files, those that are preferred first.
 SUFFIXES = (".wav", ".flac", ".mp3", ".ogg")

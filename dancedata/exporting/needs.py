@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from fractions import Fraction
+from typing import TYPE_CHECKING
 
 from dancedata.core.errors import DanceDataError
 from dancedata.core.registry import FEATURES
 from dancedata.core.text import listed, quoted
 from dancedata.exporting.job import ExportJob, Lack
-from dancedata.readers.presets import recipes_with
-from dancedata.store import ClipView
+
+if TYPE_CHECKING:
+    from dancedata.store import ClipView
 
 _SOURCE = "give --source DIR, the folder with the music"
 
@@ -31,6 +33,8 @@ def needs_field(
     """
     line = f"{kind}: {{{name}: {{}}}}"
     if name not in job.store.fields:
+        from dancedata.readers.presets import recipes_with
+
         makers = recipes_with(name)
         shipped = f", as in the recipe {' or '.join(makers)}" if makers else ""
         return [Lack(f"the dataset has no field {name} (it has {', '.join(job.store.fields)})", f"{line}{shipped}")]

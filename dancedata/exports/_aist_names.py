@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from dancedata.core.text import listed
 from dancedata.datasets.aistpp.facts import facts
-from dancedata.exporting.folder import ExportFolder
-from dancedata.exporting.job import ExportJob, Lack
 from dancedata.exporting.needs import needs_names
-from dancedata.store import ClipView
+
+if TYPE_CHECKING:
+    from dancedata.exporting.folder import ExportFolder
+    from dancedata.exporting.job import ExportJob, Lack
+    from dancedata.store import ClipView
 
 #: Parts of the crossmodal protocol in the order in which the originals read their lists.
 PARTS = {"train": ("train",), "test": ("test", "val")}

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 from dancedata.core.grid import FrameGrid
-from dancedata.core.motion import Motion
-from dancedata.core.plugins import Representation
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.exporting.job import ExportJob, Lack
 from dancedata.exporting.needs import needs_field, needs_track_scope
-from dancedata.recipes.plugins import split_instance
-from dancedata.store import ClipView
+
+if TYPE_CHECKING:
+    from dancedata.core.motion import Motion
+    from dancedata.core.plugins import Representation
+    from dancedata.store import ClipView
 
 
 def motion_lacks(job: ExportJob, field: str) -> list[Lack]:
@@ -34,23 +36,27 @@ def _no_motion(job: ExportJob) -> Lack:
 
 def decoded(job: ExportJob, field: str) -> Iterator[tuple[ClipView, Motion]]:
     """Yield clips and their motions, from `field`, or from the first field that decodes to the motion itself."""
-    name = field or _decodable(job)[0]
-    grid, plugin = FrameGrid(job.store.field(name).rate), _representation(name)()
+    name = field_name(job, field)
+    grid, plugin = FrameGrid(job.store.field(name).rate), _decodable(job)[name]()
     for clip in job.each("clips", job.clips()):
         yield clip, plugin.decode(clip.read(name), grid)
 
 
 def field_name(job: ExportJob, field: str) -> str:
     """Return the name of the field that `decoded` reads."""
-    return field or _decodable(job)[0]
+    return field or next(iter(_decodable(job)))
 
 
-def _decodable(job: ExportJob) -> list[str]:
-    """Return the fields that decode; last those that only give back positions."""
+def _decodable(job: ExportJob) -> dict[str, type[Representation]]:
+    """Return the representations of fields that decode; last those that only give back positions."""
     names = [name for name in job.store.fields if job.store.field(name).kind == "motion"]
-    known = [name for name in names if split_instance(REPRESENTATIONS, name)[0] in REPRESENTATIONS.names()]
-    return sorted((n for n in known if _representation(n).decodes), key=lambda n: _representation(n).fits)
+    known = {name: plugin for name in names if (plugin := _representation(name)) is not None and plugin.decodes}
+    return dict(sorted(known.items(), key=lambda item: item[1].fits))
 
 
-def _representation(name: str) -> type[Representation]:
-    return REPRESENTATIONS.get(split_instance(REPRESENTATIONS, name)[0])
+def _representation(name: str) -> type[Representation] | None:
+    """Return the representation of a field, None where no plug-in has its name."""
+    from dancedata.recipes.plugins import split_instance
+
+    plugin, _ = split_instance(REPRESENTATIONS, name)
+    return REPRESENTATIONS.get(plugin) if plugin in REPRESENTATIONS else None

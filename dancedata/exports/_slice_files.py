@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.motion import Motion
 from dancedata.core.text import counted
-from dancedata.exporting.folder import ExportFolder
-from dancedata.exporting.job import ExportJob
 from dancedata.exports import _slices as slices
+
+if TYPE_CHECKING:
+    from dancedata.core.motion import Motion
+    from dancedata.exporting.folder import ExportFolder
+    from dancedata.exporting.job import ExportJob
 
 FOLDERS = ("motions_sliced", "wavs_sliced", "jukebox_feats")
 Sound = Literal["cut", "silence"]

@@ -7,22 +7,24 @@ import wave
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dancedata.audio.signal import pcm16
 from dancedata.core.audio_signal import AudioSignal
-from dancedata.core.clip import Window
 from dancedata.core.grid import FrameGrid
-from dancedata.core.motion import Motion
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.text import counted, listed
 from dancedata.core.windows import WindowGrid
-from dancedata.exporting.folder import ExportFolder
 from dancedata.exporting.job import ExportJob, Lack
 from dancedata.exporting.needs import needs_field, needs_fps, needs_music, needs_splits
-from dancedata.store import ClipView, WindowList
-from dancedata.store.schema import slice_name
+
+if TYPE_CHECKING:
+    from dancedata.core.clip import Window
+    from dancedata.core.motion import Motion
+    from dancedata.exporting.folder import ExportFolder
+    from dancedata.store import ClipView, WindowList
 
 MOTION = "edge151"
 FPS, LENGTH, STRIDE = 30, 150, 15
@@ -82,6 +84,8 @@ def sort_key(name: str) -> str:
 def slices_of(job: ExportJob, split: str, feature: str) -> list[Slice]:
     """Return the slices of a split."""
     clips = {clip.id: clip for clip in job.clips(split)}
+    from dancedata.store.schema import slice_name
+
     return [Slice(slice_name(w.clip, w.start // STRIDE), clips[w.clip], w) for w in _windows(job, split, feature)]
 
 

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.text import shown
 from dancedata.exporting.job import ExportJob, Lack
-from dancedata.store import ClipView
+
+if TYPE_CHECKING:
+    from dancedata.core.audio_signal import AudioSignal
+    from dancedata.store import ClipView
 
 
 @dataclass(frozen=True)

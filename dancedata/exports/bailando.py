@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from shlex import quote
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -16,14 +16,15 @@ from dancedata.core.plugins import AudioFeature, Export
 from dancedata.core.registry import EXPORTS, FEATURES
 from dancedata.core.text import counted, listed
 from dancedata.execution.threads import as_in_builds
-from dancedata.exporting.folder import ExportFolder
 from dancedata.exporting.job import ExportJob, Lack
 from dancedata.exporting.needs import needs_feature, needs_field, needs_music, needs_splits, needs_track_scope
 from dancedata.exports._aist_names import PARTS, is_ignored, name_lacks, note_ignored
 from dancedata.exports._json_rows import json_of
 from dancedata.exports._songs import find_songs
-from dancedata.recipes.plugins import make_named
-from dancedata.store import ClipView
+
+if TYPE_CHECKING:
+    from dancedata.exporting.folder import ExportFolder
+    from dancedata.store import ClipView
 
 _MOTION, _ROTATIONS, _FEATURE, _RATE = "bailando72", "fact219", "bailando438", 60
 _SLOW = FrameGrid(Fraction(15, 2))
@@ -171,4 +172,6 @@ def _feature_of(job: ExportJob, name: str) -> AudioFeature:
     given = recipe.get("audio") if isinstance(recipe, Mapping) else None
     parameters = dict(given[name]) if isinstance(given, Mapping) and isinstance(given.get(name), Mapping) else {}
     parameters.pop("fps", None)
+    from dancedata.recipes.plugins import make_named
+
     return make_named(FEATURES, "audio", _FEATURE, parameters)

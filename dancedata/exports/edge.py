@@ -5,15 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from shlex import quote
-from typing import Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from dancedata.core.plugins import Export
 from dancedata.core.registry import EXPORTS
 from dancedata.core.text import counted
-from dancedata.exporting.folder import ExportFolder
-from dancedata.exporting.job import ExportJob, Lack
 from dancedata.exports import _slices as slices
 from dancedata.exports._slice_files import FOLDERS, SliceWriter
+
+if TYPE_CHECKING:
+    from dancedata.exporting.folder import ExportFolder
+    from dancedata.exporting.job import ExportJob, Lack
 
 _BATCH = 64
 _GUIDE = """## Train

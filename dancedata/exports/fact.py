@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from shlex import quote
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -15,12 +15,14 @@ from dancedata.core.errors import UsageError
 from dancedata.core.plugins import Export
 from dancedata.core.registry import EXPORTS
 from dancedata.core.text import counted, listed
-from dancedata.exporting.folder import ExportFolder
 from dancedata.exporting.job import ExportJob, Lack
 from dancedata.exporting.needs import needs_field, needs_splits, needs_track_scope
 from dancedata.exports._aist_names import PARTS, is_ignored, name_lacks, note_ignored
 from dancedata.exports._tfrecord import example, record
-from dancedata.store import ClipView
+
+if TYPE_CHECKING:
+    from dancedata.exporting.folder import ExportFolder
+    from dancedata.store import ClipView
 
 _MOTION, _RATE = "fact219", 60
 #: Frames of a training example: the loader cuts so many frames of music from a random place in the motion.

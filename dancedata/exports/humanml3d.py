@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -13,11 +13,13 @@ import numpy.typing as npt
 from dancedata.core.plugins import Export
 from dancedata.core.registry import EXPORTS
 from dancedata.core.text import listed
-from dancedata.exporting.folder import ExportFolder
 from dancedata.exporting.job import ExportJob, Lack
 from dancedata.exporting.needs import needs_field, needs_track_scope
 from dancedata.representations.humanml263 import Humanml263
-from dancedata.store import ClipView
+
+if TYPE_CHECKING:
+    from dancedata.exporting.folder import ExportFolder
+    from dancedata.store import ClipView
 
 Floats = npt.NDArray[np.float32]
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from importlib.util import find_spec
 from shlex import quote
-from typing import Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -15,11 +15,13 @@ from dancedata.core.plugins import Export
 from dancedata.core.registry import EXPORTS
 from dancedata.core.text import listed
 from dancedata.datasets.finedance.facts import facts
-from dancedata.exporting.folder import ExportFolder
 from dancedata.exporting.job import ExportJob, Lack
 from dancedata.exports._finedance import note_missing, track_lacks
 from dancedata.exports._lodge_scaler import normalizer_bytes
-from dancedata.store import ClipView
+
+if TYPE_CHECKING:
+    from dancedata.exporting.folder import ExportFolder
+    from dancedata.store import ClipView
 
 #: Columns that Lodge trains on: all of lodge139, the first of lodge319.
 _WIDTH = 139

@@ -5,17 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from dancedata.core.errors import did_you_mean
 from dancedata.core.plugins import Export
 from dancedata.core.registry import EXPORTS
-from dancedata.exporting.folder import ExportFolder
 from dancedata.exporting.job import ExportJob, Lack
 from dancedata.exporting.needs import needs_music
-from dancedata.store import ClipView
+
+if TYPE_CHECKING:
+    from dancedata.exporting.folder import ExportFolder
+    from dancedata.store import ClipView
 
 #: Layout of index.json.
 LAYOUT = 1

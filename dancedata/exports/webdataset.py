@@ -7,19 +7,21 @@ import json
 import tarfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.clip import Window
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.plugins import Export
 from dancedata.core.registry import EXPORTS
-from dancedata.exporting.folder import ExportFolder
 from dancedata.exporting.job import ExportJob, Lack
 from dancedata.exporting.needs import needs_names, needs_track_scope
-from dancedata.store import ClipView
+
+if TYPE_CHECKING:
+    from dancedata.core.clip import Window
+    from dancedata.exporting.folder import ExportFolder
+    from dancedata.store import ClipView
 
 Member = tuple[str, bytes]
 

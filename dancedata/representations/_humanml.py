@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import gaussian_filter1d
 
 from dancedata.core.errors import DataError
 from dancedata.core.rotations import Float64Array, shortest_rotation
@@ -113,6 +112,8 @@ def _facing(joints: Float64Array) -> Float64Array:
     hips = joints[:, _LEFT_HIP] - joints[:, _RIGHT_HIP]  # against the shoulders, as in the original
     across = hips + joints[:, _RIGHT_SHOULDER] - joints[:, _LEFT_SHOULDER]
     forward = np.cross(_Y, across / _length(across))
+    from scipy.ndimage import gaussian_filter1d  # takes half a second to load
+
     forward = gaussian_filter1d(forward, _SMOOTHING_FRAMES, axis=0, mode="nearest")
     angles = _yaw(forward)
     angles[0] = 0
