@@ -389,7 +389,7 @@ def only_named(arguments: Sequence[str]) -> typer.Typer:
     name = arguments[0] if arguments else ""
     commands = [c for c in app.registered_commands if name == (c.name or getattr(c.callback, "__name__", ""))]
     groups = [group for group in app.registered_groups if name == group.name]
-    if commands or groups or name == "--version":
+    if commands or groups or list(arguments) == ["--version"]:
         named.registered_commands, named.registered_groups = commands, groups
     return named
 

@@ -6,6 +6,7 @@ import json
 import os
 import re
 import tempfile
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -13,6 +14,7 @@ from typing import Any
 
 #: How the names begin of files and folders that are dancedata's own and do not stay.
 OWN = ".dancedata-"
+_reading_umask = threading.Lock()
 _TEMPORARY = re.compile(r"\.dancedata-[a-z0-9_]{8}\.tmp")
 
 
@@ -63,10 +65,15 @@ def write_json(path: Path, obj: Any) -> None:
 
 
 def _umask() -> int:
-    # The mask can only be read by setting it.
-    mask = os.umask(0o022)
-    os.umask(mask)
-    return mask
+    with suppress(OSError), open("/proc/self/status", encoding="utf-8", errors="replace") as status:
+        for line in status:
+            if line.startswith("Umask:"):
+                return int(line.split()[1], 8)
+    # Elsewhere the mask can only be read by setting it: by one thread at a time, or one would read what another set.
+    with _reading_umask:
+        mask = os.umask(0o022)
+        os.umask(mask)
+        return mask
 
 
 def sync_folder(folder: Path) -> None:

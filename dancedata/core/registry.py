@@ -126,7 +126,7 @@ class Registry(Generic[P]):
         # Those of other distributions first, so that a name that is taken twice is an error in every case.
         self._once("installed", self._import_installed)
         module = name.replace("+", "p")
-        if name not in self._classes and module.isidentifier() and not module.startswith("_"):
+        if module.isidentifier() and not module.startswith("_"):
             self._once(f"module {module}", lambda: self._import_own(module))
         if name not in self._classes:
             self._load()
@@ -164,7 +164,17 @@ class Registry(Generic[P]):
 
     def _import_installed(self) -> None:
         for entry in _installed().select(group=self.package):
-            entry.load()
+            try:
+                entry.load()
+            except UsageError:
+                raise
+            except Exception as error:
+                of = f" of {entry.dist.name}" if entry.dist else ""
+                raise UsageError(
+                    f"the {self.kind} {entry.name!r}{of} cannot be loaded",
+                    found=f"{type(error).__name__}: {error}",
+                    fix="repair or uninstall that distribution",
+                ) from error
 
 
 @lru_cache(maxsize=1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import os
 import shutil
@@ -28,9 +29,10 @@ _FORMATS = {"wav": "PCM_16", "flac": "PCM_16", "ogg": "VORBIS", "mp3": "MPEG_LAY
 def check_cache() -> Iterator[Finding]:
     """Write, lock and remove a file where the cache is, or would be made."""
     root = default_cache().absolute()
-    there = next(folder for folder in (root, *root.parents) if folder.exists())
+    there = next(folder for folder in (root, *root.parents) if os.path.lexists(folder))
     text = str(root) if there == root else f"{root}, which is made by the first build"
     try:
+        _require_writable(there if there == root else None)
         with tempfile.TemporaryDirectory(prefix=".dancedata-doctor-", dir=there) as folder:
             has_locks = _locks_work(Path(folder) / "lock")
         free = shutil.disk_usage(there).free
@@ -47,6 +49,13 @@ def check_cache() -> Iterator[Finding]:
         yield note("cache", f"{text}; locks work", "make space before a large build, or dancedata cache prune")
     else:
         yield ok("cache", f"{text}; locks work")
+
+
+def _require_writable(cache: Path | None) -> None:
+    """Raise OSError for a folder of the cache that entries cannot be put into, such as one of another user."""
+    for folder, _, _ in os.walk(cache) if cache is not None else ():
+        if not os.access(folder, os.W_OK | os.X_OK):
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), folder)
 
 
 def _locks_work(path: Path) -> bool:

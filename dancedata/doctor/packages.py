@@ -29,15 +29,18 @@ _MODULES = {"dask": "distributed", "pyyaml": "yaml"}
 _IMPORT_S = 120
 # Each in turn, in one process: a package that crashes ends this process, and the last name is that of the package.
 _IMPORT = """
-import importlib, json, sys
+import importlib, json, os, sys
+# Whatever a package prints goes elsewhere.
+report = os.fdopen(os.dup(1), "w")
+os.dup2(2, 1)
 for name in json.loads(sys.argv[1]):
-    print(json.dumps([name, None]), flush=True)
+    print(json.dumps([name, None]), file=report, flush=True)
     try:
         importlib.import_module(name)
         problem = ""
     except BaseException as error:
         problem = f"{type(error).__name__}: {error}"
-    print(json.dumps([name, problem]), flush=True)
+    print(json.dumps([name, problem]), file=report, flush=True)
 """
 
 
@@ -103,11 +106,12 @@ def import_problems(modules: Iterable[str]) -> dict[str, str]:
         # The command is ours; the names are those of the distribution's metadata.
         done = subprocess.run(  # noqa: S603
             [sys.executable, "-P", "-c", _IMPORT, json.dumps(left)],
-            capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL, timeout=_IMPORT_S,
+            capture_output=True, text=True, errors="replace", check=False, timeout=_IMPORT_S,
+            stdin=subprocess.DEVNULL,
         )  # fmt: skip
         lines = [json.loads(line) for line in done.stdout.splitlines() if line.startswith('["')]
         problems |= {name: problem for name, problem in lines if problem}
-        if done.returncode == 0 or not lines:
+        if not lines or lines[-1][1] is not None:  # the last one was imported, or failed as it should
             break
         died = lines[-1][0]
         problems[died] = f"the process that imports it ends with status {done.returncode}"

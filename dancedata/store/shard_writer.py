@@ -165,7 +165,11 @@ def _loaded_ahead(loading: Executor, pieces: Iterable[_Piece]) -> Iterator[tuple
     each = ((piece, loading.submit(np.asarray, piece.array)) for piece in pieces)
     begun = next(each, None)
     while begun is not None:
-        piece, array = begun[0], begun[1].result()
+        piece = begun[0]
+        try:
+            array = begun[1].result()
+        except OSError as error:
+            raise StoreError("an array cannot be read", where=piece.where, found=str(error)) from error
         # Without the future, nothing but the caller has the array.
         begun = None
         begun = next(each, None)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import copy
+import os
 import pickle
+import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, is_dataclass
@@ -64,6 +66,57 @@ def test_a_module_that_cannot_be_imported_is_an_error_every_time(
     for _ in range(2):
         with pytest.raises(ModuleNotFoundError):
             registry.names()
+
+
+#: In a process of its own, with a distribution beside dancedata whose contact rule has the name of a shipped one.
+ASKING = """
+from dancedata.core.errors import UsageError
+from dancedata.core.registry import CONTACTS
+for ask in (lambda: CONTACTS.get("velocity"), lambda: "velocity" in CONTACTS, CONTACTS.names) * 2:
+    try:
+        print("GOT", ask())
+    except UsageError as error:
+        print(error)
+"""
+
+
+@pytest.mark.parametrize(
+    ("module", "said"),
+    [
+        (
+            "from dancedata.contacts.height import *\n"
+            "from dancedata.core.plugins import ContactRule\n"
+            "from dancedata.core.registry import CONTACTS\n"
+            "from dataclasses import dataclass\n"
+            "@CONTACTS.register('velocity')\n@dataclass(frozen=True)\n"
+            "class Mine(Height):\n    'Another rule.'\n    version = 1\n",
+            "two plug-ins are registered as the contact rule 'velocity'",
+        ),
+        ("raise RuntimeError('boom')\n", "the contact rule 'velocity' of mine cannot be loaded"),
+    ],
+    ids=["the name of a shipped one", "cannot be imported"],
+)
+def test_a_plug_in_of_another_distribution_never_takes_the_place_of_a_shipped_one(
+    tmp_path: Path, module: str, said: str
+) -> None:
+    info = tmp_path / "mine-1.0.dist-info"
+    info.mkdir()
+    (tmp_path / "mine.py").write_text(module)
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: mine\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[dancedata.contacts]\nvelocity = mine\n")
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])}
+    done = subprocess.run([sys.executable, "-c", ASKING], env=environment, capture_output=True, text=True, check=True)
+    assert "GOT" not in done.stdout, done.stdout
+    assert done.stdout.count(said) == 6
+
+
+@pytest.mark.parametrize("registry", ALL, ids=lambda r: r.kind)
+def test_every_shipped_plug_in_is_in_the_module_of_its_name(registry: Registry) -> None:
+    """So that asking for a name imports it, and one of another distribution with that name is an error."""
+    for name in registry.names():
+        module = registry.get(name).__module__
+        own = f"{registry.package}.{name.replace('+', 'p')}"
+        assert module == own or module.startswith(f"{own}."), name
 
 
 @pytest.mark.parametrize("registry", ALL, ids=lambda r: r.kind)

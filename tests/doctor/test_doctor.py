@@ -123,11 +123,15 @@ def test_a_package_that_raises_or_crashes_when_it_is_imported(
         "print('a line of its own')\nraise OSError('libcuda.so is missing')\n"
     )
     (tmp_path / "crashes_at_import.py").write_text("import os\nos.abort()\n")
+    (tmp_path / "leaves.py").write_text("import os\nos._exit(0)\n")
+    (tmp_path / "noisy.py").write_text("import os\nos.write(1, b'\\xff[')\nraise OSError('no card')\n")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    found = packages.import_problems(["json", "raises_at_import", "crashes_at_import", "base64"])
+    found = packages.import_problems(["json", "raises_at_import", "crashes_at_import", "base64", "leaves", "noisy"])
     assert found == {
         "raises_at_import": "OSError: libcuda.so is missing",
         "crashes_at_import": "the process that imports it ends with status -6",
+        "leaves": "the process that imports it ends with status 0",
+        "noisy": "OSError: no card",
     }
 
 
@@ -137,6 +141,16 @@ def test_a_cache_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.Monk
     found = one(machine.check_cache())
     assert found.status == "failed"
     assert str(tmp_path / "file" / "cache") in found.text
+    (tmp_path / "link").symlink_to(tmp_path / "nowhere" / "cache")
+    monkeypatch.setenv("DANCEDATA_CACHE", str(tmp_path / "link"))
+    assert one(machine.check_cache()).status == "failed"
+    (tmp_path / "cache" / "features").mkdir(parents=True)
+    monkeypatch.setenv("DANCEDATA_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(machine.os, "access", lambda path, mode: not str(path).endswith("features"))
+    found = one(machine.check_cache())
+    assert (found.status, "cache/features" in found.text) == ("failed", True)
+    monkeypatch.setenv("DANCEDATA_CACHE", str(tmp_path / "file" / "cache"))
+    found = one(machine.check_cache())
     assert "set DANCEDATA_CACHE to a writable folder" in found.fix
 
 
