@@ -1,6 +1,6 @@
 """Fuzzes the readers: broken files of all formats, in child processes that may die.
 
-python tests/fuzz/hunt.py release --keep found/     (1,000,000 cases, before a release)
+python tests/fuzz/hunt.py release --keep found/     (1,000,000 cases, before a release; goes on with --skip)
 python tests/fuzz/hunt.py nightly
 python tests/fuzz/hunt.py --target bvh --cases 5000 --seed 7
 """
@@ -107,8 +107,8 @@ def _add(done: dict[str, Any], report: dict[str, Any]) -> None:
         done[name] = max(done[name], report.get(name, 0.0))
 
 
-def hunt(cases: int, seed: int, targets: Sequence[str], workers: int) -> list[dict[str, Any]]:
-    """Run cases over targets, evenly; returns a report for each target."""
+def hunt(cases: int, seed: int, targets: Sequence[str], workers: int, skip: int = 0) -> list[dict[str, Any]]:
+    """Run cases over targets, evenly; returns a report for each target. The first `skip` batches are left out."""
     each = -(-cases // len(targets))
     batches = []
     for target in targets:
@@ -118,6 +118,7 @@ def hunt(cases: int, seed: int, targets: Sequence[str], workers: int) -> list[di
             batches += [(target, k, min(size, total - k), structured) for k in range(0, total, size)]
     # All targets get their first cases before any gets its last: a run that is stopped has seen all formats.
     batches.sort(key=lambda batch: batch[1])
+    batches = batches[skip:]
     reports = []
     with ThreadPoolExecutor(workers) as pool:
         calls = [
@@ -153,6 +154,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, help="instead of the run's")
     parser.add_argument("--target", action="append", choices=TARGETS)
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--skip", type=int, default=0, help="batches that an interrupted run printed")
     parser.add_argument("--keep", type=Path, help="folder for what is found")
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--list", action="store_true", help="print the targets")
@@ -162,7 +164,7 @@ def main() -> int:
         return 0
     cases, seed = RUNS[given.run]
     cases, seed = given.cases or cases, seed if given.seed is None else given.seed
-    reports = hunt(cases, seed, given.target or list(TARGETS), given.workers)
+    reports = hunt(cases, seed, given.target or list(TARGETS), given.workers, given.skip)
     if given.json:
         print(json.dumps(reports))
     else:

@@ -82,3 +82,20 @@ def test_guided_by_coverage() -> None:
         command = [sys.executable, str(HERE / "guided.py"), target, "-runs=20000", "-seed=1", "-rss_limit_mb=1000"]
         run = subprocess.run([*command, "-timeout=5"], capture_output=True, text=True, errors="replace")
         assert run.returncode == 0, run.stderr[-2000:]
+
+
+def test_an_interrupted_run_goes_on(hunt: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The order of batches depends on nothing but the run, so that the number of those done says which are left."""
+    run: list[tuple[Any, ...]] = []
+
+    def batch(target: str, **about: Any) -> dict[str, Any]:
+        run.append((target, *about.values()))
+        return {"target": target, "cases": 1, "outcomes": {}, "findings": [], "slowest_s": 0, "peak_growth_mb": 0}
+
+    monkeypatch.setattr(hunt, "run_batch", batch)
+    hunt.hunt(100_000, 1, ["pickle", "bvh", "mp3"], workers=1)
+    whole = run.copy()
+    run.clear()
+    hunt.hunt(100_000, 1, ["pickle", "bvh", "mp3"], workers=1, skip=7)
+    assert run == whole[7:]
+    assert len(set(whole)) == len(whole)
