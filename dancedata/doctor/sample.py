@@ -17,6 +17,7 @@ from dancedata.core.hashing import sha256_file
 from dancedata.core.packages import version
 from dancedata.doctor.finding import Finding, failed, note, ok
 from dancedata.execution.reference_process import expected
+from dancedata.formats.arrays import open_arrays
 
 #: Whose versions shape the bytes of the dataset.
 PACKAGES = ("numpy", "scipy", "soxr", "h5py", "soundfile", "librosa")
@@ -61,8 +62,9 @@ class Reference:
 def reference() -> Reference:
     """Return the reference that is part of the package."""
     about = json.loads(_FILE.with_suffix(".json").read_text(encoding="utf-8"))
-    with np.load(_FILE.with_suffix(".npz")) as arrays:
-        return Reference(about["made_with"], about["shards"], dict(arrays))
+    with open_arrays(_FILE.with_suffix(".npz")) as arrays:
+        rows = {name: arrays.read(name).astype(np.float32) for name in arrays.names}
+    return Reference(about["made_with"], about["shards"], rows)
 
 
 def made_with() -> dict[str, str]:

@@ -212,7 +212,7 @@ def test_copies_that_differ_from_call_to_call_fail(monkeypatch: pytest.MonkeyPat
             "`cover` holds",
         ),
         ({"choose_start": lambda self, start, starts, stride, draw: start + 1}, "returns one of starts"),
-        ({"dropped": lambda self, fields, draw: ("music",)}, "dropped names some of droppable"),
+        ({"dropped": lambda self, fields, draw: ("music",)}, "dropped names some of them"),
     ],
 )
 def test_samples_that_are_changed_wrongly_fail(

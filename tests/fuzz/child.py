@@ -31,6 +31,7 @@ sys.path.insert(0, str(HERE))
 from targets import DEFECT, TARGETS, Target, is_plain  # noqa: E402 -- lies beside this script
 
 from dancedata.core.errors import DanceDataError, RecipeError  # noqa: E402
+from dancedata.core.registry import REGISTRIES  # noqa: E402
 
 LIMIT_S = 1.0
 LIMIT_BYTES = 200 << 20
@@ -88,6 +89,8 @@ def main() -> None:
         runner.read(seed)
         if runner.outcome.startswith("FINDING") or (seed == seeds[0] and runner.outcome != "valid"):
             sys.exit(f"a valid file for {given.target} is not read: {runner.outcome} {runner.found}")
+    for registry in REGISTRIES.values():
+        registry.names()  # a recipe imports the plug-ins that it names
     if given.structured:
         # Imports all that hypothesis needs before the limits hold.
         _structured(given.target, runner, given.seed, 2)
