@@ -1,0 +1,84 @@
+"""The conformance check of exports."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from pathlib import Path
+
+from dancedata.core.errors import StoreError
+from dancedata.core.plugins import Export
+from dancedata.exporting.place import ABOUT, read_about
+from dancedata.exporting.run import export_dataset
+from dancedata.testing.plugin_checks import check_plugin
+from dancedata.testing.require import raises, require
+from dancedata.testing.stores import random_fields, write_random_store
+
+
+def check_export(cls: type[Export], folder: Path) -> None:
+    """Check an export: its own recipe suffices, equal bytes every time, nothing in folders that a loader lists.
+
+    Parameters
+    ----------
+    folder
+        An empty folder to work in.
+    """
+    check_plugin(cls)
+    made, folder = cls(), folder.absolute()
+    source, store = build_for_export(made, folder)
+    outs = [folder / "one" / "export", folder / "two" / "export"]
+    for out in outs:
+        done = export_dataset(store, made, out, source=source, link=out is outs[1])
+        require(done.path == out, "the result names the folder")
+    _check_exported(made, *outs)
+    raises(StoreError, lambda: export_dataset(store, made, outs[0], source=source), "a second one there is an error")
+    _check_refusal(made, folder, source)
+
+
+def build_for_export(made: Export, folder: Path) -> tuple[Path, Path]:
+    """Build a small dataset from an export's own recipe; returns its source and the dataset."""
+    from dancedata.pipeline.build import build
+    from dancedata.recipes.parse import parse_recipe
+
+    document = {
+        "recipe": 1,
+        "name": "conformance",
+        "dataset": {"aist++": {}},
+        "windows": {"length_s": 5, "stride_s": 0.5},
+        **made.recipe,
+    }
+    recipe, source, store = parse_recipe(document), folder / "source", folder / "store"
+    recipe.dataset.make_example(source)
+    build(recipe, source, store, cache=folder / "cache")
+    return source, store
+
+
+def _check_exported(made: Export, one: Path, two: Path) -> None:
+    listed = [{p.relative_to(f).as_posix(): p for p in f.rglob("*") if p.is_file()} for f in (one, two)]
+    require(listed[0].keys() == listed[1].keys(), "two exports have the same files")
+    for name, path in listed[0].items():
+        here, there = (str(folder).encode() for folder in (one, two))
+        if name not in (ABOUT, "README.md"):  # these name the links, if there are any
+            same = path.read_bytes().replace(here, there) == listed[1][name].read_bytes()
+            require(same, f"two exports of a dataset have equal bytes: {name}")
+    about = read_about(one)
+    require(about is not None, "export.json is whole")
+    require(about is not None and set(about["files"]) == listed[0].keys() - {ABOUT}, "export.json lists all files")
+    for folder in made.listed_folders:
+        require((one / folder).is_dir(), f"the folder {folder} that a loader lists is there")
+    own = {"README.md", ABOUT, "LICENCE.txt"}
+    inside = [name for name in listed[0] if Path(name).name in own and len(Path(name).parts) > 1]
+    require(not inside, f"README, licence and export.json are not among the files of a loader: {inside}")
+    require(bool(made.guide.__doc__) and len((one / "README.md").read_text()) > 200, "README.md explains the files")
+    leftovers = [p.name for p in one.parent.iterdir() if p != one]
+    require(not leftovers, f"nothing is left beside the export: {leftovers}")
+
+
+def _check_refusal(made: Export, folder: Path, source: Path) -> None:
+    """Check the error for a dataset of two odd columns at an odd rate, where that is not enough."""
+    fields = random_fields({"odd": 2}, {}, odd=10)
+    bare = write_random_store(folder / "bare", fields=fields, fps=Fraction(10), length=20, stride=10).path
+    try:
+        export_dataset(bare, made, folder / "refused" / "export", source=source)
+    except StoreError as error:
+        require("fix: " in str(error), f"an error has the line of a recipe that helps: {error}")
+        require(not (folder / "refused").exists(), "nothing is written where something is lacking")
