@@ -164,7 +164,8 @@ def test_a_build_names_the_progress_on_stderr_only(corpus: Path, out: Path):
         (["build", "aist++", "--source", ".", "--jobs", "0"], "--jobs"),
         (["check", ".", "--dataset", "aist+"], "did you mean 'aist++'"),
         (["features", "song.wav", "--out", "x", "--feature", "librosa53"], "did you mean 'librosa35'"),
-        (["features", "song.wav", "--out", "x"], "the song does not exist; nothing was computed; found song.wav"),
+        (["features", "song.wav", "--out", "x"], "song.wav: the song does not exist; nothing was computed"),
+        (["plan", "demo", "--set", "windows.filter={movement: {}}"], "lodge139 (the default); known: edge151"),
         (["dance"], "dance"),
     ],
 )
