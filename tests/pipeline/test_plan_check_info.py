@@ -212,7 +212,7 @@ def test_a_flipped_bit_is_found(built_copy: Path, name: str):
     found = as_json("check", built_copy, code=1)
     assert found["ok"] is False
     assert name in " ".join(p["where"] for p in found["problems"] if p["severity"] == "error")
-    assert "1 errors" in run("check", built_copy, code=1).stdout
+    assert "1 error, " in run("check", built_copy, code=1).stdout
 
 
 def test_a_killed_builds_folder_does_not_check(built_copy: Path):
