@@ -153,9 +153,9 @@ def self_test(
     Parameters
     ----------
     source
-        Folder with the data set's files, as for `build`.
+        Folder with the dataset's files, as for `build`.
     protocol
-        Only this protocol. Default: every one that has a published row of the data set.
+        Only this protocol. Default: every one that has a published row of the dataset.
     bootstrap, jobs, cache, progress
         As in `evaluate`.
 

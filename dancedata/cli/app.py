@@ -60,7 +60,7 @@ def build(
     recipe: RecipeName,
     source: Source = None,
     out: Out = None,
-    jobs: Annotated[int | None, typer.Option(min=1, help=f"{JOBS_HELP} Default: one a core.")] = None,
+    jobs: Annotated[int | None, typer.Option(min=1, help=f"{JOBS_HELP} Default: one per core.")] = None,
     overrides: Set = None,
     overwrite: Annotated[bool, typer.Option(help="Replace a dataset made by another recipe or source.")] = False,
     strict: Annotated[bool, typer.Option(help="Stop at a broken clip instead of setting it aside.")] = False,

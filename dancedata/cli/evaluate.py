@@ -15,7 +15,7 @@ from dancedata.core.errors import UsageError
 from dancedata.core.text import json_text, shown
 
 WHAT_HELP = "A built dataset, a folder of generated motion, or one file of it."
-SOURCE_HELP = "Folder of music files, by song; with --self-test, of the data set's own files."
+SOURCE_HELP = "Folder of music files, by song; with --self-test, of the dataset's own files."
 LIKE_HELP = "Dataset that the model was trained on: rate, columns, scaler, music, and by default the pool."
 POOL_HELP = "Dataset, folder or --save-pool file to compare with; default: the dataset itself, or --like."
 ROLE_HELP = "truth or generated; default: truth for datasets."
@@ -66,7 +66,7 @@ def evaluate(
     progress = not (quiet or as_json)
     if self_test:
         if what is not None or source is None:
-            raise UsageError("--self-test reads the files of a data set", fix="name them: --self-test --source DIR")
+            raise UsageError("--self-test reads the files of a dataset", fix="name them: --self-test --source DIR")
         found = evaluation.self_test(source, protocol=protocol, jobs=jobs, cache=cache, progress=progress)
         typer.echo(json_text(found.to_json()) if as_json else str(found))
         return

@@ -9,7 +9,7 @@ from typing import Any
 
 from dancedata.core.clip import Reject
 from dancedata.core.quality import IMPLAUSIBLE
-from dancedata.core.text import shown, table
+from dancedata.core.text import counted, shown, table
 from dancedata.execution.cache_admin import size_text
 from dancedata.pipeline.implausible import describe_implausible
 from dancedata.pipeline.left_out import left_out_lines
@@ -163,4 +163,6 @@ def describe_problems(path: Path, problems: Sequence[Problem]) -> str:
         lines += [str(p) for p in notes[:_NAMED]]
         if len(notes) > _NAMED:
             lines.append(f"note: {kind}: {len(notes) - _NAMED} more (all with --json)")
-    return "\n".join([*lines, f"{shown(path)}: {len(errors)} errors, {len(problems) - len(errors)} notes"])
+    return "\n".join(
+        [*lines, f"{shown(path)}: {counted(len(errors), 'error')}, {counted(len(problems) - len(errors), 'note')}"]
+    )

@@ -81,7 +81,7 @@ class Dataset(Plugin):
     generic
         Whether it takes files of many layouts, so that `check` does not choose it by itself.
     genre_ids
-        The data set's own number for each genre, for trainers that use it.
+        The dataset's own number for each genre, for trainers that use it.
     """
 
     licence: ClassVar[str]
@@ -91,7 +91,7 @@ class Dataset(Plugin):
 
     @property
     def genre_ids(self) -> Mapping[str, int]:
-        """Number of each genre; empty where the data set has none."""
+        """Number of each genre; empty where the dataset has none."""
         return {}
 
     @abstractmethod
@@ -104,7 +104,7 @@ class Dataset(Plugin):
 
     @abstractmethod
     def make_example(self, folder: Path) -> None:
-        """Write a tiny source in this data set's layout: 2-4 clips of about 6 s, with music. For tests."""
+        """Write a tiny source in this dataset's layout: 2-4 clips of about 6 s, with music. For tests."""
 
 
 class ContactRule(Plugin):

@@ -1,4 +1,4 @@
-"""Shared by all dataset readers: finding the data set's folder, listing its files, choosing audio files."""
+"""Shared by all dataset readers: finding the dataset's folder, listing its files, choosing audio files."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def require_folder(dataset: str, source: Path, looked_for: str) -> None:
         parent = source.absolute().parent
         found = f"in {parent}: {describe(parent)}" if parent.is_dir() else f"no folder {parent} either"
     raise SourceError(
-        problem, where=str(source), found=found, allowed=looked_for, fix="set --source to the data set's folder"
+        problem, where=str(source), found=found, allowed=looked_for, fix="set --source to the dataset's folder"
     )
 
 
@@ -117,7 +117,7 @@ def find_root(
     dataset, title : name of the dataset for recipes, and its published name.
     motions : name of the motion folder.
     looked_for : the expected files, for messages.
-    is_known : accepts the folder names under which the data set is published; decides between several folders.
+    is_known : accepts the folder names under which the dataset is published; decides between several folders.
     advice : returns the fix for a source without a motion folder.
 
     Returns
@@ -139,7 +139,7 @@ def find_root(
         return chosen[0], [entry for entry in below if entry != chosen[0]]
     if below:
         raise SourceError(
-            f"{dataset}: several folders could be the data set",
+            f"{dataset}: several folders could be the dataset",
             where=str(source),
             found=listed(f"{entry.name}/{motions}/" for entry in below),
             fix="set --source to one of them",

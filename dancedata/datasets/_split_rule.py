@@ -76,6 +76,10 @@ class SplitRule:
         """Return the rule as stored in recipes; equal rules give equal documents, however they were written."""
         return {_VAL: str(self.val), _TEST: str(self.test), "by": self.by, "seed": self.seed}
 
+    def _text(self) -> str:
+        """Return the rule as it is written in a recipe."""
+        return f"{{{', '.join(f'{key}: {value}' for key, value in self.document().items())}}}"
+
     def split(self, group: str, seed: int | None = None) -> str:
         """Return the split of a group by its name."""
         text = f"{self.seed if seed is None else seed}\n{unicodedata.normalize('NFC', group)}"
@@ -158,7 +162,7 @@ class SplitRule:
             return
         seed = f"set seed: {closer}, the best of 0 to {_SEEDS_TRIED - 1}; or " if closer is not None else ""
         raise SourceError(
-            f"folder: no clip is in {' and '.join(empty)} by the rule {self.document()}",
+            f"folder: no clip is in {' and '.join(empty)} by the rule {self._text()}",
             found=self._count(clips),
             fix=f"{seed}use larger fractions, split by clip, or write splits into a manifest",
         )

@@ -164,7 +164,7 @@ class MusicRule:
     scope
         "track": of whole songs. "window": each piece by itself.
     tempo
-        Whether the beat tracker starts from the tempo that the data set states.
+        Whether the beat tracker starts from the tempo that the dataset states.
     about
         How the original finds beats, where that differs.
     """

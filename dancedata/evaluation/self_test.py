@@ -1,4 +1,4 @@
-"""Compares a user's own copy of a data set with the ground-truth rows that were published under each protocol."""
+"""Compares a user's own copy of a dataset with the ground-truth rows that were published under each protocol."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ __all__ = ["SelfTest", "self_test"]
 
 @dataclass(frozen=True)
 class SelfTest:
-    """The reports of all protocols that have a published ground-truth row of a data set.
+    """The reports of all protocols that have a published ground-truth row of a dataset.
 
     Attributes
     ----------
@@ -128,12 +128,12 @@ def self_test(
     cache: Path | None = None,
     progress: Progress | None = None,
 ) -> SelfTest:
-    """Measure the ground truth of a data set under every protocol that has a published row of it.
+    """Measure the ground truth of a dataset under every protocol that has a published row of it.
 
     Parameters
     ----------
     source
-        Folder with the data set's files, as for ``dancedata build``; music is used where it is there.
+        Folder with the dataset's files, as for ``dancedata build``; music is used where it is there.
     protocol
         Only this protocol.
 
@@ -150,7 +150,7 @@ def self_test(
     if not rows:
         known = sorted({row.dataset for p in asked for row in p.published if row.dataset})
         raise UsageError(
-            "no row of this data set was published under the protocol", where=source, found=reader.name,
+            "no row of this dataset was published under the protocol", where=source, found=reader.name,
             allowed=listed(known) or "none",
         )  # fmt: skip
     own = _with(reader, music="optional")

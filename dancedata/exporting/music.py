@@ -45,7 +45,7 @@ class SourceMusic:
     def of(cls, store: Store, source: Path | None) -> Self:
         """Find the music of a dataset's clips.
 
-        The dataset's own reader lists `source`; a folder that is not a copy of the data set is searched for audio
+        The dataset's own reader lists `source`; a folder that is not a copy of the dataset is searched for audio
         files that are named as clips or as songs.
 
         Raises

@@ -37,8 +37,8 @@ def licence_text(store: Store) -> str:
     if not licence:
         return ""
     return (
-        f"These files were made from a data set with this licence; it holds for them too:\n\n{licence}\n\n"
-        f"Cite: {citation or 'see the data set'}\n"
+        f"These files were made from a dataset with this licence; it holds for them too:\n\n{licence}\n\n"
+        f"Cite: {citation or 'see the dataset'}\n"
     )
 
 

@@ -25,7 +25,7 @@ def name_lacks(job: ExportJob, clips: list[ClipView]) -> list[Lack]:
 
 
 def is_ignored(clip: ClipView) -> bool:
-    """Tell whether a clip is on the ignore list of AIST++, or of its own data set."""
+    """Tell whether a clip is on the ignore list of AIST++, or of its own dataset."""
     return clip.id in facts().ignored or "ignored" in clip.lists
 
 

@@ -27,7 +27,7 @@ class Song:
 def find_songs(job: ExportJob, clips: list[ClipView]) -> tuple[dict[str, ClipView], list[Lack]]:
     """Return the clip with the longest signal of each music id, and ids with signals that are different music.
 
-    Data sets that hold the music of each sequence by itself have several files for one id, of which loaders read one:
+    Datasets that hold the music of each sequence by itself have several files for one id, of which loaders read one:
     that is right where the shorter ones are the beginning of the longest.
     """
     found: dict[str, ClipView] = {}

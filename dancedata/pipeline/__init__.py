@@ -1,1 +1,1 @@
-"""The pipeline: recipes, plans, builds. The only place that knows the order of the stages."""
+"""Build, plan, check, diff: the stages in their order. No other package has that order."""

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.errors import UsageError
-from dancedata.core.text import listed, shown
+from dancedata.core.text import counted, listed, shown
 from dancedata.pipeline.diff_rows import is_same_number, unmatched
 from dancedata.pipeline.source_record import SourceRecord, source_differences
 from dancedata.store import Store, open_store
@@ -262,7 +262,7 @@ def _rows(
     for side, only in zip(("A", "B"), unmatched(one, two, atol), strict=True):
         if only:
             names = tuple(dict.fromkeys(str(row.get("clip") or row.get("file", "")) for row in only))
-            yield Difference(kind, f"{len(only)} lines only in {side}", names)
+            yield Difference(kind, f"{counted(len(only), 'line')} only in {side}", names)
 
 
 def _notes(one: Store, two: Store) -> Iterator[Difference]:

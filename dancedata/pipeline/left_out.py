@@ -81,7 +81,9 @@ def _reason(reason: str, rejects: Sequence[Reject], details: bool) -> list[str]:
     if songs:
         return [f"{reason}: {counted(len(rejects), 'clip')}", *_songs(songs, rejects)]
     names = list(dict.fromkeys(r.clip or r.file for r in rejects))
-    line = f"{reason}: {len(rejects)} ({listed(names, _NAMED)})"
+    # A clip may lose windows and stay.
+    number = counted(len(rejects), "window") if reason == "short_field" else str(len(rejects))
+    line = f"{reason}: {number} ({listed(names, _NAMED)})"
     if details and rejects[0].detail:
         line += f": {rejects[0].detail}"
     fixes = dict.fromkeys(r.fix for r in rejects if r.fix)

@@ -98,7 +98,7 @@ def _check_songs(songs: Sequence[Path]) -> None:
             raise _not_a_song(song)
     absent = [str(song) for song in songs if not song.is_file()]
     if absent:
-        raise UsageError("the song does not exist; nothing was computed", found=", ".join(absent))
+        raise UsageError("the song does not exist; nothing was computed", where=listed(absent), fix="check the path")
     names = [song.stem for song in songs]
     twice = sorted({n for n in names if names.count(n) > 1})
     if twice:

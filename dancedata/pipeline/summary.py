@@ -113,7 +113,7 @@ def _windows(store: Store) -> str:
 
 
 def _fields(store: Store) -> str:
-    return ", ".join(f"{name} ({columns.width} columns)" for name, columns in store.fields.items())
+    return ", ".join(f"{name} ({counted(columns.width, 'column')})" for name, columns in store.fields.items())
 
 
 def _left_out(rejects: Sequence[Reject]) -> list[str]:

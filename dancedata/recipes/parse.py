@@ -367,7 +367,8 @@ def _filter(given: Any, fields: Mapping[str, Columns], problems: list[str]) -> W
     where = f"windows.filter.{made.name}"
     if made.field not in fields:
         meant = did_you_mean(made.field, fields)
-        problems.append(f"{where}.field: no such field in motion or keymotion; {meant}")
+        default = " (the default)" if made.field == getattr(type(made), "field", None) else ""
+        problems.append(f"{where}.field: no such field in motion or keymotion: {shown(made.field)}{default}; {meant}")
         return None
     try:
         made.check(fields[made.field])

@@ -1,4 +1,4 @@
-"""A synthetic dance corpus generated from a seed: its plan, its dancer and its band; no captured data."""
+"""A synthetic dance corpus generated from a seed: its plan, motion and music; no captured data."""
 
 from dancedata.synthetic.corpus import synthesise_motion, synthesise_song, write_synthetic
 

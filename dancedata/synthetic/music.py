@@ -1,4 +1,4 @@
-"""The synthetic band: drums on the beat grid, bass and chords that change every bar, a melody, some noise."""
+"""The synthetic music: drums on the beat grid, bass and chords that change every bar, a melody, some noise."""
 
 from __future__ import annotations
 

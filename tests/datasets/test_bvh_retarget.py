@@ -346,7 +346,8 @@ def test_a_missing_joint_is_named_with_its_like(own: Path) -> None:
 @pytest.mark.parametrize(
     ("given", "reason", "word"),
     [
-        ({"left_knee": "mixamorig:LeftLeq"}, "unknown_joints", "did you mean 'mixamorig:LeftLeg'"),
+        ({"left_knee": "mixamorig:LeftLeq"}, "unknown_joints", "Did you mean 'mixamorig:LeftLeg'"),
+        ({"pelvis": "Root"}, "unknown_joints", "joints; allowed: mixamorig:Hips.*[^?] Correct joint_map"),
         ({"left_knee": "mixamorig:RightLeg", "right_knee": "mixamorig:LeftLeg"}, "bad_joint_map", "not below"),
         ({"left_knee": ""}, "unknown_joints", "left_knee"),
         ({"left_knee": "mixamorig:LeftFoot"}, "unknown_joints", "left_ankle"),

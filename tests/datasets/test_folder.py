@@ -140,6 +140,7 @@ def test_what_is_listed_and_not_there(source: Path) -> None:
         ("no", "missing_motion"),
         ("b", "missing_music"),
     }
+    assert all("music=optional" in r.detail for r in scan.rejects if r.clip == "b")
     assert not scan.clips
     kept = Folder(music="optional").scan(source)
     assert [(clip.id, clip.audio_path, clip.music) for clip in kept.clips] == [("b", None, "")]
@@ -299,7 +300,7 @@ def test_matching_names_in_two_folders(tmp_path: Path) -> None:
     }
     notes = "\n".join(scan.notes)
     assert "No manifest: motion and music were matched by file name, motions/ and music/, audio/" in notes
-    assert "2 pairs, 1 motions without music" in notes
+    assert "2 pairs, 1 motion without music" in notes
     assert "none is given, so all 2 clips are in 'train'" in notes
 
 

@@ -146,4 +146,4 @@ def test_the_list_of_protocols() -> None:
 def test_usage() -> None:
     assert "there is nothing to evaluate" in run(code=2)
     assert "unknown table" in run("x", "--table", "html", code=2)
-    assert "--self-test reads the files of a data set" in run("--self-test", code=2)
+    assert "--self-test reads the files of a dataset" in run("--self-test", code=2)

@@ -78,7 +78,7 @@ def test_other_files_clips_and_rejects_are_named(run_build: Any, built: Path, so
     assert of(found, "clips")[0].message == "1 clips only in A"
     assert of(found, "clips")[0].names == (TRAIN,)
     (reject,) = of(found, "rejects")
-    assert (reject.message, reject.names) == ("1 lines only in B", (TRAIN,))
+    assert (reject.message, reject.names) == ("1 line only in B", (TRAIN,))
     # The other way round.
     assert of(diff(out, built), "clips")[0].message == "1 clips only in B"
 

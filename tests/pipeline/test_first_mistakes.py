@@ -99,6 +99,7 @@ def test_many_songs_are_summed_up():
 
 
 def test_clips_that_name_no_song_are_counted():
+    assert left_out_lines([Reject("short_field", "a")]) == ["short_field: 1 window (a)"]
     rejects = [Reject("missing_music", "a", music="blue"), Reject("missing_music", "b")]
     assert left_out_lines(rejects) == [
         "missing_music: 2 clips",

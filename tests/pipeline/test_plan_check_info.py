@@ -164,7 +164,8 @@ def test_a_build_names_the_progress_on_stderr_only(corpus: Path, out: Path):
         (["build", "aist++", "--source", ".", "--jobs", "0"], "--jobs"),
         (["check", ".", "--dataset", "aist+"], "did you mean 'aist++'"),
         (["features", "song.wav", "--out", "x", "--feature", "librosa53"], "did you mean 'librosa35'"),
-        (["features", "song.wav", "--out", "x"], "the song does not exist; nothing was computed; found song.wav"),
+        (["features", "song.wav", "--out", "x"], "song.wav: the song does not exist; nothing was computed"),
+        (["plan", "demo", "--set", "windows.filter={movement: {}}"], "lodge139 (the default); known: edge151"),
         (["dance"], "dance"),
     ],
 )
@@ -211,7 +212,7 @@ def test_a_flipped_bit_is_found(built_copy: Path, name: str):
     found = as_json("check", built_copy, code=1)
     assert found["ok"] is False
     assert name in " ".join(p["where"] for p in found["problems"] if p["severity"] == "error")
-    assert "1 errors" in run("check", built_copy, code=1).stdout
+    assert "1 error, " in run("check", built_copy, code=1).stdout
 
 
 def test_a_killed_builds_folder_does_not_check(built_copy: Path):

@@ -92,9 +92,7 @@ def _advice(source: Path) -> str:
     if any(entry.suffix.lower() == ".pkl" for entry in list_folder(source)):
         return "this looks like the motions folder itself: set --source to its parent folder"
     if (source / "motion").is_dir():
-        return (
-            "motion/ (without s) is the layout of FineDance: build that data set, or set --source to another folder"
-        )
+        return "motion/ (without s) is the layout of FineDance: build that dataset, or set --source to another folder"
     if has_archive(source):
         return "unpack the archive first"
     return "set --source to the folder that contains motions/"

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from dancedata.core.errors import SourceError
-from dancedata.core.text import listed, shown
+from dancedata.core.text import counted, listed, shown
 from dancedata.datasets._source import ALL, SPLITS, describe, list_folder, read_names, relative
 from dancedata.datasets.aistpp.facts import crossmodal_split, facts, parse_name
 from dancedata.datasets.aistpp.layout import Folders
@@ -135,7 +135,7 @@ def _from_files(folders: Folders, name: str, paths: Mapping[str, Path]) -> Split
                     fix="remove it from one of the files",
                 )
             of[sequence] = split
-        parts.append(f"{relative(paths[split], folders.source)} ({len(set(names)):,} names)")
+        parts.append(f"{relative(paths[split], folders.source)} ({counted(len(set(names)), 'name')})")
         if len(set(names)) < len(names):
             notes.append(f"{paths[split].name} lists some names more than once; each counts once.")
     return Splits(name, of, frozenset(of), (f"Splits: {', '.join(parts)}.", *notes))

@@ -1,4 +1,4 @@
-"""A tiny source in FineDance's layout, made by the synthetic dancer and band; no captured data."""
+"""A tiny source in FineDance's layout, made of synthetic motion and music; no captured data."""
 
 from __future__ import annotations
 

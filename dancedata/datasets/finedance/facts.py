@@ -15,7 +15,7 @@ __all__ = ["Facts", "IgnoreList", "Protocol", "Trim", "facts"]
 
 @dataclass(frozen=True)
 class Protocol:
-    """One of the two ways to split the data set; train is the remainder."""
+    """One of the two ways to split the dataset; train is the remainder."""
 
     val: frozenset[str]
     test: frozenset[str]

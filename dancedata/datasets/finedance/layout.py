@@ -90,7 +90,7 @@ def _advice(source: Path) -> str:
     if any(entry.name in ("mofea319", "motion_fea319") for entry in entries):
         return "features computed from FineDance cannot be a source: use motion/ as published"
     if (source / "motions").is_dir():
-        return "motions/ (with s) is the layout of AIST++: build that data set, or set --source to another folder"
+        return "motions/ (with s) is the layout of AIST++: build that dataset, or set --source to another folder"
     if has_archive(source):
         return "unpack the archive first"
     return "set --source to the folder that contains motion/"

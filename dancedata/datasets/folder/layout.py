@@ -81,7 +81,7 @@ def match_names(source: Path) -> Matched:
     )
     notes = [
         f"No manifest: motion and music were matched by file name, {places if apart else 'side by side'}; "
-        f"{counted(len(both), 'pair')}, {len(motions) - len(both)} motions without music."
+        f"{counted(len(both), 'pair')}, {counted(len(motions) - len(both), 'motion')} without music."
     ]
     layout = "names" if apart else "names, side by side"
     expected = (f"{music_folders[0].name}/" if music_folders else f"{MUSIC_FOLDERS[0]}/") if apart else ""

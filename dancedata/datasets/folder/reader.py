@@ -189,7 +189,11 @@ class Folder(Dataset):
             fix = near.fix(Path(text).with_suffix("").as_posix())
             return Reject("missing_music", clip=name, file=text, detail=detail, music=text, fix=fix)
         if audio is None and self.music == "required":
-            return Reject("missing_music", clip=name, detail=f"{manifest.name} has no audio for this clip")
+            return Reject(
+                "missing_music",
+                clip=name,
+                detail=f"{manifest.name} has no audio for this clip; add it, or set dataset.folder.music=optional",
+            )
         song = Path(text)
         music = row.get("music") or (song.stem if stems[song.stem] < 2 else song.with_suffix("").as_posix())
         return ClipRef(
@@ -217,7 +221,7 @@ class Folder(Dataset):
                 )
                 rejects.append(Reject("bad_name", clip=name, file=relative(path, source), detail=detail))
             elif audio is None and self.music == "required":
-                detail = f"no {name}.wav, .flac, .mp3 or .ogg"
+                detail = f"no {name}.wav, .flac, .mp3 or .ogg; add it, or set dataset.folder.music=optional"
                 file = relative(path, source)
                 rejects.append(Reject("missing_music", clip=name, file=file, detail=detail, music=name, fix=fix))
             else:

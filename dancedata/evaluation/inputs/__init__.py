@@ -1,1 +1,1 @@
-"""What can be evaluated: clips of stores, files of generated motion, clips of a data set, arrays in memory."""
+"""What can be evaluated: clips of stores, files of generated motion, clips of a dataset, arrays in memory."""

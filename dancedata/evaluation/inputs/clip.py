@@ -35,7 +35,7 @@ class ClipInput(ABC):
     music
         Name of its song, empty if unknown.
     tempo_bpm
-        Tempo of the song, where the data set states one.
+        Tempo of the song, where the dataset states one.
     """
 
     id: str
@@ -86,7 +86,7 @@ class MemoryClip(ClipInput):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DatasetClip(ClipInput):
-    """A clip of a source folder, read by a data set's reader at its own rate."""
+    """A clip of a source folder, read by a dataset's reader at its own rate."""
 
     dataset: Dataset
     ref: ClipRef

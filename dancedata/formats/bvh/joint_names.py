@@ -5,10 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from pathlib import Path
 
 from dancedata.core.errors import DataError, did_you_mean
 from dancedata.core.skeleton import SMPL24
+from dancedata.core.text import listed, shown
 from dancedata.formats.bvh.hierarchy import BvhJoint
 
 __all__ = ["REQUIRED", "STYLES", "JointMap", "ancestors", "map_joints"]
@@ -18,6 +20,8 @@ REQUIRED = tuple(
     ["pelvis"]
     + [f"{s}_{j}" for j in ("hip", "knee", "ankle", "shoulder", "elbow", "wrist") for s in ("left", "right")]
 )
+#: Characters of a name that are compared, and the least likeness of one that is suggested.
+_COMPARED, _CLOSE = 60, 0.8
 SPINE = ("spine1", "spine2", "spine3")
 
 _UP_LEG = {
@@ -151,10 +155,17 @@ def _given(path: Path, joints: Sequence[BvhJoint], given: Mapping[str, str]) -> 
                 reason="unknown_joints",
                 where=str(path),
                 found=f"{len(names)} joints",
-                allowed=did_you_mean(name, names),
-                fix="correct joint_map, or move files with other skeletons to a folder of their own",
+                allowed=listed(names),
+                fix=_meant(name, names)
+                + "correct joint_map, or move files with other skeletons to a folder of their own",
             )
     return {SMPL24.index(joint): names.index(name) for joint, name in given.items() if name}
+
+
+def _meant(name: str, names: Sequence[str]) -> str:
+    """Return a question with the name that was probably meant, or nothing."""
+    close = get_close_matches(shown(name, _COMPARED), [shown(n, _COMPARED) for n in names], 1, _CLOSE)
+    return f"did you mean {close[0]!r}? " if close else ""
 
 
 def _add_style(joints: Sequence[BvhJoint], of: dict[int, int], given: Mapping[str, str]) -> str:
