@@ -50,7 +50,7 @@ def test_finedance(tmp_path: Path) -> None:
 
 
 def test_nothing_was_published(tmp_path: Path, folder: Path) -> None:
-    with pytest.raises(UsageError, match=r"no row of this data set was published.*aist\+\+; allowed: finedance"):
+    with pytest.raises(UsageError, match=r"no row of this dataset was published.*aist\+\+; allowed: finedance"):
         self_test(folder / "small-source", protocol="lodge-finedance")
     with pytest.raises(SourceError, match="neither a built dataset nor a source folder"):
         self_test(tmp_path)
