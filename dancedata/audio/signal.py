@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
 # Largest undecoded part of an mp3 file that tags (lyrics, pictures) at its end can explain.
 _MAX_UNREAD_MP3 = 0.2
-_COUNT_BLOCK = 1 << 18
 #: Most bytes that are decoded (float32 samples of all channels) or that resampling may give: three hours of stereo at
 #: 48 kHz, six of mono.
 MAX_BYTES = 1 << 32
@@ -94,7 +93,8 @@ def audio_length(path: Path | str) -> tuple[int, int]:
     """Length of a file without decoding it: exactly that of the signal of `load_audio`.
 
     Only the header is read, except for mp3: its header is an estimate (a factor of 2.5 off was seen), so the file is
-    decoded block by block and the samples are counted.
+    decoded as `load_audio` does and the samples are counted. It is decoded in one call: soundfile seeks after every
+    one, and in a damaged mp3 file that leads to another place, so that blocks would repeat samples.
 
     Parameters
     ----------
@@ -113,8 +113,9 @@ def audio_length(path: Path | str) -> tuple[int, int]:
     """
     path = Path(path)
     with _Opened(path) as sound:
-        n_samples = _count_by_decoding(sound) if _is_mp3(sound) else int(sound.frames)
-        sample_rate = int(sound.samplerate)
+        n_samples, sample_rate = int(sound.frames), int(sound.samplerate)
+        if _is_mp3(sound):
+            n_samples = len(sound.read(dtype="float32", always_2d=True))
     if n_samples == 0:
         raise _empty(path)
     return n_samples, sample_rate
@@ -275,14 +276,6 @@ def _decode(path: Path) -> tuple[NDArray[np.float32], int]:
 
 def _is_mp3(sound: soundfile.SoundFile) -> bool:
     return "MPEG" in str(sound.format) or "MPEG" in str(sound.subtype)
-
-
-def _count_by_decoding(sound: soundfile.SoundFile) -> int:
-    buffer = np.empty((_COUNT_BLOCK, sound.channels), dtype=np.float32)
-    n_samples = 0
-    while n_read := len(sound.read(out=buffer)):
-        n_samples += n_read
-    return n_samples
 
 
 def _broken(
