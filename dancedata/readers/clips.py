@@ -2,36 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from operator import index as as_int
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 import torch
-from torch.utils.data import Dataset
 
 from dancedata.core.clip import Reject, Window
 from dancedata.core.errors import UsageError
-from dancedata.core.normalize import MinMax
-from dancedata.core.plugins import WindowFilter
-from dancedata.readers.arguments import probability, whole
-from dancedata.readers.augmenting import Augment, Augmenter
+from dancedata.readers.arguments import whole
+from dancedata.readers.augmenting import Augment
 from dancedata.readers.batch_reader import Request
 from dancedata.readers.clip_collate import pack_clips, pad_clips
 from dancedata.readers.epoch_random import crop_choices, mirrored_windows
 from dancedata.readers.metadata import metadata
-from dancedata.readers.presets import fields_to_read, find_preset, given_or_preset
-from dancedata.readers.scalers import mirrors_of, normalized_fields, scaler_of
-from dancedata.readers.selection import Choice, no_window_error, require_protocol, select, window_filter
-from dancedata.readers.shared_epoch import shared_number
-from dancedata.store.dataset import Store, open_store, reopen
+from dancedata.readers.selection import GivenFilter, no_window_error
+from dancedata.readers.split_dataset import Changes, SplitDataset
+from dancedata.store.dataset import Store
 from dancedata.store.window_list import WindowList
 
 
-class ClipDataset(Dataset[dict[str, Any]]):
+class ClipDataset(SplitDataset):
     """Clips of one split, each a dict of tensors and metadata, as `WindowDataset` has them.
 
     A sample is a whole clip, all frames for which every field has whole rows; or, with `crop_s` or `crop_frames`, a
@@ -83,7 +77,7 @@ class ClipDataset(Dataset[dict[str, Any]]):
         trim: bool | None = None,
         ignore: Sequence[str] | None = None,
         protocol: str | None = None,
-        filter: WindowFilter | Mapping[str, Any] | Literal[False] | None = None,
+        filter: GivenFilter = None,
         normalizer_covers_mirror: bool | None = None,
         normalizer_covers: Augment | None = None,
         normalizer_over: Literal["train", "all"] = "train",
@@ -111,55 +105,23 @@ class ClipDataset(Dataset[dict[str, Any]]):
         UsageError
             For an unknown split or field, numbers that cannot be, or if no clip is long enough.
         """
-        self._store: Store | None = store if isinstance(store, Store) else open_store(store)
-        self._reference = self._store.reference
-        self.split, self.preset = split, preset
-        known = find_preset(self.store, preset)
-        if protocol is not None:
-            require_protocol(self.store, protocol)
-        self.fields, with_primitives = fields_to_read(self.store, known, fields, preset)
-        if with_primitives:
+        super().__init__(store, split, fields, preset, protocol)
+        if self._with_primitives:
             raise UsageError("primitives are parts of windows, not of clips", fix="read them with a WindowDataset")
         self.crop_frames = self._crop(crop_s, crop_frames)
         self.crops = whole("crops", crops)
         if not self.crops or (self.crops > 1 and self.crop_frames is None):
             raise UsageError("crops is the number of crops of each clip", found=crops, fix="give crop_s with it")
-        self._choice = Choice(
-            fields=self.fields,
-            windows={"whole": True},
-            trim=given_or_preset(trim, known, "trim", False),
-            ignore=tuple(given_or_preset(ignore, known, "ignore", ())),
-            protocol=given_or_preset(protocol, known, "protocol", None),
-            filter=window_filter(filter),
-        )
-        selection = select(self.store, split, self._choice)
+        selection = self._select({"whole": True}, trim, ignore, filter)
         spans, self.rejects = self._long_enough(selection.windows, selection.rejects)
         if not spans:
             raise no_window_error(self.store, split, self.rejects)
         self.windows = spans.take(np.repeat(np.arange(len(spans)), self.crops))
-        self.mirror = probability("mirror", mirror)
-        covers = self.mirror > 0 if normalizer_covers_mirror is None else normalizer_covers_mirror
-        self.normalizer_covers_mirror, self.normalizer_over = bool(covers), normalizer_over
-        self.seed = whole("seed", seed)
-        self.augment, mirrored = augment, self.mirror > 0
-        self._augmenter = Augmenter.of(
-            self.store, self.fields, augment, seed=self.seed, mirrored=mirrored, allow_crop=False
+        changes = Changes(
+            mirror, augment, normalize, normalizer_covers_mirror, normalizer_covers, normalizer_over, seed
         )
-        self._covering = self._augmenter
-        if normalizer_covers is not None:
-            self._covering = Augmenter.of(self.store, self.fields, normalizer_covers, seed=self.seed)
-        self._mirrors = mirrors_of(self.store, self.fields) if self.mirror > 0 else {}
-        scaled = normalized_fields(self.store, self.fields, given_or_preset(normalize, known, "normalize", True))
-        self._normalizers = {name: self._scaler(name) for name in scaled}
-        self._epoch = shared_number(0)
+        self._prepare(changes, allow_crop=False)
         self._drawn: tuple[int, npt.NDArray[np.int64], npt.NDArray[np.bool_]] | None = None
-
-    @property
-    def store(self) -> Store:
-        """The built dataset; opened again in every process that receives a copy of this object."""
-        if self._store is None:
-            self._store = reopen(*self._reference)
-        return self._store
 
     @property
     def lengths(self) -> npt.NDArray[np.int64]:
@@ -168,26 +130,12 @@ class ClipDataset(Dataset[dict[str, Any]]):
             return self.windows.length
         return np.full(len(self), self.crop_frames, dtype=np.int64)
 
-    def __len__(self) -> int:
-        """Return the number of samples of an epoch: clips, or crops of them."""
-        return len(self.windows)
-
     def __getitem__(self, index: int) -> dict[str, Any]:
         """Return one sample; negative indices count from the end."""
         return self.samples([index])[0]
 
-    def __getitems__(self, indices: Sequence[int]) -> list[dict[str, Any]]:
-        """Return many samples; torch's DataLoader calls this for a batch."""
-        return self.samples(indices)
-
     def samples(self, indices: Sequence[int], epoch: int | None = None) -> list[dict[str, Any]]:
-        """Return samples as of an epoch, or of the current one.
-
-        Raises
-        ------
-        IndexError
-            For an index outside the split.
-        """
+        """Return samples as of an epoch, or of the current one."""
         epoch = self.epoch if epoch is None else whole("epoch", epoch)
         starts, flags = self._draws(epoch)
         places = [self._place(index) for index in indices]
@@ -211,30 +159,8 @@ class ClipDataset(Dataset[dict[str, Any]]):
         )
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out the random decisions and the open store."""
-        return {**self.__dict__, "_drawn": None, "_store": None}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """Restore the state, with an epoch that workers can share."""
-        self.__dict__.update(state)
-        if not self._epoch.is_shared():  # type: ignore[no-untyped-call]
-            self._epoch = shared_number(self.epoch)
-
-    @property
-    def epoch(self) -> int:
-        """The current epoch, which decides crops and mirroring."""
-        return int(self._epoch.item())
-
-    def set_epoch(self, epoch: int) -> None:
-        """Set the current epoch, here and in all workers; before ``iter(loader)``."""
-        self._epoch.fill_(whole("epoch", epoch))
-
-    def normalizer(self, field: str) -> MinMax:
-        """Return the scaler of a field that is read, normalised or not."""
-        if field not in self.fields:
-            raise UsageError(f"this dataset does not read field {field!r}", allowed=", ".join(self.fields))
-        known = self._normalizers.get(field)
-        return known if known is not None else self._scaler(field)
+        """As `SplitDataset` does."""
+        return {**super().__getstate__(), "_drawn": None}
 
     def _crop(self, crop_s: float | str | None, crop_frames: int | None) -> int | None:
         if crop_s is not None and crop_frames is not None:
@@ -271,12 +197,6 @@ class ClipDataset(Dataset[dict[str, Any]]):
             self._drawn = epoch, starts, mirrored_windows(self.seed, epoch, len(self), self.mirror)
         return self._drawn[1:]
 
-    def _place(self, index: int) -> int:
-        place = as_int(index)
-        if not -len(self) <= place < len(self):
-            raise IndexError(f"sample {index} of split {self.split!r}, which has {len(self)}")
-        return place % len(self)
-
     def _rows(self, request: Request, nth: int, field: str) -> torch.Tensor:
         """Read the rows of a sample: mirrored and augmented first, then normalised; 0 where they are masked."""
         place, span = request.places[nth], self.windows[request.places[nth]]
@@ -290,8 +210,3 @@ class ClipDataset(Dataset[dict[str, Any]]):
         if field in self._augmenter.dropped(request.epoch, place):
             rows = np.zeros_like(rows)
         return torch.from_numpy(rows)
-
-    def _scaler(self, field: str) -> MinMax:
-        covers = self.normalizer_covers_mirror
-        found = scaler_of(self.store, field, self._choice, covers_mirror=covers, over=self.normalizer_over)
-        return self._covering.scaler(field, found)

@@ -18,6 +18,9 @@ from dancedata.store.clip_view import ClipView
 from dancedata.store.dataset import Store
 from dancedata.store.window_list import WindowList
 
+#: How the caller names a filter: a plug-in, its name and parameters as in a recipe, or False for none.
+GivenFilter = WindowFilter | Mapping[str, Any] | Literal[False] | None
+
 
 @dataclass(frozen=True)
 class Choice:
@@ -170,7 +173,7 @@ def no_window_error(store: Store, split: str, rejects: Sequence[Reject]) -> Usag
     )
 
 
-def window_filter(given: WindowFilter | Mapping[str, Any] | Literal[False] | None) -> WindowFilter | None:
+def window_filter(given: GivenFilter) -> WindowFilter | None:
     """Return a window filter from a plug-in, or from its name and parameters, as in a recipe.
 
     Raises

@@ -3,38 +3,32 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
-from operator import index as as_int
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 import torch
-from torch.utils.data import Dataset, get_worker_info
+from torch.utils.data import get_worker_info
 
-from dancedata.core.clip import Reject
-from dancedata.core.errors import UsageError, did_you_mean
-from dancedata.core.normalize import MinMax
-from dancedata.core.plugins import WindowFilter
-from dancedata.readers.arguments import probability, whole
-from dancedata.readers.augmenting import Augment, Augmenter
+from dancedata.readers.augmenting import Augment
 from dancedata.readers.batch_memory import MemoryPool, shared_tensor
 from dancedata.readers.batch_reader import BatchReader, FieldReader, Request
 from dancedata.readers.collate import Batch, Sample, collate
 from dancedata.readers.epoch_random import mirrored_windows, primitive_shift
 from dancedata.readers.metadata import metadata
-from dancedata.readers.presets import fields_to_read, find_preset, given_or_preset, preset_windows
+from dancedata.readers.presets import given_or_preset, preset_windows
 from dancedata.readers.primitives import PrimitiveSpec, primitive_spec
-from dancedata.readers.scalers import mirrors_of, normalized_fields, root_columns, scaler_of
-from dancedata.readers.selection import Choice, no_window_error, require_protocol, select, window_filter
-from dancedata.readers.shared_epoch import shared_number
-from dancedata.store.dataset import Store, open_store, reopen
+from dancedata.readers.scalers import root_columns
+from dancedata.readers.selection import GivenFilter, no_window_error
+from dancedata.readers.split_dataset import Changes, SplitDataset
+from dancedata.store.dataset import Store
 
 _log = logging.getLogger(__name__)
 
 
-class WindowDataset(Dataset[dict[str, Any]]):
+class WindowDataset(SplitDataset):
     """Windows of one split, each a dict of tensors and metadata that torch's default collate can batch.
 
     ``dataset[i]`` is ``{field: tensor (rows, D), ..., "clip": id, "start": first frame in the clip at the
@@ -103,7 +97,7 @@ class WindowDataset(Dataset[dict[str, Any]]):
         trim: bool | None = None,
         ignore: Sequence[str] | None = None,
         protocol: str | None = None,
-        filter: WindowFilter | Mapping[str, Any] | Literal[False] | None = None,
+        filter: GivenFilter = None,
         relative_root: bool | None = None,
         primitive_n: int = 256,
         primitive_variant: Literal["paper", "code"] = "paper",
@@ -176,78 +170,35 @@ class WindowDataset(Dataset[dict[str, Any]]):
             For an unknown split, field or preset, a probability outside [0, 1], a field that cannot be mirrored or
             augmented, or windows that this store cannot give.
         """
-        self._store: Store | None = store if isinstance(store, Store) else open_store(store)
-        self._reference = self._store.reference
-        self.split = split
-        self.preset = preset
-        known = find_preset(self.store, preset)
-        if protocol is not None:
-            require_protocol(self.store, protocol)
+        super().__init__(store, split, fields, preset, protocol)
         requested = {
             "length_s": length_s,
             "length_frames": length_frames,
             "stride_s": stride_s,
             "stride_frames": stride_frames,
         }
-        self.fields, with_primitives = fields_to_read(self.store, known, fields, preset)
-        self._choice = Choice(
-            fields=self.fields,
-            windows=preset_windows(known, requested),
-            trim=given_or_preset(trim, known, "trim", False),
-            ignore=tuple(given_or_preset(ignore, known, "ignore", ())),
-            protocol=given_or_preset(protocol, known, "protocol", None),
-            filter=window_filter(given_or_preset(filter, known, "filter", None)),
-        )
-        selection = select(self.store, split, self._choice)
-        self.windows = selection.windows
-        self.rejects: tuple[Reject, ...] = selection.rejects
+        given_filter = given_or_preset(filter, self._known, "filter", None)
+        selection = self._select(preset_windows(self._known, requested), trim, ignore, given_filter)
+        self.windows, self.rejects = selection.windows, selection.rejects
         if not self.windows:
             raise no_window_error(self.store, split, self.rejects)
+        length = self.windows[0].length
         self._primitives: PrimitiveSpec | None = None
-        if with_primitives:
-            length = self.windows[0].length
+        if self._with_primitives:
             self._primitives = primitive_spec(self.store, self.fields, length, primitive_n, primitive_variant)
-        self.mirror = probability("mirror", mirror)
-        covers = self.mirror > 0 if normalizer_covers_mirror is None else normalizer_covers_mirror
-        self.normalizer_covers_mirror = bool(covers)
-        self.normalizer_over = normalizer_over
-        self.seed = whole("seed", seed)
-        self.augment = augment
-        self._augmenter = Augmenter.of(self.store, self.fields, augment, seed=self.seed, mirrored=self.mirror > 0)
-        self._covering = self._augmenter
-        if normalizer_covers is not None:
-            self._covering = Augmenter.covering(self.store, self.fields, normalizer_covers)
-        self._mirrors = mirrors_of(self.store, self.fields) if self.mirror > 0 else {}
-        scaled = normalized_fields(self.store, self.fields, given_or_preset(normalize, known, "normalize", True))
-        self._normalizers = {name: self._scaler(name) for name in scaled}
+        self._prepare(
+            Changes(mirror, augment, normalize, normalizer_covers_mirror, normalizer_covers, normalizer_over, seed)
+        )
         if self._primitives is not None and self._primitives.field in self._normalizers:
-            self._primitives.refuse_scaling(self.windows[0].length)
-        self.relative_root = given_or_preset(relative_root, known, "relative_root", False)
+            self._primitives.refuse_scaling(length)
+        self.relative_root = given_or_preset(relative_root, self._known, "relative_root", False)
         self._roots = root_columns(self.store, self.fields, self._normalizers) if self.relative_root else {}
-        self._epoch = shared_number(0)
         self.mapped = mapped
         self._stride = self.store.window_grid(**self._choice.windows).stride
         self._starts: dict[str, range] = {}
         self._mirror_flags: tuple[int, npt.NDArray[np.bool_]] | None = None
         self._cached_reader: BatchReader | None = None
         self._pool = MemoryPool()
-
-    @property
-    def store(self) -> Store:
-        """The built dataset; opened again in every process that receives a copy of this object.
-
-        Raises
-        ------
-        StoreError
-            If it was replaced by another dataset in the meantime.
-        """
-        if self._store is None:
-            self._store = reopen(*self._reference)
-        return self._store
-
-    def __len__(self) -> int:
-        """Return the number of windows."""
-        return len(self.windows)
 
     def __getitem__(self, index: int) -> dict[str, Any]:
         """Return one window; negative indices count from the end.
@@ -263,16 +214,11 @@ class WindowDataset(Dataset[dict[str, Any]]):
         tensors = {name: torch.from_numpy(array[0]) for name, array in arrays.items()}
         return tensors | {name: values[0] for name, values in self._metadata(request).items()}
 
-    def __getitems__(self, indices: Sequence[int]) -> list[dict[str, Any]]:
-        """Return many windows in the order asked for; torch's DataLoader calls this for a batch.
-
-        Their tensors are rows of one batch, which has memory of its own. Windows are read in the order of the files,
-        independent of the order of `indices`.
-        """
-        return self.samples(indices)
-
     def samples(self, indices: Sequence[int], epoch: int | None = None) -> list[dict[str, Any]]:
-        """Return many windows, as of an epoch that is given here instead of by `set_epoch`."""
+        """Return many windows, as of an epoch that is given here instead of by `set_epoch`.
+
+        Their tensors are rows of one batch, which has memory of its own.
+        """
         request, reader = self._request(indices, epoch), self._batch_reader()
         if not len(request):
             return []
@@ -296,72 +242,13 @@ class WindowDataset(Dataset[dict[str, Any]]):
         )
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out the random decisions, memory, and the open store.
-
-        A store that cannot be opened again is then an error of the first batch, which a DataLoader passes on; it does
-        not end the worker.
-        """
-        return {**self.__dict__, "_mirror_flags": None, "_cached_reader": None, "_pool": MemoryPool(), "_store": None}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """Restore the state, with an epoch that workers can share."""
-        self.__dict__.update(state)
-        # torch's own workers receive the shared number itself; any other copy gets a number of its own, which has to
-        # be shared as well, because workers may be started from that copy.
-        if not self._epoch.is_shared():  # type: ignore[no-untyped-call]
-            self._epoch = shared_number(self.epoch)
-
-    @property
-    def epoch(self) -> int:
-        """The current epoch, which decides which windows are mirrored."""
-        return int(self._epoch.item())
-
-    def set_epoch(self, epoch: int) -> None:
-        """Set the current epoch, here and in all workers; see the class's notes.
-
-        Raises
-        ------
-        UsageError
-            For a negative epoch.
-        """
-        self._epoch.fill_(whole("epoch", epoch))
+        """As `SplitDataset` does; memory that was given out stays here."""
+        return {**super().__getstate__(), "_mirror_flags": None, "_cached_reader": None, "_pool": MemoryPool()}
 
     @property
     def unmapped(self) -> dict[str, str]:
         """By field, why it is not copied from mapped files; empty if all are."""
         return {field.name: field.rows.unmapped for field in self._batch_reader().fields if field.rows.unmapped}
-
-    def normalizer(self, field: str) -> MinMax:
-        """Return the scaler that a field of this dataset is normalised with.
-
-        For a field that is not normalised, it is the scaler that ``normalize=(field,)`` would use.
-
-        Raises
-        ------
-        UsageError
-            For a field that this dataset does not read.
-        """
-        if field not in self.fields:
-            raise UsageError(
-                f"this dataset does not read field {field!r}",
-                allowed=", ".join(self.fields),
-                fix=did_you_mean(field, self.fields),
-            )
-        known = self._normalizers.get(field)
-        return known if known is not None else self._scaler(field)
-
-    def _scaler(self, field: str) -> MinMax:
-        covers = self.normalizer_covers_mirror
-        found = scaler_of(self.store, field, self._choice, covers_mirror=covers, over=self.normalizer_over)
-        return self._covering.scaler(field, found)
-
-    def _place(self, index: int) -> int:
-        place = as_int(index)
-        if place < 0:
-            place += len(self.windows)
-        if not 0 <= place < len(self.windows):
-            raise IndexError(f"window {index} of split {self.split!r}, which has {len(self.windows)} windows")
-        return place
 
     def _mirrored(self, epoch: int) -> npt.NDArray[np.bool_]:
         """Return which windows are mirrored in an epoch, (windows,) bool; drawn once an epoch."""

@@ -1,0 +1,202 @@
+"""SplitDataset: what `WindowDataset` and `ClipDataset` have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from operator import index as as_int
+from pathlib import Path
+from typing import Any, Literal
+
+from torch.utils.data import Dataset
+
+from dancedata.core.clip import Reject
+from dancedata.core.errors import UsageError, did_you_mean
+from dancedata.core.normalize import MinMax
+from dancedata.readers.arguments import probability, whole
+from dancedata.readers.augmenting import Augment, Augmenter
+from dancedata.readers.presets import Preset, fields_to_read, find_preset, given_or_preset
+from dancedata.readers.scalers import mirrors_of, normalized_fields, scaler_of
+from dancedata.readers.selection import Choice, GivenFilter, Selection, require_protocol, select, window_filter
+from dancedata.readers.shared_epoch import shared_number
+from dancedata.store.dataset import Store, open_store, reopen
+from dancedata.store.window_list import WindowList
+
+
+@dataclass(frozen=True)
+class Changes:
+    """How samples are changed on reading; see the parameters of `WindowDataset`."""
+
+    mirror: float
+    augment: Augment | None
+    normalize: bool | Sequence[str] | None
+    normalizer_covers_mirror: bool | None
+    normalizer_covers: Augment | None
+    normalizer_over: Literal["train", "all"]
+    seed: int
+
+
+class SplitDataset(Dataset[dict[str, Any]]):
+    """Samples of one split of a built dataset, normalised, mirrored and augmented on reading.
+
+    Pickling copies no data: each process opens the files itself, so fork, spawn and forkserver all work.
+
+    Attributes
+    ----------
+    windows
+        (N) the frames that each sample is taken from.
+    rejects
+        What was left out, and why.
+    """
+
+    windows: WindowList
+    rejects: tuple[Reject, ...]
+
+    def __init__(
+        self,
+        store: str | Path | Store,
+        split: str,
+        fields: Sequence[str] | None,
+        preset: str | None,
+        protocol: str | None,
+    ) -> None:
+        """Open the store and settle the fields. Subclasses then call `_select` and `_prepare`."""
+        self._store: Store | None = store if isinstance(store, Store) else open_store(store)
+        self._reference = self._store.reference
+        self.split, self.preset = split, preset
+        self._known: Preset | None = find_preset(self.store, preset)
+        if protocol is not None:
+            require_protocol(self.store, protocol)
+        self._protocol: str | None = given_or_preset(protocol, self._known, "protocol", None)
+        self.fields, self._with_primitives = fields_to_read(self.store, self._known, fields, preset)
+        self._epoch = shared_number(0)
+
+    def _select(
+        self, windows: Mapping[str, Any], trim: bool | None, ignore: Sequence[str] | None, filter_: GivenFilter
+    ) -> Selection:
+        """Return the windows of the split."""
+        self._choice = Choice(
+            fields=self.fields,
+            windows=windows,
+            trim=given_or_preset(trim, self._known, "trim", False),
+            ignore=tuple(given_or_preset(ignore, self._known, "ignore", ())),
+            protocol=self._protocol,
+            filter=window_filter(filter_),
+        )
+        return select(self.store, self.split, self._choice)
+
+    def _prepare(self, changes: Changes, *, allow_crop: bool = True) -> None:
+        """Make what mirrors, augments and normalises samples."""
+        self.mirror = probability("mirror", changes.mirror)
+        mirrored = self.mirror > 0
+        covers_mirror = changes.normalizer_covers_mirror
+        self.normalizer_covers_mirror = bool(mirrored if covers_mirror is None else covers_mirror)
+        self.normalizer_over = changes.normalizer_over
+        self.seed, self.augment = whole("seed", changes.seed), changes.augment
+        self._augmenter = Augmenter.of(
+            self.store, self.fields, changes.augment, seed=self.seed, mirrored=mirrored, allow_crop=allow_crop
+        )
+        self._covering = self._augmenter
+        if changes.normalizer_covers is not None:
+            self._covering = Augmenter.covering(self.store, self.fields, changes.normalizer_covers)
+        self._mirrors = mirrors_of(self.store, self.fields) if mirrored else {}
+        normalize = given_or_preset(changes.normalize, self._known, "normalize", True)
+        self._normalizers = {
+            name: self._scaler(name) for name in normalized_fields(self.store, self.fields, normalize)
+        }
+
+    @property
+    def store(self) -> Store:
+        """The built dataset; opened again in every process that receives a copy of this object.
+
+        Raises
+        ------
+        StoreError
+            If it was replaced by another dataset in the meantime.
+        """
+        if self._store is None:
+            self._store = reopen(*self._reference)
+        return self._store
+
+    def __len__(self) -> int:
+        """Return the number of samples of an epoch."""
+        return len(self.windows)
+
+    def __getitems__(self, indices: Sequence[int]) -> list[dict[str, Any]]:
+        """Return many samples in the order asked for; torch's DataLoader calls this for a batch.
+
+        The files are read in their own order, independent of the order of `indices`.
+        """
+        return self.samples(indices)
+
+    def samples(self, indices: Sequence[int], epoch: int | None = None) -> list[dict[str, Any]]:
+        """Return many samples, as of an epoch that is given here instead of by `set_epoch`.
+
+        Raises
+        ------
+        IndexError
+            For an index outside the split.
+        """
+        raise NotImplementedError
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out the open store; subclasses leave out what a process makes again when it needs it.
+
+        A store that cannot be opened again is then an error of the first batch, which a DataLoader passes on; it does
+        not end the worker.
+        """
+        return {**self.__dict__, "_store": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Restore the state, with an epoch that workers can share."""
+        self.__dict__.update(state)
+        # torch's own workers receive the shared number itself; any other copy gets a number of its own, which has to
+        # be shared as well, because workers may be started from that copy.
+        if not self._epoch.is_shared():  # type: ignore[no-untyped-call]
+            self._epoch = shared_number(self.epoch)
+
+    @property
+    def epoch(self) -> int:
+        """The current epoch, which decides what happens to each sample."""
+        return int(self._epoch.item())
+
+    def set_epoch(self, epoch: int) -> None:
+        """Set the current epoch, here and in all workers; see the notes of `WindowDataset`.
+
+        Raises
+        ------
+        UsageError
+            For a negative epoch.
+        """
+        self._epoch.fill_(whole("epoch", epoch))
+
+    def normalizer(self, field: str) -> MinMax:
+        """Return the scaler that a field of this dataset is normalised with.
+
+        For a field that is not normalised, it is the scaler that ``normalize=(field,)`` would use.
+
+        Raises
+        ------
+        UsageError
+            For a field that this dataset does not read.
+        """
+        if field not in self.fields:
+            raise UsageError(
+                f"this dataset does not read field {field!r}",
+                allowed=", ".join(self.fields),
+                fix=did_you_mean(field, self.fields),
+            )
+        known = self._normalizers.get(field)
+        return known if known is not None else self._scaler(field)
+
+    def _scaler(self, field: str) -> MinMax:
+        covers = self.normalizer_covers_mirror
+        found = scaler_of(self.store, field, self._choice, covers_mirror=covers, over=self.normalizer_over)
+        return self._covering.scaler(field, found)
+
+    def _place(self, index: int) -> int:
+        """Return the place of a sample in `windows`; negative indices count from the end."""
+        place = as_int(index)
+        if not -len(self) <= place < len(self):
+            raise IndexError(f"sample {index} of split {self.split!r}, which has {len(self)} samples")
+        return place % len(self)
