@@ -1,0 +1,30 @@
+"""The kinds of plug-ins: one abstract base class for each, with defaults for everything that is optional.
+
+A plug-in is a frozen dataclass, derived from one of these classes and registered under a name. Its fields are the
+keys that a recipe may set. It has to define the abstract members, and may replace the others.
+"""
+
+from __future__ import annotations
+
+from dancedata.core.plugins.audio_feature import AudioFeature
+from dancedata.core.plugins.augmentation import Augmentation, SampleField
+from dancedata.core.plugins.export import Export
+from dancedata.core.plugins.metric import Better, Metric
+from dancedata.core.plugins.motion import ContactRule, Dataset, KeyMotionFinder, Representation, WindowFilter
+from dancedata.core.plugins.plugin import Float32Array, Plugin
+
+__all__ = [
+    "AudioFeature",
+    "Augmentation",
+    "Better",
+    "ContactRule",
+    "Dataset",
+    "Export",
+    "Float32Array",
+    "KeyMotionFinder",
+    "Metric",
+    "Plugin",
+    "Representation",
+    "SampleField",
+    "WindowFilter",
+]

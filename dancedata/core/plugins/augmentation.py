@@ -1,0 +1,154 @@
+"""Augmentation: the base class of what changes clips and samples."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any, ClassVar, Literal
+
+from dancedata.core.columns import Columns
+from dancedata.core.draw import Draw
+from dancedata.core.grid import FrameGrid
+from dancedata.core.motion import Motion
+from dancedata.core.plugins.motion import ContactRule, Representation
+from dancedata.core.plugins.plugin import Float32Array, Plugin
+from dancedata.core.rotations import Float64Array
+
+
+@dataclass(frozen=True)
+class SampleField:
+    """A field of the samples that a reader gives, as augmentations see it.
+
+    Attributes
+    ----------
+    grid
+        Grid of the rows.
+    representation, contacts
+        Of a motion field: the plug-ins that made its columns, as the dataset's recipe names them; None where they are
+        not known, or for contacts where the field has none.
+    """
+
+    name: str
+    kind: Literal["motion", "keymotion", "audio"]
+    columns: Columns
+    grid: FrameGrid
+    representation: Representation | None = None
+    contacts: ContactRule | None = None
+
+
+class Augmentation(Plugin):
+    """Changes clips when a dataset is built, samples when it is read, or both.
+
+    *Building.* An augmentation that defines `change_motion`, `change_rows` or `speed` makes one copy of every train
+    clip. A copy has the frames, windows and music of its clip, unless `speed` changes the time: then its motion is
+    resampled on the recipe's grid, its music is stretched, and windows, features, contacts and key motions are
+    computed anew.
+
+    *Reading.* An augmentation that defines `change_sample`, `choose_start` or `dropped` changes samples. All that is
+    random comes from the `Draw` that it is given, which is a pure function of (seed, epoch, index) and equal for all
+    fields of a sample.
+
+    Attributes
+    ----------
+    changes_motion, changes_time, makes_copies
+        Whether the copies of a class are encoded, whether their time may differ from that of their clips, and whether
+        it makes copies at all; set automatically.
+    changes_samples, chooses_windows, drops_fields
+        Whether the class defines `change_sample`, `choose_start`, `dropped`; set automatically.
+    """
+
+    changes_motion: ClassVar[bool] = False
+    changes_time: ClassVar[bool] = False
+    makes_copies: ClassVar[bool] = False
+    changes_samples: ClassVar[bool] = False
+    chooses_windows: ClassVar[bool] = False
+    drops_fields: ClassVar[bool] = False
+
+    def check(self, columns: Columns) -> None:
+        """Raise UsageError if copies of a motion or key motion field with these columns cannot be made."""
+        return
+
+    def change_motion(self, motion: Motion, clip: str) -> Motion:
+        """Return the motion of the copy: as many frames, the same rate and trim_start, a body of the same family.
+
+        Parameters
+        ----------
+        motion
+            The clip as the dataset loads it, at the rate of its source.
+        clip
+            Id of the clip, for what differs from clip to clip, such as a seed.
+        """
+        return motion
+
+    def change_rows(
+        self, rows: Float32Array, columns: Columns, *, kind: Literal["motion", "keymotion"], clip: str
+    ) -> Float32Array:
+        """Return the rows of the copy, in the shape and dtype of `rows`.
+
+        Parameters
+        ----------
+        rows
+            Read-only: (T, D) in track scope, (W, L, D) in window scope.
+        kind
+            Whether the field is a representation or holds key motions.
+        clip
+            Id of the clip.
+        """
+        return rows
+
+    def speed(self, clip: str) -> Fraction:
+        """Return how many times as fast as its clip a copy is: 2 takes half the time, 1 leaves the time as it is."""
+        return Fraction(1)
+
+    def check_sample(self, field: SampleField) -> None:
+        """Raise UsageError, with the reason, if samples with this field cannot be changed when they are read."""
+        return
+
+    def change_sample(self, rows: Float32Array, field: SampleField, draw: Draw) -> Float32Array:
+        """Return the rows of one field of one sample, in the shape and dtype of `rows`; for motion and key motions.
+
+        Parameters
+        ----------
+        rows
+            (L, D), read-only, not normalised.
+        draw
+            Random numbers of the sample; each field gets the same ones.
+        """
+        return rows
+
+    def choose_start(self, start: int, starts: range, stride: int, draw: Draw) -> int:
+        """Return the first frame of the window that is read instead of another one.
+
+        Parameters
+        ----------
+        start
+            First frame of the other window.
+        starts
+            First frames that a window of this length can have in the clip; one of them is returned.
+        stride
+            Frames from one of the dataset's windows to the next.
+        """
+        return start
+
+    def droppable(self, fields: Sequence[SampleField]) -> tuple[str, ...]:
+        """Return the names of the fields that `dropped` may return; UsageError if there are none."""
+        return ()
+
+    def dropped(self, fields: Sequence[SampleField], draw: Draw) -> tuple[str, ...]:
+        """Return the names of the fields of a sample that are masked."""
+        return ()
+
+    def cover(self, low: Float64Array, high: Float64Array, field: SampleField) -> tuple[Float64Array, Float64Array]:
+        """Return the range (D,) that the scaler of a motion field needs, from the range of the stored rows."""
+        return low, high
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        base = Augmentation
+        cls.changes_time = cls.speed is not base.speed
+        cls.changes_motion = cls.changes_time or cls.change_motion is not base.change_motion
+        cls.makes_copies = cls.changes_motion or cls.change_rows is not base.change_rows
+        cls.changes_samples = cls.change_sample is not base.change_sample
+        cls.chooses_windows = cls.choose_start is not base.choose_start
+        cls.drops_fields = cls.dropped is not base.dropped

@@ -1,0 +1,72 @@
+"""Metric: the base class of what measures dances."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping
+from typing import ClassVar, Literal
+
+from dancedata.core.dance import Dance, Undefined
+from dancedata.core.plugins.plugin import Plugin
+from dancedata.core.rotations import Float64Array
+
+#: What is better for a score: more, less, or what is closer to the ground truth's.
+Better = Literal["higher", "lower", "closer"]
+
+
+class Metric(Plugin):
+    """Measures dances: numbers of each clip, and the scores of a set of clips from these.
+
+    Attributes
+    ----------
+    source
+        Where the definition is from: paper and equation, or repository and file.
+    needs_music
+        Whether `measure` needs the beats of the music.
+    needs_pool
+        Whether `summarise` compares the set with a pool of other clips, such as all ground truth.
+    better
+        What is better for each score: "higher", "lower", or "closer" to the ground truth's. Scores that are not named
+        stand beside the others, such as a chance level.
+    """
+
+    source: ClassVar[str]
+    needs_music: ClassVar[bool] = False
+    needs_pool: ClassVar[bool] = False
+    better: ClassVar[Mapping[str, Better]] = {}
+
+    @property
+    @abstractmethod
+    def columns(self) -> tuple[str, ...]:
+        """Names of the C numbers of a clip."""
+
+    @abstractmethod
+    def measure(self, dance: Dance) -> Float64Array:
+        """Return the numbers of one clip, (C,), finite.
+
+        Raises
+        ------
+        Undefined
+            If the metric has no value for this clip. The clip is set aside and counted by its name.
+        DataError
+            If the joints cannot be measured: too few of them, for example.
+        """
+
+    def summarise(self, rows: Float64Array, pool: Float64Array | None = None) -> dict[str, float]:
+        """Return the scores of a set: by default the mean of each column.
+
+        Parameters
+        ----------
+        rows
+            (N, C) numbers of the clips that have a value.
+        pool
+            (M, C) numbers of the pool, where `needs_pool`.
+
+        Raises
+        ------
+        Undefined
+            If there are too few clips.
+        """
+        if not len(rows):
+            raise Undefined("few_clips", found="0 clips", allowed="at least 1")
+        return dict(zip(self.columns, rows.mean(axis=0).tolist(), strict=True))

@@ -1,0 +1,184 @@
+"""Plug-ins on motion: datasets, contact rules, representations, key motion finders, window filters."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping
+from fractions import Fraction
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy.typing as npt
+
+from dancedata.core.clip import ClipRef, Reject, Scan
+from dancedata.core.columns import Columns
+from dancedata.core.errors import UsageError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.motion import Motion
+from dancedata.core.plugins.plugin import Float32Array, Plugin
+from dancedata.core.rotations import Float64Array
+from dancedata.core.skeleton import Skeleton
+from dancedata.core.spatial import Spatial
+
+
+class Dataset(Plugin):
+    """Reads a source folder: which clips there are, and the motion of each in canonical form.
+
+    Attributes
+    ----------
+    licence, citation
+        Text for the dataset card of whatever is built from it.
+    generates
+        Whether `scan` writes the source where there is none.
+    generic
+        Whether it takes files of many layouts, so that `check` does not choose it by itself.
+    genre_ids
+        The dataset's own number for each genre, for trainers that use it.
+    """
+
+    licence: ClassVar[str]
+    citation: ClassVar[str]
+    generates: ClassVar[bool] = False
+    generic: ClassVar[bool] = False
+
+    @property
+    def genre_ids(self) -> Mapping[str, int]:
+        """Number of each genre; empty where the dataset has none."""
+        return {}
+
+    @abstractmethod
+    def scan(self, source: Path) -> Scan:
+        """List the clips. Reads no motion. SourceError if the folder as a whole cannot be used."""
+
+    @abstractmethod
+    def load(self, ref: ClipRef) -> Motion:
+        """Read one clip's motion into canonical form. DataError for anything wrong with it."""
+
+    @abstractmethod
+    def make_example(self, folder: Path) -> None:
+        """Write a tiny source in this dataset's layout: 2-4 clips of about 6 s, with music. For tests."""
+
+
+class ContactRule(Plugin):
+    """Labels the ground contacts of the feet."""
+
+    @abstractmethod
+    def __call__(self, joints: Float64Array, grid: FrameGrid, skeleton: Skeleton) -> Float32Array:
+        """Return labels (T, 4), 0 or 1, for skeleton.feet from joint positions (T, J, 3), metres."""
+
+
+class Representation(Plugin):
+    """Turns motion into the columns that a trainer reads.
+
+    Attributes
+    ----------
+    default_contacts
+        Contact rule where a recipe names none; None if the representation holds no contacts.
+    rate
+        Frames per second of the columns, where it is the representation's own; None: the recipe's.
+    grounded
+        Whether `encode` moves the dancer up or down to the ground, so that `decode` returns the motion except for a
+        constant height.
+    axes, rotation_6d
+        What dataset.json says of the columns' axes and of the 6D convention.
+    spatial
+        How the columns follow when the dancer is turned or shifted, for augmentations of samples; None: such samples
+        cannot be turned or shifted.
+    decodes
+        Whether the class has a `decode` of its own; set by itself.
+    fits
+        Whether `decode` returns a motion with the joint positions of the columns only, on bones of their own: where
+        the dancer stood and faced, the body's bones and how they turn about themselves are lost in `encode`.
+    """
+
+    default_contacts: ClassVar[str | None] = None
+    rate: ClassVar[Fraction | None] = None
+    grounded: ClassVar[bool] = False
+    axes: ClassVar[str]
+    rotation_6d: ClassVar[str | None] = None
+    spatial: ClassVar[Spatial | None] = None
+    decodes: ClassVar[bool] = False
+    fits: ClassVar[bool] = False
+
+    @property
+    @abstractmethod
+    def skeleton(self) -> Skeleton:
+        """Skeleton of the columns' joints. `encode` takes motions on any body of its family."""
+
+    @property
+    @abstractmethod
+    def columns(self) -> Columns:
+        """The D columns of the array."""
+
+    @abstractmethod
+    def encode(self, motion: Motion, contacts: ContactRule | None = None) -> Float32Array:
+        """Return (T, D) float32."""
+
+    def decode(self, array: npt.NDArray[Any], grid: FrameGrid) -> Motion:
+        """Return the motion of (T, D) columns at the rate of `grid`. UsageError where that is not possible."""
+        raise UsageError(f"the representation {self.name} cannot be decoded", allowed="encoding")
+
+    def encode_again(self, motion: Motion, contacts: ContactRule | None = None) -> Float32Array:
+        """Return (T, D) columns of a motion that `decode` returned and that was changed since.
+
+        The dancer stays at the height that the decoded columns had. A representation that is `grounded` replaces
+        this, as `encode` would move the dancer to the ground once more.
+        """
+        if self.grounded:
+            raise UsageError(f"the representation {self.name} cannot be encoded again at the same height")
+        return self.encode(motion, contacts)
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        cls.decodes = cls.decode is not Representation.decode
+
+
+class KeyMotionFinder(Plugin):
+    """Finds the key motions of a clip, as rows per frame."""
+
+    @property
+    @abstractmethod
+    def columns(self) -> Columns:
+        """The D columns."""
+
+    @abstractmethod
+    def analyse(self, motion: Motion) -> Float32Array:
+        """Return (T, D) rows of a clip at the recipe's rate."""
+
+
+class WindowFilter(Plugin):
+    """Decides which windows are kept, from the rows of one motion or key motion field.
+
+    Attributes
+    ----------
+    reason
+        Code of its rejects.
+    """
+
+    reason: ClassVar[str] = "filtered"
+
+    @property
+    @abstractmethod
+    def field(self) -> str:
+        """Name of the field that is looked at; usually a parameter."""
+
+    @property
+    def splits(self) -> tuple[str, ...]:
+        """Splits that are filtered; windows of the others are all kept."""
+        return ("train",)
+
+    def check(self, columns: Columns) -> None:
+        """Raise UsageError if windows of a field with these columns cannot be judged."""
+        return
+
+    @abstractmethod
+    def reject(self, rows: Float32Array, columns: Columns, grid: FrameGrid) -> Reject | None:
+        """Return why a window is left out, ``Reject(self.reason, detail=..., numbers=...)``; None if it is kept.
+
+        Parameters
+        ----------
+        rows
+            (L, D) rows of the window, not normalised, read-only.
+        columns, grid
+            Columns and rate of the rows.
+        """

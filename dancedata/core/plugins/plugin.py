@@ -1,0 +1,27 @@
+"""The base of all plug-ins."""
+
+from __future__ import annotations
+
+from abc import ABC
+from typing import Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+Float32Array = npt.NDArray[np.float32]
+
+
+class Plugin(ABC):
+    """Base of all plug-ins.
+
+    Attributes
+    ----------
+    name
+        What recipes call it; set by the registry.
+    version
+        Raised by hand whenever the same input gives other numbers: it is part of the cache keys.
+    """
+
+    name: ClassVar[str]
+    version: ClassVar[int]
+    __dataclass_fields__: ClassVar[dict[str, Any]]
