@@ -12,20 +12,19 @@ A finished export is known by its export.json, which lists its files.
 from __future__ import annotations
 
 import os
-import re
 import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
-from uuid import uuid4
 
-from dancedata.core.atomic import OWN, sync_folder
 from dancedata.core.errors import StoreError
 from dancedata.core.hashing import json_sha256, sha256_file
 from dancedata.core.locks import writing_lock
-from dancedata.core.staging import MARKER, claim, is_claimed
+from dancedata.core.staging import is_claimed
 from dancedata.core.strict_json import read_json
+from dancedata.core.swap import Swap
 from dancedata.core.text import listed
 
 #: The file of a finished export that says what it is.
@@ -66,11 +65,10 @@ def new_export(out: Path, *, overwrite: bool) -> Iterator[Path]:
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         with writing_lock(out, "export"):
-            _put_back(out)
+            _SWAP.put_right(out)
             _check(out, overwrite)
-            for folder in _beside(out):
-                _remove(folder)
-            with _swapped(out, overwrite) as new:
+            _SWAP.tidy(out)
+            with _SWAP.swapped(out, partial(_check, out, overwrite)) as new:
                 yield new
         made = []
     except OSError as error:
@@ -84,29 +82,6 @@ def new_export(out: Path, *, overwrite: bool) -> Iterator[Path]:
         for folder in made:
             with suppress(OSError):
                 folder.rmdir()
-
-
-@contextmanager
-def _swapped(out: Path, overwrite: bool) -> Iterator[Path]:
-    real, digits = out.resolve(), uuid4().hex[:8]
-    new, old = (real.with_name(f"{OWN}{real.name}.export-{which}-{digits}") for which in ("new", "old"))
-    claim(new)
-    try:
-        yield new
-        _check(out, overwrite)  # again: an export may take an hour
-        (new / MARKER).unlink()
-        if os.path.lexists(real):
-            os.rename(real, old)
-        os.rename(new, real)
-    except BaseException:
-        if os.path.lexists(old) and not os.path.lexists(real):
-            os.rename(old, real)
-        if os.path.lexists(new):
-            shutil.rmtree(new)  # made above, under a name that no other process has
-        raise
-    sync_folder(real.parent)
-    if os.path.lexists(old):
-        _remove(old)
 
 
 def _check(out: Path, overwrite: bool) -> None:
@@ -151,22 +126,6 @@ def _foreign(folder: Path, files: Mapping[str, Any]) -> list[str]:
     return sorted(found)
 
 
-def _beside(out: Path, which: str = "new|old") -> list[Path]:
-    """Return the folders that killed exports to `out` left, by name."""
-    real = out.resolve()
-    ours = re.compile(rf"{re.escape(OWN + real.name)}\.export-({which})-[0-9a-f]{{8}}")
-    found = [real.parent / name for name in os.listdir(real.parent) if ours.fullmatch(name)]
-    return sorted(folder for folder in found if folder.is_dir() and not folder.is_symlink())
-
-
-def _put_back(out: Path) -> None:
-    """Put the old export back where a swap was killed half way."""
-    if not os.path.lexists(out):
-        whole = [folder for folder in _beside(out, "old") if read_about(folder) is not None]
-        if whole:
-            os.rename(whole[-1], out.resolve())
-
-
 def _remove(folder: Path) -> None:
     """Remove what is proved to be ours: an unfinished folder, or the listed files of an export."""
     about = read_about(folder)
@@ -175,3 +134,6 @@ def _remove(folder: Path) -> None:
     else:
         with suppress(OSError):  # a killed process had just made it
             folder.rmdir()
+
+
+_SWAP = Swap("export-", lambda folder: read_about(folder) is not None, _remove)

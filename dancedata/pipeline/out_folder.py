@@ -13,18 +13,17 @@ from __future__ import annotations
 
 import logging
 import os
-import re
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from functools import partial
 from pathlib import Path
-from uuid import uuid4
 
-from dancedata.core.atomic import OWN, sync_folder
 from dancedata.core.errors import StoreError
 from dancedata.core.hashing import sha256_file
 from dancedata.core.locks import writing_lock
-from dancedata.core.staging import MARKER, Layout, claim, discard, staged, tidy
+from dancedata.core.staging import MARKER, Layout, discard, staged, tidy
 from dancedata.core.strict_json import read_json
+from dancedata.core.swap import Swap
 from dancedata.core.text import listed
 from dancedata.store.dataset_json import MAX_BYTES, Description, load_description, self_hash
 from dancedata.store.schema import (
@@ -65,13 +64,12 @@ def locked(out: Path) -> Iterator[None]:
         with _writing(out):
             out.resolve().parent.mkdir(parents=True, exist_ok=True)
             stack.enter_context(writing_lock(out, "build"))
-            _put_back(out)
+            _SWAP.put_right(out)
             out.mkdir(exist_ok=True)
             if made:
                 stack.callback(_remove_empty, out)
             tidy(out, LAYOUT)
-            for folder in _beside(out):
-                _remove(folder)
+            _SWAP.tidy(out)
         yield
 
 
@@ -146,50 +144,11 @@ def new_dataset(out: Path) -> Iterator[Path]:
     StoreError
         If by now `out` holds a file that would be replaced, or nothing can be written.
     """
-    with _writing(out), _swapped(out) if (out / DATASET_FILE).exists() else staged(out, LAYOUT) as folder:
-        yield folder
-
-
-@contextmanager
-def _swapped(out: Path) -> Iterator[Path]:
-    """Give a folder beside `out`; on success the two change places, and the dataset that was there is removed."""
-    real, digits = out.resolve(), uuid4().hex[:8]
-    new, old = (real.with_name(f"{OWN}{real.name}.{which}-{digits}") for which in ("new", "old"))
-    claim(new)
-    try:
-        yield new
-        check_out(out, overwrite=True)  # again: a build may take hours
-        (new / MARKER).unlink()
-        os.rename(real, old)
-        os.rename(new, real)
-    except BaseException:
-        if os.path.lexists(old) and not os.path.lexists(real):
-            os.rename(old, real)
-        if os.path.lexists(new):
-            _remove(new)
-        raise
-    sync_folder(real.parent)
-    _remove(old)
-
-
-def _beside(out: Path, which: str = "new|old") -> list[Path]:
-    """Return the folders of swaps that were killed, by name."""
-    real = out.resolve()
-    ours = re.compile(rf"{re.escape(OWN + real.name)}\.({which})-[0-9a-f]{{8}}")
-    try:
-        found = [real.parent / name for name in os.listdir(real.parent) if ours.fullmatch(name)]
-    except OSError:
-        return []
-    return sorted(folder for folder in found if folder.is_dir() and not folder.is_symlink())
-
-
-def _put_back(out: Path) -> None:
-    """Put the old dataset back where a swap was killed half way."""
-    if os.path.lexists(out):
-        return
-    whole = [folder for folder in _beside(out, "old") if _is_whole(folder / DATASET_FILE)]
-    if whole:
-        os.rename(max(whole, key=lambda folder: folder.stat().st_ctime_ns), out.resolve())
+    with _writing(out):
+        replaces = (out / DATASET_FILE).exists()
+        check = partial(check_out, out, overwrite=True)
+        with _SWAP.swapped(out, check) if replaces else staged(out, LAYOUT) as folder:
+            yield folder
 
 
 def _remove(folder: Path) -> None:
@@ -212,3 +171,6 @@ def _remove(folder: Path) -> None:
 def _remove_empty(out: Path) -> None:
     with suppress(OSError):
         out.rmdir()
+
+
+_SWAP = Swap("", lambda folder: _is_whole(folder / DATASET_FILE), _remove)
