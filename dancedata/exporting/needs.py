@@ -31,10 +31,10 @@ def needs_field(
     rate
         Rows per second; None: any.
     """
+    from dancedata.readers.presets import recipes_with
+
     line = f"{kind}: {{{name}: {{}}}}"
     if name not in job.store.fields:
-        from dancedata.readers.presets import recipes_with
-
         makers = recipes_with(name)
         shipped = f", as in the recipe {' or '.join(makers)}" if makers else ""
         return [Lack(f"the dataset has no field {name} (it has {', '.join(job.store.fields)})", f"{line}{shipped}")]

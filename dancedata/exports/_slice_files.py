@@ -1,14 +1,16 @@
-"""Writes slices in EDGE's folders, which POPDG and other descendants of EDGE read too."""
+"""Exports of slices in EDGE's folders, which POPDG and other descendants of EDGE read too."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from shlex import quote
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
 
+from dancedata.core.plugins import Export
 from dancedata.core.text import counted
 from dancedata.exports import _slices as slices
 
@@ -19,6 +21,40 @@ if TYPE_CHECKING:
 
 FOLDERS = ("motions_sliced", "wavs_sliced", "jukebox_feats")
 Sound = Literal["cut", "silence"]
+
+
+@dataclass(frozen=True)
+class SliceExport(Export):
+    """Base of exports of EDGE's folders.
+
+    Attributes
+    ----------
+    feature
+        Audio feature to write, of 35 or 4800 columns.
+    sound
+        ``cut``: wavs cut from the music of --source. ``silence``: silent wavs, without a source; training does not
+        use them, only rendering does.
+    guide_text
+        Markdown of `guide`, with places for out, kind, feature, width and again.
+    """
+
+    recipe: ClassVar[Mapping[str, Any]] = {"motion": {"edge151": {}}, "audio": {"librosa35": {}}}
+    listed_folders: ClassVar[tuple[str, ...]] = tuple(
+        f"{part}/{name}" for part in ("train", "test") for name in FOLDERS
+    )
+    guide_text: ClassVar[str]
+
+    feature: str = "librosa35"
+    sound: Sound = "cut"
+
+    def guide(self, job: ExportJob) -> str:
+        """Return the trainer's command, its caches and its stops."""
+        width = job.store.fields[self.feature].width
+        kind = slices.WIDTHS[width]
+        again = ", and once more in `baseline_feats`" if kind == "baseline" else ""
+        return self.guide_text.format(
+            out=quote(str(job.out)), kind=kind, feature=self.feature, width=width, again=again
+        )
 
 
 @dataclass(frozen=True)

@@ -83,9 +83,9 @@ def sort_key(name: str) -> str:
 
 def slices_of(job: ExportJob, split: str, feature: str) -> list[Slice]:
     """Return the slices of a split."""
-    clips = {clip.id: clip for clip in job.clips(split)}
     from dancedata.store.schema import slice_name
 
+    clips = {clip.id: clip for clip in job.clips(split)}
     return [Slice(slice_name(w.clip, w.start // STRIDE), clips[w.clip], w) for w in _windows(job, split, feature)]
 
 

@@ -168,10 +168,10 @@ class Bailando(Export):
 
 def _feature_of(job: ExportJob, name: str) -> AudioFeature:
     """Return the audio feature of a field, with the parameters that the dataset was built with."""
+    from dancedata.recipes.plugins import make_named
+
     recipe = job.store.meta.get("recipe")
     given = recipe.get("audio") if isinstance(recipe, Mapping) else None
     parameters = dict(given[name]) if isinstance(given, Mapping) and isinstance(given.get(name), Mapping) else {}
     parameters.pop("fps", None)
-    from dancedata.recipes.plugins import make_named
-
     return make_named(FEATURES, "audio", _FEATURE, parameters)

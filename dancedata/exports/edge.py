@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from shlex import quote
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar
 
-from dancedata.core.plugins import Export
 from dancedata.core.registry import EXPORTS
 from dancedata.core.text import counted
 from dancedata.exports import _slices as slices
-from dancedata.exports._slice_files import FOLDERS, SliceWriter
+from dancedata.exports._slice_files import SliceExport, SliceWriter
 
 if TYPE_CHECKING:
     from dancedata.exporting.folder import ExportFolder
@@ -42,30 +39,19 @@ accelerate launch train.py --data_path {out}/ --processed_data_dir NEW_FOLDER/ -
 
 @EXPORTS.register("edge")
 @dataclass(frozen=True)
-class Edge(Export):
+class Edge(SliceExport):
     """EDGE's folders motions_sliced, wavs_sliced, jukebox_feats, baseline_feats, and its cache (Tseng et al. 2023).
 
     Attributes
     ----------
-    feature
-        Audio feature to write, of 35 or 4800 columns.
-    sound
-        ``cut``: wavs cut from the music of --source. ``silence``: silent wavs, without a source; training does not
-        use them, only rendering does.
     val_as_test
         Write the split val to the test folder too: EDGE has no validation split.
     """
 
     version: ClassVar[int] = 1
-    recipe: ClassVar[Mapping[str, Any]] = {"motion": {"edge151": {}}, "audio": {"librosa35": {}}}
     reference: ClassVar[str] = "Stanford-TML/EDGE, commit 17c3428, dataset/dance_dataset.py"
-    listed_folders: ClassVar[tuple[str, ...]] = (
-        *(f"train/{name}" for name in FOLDERS),
-        *(f"test/{name}" for name in FOLDERS),
-    )
+    guide_text: ClassVar[str] = _GUIDE
 
-    feature: str = "librosa35"
-    sound: Literal["cut", "silence"] = "cut"
     val_as_test: bool = False
 
     def lacks(self, job: ExportJob) -> list[Lack]:
@@ -91,13 +77,6 @@ class Edge(Export):
                 "wavs": [str(folder.final / part / "wavs_sliced" / f"{item.name}.wav") for item in found],
             }
             folder.write_pickle(f"cache/processed_{part}_data.pkl", {**motion, **paths})
-
-    def guide(self, job: ExportJob) -> str:
-        """Return EDGE's command, its caches and its stops."""
-        width = job.store.fields[self.feature].width
-        kind = slices.WIDTHS[width]
-        again = ", and once more in `baseline_feats`" if kind == "baseline" else ""
-        return _GUIDE.format(out=quote(str(job.out)), kind=kind, feature=self.feature, width=width, again=again)
 
     @property
     def _splits(self) -> dict[str, tuple[str, ...]]:

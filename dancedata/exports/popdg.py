@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from shlex import quote
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar
 
-from dancedata.core.plugins import Export
 from dancedata.core.registry import EXPORTS
 from dancedata.exports import _slices as slices
-from dancedata.exports._slice_files import FOLDERS, SliceWriter
+from dancedata.exports._slice_files import SliceExport, SliceWriter
 
 if TYPE_CHECKING:
     from dancedata.exporting.folder import ExportFolder
@@ -38,27 +35,12 @@ python train.py --data_path {out}/ --processed_data_dir NEW_FOLDER/ --feature_ty
 
 @EXPORTS.register("popdg")
 @dataclass(frozen=True)
-class Popdg(Export):
-    """POPDG's folders motions_sliced (30 frames per second), wavs_sliced and features (Luo et al. 2024).
-
-    Attributes
-    ----------
-    feature
-        Audio feature to write, of 35 or 4800 columns.
-    sound
-        ``cut``: wavs cut from the music of --source. ``silence``: silent wavs, without a source.
-    """
+class Popdg(SliceExport):
+    """POPDG's folders motions_sliced (30 frames per second), wavs_sliced and features (Luo et al. 2024)."""
 
     version: ClassVar[int] = 1
-    recipe: ClassVar[Mapping[str, Any]] = {"motion": {"edge151": {}}, "audio": {"librosa35": {}}}
     reference: ClassVar[str] = "Luke-Luo1/POPDG, commit ec57d87, dataset/load_popdanceset.py"
-    listed_folders: ClassVar[tuple[str, ...]] = (
-        *(f"train/{name}" for name in FOLDERS),
-        *(f"test/{name}" for name in FOLDERS),
-    )
-
-    feature: str = "librosa35"
-    sound: Literal["cut", "silence"] = "cut"
+    guide_text: ClassVar[str] = _GUIDE
 
     def lacks(self, job: ExportJob) -> list[Lack]:
         """Return missing fields, rates, widths, splits, windows and music."""
@@ -71,10 +53,3 @@ class Popdg(Export):
             writer.write(part, (part,))
             folder.write_text(f"splits/{part}.txt", "".join(f"{clip.id}\n" for clip in job.clips(part)))
         folder.write_text("high_quality_dataset", "")
-
-    def guide(self, job: ExportJob) -> str:
-        """Return POPDG's command, its caches and its stops."""
-        width = job.store.fields[self.feature].width
-        kind = slices.WIDTHS[width]
-        again = ", and once more in `baseline_feats`" if kind == "baseline" else ""
-        return _GUIDE.format(out=quote(str(job.out)), kind=kind, feature=self.feature, width=width, again=again)
