@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from dancedata.core.motion import Motion
-from dancedata.core.rotations import angles_between
+from dancedata.core.rotations import Float64Array, angles_between
 from dancedata.core.skeleton import Skeleton
 
 #: Bound of the speed of a dancer's joints: 45 degrees per frame at 60 FPS.
@@ -108,10 +109,9 @@ def _fast_flags(motion: Motion, max_turn_deg_s: float, max_root_speed_m_s: float
     if motion.n_frames < 2:
         return []
     rate = float(motion.grid.rate)
-    angles = np.degrees(angles_between(motion.rotations))
     flags = [
-        Flag("fast_turn", motion.skeleton.joints[j], int(t), round(float(angles[t, j]), 3), "deg", str(motion.grid))
-        for t, j in np.argwhere(angles * rate > max_turn_deg_s)
+        Flag("fast_turn", motion.skeleton.joints[joint], frame, round(angle, 3), "deg", str(motion.grid))
+        for frame, joint, angle in _turns(motion.rotations, rate, max_turn_deg_s)
     ]
     steps = np.linalg.norm(np.diff(motion.translation, axis=0), axis=1)
     root = motion.skeleton.joints[0]
@@ -120,3 +120,16 @@ def _fast_flags(motion: Motion, max_turn_deg_s: float, max_root_speed_m_s: float
         for t in np.flatnonzero(steps * rate > max_root_speed_m_s)
     ]
     return sorted(flags, key=lambda f: (f.frame or 0, f.kind, f.joint))
+
+
+def _turns(rotations: Float64Array, rate: float, max_deg_s: float) -> Iterator[tuple[int, int, float]]:
+    """Yield frame, joint and angle, degrees, of every turn to the next frame that is faster than `max_deg_s`."""
+    # No turn is larger than the distance of its two rotation vectors (Hartley et al. 2013, section 4): angles are
+    # computed only where that distance, with room for rounding, is too large.
+    distances = np.sqrt(np.sum(np.square(np.diff(rotations, axis=0)), axis=-1))
+    frames, joints = np.nonzero(np.degrees(distances) * rate > max_deg_s * (1 - 1e-9))
+    pairs = np.stack([rotations[frames, joints], rotations[frames + 1, joints]])
+    angles = np.degrees(angles_between(pairs)[0])
+    for frame, joint, angle in zip(frames.tolist(), joints.tolist(), angles.tolist(), strict=True):
+        if angle * rate > max_deg_s:
+            yield frame, joint, angle

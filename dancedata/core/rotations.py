@@ -28,13 +28,15 @@ def rotation(rotvec: FloatArray) -> Rotation:
 
 def _quaternion(rotvec: FloatArray) -> Float64Array:
     """Convert axis-angle vectors (..., 3) to unit quaternions (4, ...), real part first."""
-    x, y, z = np.moveaxis(np.asarray(rotvec, dtype=np.float64), -1, 0)
-    square = x * x + y * y + z * z
+    x, y, z = np.ascontiguousarray(np.moveaxis(np.asarray(rotvec, dtype=np.float64), -1, 0))
+    square = np.asarray(x * x + y * y + z * z)  # for a single vector, numpy's operations return numbers
     angle = np.sqrt(square)
     # sin(angle / 2) / angle; near 0 its Taylor series, whose next term is below 1e-16 here.
-    near = angle < 1e-3
-    scale = np.where(near, 0.5 - square / 48 + square * square / 3840, 0.0)
-    np.divide(np.sin(angle / 2), angle, out=scale, where=~near)
+    near = np.asarray(angle < 1e-3)
+    scale = np.asarray(np.sin(angle / 2))
+    np.divide(scale, angle, out=scale, where=~near)
+    small = square[near]
+    scale[near] = 0.5 - small / 48 + small * small / 3840
     return np.stack([np.cos(angle / 2), x * scale, y * scale, z * scale])
 
 
@@ -43,11 +45,13 @@ def matrix_from_rotvec(rotvec: FloatArray) -> Float64Array:
     w, x, y, z = _quaternion(rotvec)
     xx, yy, zz = x * x, y * y, z * z
     xy, xz, yz, wx, wy, wz = x * y, x * z, y * z, w * x, w * y, w * z
-    entries = np.empty((9, *w.shape))
-    entries[0], entries[1], entries[2] = 1 - 2 * (yy + zz), 2 * (xy - wz), 2 * (xz + wy)
-    entries[3], entries[4], entries[5] = 2 * (xy + wz), 1 - 2 * (xx + zz), 2 * (yz - wx)
-    entries[6], entries[7], entries[8] = 2 * (xz - wy), 2 * (yz + wx), 1 - 2 * (xx + yy)
-    return np.ascontiguousarray(np.moveaxis(entries, 0, -1)).reshape(*w.shape, 3, 3)
+    matrix = np.empty((*w.shape, 3, 3))
+    for axis, others in enumerate((yy + zz, xx + zz, xx + yy)):
+        np.subtract(1, 2 * others, out=matrix[..., axis, axis])
+    for row, column, first, second in ((0, 1, xy, wz), (2, 0, xz, wy), (1, 2, yz, wx)):
+        np.multiply(2, first - second, out=matrix[..., row, column])
+        np.multiply(2, first + second, out=matrix[..., column, row])
+    return matrix
 
 
 def angles_between(rotvecs: FloatArray) -> Float64Array:
