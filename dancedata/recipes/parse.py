@@ -233,7 +233,7 @@ def parse_recipe(document: Mapping[str, Any], where: str = "recipe") -> Recipe:
             _attempt(problems, partial(field.require_whole, windows))
     for job in audio if grid is not None else ():
         # A rate that a feature cannot compute at is an error now, not after all music was decoded.
-        _attempt(problems, partial(job.feature.n_rows, 1, 48_000, job.grid))
+        _attempt(problems, partial(job.feature.n_rows, 1, 48_000, job.grid), f"audio.{job.name}: ")
     if problems or model is None or dataset is None or grid is None or windows is None:
         listed = "\n".join(f"  - {p}" for p in problems)
         raise RecipeError(f"{len(problems)} problem{'s' * (len(problems) != 1)} in the recipe\n{listed}", where=where)
@@ -269,11 +269,11 @@ def _find(name: str) -> Path:
     raise UsageError(problem, fix=fix)
 
 
-def _attempt(problems: list[str], make: Callable[[], T]) -> T | None:
+def _attempt(problems: list[str], make: Callable[[], T], where: str = "") -> T | None:
     try:
         return make()
     except DanceDataError as error:
-        problems.append(str(error))
+        problems.append(f"{where}{error}")
         return None
 
 

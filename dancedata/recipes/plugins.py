@@ -157,8 +157,11 @@ def one_of(registry: Registry[P], where: str, given: Any, problems: list[str]) -
     strange = [name for name in given if name not in registry] if isinstance(given, dict) else []
     if strange and len(given) - len(strange) == 1:
         # "dataset.split=all" where "dataset.aist++.split=all" was meant.
-        for name in strange:
-            make_plugin(registry, where, str(name), None, problems, beside=given)
+        meant = key_paths(registry, where, given)
+        problems += [
+            f"{where}.{shown(name)}: unknown key; {did_you_mean(str(name), registry.names(), meant)}"
+            for name in strange
+        ]
         return None
     if not isinstance(given, dict) or len(given) != 1:
         names = ", ".join(registry.names())

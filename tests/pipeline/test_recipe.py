@@ -100,6 +100,11 @@ def test_all_problems_are_listed_at_once():
         ({"windows": {"length_s": 0, "stride_s": 0.5}}, "the length must be above 0"),
         ({"dataset": {"aist++": {"ignore": "some"}}}, "dataset.aist++"),
         ({"audio": {"librosa35": {"tightness": "tight"}}}, "audio.librosa35.tightness"),
+        (
+            {"dataset": {"aist++": {}, "split": "all"}},
+            "dataset.split: unknown key; did you mean 'dataset.aist++.split'?",
+        ),
+        ({"audio": {"librosa35.low": {"fps": 10}}}, "audio.librosa35.low: librosa35 cannot be computed"),
         ({"audio": {"librosa35": [1]}}, "audio.librosa35: parameters are a mapping of keys; found [1]"),
     ],
 )
