@@ -63,7 +63,15 @@ def slice_lacks(job: ExportJob, feature: str, splits: Sequence[str], *, sound: b
     if not lacks:
         empty = [split for split in splits if not len(_windows(job, split, feature))]
         lacks += [Lack(f"{split} has no window of five seconds", "longer clips") for split in empty]
-    return lacks + (needs_music(job, job.clips(*splits)) if sound else [])
+    if not sound:
+        return lacks
+    lacks += needs_music(job, job.clips(*splits))
+    return lacks or _sound_lacks(job, feature, splits)
+
+
+def _sound_lacks(job: ExportJob, feature: str, splits: Sequence[str]) -> list[Lack]:
+    silent = [split for split in splits if len(_short(job, slices := slices_of(job, split, feature))) == len(slices)]
+    return [Lack(f"{split} has no window with five seconds of music", "longer music") for split in silent]
 
 
 def _window_lacks(job: ExportJob) -> list[Lack]:
@@ -104,18 +112,26 @@ def slice_motion(job: ExportJob, item: Slice) -> Motion:
 
 def with_whole_sound(job: ExportJob, slices: list[Slice], folder: ExportFolder) -> list[Slice]:
     """Return the slices whose five seconds of sound exist in full, as EDGE counts them; the others are noted."""
-    lengths = {clip_id: job.music.length(clip) for clip_id, clip in {s.clip.id: s.clip for s in slices}.items()}
-    short = []
-    for item in slices:
-        n_samples, rate = lengths[item.clip.id]
-        if _first_sample(item, rate) + LENGTH_S * rate > n_samples:
-            short.append(item.name)
+    short = _short(job, slices)
     if short:
         folder.note(
             f"{counted(len(short), 'window')} left out, whose music ends before five seconds of samples, as in EDGE: "
             f"{listed(short)}"
         )
     return [item for item in slices if item.name not in set(short)]
+
+
+def _short(job: ExportJob, slices: list[Slice]) -> list[str]:
+    """Return the names of slices whose music ends too early; DataError where it is not the dataset's music."""
+    lengths = {clip_id: job.music.length(clip) for clip_id, clip in {s.clip.id: s.clip for s in slices}.items()}
+    short: list[Slice] = []
+    for item in slices:
+        n_samples, rate = lengths[item.clip.id]
+        if _first_sample(item, rate) + LENGTH_S * rate > n_samples:
+            if item.clip.id not in {known.clip.id for known in short}:
+                job.music.load(item.clip)  # a damaged copy is short as well
+            short.append(item)
+    return [item.name for item in short]
 
 
 def cut_sounds(job: ExportJob, slices: list[Slice]) -> Iterator[tuple[Slice, bytes]]:
