@@ -75,9 +75,9 @@ def _sound_lacks(job: ExportJob, feature: str, splits: Sequence[str]) -> list[La
 
 
 def _window_lacks(job: ExportJob) -> list[Lack]:
-    about = job.store.meta["windows"]
-    if (about["length"], about["stride"]) == (LENGTH, STRIDE):
+    if _are_stored(job):
         return []
+    about = job.store.meta["windows"]
     found = f"windows of {about['length']} frames every {about['stride']}, not {LENGTH} every {STRIDE}"
     return [
         Lack(f"the dataset has window scope with {found}", "windows: {length_s: 5, stride_s: 0.5}, or scope: track")
@@ -95,6 +95,22 @@ def slices_of(job: ExportJob, split: str, feature: str) -> list[Slice]:
 
     clips = {clip.id: clip for clip in job.clips(split)}
     return [Slice(slice_name(w.clip, w.start // STRIDE), clips[w.clip], w) for w in _windows(job, split, feature)]
+
+
+def note_rejects(job: ExportJob, splits: Sequence[str], folder: ExportFolder) -> None:
+    """Note the windows of splits that the dataset has left out: the trainer's own scripts would have them."""
+    if _are_stored(job):
+        clips = {clip.id for clip in job.clips(*splits)}
+        rows = [row for row in job.store.rejects if row.get("clip") in clips and isinstance(row.get("window"), int)]
+        names = [f"{row['clip']} from frame {row['window']} ({row.get('reason')})" for row in rows]
+        if names:
+            folder.note(f"{counted(len(names), 'window')} that the dataset has left out: {listed(names)}")
+
+
+def _are_stored(job: ExportJob) -> bool:
+    """Tell whether the slices are the windows of the dataset."""
+    about = job.store.meta["windows"]
+    return (about["length"], about["stride"]) == (LENGTH, STRIDE)
 
 
 def _windows(job: ExportJob, split: str, feature: str) -> WindowList:

@@ -147,6 +147,18 @@ def test_pickles_of_empty_arrays(tmp_path: Path) -> None:
     assert (held["none"].shape, held["one"].shape, float(held["one"])) == ((0, 150, 3), (), 2.0)
 
 
+def test_windows_that_the_dataset_has_left_out_are_noted(export, built) -> None:
+    """Those that another field does not reach the end of."""
+    fields = {"edge151": {}, "fact219": {}}
+    made = built("edge", motion=fields)
+    clip, start = next((r["clip"], r["window"]) for r in made.store.rejects if r["reason"] == "short_field")
+    out = export("edge", "edge", source=None, sound="silence")
+    assert not any("left out" in note for note in out.notes)
+    out = dancedata.export(made.path, "edge", out.path.with_name("two"), sound="silence", progress=False)
+    (note,) = (note for note in out.notes if "the dataset has left out" in note)
+    assert f"1 window that the dataset has left out: {clip} from frame {start} (short_field)" == note
+
+
 def test_val_is_named_and_may_be_test(export) -> None:
     without = export("edge", "edge")
     assert any("the split val" in note and "val_as_test" in note for note in without.notes)
