@@ -94,7 +94,7 @@ def decode(
             f"{representation} cannot be decoded: positions do not determine how a bone turns about its own axis",
             fix="use the positions as they are, or store a representation that holds rotations as well",
         )
-    array = np.asarray(array)
+    array = _numbers(array, representation)
     _require_shape(array, plugin, representation)
     store = _opened(like)
     grid = _grid(plugin, representation, fps, store)
@@ -175,7 +175,10 @@ def decode_file(
     except DanceDataError as error:
         error.where = f"{path}, {error.where}" if error.where else path
         raise
-    return _written(_files(path, out, to, found), overwrite)
+    files = _files(path, out, to, found)
+    if any(file.exists() and file.samefile(path) for file in files):
+        raise UsageError("the file that is decoded would be replaced", where=path, fix="choose another --out")
+    return _written(files, overwrite)
 
 
 def _opened(like: Like) -> Store | None:
@@ -184,6 +187,19 @@ def _opened(like: Like) -> Store | None:
     from dancedata.store import open_store
 
     return open_store(Path(like).expanduser())
+
+
+def _numbers(array: Any, name: str) -> npt.NDArray[Any]:
+    """Return an array of floats or integers."""
+    try:
+        numbers = np.asarray(array)
+        found = "" if numbers.dtype.kind in "iuf" else f"dtype {numbers.dtype}"
+    except (TypeError, ValueError, RuntimeError) as error:  # lists of unequal length; tensors that numpy cannot hold
+        found = str(error)
+    if found:
+        fix = "give an array of numpy; that of a tensor is tensor.detach().cpu().float().numpy()"
+        raise UsageError(f"these are not columns of {name}", found=found, allowed="floats or integers", fix=fix)
+    return numbers
 
 
 def _require_shape(array: npt.NDArray[Any], plugin: Representation, name: str) -> None:

@@ -102,10 +102,17 @@ def claim(folder: Path) -> None:
     """Make a folder and say in it that it is ours."""
     folder.mkdir()
     try:
-        write_bytes(folder / MARKER, _PROOF)
+        mark(folder)
     except BaseException:
-        folder.rmdir()
+        with suppress(OSError):  # an interrupt may come when the file, or a temporary one, is there already
+            (folder / MARKER).unlink(missing_ok=True)
+            folder.rmdir()
         raise
+
+
+def mark(folder: Path) -> None:
+    """Say in a folder that it is ours, and not whole."""
+    write_bytes(folder / MARKER, _PROOF)
 
 
 def discard(folder: Path, layout: Layout) -> bool:

@@ -146,5 +146,6 @@ class _Pickler(pickle.Pickler):
 
     def reducer_override(self, obj: Any) -> Any:
         if isinstance(obj, np.ndarray) and not obj.dtype.hasobject:
-            return np.ndarray, (obj.shape, obj.dtype.str, bytearray(np.ascontiguousarray(obj).data.cast("B")))
+            data = np.ascontiguousarray(obj).reshape(-1).view(np.uint8)
+            return np.ndarray, (obj.shape, obj.dtype.str, bytearray(data))
         return NotImplemented

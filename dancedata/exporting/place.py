@@ -11,18 +11,20 @@ A finished export is known by its export.json, which lists its files.
 
 from __future__ import annotations
 
+import logging
 import os
 import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
+from stat import S_ISREG
 from typing import Any
 
 from dancedata.core.errors import StoreError
 from dancedata.core.hashing import json_sha256, sha256_file
 from dancedata.core.locks import writing_lock
-from dancedata.core.staging import is_claimed
+from dancedata.core.staging import MARKER, Layout, discard, is_claimed, mark
 from dancedata.core.strict_json import read_json
 from dancedata.core.swap import Swap
 from dancedata.core.text import listed
@@ -32,6 +34,7 @@ ABOUT = "export.json"
 README = "README.md"
 #: Largest export.json, bytes: some 250 a file.
 MAX_BYTES = 1 << 30
+_log = logging.getLogger(__name__)
 
 
 def self_hash(about: Mapping[str, Any]) -> str:
@@ -113,27 +116,55 @@ def _check(out: Path, overwrite: bool) -> None:
 
 
 def _foreign(folder: Path, files: Mapping[str, Any]) -> list[str]:
-    """Return the files of a folder that its export.json does not list, or that have changed."""
+    """Return the files of a folder that its export.json does not list, or that have changed.
+
+    A file of the listed size has not changed if it is no younger than export.json, which was written last; the hashes
+    of others are compared, and that of the README.
+    """
+    finished = (folder / ABOUT).lstat().st_mtime_ns
     found = []
     for path in folder.rglob("*"):
-        name = path.relative_to(folder).as_posix()
+        name, status = path.relative_to(folder).as_posix(), path.lstat()
         if name == ABOUT or (path.is_dir() and not path.is_symlink()):
             continue
         size, sha256 = files.get(name, (-1, ""))
-        is_same = not path.is_symlink() and path.stat().st_size == size
-        if not is_same or (name == README and sha256_file(path) != sha256):
+        is_same = S_ISREG(status.st_mode) and status.st_size == size
+        if is_same and (name == README or status.st_mtime_ns > finished):
+            is_same = sha256_file(path) == sha256
+        if not is_same:
             found.append(name)
     return sorted(found)
+
+
+def _is_whole(folder: Path) -> bool:
+    """Tell whether a folder is a finished export, and not one that is being removed."""
+    return read_about(folder) is not None and not is_claimed(folder)
 
 
 def _remove(folder: Path) -> None:
     """Remove what is proved to be ours: an unfinished folder, or the listed files of an export."""
     about = read_about(folder)
     if is_claimed(folder) or (about is not None and not _foreign(folder, about["files"])):
-        shutil.rmtree(folder)
+        with suppress(OSError):
+            _erase(folder)
     else:
-        with suppress(OSError):  # a killed process had just made it
-            folder.rmdir()
+        discard(folder, _JUST_MADE)
+    if os.path.lexists(folder):
+        _log.warning("%s is left: it holds something that is not of an export, or is in use", folder)
 
 
-_SWAP = Swap("export-", lambda folder: read_about(folder) is not None, _remove)
+def _erase(folder: Path) -> None:
+    """Remove a folder; its proof goes last, so that the next export removes what a killed process leaves of it."""
+    with suppress(OSError):  # on a full disk, export.json alone is the proof
+        mark(folder)
+    for path in sorted(folder.iterdir(), key=lambda path: (path.name == MARKER, path.name == ABOUT)):
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path)
+        else:
+            path.unlink()
+    folder.rmdir()
+
+
+#: A folder in which a killed process had not yet said that it is ours: nothing in it, or a temporary file.
+_JUST_MADE = Layout(ABOUT, lambda _: False, lambda _: False)
+_SWAP = Swap("export-", _is_whole, _remove)

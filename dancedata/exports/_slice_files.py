@@ -86,6 +86,7 @@ class SliceWriter:
         """Write the folders of a part, "train" or "test"; returns its slices and their motion at 30 per second."""
         found = [item for split in splits for item in slices.slices_of(self.job, split, self.feature)]
         found.sort(key=lambda item: slices.sort_key(item.name))
+        slices.note_rejects(self.job, splits, self.folder)
         if self.sound == "cut":
             found = slices.with_whole_sound(self.job, found, self.folder)
         for name in FOLDERS:

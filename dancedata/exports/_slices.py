@@ -63,13 +63,21 @@ def slice_lacks(job: ExportJob, feature: str, splits: Sequence[str], *, sound: b
     if not lacks:
         empty = [split for split in splits if not len(_windows(job, split, feature))]
         lacks += [Lack(f"{split} has no window of five seconds", "longer clips") for split in empty]
-    return lacks + (needs_music(job, job.clips(*splits)) if sound else [])
+    if not sound:
+        return lacks
+    lacks += needs_music(job, job.clips(*splits))
+    return lacks or _sound_lacks(job, feature, splits)
+
+
+def _sound_lacks(job: ExportJob, feature: str, splits: Sequence[str]) -> list[Lack]:
+    silent = [split for split in splits if len(_short(job, slices := slices_of(job, split, feature))) == len(slices)]
+    return [Lack(f"{split} has no window with five seconds of music", "longer music") for split in silent]
 
 
 def _window_lacks(job: ExportJob) -> list[Lack]:
-    about = job.store.meta["windows"]
-    if (about["length"], about["stride"]) == (LENGTH, STRIDE):
+    if _are_stored(job):
         return []
+    about = job.store.meta["windows"]
     found = f"windows of {about['length']} frames every {about['stride']}, not {LENGTH} every {STRIDE}"
     return [
         Lack(f"the dataset has window scope with {found}", "windows: {length_s: 5, stride_s: 0.5}, or scope: track")
@@ -89,6 +97,22 @@ def slices_of(job: ExportJob, split: str, feature: str) -> list[Slice]:
     return [Slice(slice_name(w.clip, w.start // STRIDE), clips[w.clip], w) for w in _windows(job, split, feature)]
 
 
+def note_rejects(job: ExportJob, splits: Sequence[str], folder: ExportFolder) -> None:
+    """Note the windows of splits that the dataset has left out: the trainer's own scripts would have them."""
+    if _are_stored(job):
+        clips = {clip.id for clip in job.clips(*splits)}
+        rows = [row for row in job.store.rejects if row.get("clip") in clips and isinstance(row.get("window"), int)]
+        names = [f"{row['clip']} from frame {row['window']} ({row.get('reason')})" for row in rows]
+        if names:
+            folder.note(f"{counted(len(names), 'window')} that the dataset has left out: {listed(names)}")
+
+
+def _are_stored(job: ExportJob) -> bool:
+    """Tell whether the slices are the windows of the dataset."""
+    about = job.store.meta["windows"]
+    return (about["length"], about["stride"]) == (LENGTH, STRIDE)
+
+
 def _windows(job: ExportJob, split: str, feature: str) -> WindowList:
     if job.store.scope == "window":
         return job.store.windows(split)
@@ -104,18 +128,26 @@ def slice_motion(job: ExportJob, item: Slice) -> Motion:
 
 def with_whole_sound(job: ExportJob, slices: list[Slice], folder: ExportFolder) -> list[Slice]:
     """Return the slices whose five seconds of sound exist in full, as EDGE counts them; the others are noted."""
-    lengths = {clip_id: job.music.length(clip) for clip_id, clip in {s.clip.id: s.clip for s in slices}.items()}
-    short = []
-    for item in slices:
-        n_samples, rate = lengths[item.clip.id]
-        if _first_sample(item, rate) + LENGTH_S * rate > n_samples:
-            short.append(item.name)
+    short = _short(job, slices)
     if short:
         folder.note(
             f"{counted(len(short), 'window')} left out, whose music ends before five seconds of samples, as in EDGE: "
             f"{listed(short)}"
         )
     return [item for item in slices if item.name not in set(short)]
+
+
+def _short(job: ExportJob, slices: list[Slice]) -> list[str]:
+    """Return the names of slices whose music ends too early; DataError where it is not the dataset's music."""
+    lengths = {clip_id: job.music.length(clip) for clip_id, clip in {s.clip.id: s.clip for s in slices}.items()}
+    short: list[Slice] = []
+    for item in slices:
+        n_samples, rate = lengths[item.clip.id]
+        if _first_sample(item, rate) + LENGTH_S * rate > n_samples:
+            if item.clip.id not in {known.clip.id for known in short}:
+                job.music.load(item.clip)  # a damaged copy is short as well
+            short.append(item)
+    return [item.name for item in short]
 
 
 def cut_sounds(job: ExportJob, slices: list[Slice]) -> Iterator[tuple[Slice, bytes]]:

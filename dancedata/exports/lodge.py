@@ -87,6 +87,8 @@ class Lodge(Export):
         if unknown:
             fix = "dataset: {finedance: {labels: required}}, which leaves them out"
             lacks.append(Lack(f"clips without one of the 16 genres: {listed(unknown)}", fix))
+        if self.scaler == "train" and "train" not in job.store.splits:
+            lacks.append(Lack("the dataset has no split train to fit the normaliser on", "--scaler all"))
         if find_spec("torch") is None:
             lacks.append(
                 Lack("torch is not installed, which writes Normalizer.pth", "pip install 'dancedata[torch]'")

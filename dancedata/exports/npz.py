@@ -98,10 +98,15 @@ def _arrays(job: ExportJob, clip: ClipView, names: tuple[str, ...]) -> dict[str,
 
 
 def _copy_music(job: ExportJob, folder: ExportFolder) -> dict[str, str]:
-    """Copy each audio file once; returns its name by clip."""
+    """Copy each audio file once; returns its name by clip. DataError if one is not the dataset's music."""
     names: dict[Path, str] = {}
-    for clip in job.clips():
+    known: set[tuple[Path, str | None]] = set()
+    for clip in job.each("music", job.clips()):
         path = job.music.files[clip.id]
+        song = path, job.music.hashes.get(clip.source or clip.id)
+        if song not in known:
+            job.music.load(clip)
+            known.add(song)
         if path not in names:
             name = f"music/{path.name}"
             names[path] = name if name not in names.values() else f"music/{clip.id}{path.suffix}"

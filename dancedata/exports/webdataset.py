@@ -65,6 +65,7 @@ class WebDataset(Export):
         lacks = [
             Lack(f"the dataset has no field {f!r}", did_you_mean(f, known)) for f in self.fields if f not in known
         ]
+        lacks += [Lack("fields has a name twice", "name each once")] * (len(set(self.fields)) < len(self.fields))
         lacks += needs_track_scope(job) if self.samples == "clips" else []
         return lacks + needs_names(
             job.clips(), lambda name: "." not in name, "without points: a key ends at the first"
@@ -117,7 +118,7 @@ class WebDataset(Export):
             name, size, count = f"{split}-{len(counts):06d}.tar", 0, 0
             with (
                 folder.open_file(name) as file,
-                tarfile.open(fileobj=file, mode="w", format=tarfile.USTAR_FORMAT) as tar,
+                tarfile.open(fileobj=file, mode="w", format=tarfile.PAX_FORMAT) as tar,
             ):
                 while pending is not None and (count == 0 or size < self.shard_mb * 2**20):
                     size += _add(tar, self._members(job, *pending))

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from torch.utils.data import Sampler
 
 from dancedata.core.errors import UsageError
+from dancedata.core.text import counted
 from dancedata.readers.arguments import whole
 from dancedata.readers.sampler import EpochSampler, permutation
 
@@ -103,6 +104,11 @@ class BucketSampler(Sampler[list[int]]):
     def __len__(self) -> int:
         """Return this rank's batches in an epoch."""
         return len(self.order_of_batches)
+
+    def __repr__(self) -> str:
+        """Say how many batches it has, and where it stands."""
+        number = counted(sum(map(len, self._buckets)), "sample")
+        return f"BucketSampler({number}, batches: {self.order_of_batches!r})"
 
     def batches(self, epoch: int) -> list[npt.NDArray[np.int64]]:
         """Return all batches of an epoch, bucket by bucket, before they are shuffled and dealt to the ranks."""

@@ -39,8 +39,10 @@ def pad_clips(
     Raises
     ------
     UsageError
-        If a clip has more rows than `length`.
+        If a clip has more rows than `length`, `multiple` is not above 0, or there is no clip.
     """
+    if multiple < 1:
+        raise UsageError("pad_clips: multiple is too small", found=multiple, allowed="1 or more")
     fields, batch = _rows_and_rest(samples)
     lengths = {name: torch.tensor([len(rows) for rows in clips]) for name, clips in fields.items()}
     batch["mask"] = {}
@@ -71,6 +73,11 @@ def pack_clips(samples: Sequence[dict[str, Any]]) -> dict[str, Any]:
         A tensor (sum of rows, D) per field; ``"offsets"``, by field (B + 1,) int64: clip k has rows offsets[k] to
         offsets[k + 1] - 1, as torch.nested and, as int32, FlashAttention's cu_seqlens have them; ``"lengths"``, by
         field (B,) int64; the other values as default_collate makes them.
+
+    Raises
+    ------
+    UsageError
+        If there is no clip.
     """
     fields, batch = _rows_and_rest(samples)
     lengths = {name: torch.tensor([len(rows) for rows in clips]) for name, clips in fields.items()}
@@ -82,6 +89,8 @@ def pack_clips(samples: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
 def _rows_and_rest(samples: Sequence[dict[str, Any]]) -> tuple[dict[str, list[Tensor]], dict[str, Any]]:
     """Return the rows of each field, and a batch of everything else."""
+    if not samples:
+        raise UsageError("a batch without clips has no fields", fix="leave empty batches out")
     fields = [name for name, value in samples[0].items() if isinstance(value, Tensor) and value.dim() == 2]
     rest = {name: default_collate([sample[name] for sample in samples]) for name in samples[0] if name not in fields}
     return {name: [sample[name] for sample in samples] for name in fields}, rest

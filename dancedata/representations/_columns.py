@@ -111,8 +111,8 @@ def checked(array: npt.NDArray[Any], width: int, name: str, first: int = 0) -> F
     array = np.asarray(array)
     if array.ndim != 2 or array.shape[1] != width:
         raise UsageError(f"{name} decodes (T, {width})", found=f"shape {array.shape}")
-    # Before any arithmetic, which would warn about infinity first.
-    if not np.isfinite(array[:, first:]).all():
+    # Before any arithmetic, which would warn about infinity first. Larger numbers are infinity in float32.
+    if not (np.abs(array[:, first:]) <= np.finfo(np.float32).max).all():
         raise DataError("the columns have NaN or infinity", reason="nan", where=name)
     return array[:, first:].astype(np.float64)
 

@@ -18,11 +18,25 @@ from dancedata.core.motion import Motion
 from dancedata.core.plugins import ContactRule, Representation
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.skeleton import SMPL24, Skeleton
+from dancedata.core.spatial import Spatial
 from dancedata.representations import _columns as parts
 from dancedata.representations import _humanml as humanml
 from dancedata.representations._columns import Part
 
 _WIDTH = 263
+#: A clip begins at the origin and faces +Z wherever it was danced, and each row is relative to the one before.
+_SPATIAL = Spatial(
+    "y",
+    {
+        "root_turn": "unchanged",
+        "root_velocity": "unchanged",
+        "root_height": "unchanged",
+        "local_position": "unchanged",
+        "rotation_6d_columns": "unchanged",
+        "local_velocity": "unchanged",
+        "foot_contact": "unchanged",
+    },
+)
 
 
 def _skeleton() -> Skeleton:
@@ -55,6 +69,7 @@ class Humanml263(Representation):
     axes: ClassVar[str] = "right-handed, +Y up, each frame facing +Z; metres, metres per frame"
     rotation_6d: ClassVar[str | None] = "first two columns of the matrix, one after the other (Zhou et al. 2019)"
     rate: ClassVar[Fraction | None] = Fraction(20)
+    spatial: ClassVar[Spatial | None] = _SPATIAL
     grounded: ClassVar[bool] = True
     fits: ClassVar[bool] = True
 

@@ -10,6 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dancedata.augment.crop import Crop
+from dancedata.augment.drop import Drop
 from dancedata.augment.mirror import MirrorImage
 from dancedata.augment.noise import JointNoise
 from dancedata.augment.root_offset import RootOffset
@@ -168,6 +170,54 @@ def test_noise_is_a_function_of_time_and_joint() -> None:
     np.testing.assert_allclose(rotations[0], rotations[1][::2], atol=1e-12)
     np.testing.assert_allclose(rotations[0][:, :22], rotations[2][:, :22], atol=1e-12)
     assert rotations[0][:, 1:].std() == pytest.approx(np.radians(2), rel=0.25)
+
+
+def test_noise_is_a_turn_in_the_joints_own_axes() -> None:
+    noise = JointNoise(std_degrees=20)
+    alone = noise._noisy(replace(MOTION, rotations=np.zeros_like(MOTION.rotations)), Draw(4)).rotations[:, 1:]
+    found = rotation(MOTION.rotations[:, 1:]).inv() * rotation(noise._noisy(MOTION, Draw(4)).rotations[:, 1:])
+    np.testing.assert_allclose(found.as_matrix(), rotation(alone).as_matrix(), atol=1e-9)
+
+
+def test_turns_have_the_range_that_is_asked_for() -> None:
+    """Uniform between minus and plus the limit."""
+    degrees = np.degrees([Yaw(max_degrees=30)._turn(Draw(0, k)).turn_rad for k in range(2000)])
+    assert np.abs(degrees).max() <= 30
+    np.testing.assert_allclose(np.quantile(degrees, [0.05, 0.25, 0.5, 0.75, 0.95]), [-27, -15, 0, 15, 27], atol=2)
+
+
+def test_shifts_are_uniform_over_a_disc() -> None:
+    shifts = [RootOffset(max_m=2)._shift(Draw(0, k)) for k in range(2000)]
+    x, z = np.array([(s.x_m, s.z_m) for s in shifts]).T
+    assert not any(s.turn_rad for s in shifts)
+    radius = np.hypot(x, z)
+    assert radius.max() <= 2
+    np.testing.assert_allclose(np.quantile(radius, [0.25, 0.5, 0.75]), [1, 2**0.5, 3**0.5], atol=0.06)
+    assert abs(x.mean()) < 0.1 > abs(z.mean())
+
+
+def test_every_speed_and_every_window_is_drawn() -> None:
+    speeds = [Tempo(speeds=(0.8, 1.0, 1.25)).speed(f"clip {k}") for k in range(600)]
+    for speed in (Fraction(4, 5), Fraction(1), Fraction(5, 4)):
+        assert speeds.count(speed) == pytest.approx(200, abs=50)
+    starts = [Crop().choose_start(30, range(0, 61, 2), 15, Draw(0, k)) for k in range(3100)]
+    counts = np.bincount(starts)[::2]
+    assert len(counts) == 31
+    assert counts.min() > 60
+    assert counts.max() < 150
+
+
+@pytest.mark.parametrize("p", [0.0, 0.1, 1.0])
+def test_fields_are_dropped_with_the_probability_together_or_not(p: float) -> None:
+    fields = [replace(field_of("edge151"), name=name, kind="audio") for name in ("a", "b")]
+    together, alone = (
+        [Drop(p=p, together=way).dropped(fields, Draw(0, k)) for k in range(2000)] for way in (True, False)
+    )
+    assert set(together) <= {(), ("a", "b")}
+    for drops in (together, alone):
+        assert np.mean(["a" in names for names in drops]) == pytest.approx(p, abs=0.02)
+        assert np.mean(["b" in names for names in drops]) == pytest.approx(p, abs=0.02)
+    assert np.mean([len(names) == 2 for names in alone]) == pytest.approx(p * p, abs=0.01)
 
 
 @pytest.mark.parametrize("made", [Yaw(), RootOffset(), JointNoise(), Tempo()], ids=lambda made: made.name)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from mypy import api
 
-# One misspelt member for each of four kinds, as the pipeline would call them.
+# One misspelt member for each of five kinds, as the pipeline and exports would call them.
 CODE = """
 from pathlib import Path
 
@@ -14,16 +14,21 @@ import numpy as np
 
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.motion import Motion
+from dancedata.core.plugins import Export
+from dancedata.exporting.folder import ExportFolder
+from dancedata.exporting.job import ExportJob
 from dancedata.recipes.recipe import Recipe
 
 
-def use(recipe: Recipe, signal: AudioSignal, motion: Motion) -> None:
+def use(recipe: Recipe, signal: AudioSignal, motion: Motion, target: Export, job: ExportJob) -> None:
     recipe.dataset.scann(Path("source"))
     recipe.audio[0].feature.extrakt(signal, recipe.grid)
     recipe.motion[0].representation.encod(motion)
     recipe.keymotion[0].finder.analyze(motion)
+    target.lackz(job)
     recipe.dataset.scan(Path("source"))
     recipe.audio[0].feature.extract(signal, recipe.grid)
+    target.write(job, ExportFolder(job.out, job.out))
 """
 
 
@@ -43,4 +48,4 @@ def test_misspelt_calls_of_plug_ins_are_errors(tmp_path: Path) -> None:
     )
     errors = [line for line in out.splitlines() if ": error:" in line]
     assert status == 1
-    assert [line.split('"')[3] for line in errors] == ["scann", "extrakt", "encod", "analyze"], out
+    assert [line.split('"')[3] for line in errors] == ["scann", "extrakt", "encod", "analyze", "lackz"], out

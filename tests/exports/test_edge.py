@@ -12,9 +12,11 @@ import pytest
 
 import dancedata
 from dancedata.audio.signal import load_audio
+from dancedata.core.errors import DataError, StoreError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24
+from dancedata.exporting.folder import ExportFolder
 from dancedata.exporting.run import ExportResult
 
 
@@ -98,6 +100,63 @@ def test_windows_without_whole_sound_are_left_out(export, built, tmp_path: Path)
     gone -= {*names(done.path / "train" / "wavs_sliced"), *names(done.path / "test" / "wavs_sliced")}
     assert gone
     assert all(any(name in note and "left out" in note for note in done.notes) for name in sorted(gone)[:1])
+
+
+def _cut_music(source: Path, out: Path, seconds: float) -> Path:
+    """Copy the songs of a source, cut short."""
+    out.mkdir()
+    for path in (source / "wavs").iterdir():
+        with wave.open(str(path)) as file:
+            parameters, data = file.getparams(), file.readframes(int(seconds * file.getframerate()))
+        with wave.open(str(out / path.name), "wb") as file:
+            file.setparams(parameters)
+            file.writeframes(data)
+    return out
+
+
+@pytest.mark.parametrize("to", ["edge", "npz"])
+def test_a_damaged_copy_of_the_music_is_not_taken(built, tmp_path: Path, to: str) -> None:
+    """Too short for any window, or not decoded at all, it is still not the music of the dataset."""
+    made = built("edge")
+    cut = _cut_music(made.source, tmp_path / "cut", 1.5)
+    with pytest.raises(DataError, match="other music than the dataset was built from"):
+        dancedata.export(made.path, to, tmp_path / "out", source=cut, progress=False)
+    assert [p.name for p in tmp_path.iterdir()] == ["cut"]
+
+
+def test_splits_whose_windows_have_no_sound_are_refused(built, tmp_path: Path) -> None:
+    """Every clip has one window, whose music ends a few samples before its last frame does."""
+    made = built("edge")
+    source = tmp_path / "source"
+    source.mkdir()
+    _cut_music(made.source, source / "wavs", 4.99)
+    for part in ("motions", "splits", "ignore_list.txt", "cameras"):
+        (source / part).symlink_to(made.source / part)
+    recipe = {**made.store.meta["recipe"], "dataset": {"aist++": {}}}
+    dancedata.build(recipe, source, tmp_path / "short", jobs=1, cache=tmp_path / "cache", progress=False)
+    assert {w.start for w in dancedata.open(tmp_path / "short").windows("train")} == {0}
+    with pytest.raises(StoreError, match=r"train has no window with five seconds of music(.|\n)*test has no window"):
+        dancedata.export(tmp_path / "short", "edge", tmp_path / "out", source=source, progress=False)
+    assert not (tmp_path / "out").exists()
+
+
+def test_pickles_of_empty_arrays(tmp_path: Path) -> None:
+    folder = ExportFolder(tmp_path, tmp_path)
+    folder.write_pickle("a", {"none": np.empty((0, 150, 3), np.float32), "one": np.float32(2) * np.ones(())})
+    held = loaded(tmp_path / "a")
+    assert (held["none"].shape, held["one"].shape, float(held["one"])) == ((0, 150, 3), (), 2.0)
+
+
+def test_windows_that_the_dataset_has_left_out_are_noted(export, built) -> None:
+    """Those that another field does not reach the end of."""
+    fields = {"edge151": {}, "fact219": {}}
+    made = built("edge", motion=fields)
+    clip, start = next((r["clip"], r["window"]) for r in made.store.rejects if r["reason"] == "short_field")
+    out = export("edge", "edge", source=None, sound="silence")
+    assert not any("left out" in note for note in out.notes)
+    out = dancedata.export(made.path, "edge", out.path.with_name("two"), sound="silence", progress=False)
+    (note,) = (note for note in out.notes if "the dataset has left out" in note)
+    assert f"1 window that the dataset has left out: {clip} from frame {start} (short_field)" == note
 
 
 def test_val_is_named_and_may_be_test(export) -> None:

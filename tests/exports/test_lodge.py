@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sys
 from collections.abc import Callable
 
@@ -11,6 +12,7 @@ import pytest
 import yaml
 
 import dancedata
+from dancedata.core.errors import StoreError
 from dancedata.exporting.run import ExportResult
 
 
@@ -70,6 +72,21 @@ def test_the_normaliser_is_of_lodges_classes(export, built, over: str, tmp_path,
     normal = rows * scaler.scale_.numpy() + scaler.min_.numpy()
     assert all(t.dtype == torch.float32 for t in (scaler.scale_, scaler.min_, scaler.data_range_))
     np.testing.assert_allclose((normal.min(), normal.max()), (-1, 1), atol=1e-4)
+
+
+def test_a_normaliser_of_train_needs_train(built, tmp_path) -> None:
+    made = built("finedance")
+    source = tmp_path / "source"
+    shutil.copytree(made.source, source)
+    for clip in made.store.clips:
+        for path in source.rglob(f"{clip.id}.*"):
+            if clip.split == "train":
+                path.unlink()
+    recipe = made.store.meta["recipe"]
+    dancedata.build(recipe, source, tmp_path / "store", jobs=1, cache=tmp_path / "cache", progress=False)
+    with pytest.raises(StoreError, match="no split train to fit the normaliser on\n  fix: --scaler all"):
+        dancedata.export(tmp_path / "store", "lodge", tmp_path / "out", scaler="train", progress=False)
+    assert dancedata.export(tmp_path / "store", "lodge", tmp_path / "out", progress=False).path.is_dir()
 
 
 def test_assets_name_the_final_folder(export) -> None:

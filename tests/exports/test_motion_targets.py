@@ -20,7 +20,9 @@ from dancedata.core.motion import Motion
 from dancedata.datasets.folder.facts import Declared
 from dancedata.datasets.folder.load import Reading, load_motion
 from dancedata.recipes.parse import parse_recipe
-from dancedata.store import Store, open_store
+from dancedata.store import Store, StoredClip, open_store, write_store
+from dancedata.store.schema import StoreHeader
+from dancedata.testing.stores import write_random_store
 
 DOCUMENT: dict[str, Any] = {
     "recipe": 1,
@@ -194,6 +196,21 @@ def test_webdataset_of_clips_in_order(store: Store, dataset: Path, tmp_path: Pat
     for clip, sample in samples.items():
         rows = np.load(io.BytesIO(sample["humanml263.npy"]))
         np.testing.assert_array_equal(rows, store.read_clip(clip, "humanml263"))
+
+
+def test_webdataset_of_long_names(tmp_path: Path) -> None:
+    """A name in a tar of POSIX's first format has a hundred bytes."""
+    made = write_random_store(tmp_path / "random", clips={"train": 2})
+    values = {name: getattr(made.clips[0], name) for name in StoredClip.__dataclass_fields__}
+    header = StoreHeader(**{name: getattr(made.header, name) for name in StoreHeader.__dataclass_fields__})
+    name = "x" * 198 + "ü"
+    (tmp_path / "long").mkdir()
+    write_store(tmp_path / "long", header, [StoredClip(**{**values, "id": name})])
+    dancedata.export(tmp_path / "long", "webdataset", tmp_path / "out", samples="clips", progress=False)
+    assert list(_samples(tmp_path / "out" / "train-000000.tar")) == [name]
+    twice = (made.header.fields[0].name,) * 2
+    with pytest.raises(StoreError, match="fields has a name twice"):
+        dancedata.export(tmp_path / "long", "webdataset", tmp_path / "two", fields=twice, progress=False)
 
 
 @pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")

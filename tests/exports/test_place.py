@@ -5,7 +5,9 @@ from __future__ import annotations
 import errno
 import json
 import os
+import shutil
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +16,10 @@ from typer.testing import CliRunner
 
 import dancedata
 from dancedata.cli.app import app
+from dancedata.core import staging
 from dancedata.core.errors import StoreError, UsageError
-from dancedata.core.staging import claim
+from dancedata.core.staging import claim, mark
+from dancedata.exporting import place
 from dancedata.exporting.folder import ExportFolder
 from dancedata.exporting.place import new_export, read_about, self_hash
 from dancedata.exports.npz import Npz
@@ -55,12 +59,15 @@ def test_an_export_is_replaced_only_where_that_is_asked(npz) -> None:
     assert tree(npz(overwrite=True).path) == first
 
 
-@pytest.mark.parametrize("change", ["added", "other size", "README.md", "a folder of others", "a link"])
+@pytest.mark.parametrize(
+    "change", ["added", "other size", "same size", "README.md", "a folder of others", "a link", "a pipe"]
+)
 def test_what_others_changed_stays(npz, change: str, tmp_path: Path) -> None:
     out = npz().path
     path = {
         "added": out / "clips" / "mine.txt",
         "other size": out / "index.json",
+        "same size": out / "index.json",
         "README.md": out / "README.md",
     }.get(change, out / "mine")
     if change == "a folder of others":
@@ -68,8 +75,10 @@ def test_what_others_changed_stays(npz, change: str, tmp_path: Path) -> None:
         path = path / "file"
     if change == "a link":
         path.symlink_to(tmp_path)
+    elif change == "a pipe":
+        os.mkfifo(path)
     else:
-        path.write_bytes(b"mine" if change != "README.md" else path.read_bytes()[::-1])
+        path.write_bytes(path.read_bytes()[::-1] if change in ("README.md", "same size") else b"mine")
     before = tree(out)
     with pytest.raises(StoreError, match="added or changed since it was exported"):
         npz(overwrite=True)
@@ -136,6 +145,9 @@ def test_what_a_killed_export_left_goes_with_the_next(npz, tmp_path: Path) -> No
     (half / "clips").mkdir()
     (half / "clips" / "a.npz").write_bytes(b"half")
     (tmp_path / ".dancedata-out.export-new-89abcdef").mkdir()  # killed before it had said that it is ours
+    saying = tmp_path / ".dancedata-out.export-new-fedcba98"
+    saying.mkdir()
+    (saying / ".dancedata-01234567.tmp").write_bytes(b"ha")  # killed while it was saying so
     foreign = tmp_path / ".dancedata-out.export-new-76543210"
     foreign.mkdir()
     (foreign / "mine").write_text("mine")
@@ -153,6 +165,52 @@ def test_a_swap_that_was_killed_is_put_back(npz, tmp_path: Path) -> None:
         npz()
     assert tree(tmp_path / "out") == before
     assert [p.name for p in tmp_path.iterdir()] == ["out"]
+
+
+@pytest.mark.parametrize("which", ["new", "old"])
+def test_a_removal_that_was_killed_is_finished(npz, tmp_path: Path, which: str, monkeypatch) -> None:
+    """Its proof is the last file that goes, and what is half removed is not put back as an export."""
+    npz()
+    rest = tmp_path / f".dancedata-out.export-{which}-01234567"
+    (tmp_path / "out").rename(rest)
+    if which == "new":
+        (rest / "export.json").unlink()
+        mark(rest)
+    place._remove(rest)
+    assert not rest.exists()
+    names = [*tree(npz().path), "dancedata-unfinished.json"]
+    for killed_at in range(len(names)):
+        shutil.rmtree(rest, ignore_errors=True)
+        (tmp_path / "out").rename(rest)
+        if which == "new":
+            (rest / "export.json").unlink()
+            mark(rest)
+        count = iter(range(killed_at))
+        unlink = os.unlink
+
+        def killed(path: Any, *args: Any, unlink: Any = unlink, count: Any = count, **options: Any) -> None:
+            if ".tmp" not in str(path) and next(count, None) is None:
+                raise KeyboardInterrupt
+            unlink(path, *args, **options)
+
+        monkeypatch.setattr(os, "unlink", killed)
+        with suppress(KeyboardInterrupt):
+            place._remove(rest)
+        monkeypatch.setattr(os, "unlink", unlink)
+        npz()
+        assert [p.name for p in tmp_path.iterdir()] == ["out"], killed_at
+        assert set(read_about(tmp_path / "out")["files"]) < set(tree(tmp_path / "out"))
+
+
+def test_an_interrupt_while_a_folder_is_claimed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(folder: Path) -> None:
+        mark(folder)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(staging, "mark", interrupted)
+    with pytest.raises(KeyboardInterrupt), new_export(tmp_path / "out", overwrite=False):
+        pass
+    assert not list(tmp_path.iterdir())
 
 
 def test_two_exports_at_once(tmp_path: Path) -> None:

@@ -174,7 +174,9 @@ def test_npz_holds_the_dataset(export: Callable, built) -> None:
         assert set(index["clips"]) == {clip.id for clip in store.clips}
         for clip in store.clips:
             held = np.load(out / index["clips"][clip.id]["file"])
-            assert (out / index["clips"][clip.id]["music_file"]).is_file()
+            assert index["clips"][clip.id]["music_file"] == f"music/{clip.music}.wav"
+            song = (built(name).source / "wavs" / f"{clip.music}.wav").read_bytes()
+            assert (out / index["clips"][clip.id]["music_file"]).read_bytes() == song
             for field in store.fields:
                 if store.scope == "track":
                     np.testing.assert_array_equal(held[field], clip.read(field))

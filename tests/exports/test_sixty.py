@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
+import wave
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from dancedata.core.errors import DataError, StoreError
 from dancedata.exports import _songs
 from dancedata.exports._json_rows import json_of
 from dancedata.exports._tfrecord import crc32c, example, record
+from tests.exports.conftest import RECIPES
 
 
 def arrays(path: Path) -> dict[str, Any]:
@@ -193,6 +195,66 @@ def test_facts_records(export, built) -> None:
             np.testing.assert_allclose(again, motion, atol=1e-5)
             seen.append(clip.id)
     assert sorted(seen) == sorted(clip.id for clip in store.clips)
+
+
+@pytest.fixture(scope="module")
+def short(sources, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """A dataset of two songs, of which one ends a second before its dances, the other before four seconds."""
+    folder = tmp_path_factory.mktemp("short")
+    source = folder / "source"
+    (source / "wavs").mkdir(parents=True)
+    for path, seconds in zip(sorted((sources["aist++"] / "wavs").iterdir()), (5, 3.5), strict=True):
+        with wave.open(str(path)) as file:
+            parameters, data = file.getparams(), file.readframes(int(seconds * file.getframerate()))
+        with wave.open(str(source / "wavs" / path.name), "wb") as file:
+            file.setparams(parameters)
+            file.writeframes(data)
+    for part in ("motions", "splits", "ignore_list.txt", "cameras"):
+        (source / part).symlink_to(sources["aist++"] / part)
+    recipe = {
+        **RECIPES["sixty"],
+        "name": "short",
+        "dataset": {"aist++": {"split": "all"}},
+        "windows": {"length_s": 2, "stride_s": 0.5},
+        "audio": {"librosa35": {}, "bailando438": {"onset_fmax": "nyquist"}},
+    }
+    dancedata.build(recipe, source, folder / "store", jobs=1, cache=folder / "cache", progress=False)
+    return folder / "store", source
+
+
+def test_music_that_ends_before_the_dance(short: tuple[Path, Path], tmp_path: Path, monkeypatch) -> None:
+    """Motion ends with it, and what is then too short is left out of FACT, and noted by Bailando."""
+    path, source = short
+    store = dancedata.open(path)
+    monkeypatch.setattr("dancedata.exports.fact.PARTS", {"train": ("all",), "test": ("all",)})
+    monkeypatch.setattr("dancedata.exports.fact.needs_splits", lambda *_: [])
+    done = dancedata.export(path, "fact", tmp_path / "fact", progress=False)
+    n_rows = {clip.id: len(clip.read_song("librosa35")) for clip in store.clips}
+    kept = {clip for clip, rows in n_rows.items() if rows >= 240}
+    assert len(kept) == 2
+    assert all(len(store.read_clip(clip, "fact219")) > n_rows[clip] for clip in kept)
+    assert all(
+        any(clip in note and "left out" in note for note in done.notes) == (clip not in kept) for clip in n_rows
+    )
+    found = [one for p in sorted((done.path / "data").glob("*-train-*")) for one in records(p)]
+    assert {one["motion_name"].decode() for one in found} == kept
+    for one in found:
+        assert one["motion_sequence_shape"] == [n_rows[one["motion_name"].decode()], 219]
+        assert one["audio_sequence_shape"] == [n_rows[one["motion_name"].decode()], 35]
+    for name in ("fact", "bailando"):
+        monkeypatch.setattr(f"dancedata.exports.{name}.PARTS", {"train": ("all",), "test": ()})
+        monkeypatch.setattr(f"dancedata.exports.{name}.needs_splits", lambda *_: [])
+    out = dancedata.export(path, "bailando", tmp_path / "out", source=source, progress=False).path / "data"
+    for clip in store.clips:
+        held = arrays(out / "aistpp_train_wav" / f"{clip.id}.json")
+        music = clip.read("bailando438")
+        assert len(held["music_array"]) == len(held["dance_array"]) == len(music) < len(clip.read("bailando72"))
+    # The feature at 7.5 rows per second is the stored one, with its parameters.
+    name = store.clips[0].music
+    slow = arrays(out / "aistpp_music_feat_7.5fps" / f"{name}.json")["music_array"].astype(np.float32)
+    wanted = dancedata.extract("bailando438", source / "wavs" / f"{name}.wav", fps=7.5, onset_fmax="nyquist")
+    np.testing.assert_array_equal(slow, wanted)
+    assert slow[:, 52].any()
 
 
 def test_unpaired_records_are_drawn_from_a_seed(export, built) -> None:

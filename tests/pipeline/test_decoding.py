@@ -100,11 +100,33 @@ def test_what_decode_refuses(store: Store) -> None:
         with pytest.raises(UsageError) as caught:
             dancedata.decode(wrong, name, **options)
         assert all(part in str(caught.value) for part in parts), str(caught.value)
-    batch = np.stack([array, array, array])
-    for value, options in ((np.nan, {}), (np.nan, {"like": store}), (np.inf, {"like": store})):
+    for value in (array.astype(object), array.astype(str), array[:, :, None] > 0, [[1.0], [1.0, 2.0]], None):
+        for options in ({}, {"like": store}):
+            with pytest.raises(UsageError, match="these are not columns of edge151"):
+                dancedata.decode(value, "edge151", **options)  # type: ignore[call-overload]
+    batch = np.stack([array, array, array]).astype(np.float64)
+    for value, options in ((np.nan, {}), (1e200, {}), (np.nan, {"like": store}), (np.inf, {"like": store})):
         batch[1, 7, 20] = value
         with pytest.raises(DataError, match="motion 1 of the batch, edge151: the columns have NaN"):
             dancedata.decode(batch, "edge151", **options)
+
+
+@pytest.mark.parametrize("bent", ["requires_grad_", "bfloat16"])
+def test_tensors_that_numpy_cannot_hold(bent: str) -> None:
+    torch = pytest.importorskip("torch")
+    with pytest.raises(UsageError, match=r"not columns of edge151.*tensor\.detach\(\)\.cpu\(\)\.float\(\)"):
+        dancedata.decode(getattr(torch.zeros(4, 151), bent)(), "edge151")
+
+
+def test_the_file_that_is_decoded_stays(tmp_path: Path) -> None:
+    _, array = _columns("edge151")
+    np.savez(tmp_path / "x.npz", sample=array)
+    before = (tmp_path / "x.npz").read_bytes()
+    (tmp_path / "link").symlink_to(tmp_path)
+    for out in (tmp_path, tmp_path / "link"):
+        with pytest.raises(UsageError, match="the file that is decoded would be replaced"):
+            dancedata.decode_file(tmp_path / "x.npz", "edge151", to="npz", out=out, fps=30, overwrite=True)
+    assert (tmp_path / "x.npz").read_bytes() == before
 
 
 @pytest.mark.parametrize("to", ["bvh", "npz", "smpl", "smplx"])

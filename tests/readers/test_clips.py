@@ -165,6 +165,26 @@ def test_wrong_arguments_are_named(store: Store, tmp_path: Path) -> None:
         ClipDataset(windowed.path, fields=PAIR)
 
 
+def test_batches_that_cannot_be_made(store: Store) -> None:
+    sample = ClipDataset(store)[0]
+    for collate in (pad_clips, pack_clips):
+        with pytest.raises(UsageError, match="without clips has no fields"):
+            collate([])
+    for multiple in (0, -3):
+        with pytest.raises(UsageError, match="multiple is too small"):
+            pad_clips([sample], multiple=multiple)
+    with pytest.raises(UsageError, match=r"an epoch has no batch; found BucketSampler\(\d+ samples, batches: Epoch"):
+        BatchStream(ClipDataset(store), sampler=BucketSampler(ClipDataset(store), batch_size=10**6, drop_last=True))
+
+
+def test_scalers_cover_what_clips_themselves_cannot_have(store: Store) -> None:
+    """Those of a train set of windows, of which "crop" and "drop" change no row."""
+    plain = ClipDataset(store, "val", fields=("edge151",))
+    for covers in (["crop"], [{"drop": {"fields": ["librosa35"]}}], ["drop", "crop"]):
+        clips = ClipDataset(store, "val", fields=("edge151",), normalizer_covers=covers)
+        np.testing.assert_array_equal(clips.normalizer("edge151").data_min, plain.normalizer("edge151").data_min)
+
+
 def test_balanced_by_genre(made: RandomStore) -> None:
     train = WindowDataset(made.path, fields=PAIR)
     sampler = BalancedSampler(train, by="genre", n_samples=101, seed=3)

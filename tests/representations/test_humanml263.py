@@ -16,11 +16,15 @@ import pytest
 import dancedata
 from dancedata.contacts.velocity import Velocity
 from dancedata.core.bodies import SMPLX55
+from dancedata.core.draw import Draw
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.inverse_kinematics import fitted
 from dancedata.core.motion import Motion
+from dancedata.core.plugins import SampleField
+from dancedata.core.registry import AUGMENTATIONS
 from dancedata.core.skeleton import SMPL24
+from dancedata.core.spatial import Placement, moved
 from dancedata.datasets.aistpp import AistPP
 from dancedata.representations import _humanml as humanml
 from dancedata.representations.humanml263 import HUMANML22, Humanml263
@@ -92,6 +96,32 @@ def test_decoding_gives_a_motion_at_these_positions(skeleton: Any, turn_rad: flo
     assert motion.grid == TWENTY
     assert motion.skeleton.joints == HUMANML22.joints
     assert dancedata.decode(array, "humanml263", fps=20).n_frames == 60
+
+
+@pytest.mark.parametrize("by", [Placement(3.1, 3, -9), Placement(-1.2), Placement(x_m=0.5)])
+def test_columns_do_not_depend_on_place_and_direction(by: Placement) -> None:
+    """So yaw and root_offset leave samples as they are, beside fields that they change."""
+    motion = _dance()
+    wanted = MADE.encode(motion)
+    np.testing.assert_allclose(MADE.encode(moved(motion, by)), wanted, rtol=0, atol=1e-5)
+    spatial = MADE.spatial
+    assert spatial is not None
+    spatial.check(MADE.columns)
+    np.testing.assert_array_equal(spatial.moved(wanted, MADE.columns, by), wanted)
+    low, high = wanted.min(axis=0).astype(float), wanted.max(axis=0).astype(float)
+    for bound, covered in zip(
+        (low, high), spatial.cover(low, high, MADE.columns, turns=True, shift_m=1), strict=True
+    ):
+        np.testing.assert_array_equal(covered, bound)
+
+
+@pytest.mark.parametrize("name", ["yaw", "root_offset"])
+def test_samples_are_turned_and_shifted(name: str) -> None:
+    field = SampleField("humanml263", "motion", MADE.columns, TWENTY, MADE, None)
+    made = AUGMENTATIONS.get(name)()
+    made.check_sample(field)
+    rows = MADE.encode(_dance())
+    np.testing.assert_array_equal(made.change_sample(rows, field, Draw(1)), rows)
 
 
 def test_the_last_row_goes_on_as_the_one_before() -> None:
