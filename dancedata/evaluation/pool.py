@@ -97,6 +97,7 @@ def pool_of(protocol: Protocol, measured: Sequence[MeasuredClip], source: str) -
     UsageError
         If clips have different rates, or there are none.
     """
+    measured = sorted(measured, key=lambda m: m.id)  # sums do not depend on the order of files
     rows: dict[int, Float64Array] = {}
     undefined: dict[str, int] = {}
     for number, measure in enumerate(protocol.measures):

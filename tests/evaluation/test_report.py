@@ -147,3 +147,10 @@ def test_pools_of_other_metrics_and_with_nan_are_refused(tmp_path: Path, monkeyp
     np.savez(path, allow_pickle=False, **arrays)
     with pytest.raises(UsageError, match=r"pool\.npz: not a pool; found the features hold NaN.*row 1"):
         load_pool(path, protocol)
+
+
+def test_scores_do_not_depend_on_the_order_of_the_pool() -> None:
+    pool = {f"p{k}": dance(20 + k) for k in range(7)}
+    turned = dict(reversed(pool.items()))
+    found = [dancedata.evaluate(dances(), fps=30, pool=p, metrics=["kinetic"], bootstrap=0) for p in (pool, turned)]
+    assert found[0].to_json() == found[1].to_json()
