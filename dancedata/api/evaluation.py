@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -11,7 +11,7 @@ import numpy.typing as npt
 from dancedata.api.commands import folder_of, jobs_of
 from dancedata.core.grid import Number
 from dancedata.evaluation.evaluate import evaluate as _evaluate
-from dancedata.evaluation.music import read_songs
+from dancedata.evaluation.music import read_songs, song_name
 from dancedata.evaluation.protocol import Protocol
 from dancedata.evaluation.report import Report
 from dancedata.evaluation.request import Request, protocol_named
@@ -45,6 +45,7 @@ def evaluate(
     source: str | Path | None = None,
     music_of: str | Path | Mapping[str, str] | None = None,
     beats: Mapping[str, Any] | None = None,
+    metrics: Sequence[str] = (),
     bootstrap: int = 200,
     save_pool: str | Path | None = None,
     jobs: int | None = 1,
@@ -86,6 +87,8 @@ def evaluate(
         Song of each clip: a mapping, or a CSV file with two columns.
     beats
         Beats of the music of clips, frames at the protocol's rate or `MusicBeats`; for those, nothing else is read.
+    metrics
+        Compute only these of the protocol, by the names of metrics ("kinetic") or of scores ("fid_k"). Default: all.
     bootstrap
         Draws for intervals; 0: none.
     save_pool
@@ -112,7 +115,10 @@ def evaluate(
     >>> report = dancedata.evaluate("data/aistpp", protocol="bailando-aistpp", split="val,test")
     >>> report["fid_k"], report["bas"]
     """
-    songs = music_of if isinstance(music_of, Mapping) else {} if music_of is None else read_songs(Path(music_of))
+    if isinstance(music_of, Mapping):
+        songs = {clip: song_name(song) for clip, song in music_of.items()}
+    else:
+        songs = {} if music_of is None else read_songs(Path(music_of))
     request = Request(
         what=what,
         protocol=protocol_named(protocol),
@@ -131,6 +137,7 @@ def evaluate(
         source=folder_of(source),
         songs=songs,
         beats=beats or {},
+        metrics=tuple(metrics),
         draws=bootstrap,
     )
     return _evaluate(

@@ -18,6 +18,7 @@ WHAT_HELP = "A built dataset, a folder of generated motion, or one file of it."
 SOURCE_HELP = "Folder of music files, by song; with --self-test, of the dataset's own files."
 LIKE_HELP = "Dataset that the model was trained on: rate, columns, scaler, music, and by default the pool."
 POOL_HELP = "Dataset, folder or --save-pool file to compare with; default: the dataset itself, or --like."
+METRIC_HELP = "Compute only this metric or score, such as pfc or fid_k; may be given several times."
 ROLE_HELP = "truth or generated; default: truth for datasets."
 
 
@@ -42,6 +43,7 @@ def evaluate(
     ] = None,
     source: Annotated[Path | None, typer.Option(help=SOURCE_HELP)] = None,
     music_of: Annotated[Path | None, typer.Option(help="CSV file with the song of each clip: clip,song.")] = None,
+    metric: Annotated[list[str] | None, typer.Option(metavar="NAME", help=METRIC_HELP)] = None,
     bootstrap: Annotated[int, typer.Option(min=0, help="Draws for intervals; 0: none.")] = 200,
     per_clip: Annotated[Path | None, typer.Option(help="Write the numbers of each piece to this CSV file.")] = None,
     table: Annotated[str | None, typer.Option(help="Print the scores as latex or markdown.")] = None,
@@ -60,6 +62,8 @@ def evaluate(
 
     if table is not None and table not in TABLES:
         raise UsageError("unknown table", found=shown(table), allowed=", ".join(TABLES))
+    if table is not None and as_json:
+        raise UsageError("--table and --json are two outputs", fix="leave one of them out")
     if list_protocols:
         _list(as_json)
         return
@@ -67,17 +71,21 @@ def evaluate(
     if self_test:
         if what is not None or source is None:
             raise UsageError("--self-test reads the files of a dataset", fix="name them: --self-test --source DIR")
-        found = evaluation.self_test(source, protocol=protocol, jobs=jobs, cache=cache, progress=progress)
+        found = evaluation.self_test(
+            source, protocol=protocol, bootstrap=bootstrap, jobs=jobs, cache=cache, progress=progress
+        )
         typer.echo(json_text(found.to_json()) if as_json else str(found))
         return
     if what is None:
         raise UsageError("there is nothing to evaluate", fix="name a dataset or a folder: dancedata evaluate WHAT")
+    if per_clip is not None:
+        _check_rows(per_clip)
     chosen: Any = role
     report = evaluation.evaluate(
         what, protocol=protocol or "dancedata", pool=pool, split=split, pool_split=pool_split, role=chosen, like=like,
         field=field, representation=representation, normalized=normalized, fps=fps, up=up, unit=unit, body=body,
-        source=source, music_of=music_of, bootstrap=bootstrap, save_pool=save_pool, jobs=jobs, cache=cache,
-        backend=backend, scheduler=scheduler, progress=progress,
+        source=source, music_of=music_of, metrics=metric or (), bootstrap=bootstrap, save_pool=save_pool,
+        jobs=jobs, cache=cache, backend=backend, scheduler=scheduler, progress=progress,
     )  # fmt: skip
     if per_clip is not None:
         _write_rows(per_clip, report.per_clip)
@@ -87,11 +95,29 @@ def evaluate(
         typer.echo(str(report) if table is None else TABLES[table](report))
 
 
+#: The first columns of a table of clips.
+_HEAD = ("clip", "piece", "frames")
+
+
+def _check_rows(path: Path) -> None:
+    """Raise UsageError unless a table of clips can be written here: only such a table is replaced."""
+    if not path.exists():
+        if not path.parent.is_dir():
+            raise UsageError("the folder of the table does not exist", where=path, fix="make it")
+        return
+    head = b""
+    if path.is_file():
+        with open(path, "rb") as file:
+            head = file.read(len(",".join(_HEAD)))
+    if head not in (b"", ",".join(_HEAD).encode()) or not path.is_file():
+        raise UsageError("another file has this name, and is not replaced", where=path, fix="give another name")
+
+
 def _write_rows(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     from dancedata.core.atomic import write_text
     from dancedata.core.errors import StoreError
 
-    names = list(dict.fromkeys(name for row in rows for name in row))
+    names = list(dict.fromkeys((*_HEAD, *(name for row in rows for name in row))))
     text = io.StringIO()
     writer = csv.DictWriter(text, names, lineterminator="\n")
     writer.writeheader()

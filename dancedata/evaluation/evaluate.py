@@ -14,7 +14,7 @@ from dancedata.evaluation.clip_music import ClipMusic
 from dancedata.evaluation.inputs.clip import ClipInput
 from dancedata.evaluation.measuring import MeasuredClip, measure_clips
 from dancedata.evaluation.music import named_songs, stored_beats
-from dancedata.evaluation.pool import Pool, load_pool, one_rate, pool_of, save_pool
+from dancedata.evaluation.pool import Pool, check_target, load_pool, one_rate, pool_of, save_pool
 from dancedata.evaluation.protocol import Protocol
 from dancedata.evaluation.report import Report, lengths_of, per_clip_rows
 from dancedata.evaluation.request import Request, Side
@@ -60,11 +60,14 @@ def evaluate(
     check_backend(backend, scheduler)
     progress = progress or Progress(quiet=True)
     root = Cache((cache or default_cache()).absolute())
+    numbers = request.numbers
+    if save is not None:
+        check_target(save, request.protocol)
     side = request.set_side()
     packages = {"numpy", "scipy"}
     with start_workers(jobs, root, _folder(side), packages, backend=backend, scheduler=scheduler) as workers:
         report = with_lost_entries(
-            root, lambda kept: _Run(kept, request, workers, progress).report(side, save), progress
+            root, lambda kept: _Run(kept, request, workers, progress).report(side, numbers, save), progress
         )
     return report
 
@@ -72,8 +75,8 @@ def evaluate(
 def pool_for(request: Request, *, jobs: int = 1, cache: Path | None = None) -> Pool | None:
     """Measure or read the pool of a request; None if its protocol needs none, or there is none."""
     root = Cache((cache or default_cache()).absolute())
-    quiet = Progress(quiet=True)
-    return with_lost_entries(root, lambda kept: _Run(kept, request, LokyExecutor(jobs), quiet).pool(), quiet)
+    quiet, numbers = Progress(quiet=True), request.numbers
+    return with_lost_entries(root, lambda kept: _Run(kept, request, LokyExecutor(jobs), quiet).pool(numbers), quiet)
 
 
 @dataclass(frozen=True)
@@ -85,17 +88,20 @@ class _Run:
     workers: Executor
     progress: Progress
 
-    def report(self, side: Side, save: Path | None) -> Report:
+    def report(self, side: Side, numbers: Sequence[int], save: Path | None) -> Report:
         protocol = self.request.protocol
-        pool = self.pool()
+        pool = self.pool(range(len(protocol.measures)) if save is not None else numbers)
         if save is not None:
             if pool is None:
                 raise UsageError("there is no pool to save", fix="name a dataset: --pool STORE")
             save_pool(save, protocol, pool)
         clips = named_songs(side.clips, self.request.songs, self.request.like or side.store)
-        music, problems = self._music(replace(side, clips=clips))
-        measured, rejects = self._measure(clips, side, range(len(protocol.measures)), music)
-        report = report_of(protocol, measured, pool, role=side.role, source=side.source, draws=self.request.draws)
+        needs_music = any(protocol.measures[number].metric.needs_music for number in numbers)
+        music, problems = self._music(replace(side, clips=clips)) if needs_music else ({}, [])
+        measured, rejects = self._measure(clips, side, numbers, music)
+        report = report_of(
+            protocol, measured, pool, role=side.role, source=side.source, draws=self.request.draws, numbers=numbers
+        )
         warnings = (*problems, *_short_music(measured, music), *report.warnings)
         left_out = tuple((r.clip, r.detail) for r in rejects)
         return replace(report, warnings=warnings, left_out=left_out)
@@ -113,9 +119,9 @@ class _Run:
             )
         return measured, rejects
 
-    def pool(self) -> Pool | None:
+    def pool(self, asked: Sequence[int]) -> Pool | None:
         protocol = self.request.protocol
-        numbers = [n for n, measure in enumerate(protocol.measures) if measure.metric.needs_pool]
+        numbers = [n for n in asked if protocol.measures[n].metric.needs_pool]
         given = self.request.pool
         if isinstance(given, str | Path) and Path(given).suffix == ".npz":
             return load_pool(Path(given).expanduser(), protocol)
@@ -142,7 +148,7 @@ class _Run:
         for store in (side.store, request.like):
             left = [clip for clip in side.clips if clip.id not in found]
             if store is not None and left:
-                found |= stored_beats(store, rule, request.protocol.pieces(side.role), left)
+                found |= stored_beats(store, rule, request.protocol.pieces(side.role), left, request.songs)
         if not found:
             problems.append(_no_music(request.protocol))
         return found, problems
@@ -156,6 +162,7 @@ def report_of(
     role: str,
     source: str,
     draws: int = 200,
+    numbers: Sequence[int] | None = None,
 ) -> Report:
     """Compare measured clips with a pool.
 
@@ -163,6 +170,8 @@ def report_of(
     ----------
     draws
         Draws of the bootstrap; 0: no intervals.
+    numbers
+        Which of the protocol's measures; None: all.
 
     Raises
     ------
@@ -175,10 +184,11 @@ def report_of(
         pool.require(protocol, fps)
     scores: list[Score] = []
     warnings: list[str] = []
-    gathered = [rows_of(ordered, n, measure.metric) for n, measure in enumerate(protocol.measures)]
-    for number, (measure, found) in enumerate(zip(protocol.measures, gathered, strict=True)):
+    for number in range(len(protocol.measures)) if numbers is None else numbers:
+        metric = protocol.measures[number].metric
+        found = rows_of(ordered, number, metric)
         vectors = None if pool is None else pool.rows.get(number)
-        own, about = scores_of(measure.metric, found, vectors, draws=draws)
+        own, about = scores_of(metric, found, vectors, draws=draws)
         scores += own
         warnings += about
     published = {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +15,7 @@ import numpy.typing as npt
 from dancedata.core.dance import MusicBeats
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
-from dancedata.core.text import counted
+from dancedata.core.text import counted, listed
 from dancedata.evaluation.clip_music import BEAT, ClipMusic
 from dancedata.evaluation.evaluate import pool_for, report_of
 from dancedata.evaluation.inputs.clip import MemoryClip
@@ -31,8 +32,8 @@ __all__ = ["Evaluator"]
 
 #: Takes a list of objects of this process and returns those of all, as accelerate.utils.gather_object does.
 Gather = Callable[[list[Any]], list[Any]]
-#: What a process has measured: samples, and those that could not be.
-_Part = tuple[list[MeasuredClip], list[tuple[str, str]]]
+#: What a process has measured: samples, those that could not be, and which of their names were made here.
+_Part = tuple[list[MeasuredClip], list[tuple[str, str]], list[str]]
 
 
 class Evaluator:
@@ -77,6 +78,8 @@ class Evaluator:
         problem = reader.problem(self.protocol.motion)
         if problem:
             raise UsageError(f"{self.protocol.name} cannot be computed from these columns", found=problem)
+        if pool is not None:
+            pool.require(self.protocol, str(self.protocol.motion.grid or reader.grid))
         self.reset()
 
     @classmethod
@@ -125,7 +128,7 @@ class Evaluator:
         if normalized:
             reader = replace(reader, scaler=dataset.normalizer(name))
         beats = music or (None if made.music is None else beat_field(dataset, made.music, made.generated))
-        request = Request(what={}, protocol=made, pool=pool or dataset, pool_split=split)
+        request = Request(what={}, protocol=made, pool=pool, pool_split=split, like=dataset, field=name)
         found = pool_for(request, jobs=jobs, cache=None if cache is None else Path(cache))
         return cls(
             made,
@@ -147,6 +150,7 @@ class Evaluator:
         """Forget all samples, for the next epoch."""
         self._measured: dict[str, MeasuredClip] = {}
         self._left_out: dict[str, str] = {}
+        self._unnamed: list[str] = []
 
     def update(self, motion: Any, *, ids: Sequence[str] | None = None, music: Any = None) -> None:
         """Measure a batch.
@@ -169,6 +173,8 @@ class Evaluator:
         for what, n in (("ids", len(named)), ("music", len(batch) if rows is None else len(rows))):
             if n != len(batch):
                 raise UsageError(f"{what} and motion differ in length", found=f"{n} and {len(batch)}")
+        if ids is None:
+            self._unnamed += named
         for k, name in enumerate(named):
             if name not in self._measured and name not in self._left_out:
                 self._measure(name, batch[k], None if rows is None else rows[k])
@@ -206,14 +212,30 @@ class Evaluator:
         gather
             Returns the objects of all processes, such as ``accelerate.utils.gather_object``. Default:
             torch.distributed, where it is initialised, as under Lightning; a single process keeps its own.
+
+        Raises
+        ------
+        UsageError
+            If samples without ids have equal numbers in two processes: they run without torch.distributed.
         """
-        own: _Part = (list(self._measured.values()), list(self._left_out.items()))
+        own: _Part = (list(self._measured.values()), list(self._left_out.items()), self._unnamed)
         parts: list[_Part] = (gather or _gather_by_torch)([own])
-        for measured, left_out in parts:
+        unnamed = Counter(name for _, _, names in parts for name in names)
+        twice = [name for name, n in unnamed.items() if n > 1]
+        if twice:
+            raise UsageError(
+                "samples of two processes have one name", found=listed(twice),
+                fix="name them: update(..., ids=[...])",
+            )  # fmt: skip
+        # The first process that has a sample counts: the same one in every process.
+        self.reset()
+        for measured, left_out, _ in parts:
             for clip in measured:
-                self._measured.setdefault(clip.id, clip)
+                if clip.id not in self._left_out:
+                    self._measured.setdefault(clip.id, clip)
             for name, reason in left_out:
-                self._left_out.setdefault(name, reason)
+                if name not in self._measured:
+                    self._left_out.setdefault(name, reason)
         return self
 
     def compute(self, *, bootstrap: int = 0) -> Report:

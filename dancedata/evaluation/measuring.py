@@ -43,7 +43,7 @@ class MeasuredClip:
     clip
         Id that resampling draws by; several windows may share one.
     fps
-        Rate that was measured.
+        Rate that was measured; "" where only metrics that need music were asked for, and there is none.
     cuts
         First frame and length of each piece.
     rows
@@ -62,13 +62,13 @@ class MeasuredClip:
     @property
     def seconds(self) -> list[float]:
         """Length of each piece."""
-        grid = FrameGrid.of(self.fps)
-        return [float(grid.seconds(length)) for _, length in self.cuts]
+        return [float(FrameGrid.of(self.fps).seconds(length)) for _, length in self.cuts]
 
     @property
     def end_s(self) -> float:
         """Where the last piece ends, from the first frame of the clip; 0 without pieces."""
-        return float(FrameGrid.of(self.fps).seconds(max((start + length for start, length in self.cuts), default=0)))
+        ends = [start + length for start, length in self.cuts]
+        return float(FrameGrid.of(self.fps).seconds(max(ends))) if ends else 0.0
 
     @classmethod
     def of(cls, clip: ClipInput, found: Mapping[int, list[Any] | None]) -> MeasuredClip:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import csv
+import io
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from dancedata.core.errors import UsageError
-from dancedata.core.text import listed
+from dancedata.core.text import listed, quoted
+from dancedata.datasets._source import AUDIO_SUFFIXES
 from dancedata.datasets.aistpp.facts import parse_name, tempo_bpm
 from dancedata.evaluation.clip_music import BEAT, ClipMusic
 from dancedata.evaluation.inputs.clip import ClipInput
@@ -16,15 +18,18 @@ from dancedata.evaluation.inputs.store import StoreClip
 from dancedata.evaluation.protocol import MusicRule, Pieces
 from dancedata.store import Store
 
-__all__ = ["beat_field", "named_songs", "read_songs", "stored_beats"]
+__all__ = ["beat_field", "named_songs", "read_songs", "song_name", "stored_beats"]
 
 _MAX_CSV_BYTES = 1 << 24
 
 
-def stored_beats(store: Store, rule: MusicRule, pieces: Pieces, clips: Sequence[ClipInput]) -> dict[str, ClipMusic]:
+def stored_beats(
+    store: Store, rule: MusicRule, pieces: Pieces, clips: Sequence[ClipInput], songs: Mapping[str, str]
+) -> dict[str, ClipMusic]:
     """Return the beats that a store has for clips, by their ids; empty if it has no field of the protocol.
 
-    A clip takes its own rows or, if it is not in the store, those of the longest clip with the same music.
+    A clip takes its own rows or, if it is not in the store or `songs` names another song for it, those of the longest
+    clip with that song.
     """
     name = beat_field(store, rule, pieces)
     if name is None:
@@ -34,10 +39,12 @@ def stored_beats(store: Store, rule: MusicRule, pieces: Pieces, clips: Sequence[
     longest = {c.music: c.id for c in sorted(records.values(), key=lambda c: (c.n_frames, c.id)) if c.music}
     found = {}
     for clip in clips:
-        if isinstance(clip, StoreClip) and clip.window is not None and clip.reference == store.reference:
+        record = records.get(clip.clip)
+        own = record is not None and songs.get(clip.id) in (None, record.music)
+        if own and isinstance(clip, StoreClip) and clip.window is not None and clip.reference == store.reference:
             found[clip.id] = ClipMusic.of_rows(store.read(clip.window, name), column, grid)
             continue
-        source = clip.id if clip.id in records else longest.get(clip.music)
+        source = clip.clip if own else longest.get(clip.music)
         if source is not None and store.scope == "track":
             found[clip.id] = ClipMusic.of_rows(store.read_clip(source, name), column, grid)
     return found
@@ -57,32 +64,38 @@ def beat_field(store: Store, rule: MusicRule, pieces: Pieces) -> str | None:
     return None
 
 
+def song_name(text: str) -> str:
+    """Return the name of a song: that of a music file without folder and suffix, any other text as it is."""
+    path = Path(text.strip())
+    return path.stem if path.suffix.lower() in AUDIO_SUFFIXES else path.name
+
+
 def read_songs(path: Path) -> dict[str, str]:
     """Read clip and song from a CSV file with these two columns; a heading "clip,song" may come first.
 
     Raises
     ------
     UsageError
-        If it cannot be read, or a line has another number of columns.
+        If it cannot be read, a line has another number of columns or no song, or two lines have one clip.
     """
     try:
         if path.stat().st_size > _MAX_CSV_BYTES:
             raise UsageError("the list of songs is too large", where=path, allowed=f"{_MAX_CSV_BYTES:,} bytes")
-        lines = list(csv.reader(path.read_text(encoding="utf-8-sig").splitlines()))
+        lines = list(csv.reader(io.StringIO(path.read_text(encoding="utf-8-sig"), newline=None)))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise UsageError("the list of songs cannot be read", where=path, found=str(error)) from error
-    songs = {}
+    songs: dict[str, str] = {}
     for number, line in enumerate(lines, start=1):
         if not line or (number == 1 and [cell.strip().lower() for cell in line] == ["clip", "song"]):
             continue
+        where = f"{path}, line {number}"
         if len(line) != 2:
-            raise UsageError(
-                "a line does not have two columns",
-                where=f"{path}, line {number}",
-                found=len(line),
-                allowed="clip,song",
-            )
-        songs[line[0].strip()] = Path(line[1].strip()).stem
+            raise UsageError("a line does not have two columns", where=where, found=len(line), allowed="clip,song")
+        clip, song = line[0].strip(), song_name(line[1])
+        if not song:
+            raise UsageError("a line without a song", where=where, found=quoted(line[1]), allowed="clip,song")
+        if songs.setdefault(clip, song) != song:
+            raise UsageError("a clip has two songs", where=where, found=listed([songs[clip], song]), fix="delete one")
     return songs
 
 
@@ -90,17 +103,20 @@ def named_songs(clips: Sequence[ClipInput], songs: Mapping[str, str], like: Stor
     """Return clips with the names and tempos of their songs.
 
     The name is from the list, the clip itself, the clip of that id in a store, or AIST++'s name of a sequence;
-    else it is the clip's id.
+    else it is the clip's id. The tempo is that of this song, where the clip, a clip of the store or AIST++'s name
+    states it.
     """
     records = {} if like is None else {c.id: c for c in like.clips}
+    tempos = {c.music: c.tempo_bpm for c in records.values() if c.music and c.tempo_bpm}
     unknown = sorted(set(songs) - {clip.id for clip in clips})
     if unknown:
         raise UsageError("the list of songs names clips that are not there", found=listed(unknown))
     named = []
     for clip in clips:
-        record, name = records.get(clip.id), parse_name(clip.id)
-        known = (songs.get(clip.id), clip.music, record and record.music, name and name.music, clip.id)
+        record, name, given = records.get(clip.id), parse_name(clip.id), songs.get(clip.id)
+        known = (given, clip.music, record and record.music, name and name.music, clip.id)
         music = next(text for text in known if text)
-        tempo = clip.tempo_bpm or (record.tempo_bpm if record else None) or tempo_bpm(music)
+        same = [c for c in (clip, record) if c is not None and given in (None, c.music)]
+        tempo = next((c.tempo_bpm for c in same if c.tempo_bpm), None) or tempos.get(music) or tempo_bpm(music)
         named.append(replace(clip, music=music, tempo_bpm=tempo))
     return tuple(named)

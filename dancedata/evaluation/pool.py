@@ -13,19 +13,23 @@ import numpy as np
 
 from dancedata.core.atomic import write_bytes
 from dancedata.core.errors import DataError, StoreError, UsageError
+from dancedata.core.hashing import json_sha256
 from dancedata.core.rotations import Float64Array
 from dancedata.core.strict_json import parse_json
-from dancedata.core.text import counted, quoted
+from dancedata.core.text import counted, quoted, shown
 from dancedata.core.version import __version__
 from dancedata.evaluation.measuring import MeasuredClip
 from dancedata.evaluation.protocol import Protocol
 from dancedata.evaluation.scores import MetricRows, rows_of
 from dancedata.formats.arrays import open_arrays
+from dancedata.metrics.set_statistics import checked_rows
+from dancedata.recipes.documents import document_of
 
-__all__ = ["Pool", "load_pool", "pool_of", "save_pool"]
+__all__ = ["Pool", "check_target", "load_pool", "pool_of", "save_pool"]
 
-#: Layout of pool files.
-POOL_FORMAT = 1
+#: Layout of pool files. 2: with the hash of what numbers depend on.
+POOL_FORMAT = 2
+_AGAIN = "make a pool of this protocol: --pool STORE --save-pool FILE.npz"
 _ABOUT, _IDS, _ROWS = "about", "clips", "rows_"
 
 
@@ -74,7 +78,7 @@ class Pool:
                 where=self.source,
                 found=f"{quoted(self.protocol)}, version {self.version}",
                 allowed=protocol.label,
-                fix="make a pool of this protocol: --pool STORE --save-pool FILE.npz",
+                fix=_AGAIN,
             )
         if self.fps != fps:
             raise UsageError(
@@ -93,6 +97,7 @@ def pool_of(protocol: Protocol, measured: Sequence[MeasuredClip], source: str) -
     UsageError
         If clips have different rates, or there are none.
     """
+    measured = sorted(measured, key=lambda m: m.id)  # sums do not depend on the order of files
     rows: dict[int, Float64Array] = {}
     undefined: dict[str, int] = {}
     for number, measure in enumerate(protocol.measures):
@@ -109,7 +114,8 @@ def one_rate(measured: Sequence[MeasuredClip], source: str) -> str:
     """Return the rate of all clips; UsageError if they have different ones, or there are none."""
     rates: dict[str, list[str]] = {}
     for m in measured:
-        rates.setdefault(m.fps, []).append(m.id)
+        if m.fps:  # else it has no music, and no other metric was asked for
+            rates.setdefault(m.fps, []).append(m.id)
     if not rates:
         raise UsageError("no clip could be measured", where=source)
     if len(rates) > 1:
@@ -123,6 +129,26 @@ def one_rate(measured: Sequence[MeasuredClip], source: str) -> str:
     return next(iter(rates))
 
 
+def check_target(path: Path, protocol: Protocol) -> None:
+    """Raise UsageError unless a pool of a protocol can be written here: only pools of it are replaced."""
+    if path.suffix != ".npz":
+        raise UsageError("a pool is an .npz file", found=str(path), allowed="NAME.npz")
+    if path.exists():
+        load_pool(path, protocol)
+    elif not path.parent.is_dir():
+        raise UsageError("the folder of the pool does not exist", where=path, fix="make it")
+
+
+def _measured_by(protocol: Protocol) -> str:
+    """Return the hash of what a pool's numbers depend on, for a protocol whose version was not raised."""
+    metrics = [
+        [m.metric.name, m.metric.version, document_of(m.metric), m.fps, m.frames("truth")]
+        for m in protocol.measures
+        if m.metric.needs_pool
+    ]
+    return json_sha256([repr(protocol.motion), repr(protocol.truth), metrics])
+
+
 def save_pool(path: Path, protocol: Protocol, pool: Pool) -> None:
     """Write a pool to an .npz file, atomically; the same pool gives the same bytes.
 
@@ -133,11 +159,9 @@ def save_pool(path: Path, protocol: Protocol, pool: Pool) -> None:
     StoreError
         If it cannot be written.
     """
-    if path.suffix != ".npz":
-        raise UsageError("a pool is an .npz file", found=str(path), allowed="NAME.npz")
-    if path.exists():
-        load_pool(path, protocol)  # only pools of this protocol are replaced
+    check_target(path, protocol)
     about = {"pool": POOL_FORMAT, "protocol": pool.protocol, "version": pool.version, "fps": pool.fps}
+    about["measured"] = _measured_by(protocol)
     about |= {"dancedata": __version__, "undefined": dict(pool.undefined)}
     arrays: dict[str, Any] = {
         _ABOUT: _as_bytes(json.dumps(about, sort_keys=True)),
@@ -163,25 +187,30 @@ def load_pool(path: Path, protocol: Protocol) -> Pool:
     try:
         with open_arrays(path) as arrays:
             about = parse_json(_text(arrays.read(_ABOUT)) if _ABOUT in arrays.names else "null")
+            layout, measured = about["pool"], about.get("measured")
             ids = [str(parse_json(line)) for line in _text(arrays.read(_IDS)).split("\n") if line]
             names = [name for name in arrays.names if name.startswith(_ROWS)]
-            rows = {int(name.removeprefix(_ROWS)): arrays.read(name) for name in names}
+            rows = {int(name.removeprefix(_ROWS)): checked_rows(arrays.read(name)) for name in names}
         pool = Pool(
             str(about["protocol"]), int(about["version"]), str(about["fps"]), tuple(ids), rows, str(path),
             {str(k): int(v) for k, v in about["undefined"].items()},
         )  # fmt: skip
-        layout = about["pool"]
     except (DataError, LookupError, TypeError, ValueError, AttributeError) as error:
         raise UsageError(
             "not a pool", where=path, found=str(error), allowed="a file of --save-pool, or a built dataset"
         ) from error
     if layout != POOL_FORMAT:
-        raise UsageError("the pool has another layout", where=path, found=layout, allowed=POOL_FORMAT)
+        raise UsageError("the pool has another layout", where=path, found=layout, allowed=POOL_FORMAT, fix=_AGAIN)
     pool.require(protocol, pool.fps)
+    if measured != _measured_by(protocol):
+        raise UsageError(
+            "the pool was measured by other metrics, or by other parameters of them", where=path,
+            found=f"{protocol.label}, of dancedata {shown(about.get('dancedata'))}", fix=_AGAIN,
+        )  # fmt: skip
     for number, measure in enumerate(protocol.measures):
         width = len(measure.metric.columns)
         array = pool.rows.get(number)
-        if measure.metric.needs_pool and (array is None or array.ndim != 2 or array.shape[1] != width):
+        if measure.metric.needs_pool and (array is None or array.shape[1] != width):
             raise UsageError("the pool lacks features of the protocol", where=path, found=measure.metric.name)
     return pool
 

@@ -23,6 +23,12 @@ LABELS = {
 }  # fmt: skip
 _ARROWS = {"higher": "up", "lower": "down", "closer": "truth"}
 _NAMED = 3
+#: Characters that mean something in a cell of a Markdown table, and in LaTeX.
+_MARKDOWN = "\\|*`<["
+_LATEX = {c: f"\\{c}" for c in "&%$#_{}"} | {
+    "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "<": r"\textless{}",
+    ">": r"\textgreater{}", "|": r"\textbar{}",
+}  # fmt: skip
 #: Metrics with more numbers a clip than this are features, which no table of clips shows.
 _FEW = 10
 
@@ -193,7 +199,7 @@ def latex(report: Report) -> str:
     arrows = {"higher": r"$\uparrow$", "lower": r"$\downarrow$", "closer": r"$\rightarrow$"}
     head = " & ".join(f"{_latex_name(s.name)} {arrows[s.better]}" for s in report.scores)
     values = " & ".join(_with_interval(s, r" {{\scriptsize [{}, {}]}}") for s in report.scores)
-    name = f"{report.protocol.name}, version {report.protocol.version}"
+    name = _escaped(report.protocol.label, latex=True)
     return "\n".join(
         [
             r"\begin{table}",
@@ -224,8 +230,8 @@ def _latex_name(name: str) -> str:
 def _escaped(text: str, latex: bool = False) -> str:
     plain = shown(text)
     if not latex:
-        return plain.replace("|", r"\|")
-    return "".join(f"\\{c}" if c in "&%$#_{}" else r"\textbackslash{}" if c == "\\" else c for c in plain)
+        return "".join(f"\\{c}" if c in _MARKDOWN else c for c in plain)
+    return "".join(_LATEX.get(c, c) for c in plain)
 
 
 def lengths_of(seconds: Sequence[float]) -> tuple[float, float, float]:

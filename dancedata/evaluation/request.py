@@ -17,7 +17,7 @@ from dancedata.core.grid import FrameGrid, Number
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import Representation
 from dancedata.core.registry import REPRESENTATIONS
-from dancedata.core.text import listed, shown
+from dancedata.core.text import listed, quoted, shown
 from dancedata.evaluation.inputs.clip import ClipInput, MemoryClip
 from dancedata.evaluation.inputs.columns import ColumnsReader, field_readers
 from dancedata.evaluation.inputs.files import FileClip, FileFormat, folder_clips
@@ -67,6 +67,7 @@ class Request:
     songs: Mapping[str, str] = made(default_factory=dict)
     beats: Mapping[str, Any] = made(default_factory=dict)
     draws: int = 200
+    metrics: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Check options that belong together."""
@@ -76,6 +77,24 @@ class Request:
             raise UsageError("invalid number of bootstrap draws", found=self.draws, allowed="0 and above")
         if self.normalized and self.like is None:
             raise UsageError("normalised columns need the scaler of a dataset", fix="name it: --like STORE")
+
+    @property
+    def numbers(self) -> list[int]:
+        """Numbers of the protocol's measures that are asked for: all, or those of `metrics`.
+
+        Raises
+        ------
+        UsageError
+            If the protocol does not have a metric or score of that name.
+        """
+        names = [{measure.metric.name, *measure.metric.better} for measure in self.protocol.measures]
+        for asked in self.metrics:
+            if not any(asked in own for own in names):
+                raise UsageError(
+                    "the protocol has no metric of this name", where=self.protocol.name, found=quoted(asked),
+                    allowed=listed(sorted(set().union(*names)), 30),
+                )  # fmt: skip
+        return [k for k, own in enumerate(names) if not self.metrics or own & set(self.metrics)]
 
     def set_side(self) -> Side:
         """Return the clips that are evaluated."""
@@ -194,10 +213,22 @@ def _filled(clips: Iterable[ClipInput], source: str) -> tuple[ClipInput, ...]:
 def _in_memory(motions: Motions, grid: FrameGrid | None, body: str | None) -> tuple[ClipInput, ...]:
     clips: list[ClipInput] = []
     for name, given in motions.items():
+        if not isinstance(name, str):
+            raise UsageError("a clip's id is a text", found=f"{shown(name)}, {type(name).__name__}")
         if isinstance(given, Motion):
             clips.append(MemoryClip(id=name, motion=given))
         elif grid is None:
             raise UsageError("the frame rate of the joints is unknown", where=f"clip {name}", fix="give fps=")
         else:
-            clips.append(MemoryClip(id=name, joints=np.asarray(given, dtype=np.float64), grid=grid, body=body))
+            clips.append(MemoryClip(id=name, joints=_numbers(given, name), grid=grid, body=body))
     return tuple(clips)
+
+
+def _numbers(joints: npt.ArrayLike, name: str) -> npt.NDArray[np.float64]:
+    try:
+        array = np.asarray(joints)
+    except (TypeError, ValueError, RuntimeError) as error:
+        raise UsageError("the joints are not an array", where=f"clip {shown(name)}", found=shown(error)) from error
+    if array.dtype.kind not in "fiu":
+        raise UsageError("the joints are not real numbers", where=f"clip {shown(name)}", found=array.dtype.name)
+    return array.astype(np.float64)

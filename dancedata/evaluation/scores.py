@@ -23,6 +23,7 @@ _CHANCE, _MEDIAN, _POOL, _VARYING = "_chance", "_median", "_pool", "_varying"
 #: Scores that stand beside others, or in warnings.
 _BESIDE = (_CHANCE, _MEDIAN, _POOL, _VARYING)
 _CONSTANT = "constant_columns"
+_NOT_FINITE = "not_finite"
 
 
 @dataclass(frozen=True)
@@ -132,29 +133,44 @@ def scores_of(
     if metric.needs_pool and pool is None:
         return [], [f"{metric.name} is not computed: it compares with a pool, and none is given (--pool)"]
     try:
-        values = metric.summarise(found.rows, pool)
+        values = _summary(metric, found.rows, pool)
     except Undefined as error:
         names = [name for name in metric.better if not name.endswith(_BESIDE)] or [metric.name]
-        undefined = found.undefined or {error.reason: ()}
-        return [Score(name, None, len(found.rows), undefined=undefined) for name in names], []
+        missing = (
+            found.undefined if found.undefined and not len(found.rows) else {**found.undefined, error.reason: ()}
+        )
+        return [Score(name, None, len(found.rows), undefined=missing) for name in names], []
     intervals, warnings = _intervals(metric, found, pool, draws)
     beside = {name for name in values if name.endswith(_BESIDE) or name.startswith(_CONSTANT)}
     scores = [
         Score(
             name,
-            value,
+            _finite(value),
             len(found.rows),
             interval=intervals.get(name),
-            median=values.get(name + _MEDIAN),
-            chance=values.get(name + _CHANCE),
-            pool=values.get(name + _POOL),
-            undefined=found.undefined,
+            median=_finite(values.get(name + _MEDIAN)),
+            chance=_finite(values.get(name + _CHANCE)),
+            pool=_finite(values.get(name + _POOL)),
+            undefined=found.undefined if np.isfinite(value) else {**found.undefined, _NOT_FINITE: ()},
             better=metric.better.get(name, "closer"),
         )
         for name, value in values.items()
         if name not in beside
     ]
     return scores, [*warnings, *_pool_warnings(metric, found, pool, values)]
+
+
+def _summary(metric: Metric, rows: Float64Array, pool: Float64Array | None) -> dict[str, float]:
+    """Return the scores of rows; numbers that overflow on the way are not warned of, but are not finite."""
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        try:
+            return metric.summarise(rows, pool)
+        except np.linalg.LinAlgError:  # of infinite numbers
+            return {name: np.nan for name in metric.better if not name.endswith(_BESIDE)}
+
+
+def _finite(value: float | None) -> float | None:
+    return value if value is not None and np.isfinite(value) else None
 
 
 def _intervals(
@@ -169,14 +185,17 @@ def _intervals(
 
     def scores(drawn: Float64Array) -> dict[str, float]:
         rows = found.rows[np.concatenate([own[clip] for clip in drawn[:, 0]])]
-        return metric.summarise(rows, pool)
+        return _summary(metric, rows, pool)
 
     try:
-        intervals = bootstrap(clips[:, None], scores, n=draws)
+        with np.errstate(over="ignore", invalid="ignore"):
+            intervals = bootstrap(clips[:, None], scores, n=draws)
     except Undefined:
         return {}, [f"{metric.name}: too few clips for intervals"]
     return {
-        name: _positive(interval) if name.startswith("fid") else interval for name, interval in intervals.items()
+        name: _positive(interval) if name.startswith("fid") else interval
+        for name, interval in intervals.items()
+        if np.isfinite([interval.low, interval.high]).all()
     }, []
 
 
@@ -214,7 +233,7 @@ def _pool_warnings(
 
 def describe_outcome(outcome: str) -> str:
     """Return what an outcome means."""
-    own = {"no_music": "there are no beats of music for the clip", "not_finite": "the numbers overflow"}
+    own = {"no_music": "there are no beats of music for the clip", _NOT_FINITE: "the numbers overflow"}
     return OUTCOMES.get(outcome) or own.get(outcome, outcome)
 
 

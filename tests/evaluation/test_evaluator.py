@@ -159,3 +159,79 @@ def test_torch_distributed(store: Store, tmp_path: Any) -> None:
     assert one == other
     for process in processes:
         process.join()
+
+
+def gathered(*ranks: Evaluator) -> None:
+    """Gather evaluators as the processes of one job do."""
+    parts: list[Any] = []
+    for own in ranks:
+        parts += Collecting()(own)
+    for own in ranks:
+        own.gather(lambda objects: list(parts))
+
+
+class Collecting:
+    """Takes what an evaluator passes on, without changing it."""
+
+    class Stop(Exception):  # noqa: N818
+        """Ends a gathering."""
+
+    def __call__(self, own: Evaluator) -> list[Any]:
+        found: list[Any] = []
+
+        def take(objects: list[Any]) -> list[Any]:
+            found.extend(objects)
+            raise self.Stop
+
+        with pytest.raises(self.Stop):
+            own.gather(take)
+        return found
+
+
+def two(evaluator: Evaluator) -> tuple[Evaluator, Evaluator]:
+    first, second = [Evaluator(evaluator.protocol, evaluator.reader, evaluator.pool) for _ in range(2)]
+    return first, second
+
+
+def test_processes_agree_on_a_sample_that_they_generated_differently(evaluator: Evaluator, batch: Any) -> None:
+    _, columns, _ = batch
+    first, second = two(evaluator)
+    first.update(columns[:2], ids=["a", "b"])
+    second.update(columns[2:5], ids=["a", "c", "d"])
+    gathered(first, second)
+    assert len(first) == len(second) == 4
+    assert values(first.compute()) == values(second.compute())
+
+
+def test_samples_without_ids_of_processes_that_cannot_be_told_apart(evaluator: Evaluator, batch: Any) -> None:
+    _, columns, _ = batch
+    first, second = two(evaluator)
+    for own in (first, second):
+        own.update(columns[:2])
+    with pytest.raises(UsageError, match="samples of two processes have one name; found 0/0, 0/1"):
+        gathered(first, second)
+    first, second = two(evaluator)
+    first.update(columns[:2])
+    second.update(columns[2:4], ids=["a", "b"])
+    gathered(first, second)
+    for own in (first, second):  # what is joined may be joined again
+        own.update(columns[4:5], ids=["e"])
+    gathered(first, second)
+    assert len(first) == len(second) == 5
+
+
+def test_a_pool_of_another_rate_is_refused_before_the_epoch(store: Store, tmp_path: Any) -> None:
+    rng = np.random.default_rng(0)
+    dances = {f"d{k}": rng.normal(0, 0.01, (300, 24, 3)).cumsum(axis=0) for k in range(3)}
+    path = tmp_path / "pool.npz"
+    dancedata.evaluate(dances, fps=60, pool=dances, save_pool=path, bootstrap=0)
+    with pytest.raises(UsageError, match="60 frames per second in the pool, 30 in the set"):
+        Evaluator.of(store, "edge151", pool=path)
+
+
+def test_the_pool_is_of_the_field_that_is_generated(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[str | None] = []
+    monkeypatch.setattr("dancedata.evaluation.evaluator.pool_for", lambda request, **_: asked.append(request.field))
+    Evaluator.of(store, "lodge139")
+    Evaluator.of(store)
+    assert asked == ["lodge139", "edge151"]

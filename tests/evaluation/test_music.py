@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,8 +12,10 @@ import pytest
 import dancedata
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
+from dancedata.core.motion import Motion
 from dancedata.evaluation.clip_music import ClipMusic, beats_after
-from dancedata.evaluation.music import read_songs
+from dancedata.evaluation.inputs.clip import MemoryClip
+from dancedata.evaluation.music import named_songs, read_songs, song_name
 from dancedata.metrics import MusicBeats
 from dancedata.store import Store
 
@@ -61,3 +65,71 @@ def test_broken_lists_of_songs(tmp_path: Path, text: str, found: int) -> None:
         read_songs(tmp_path / "songs.csv")
     with pytest.raises(UsageError, match="cannot be read"):
         read_songs(tmp_path / "missing.csv")
+
+
+@pytest.fixture(scope="module")
+def other_songs(store: Store) -> dict[str, str]:
+    """For each clip of the dataset, another song of it."""
+    songs = sorted({clip.music for clip in store.clips})
+    return {clip.id: songs[songs.index(clip.music) - 1] for clip in store.clips}
+
+
+def test_the_list_of_songs_counts_for_clips_of_a_dataset_too(
+    store: Store, motions: Mapping[str, Motion], other_songs: dict[str, str]
+) -> None:
+    own, other = [dancedata.evaluate(store, metrics=["bas"], music_of=m, bootstrap=0) for m in (None, other_songs)]
+    assert own["bas"] != other["bas"]
+    # As if generated clips of other names had these songs, and as generated clips with the names of the dataset's.
+    renamed = {f"new-{name}": motion for name, motion in motions.items()}
+    songs = {f"new-{name}": song for name, song in other_songs.items()}
+    for clips, music in ((renamed, songs), (dict(motions), other_songs)):
+        found = dancedata.evaluate(clips, like=store, metrics=["bas"], music_of=music, bootstrap=0)
+        assert found["bas"] == pytest.approx(other["bas"], rel=1e-9)
+
+
+def test_a_song_has_its_own_tempo(store: Store, other_songs: dict[str, str]) -> None:
+    tempos = {clip.music: clip.tempo_bpm for clip in store.clips}
+    assert len(set(tempos.values())) > 1
+    clips = [MemoryClip(id=clip.id, music=clip.music, tempo_bpm=clip.tempo_bpm) for clip in store.clips]
+    for like in (store, None):
+        named = named_songs(clips, other_songs, like)
+        assert [clip.tempo_bpm for clip in named] == [tempos[other_songs[clip.id]] for clip in named]
+    # Songs whose names say nothing have the tempo that the dataset states.
+    stated = [SimpleNamespace(id="a", music="waltz", tempo_bpm=87.5)]
+    (named_clip,) = named_songs([MemoryClip(id="new")], {"new": "waltz"}, SimpleNamespace(clips=stated))  # type: ignore[arg-type]
+    assert named_clip.tempo_bpm == 87.5
+    (other,) = named_songs([MemoryClip(id="a", tempo_bpm=90.0)], {"a": "polka"}, None)
+    assert other.tempo_bpm is None
+
+
+@pytest.mark.parametrize(
+    ("text", "name"),
+    [
+        ("mBR0", "mBR0"),
+        ("mBR0.wav", "mBR0"),
+        (" music/mBR0.MP3 ", "mBR0"),
+        ("Mr. Brown", "Mr. Brown"),
+        ("a.v2.ogg", "a.v2"),
+    ],
+)
+def test_only_the_suffix_of_a_music_file_is_left_out_of_a_songs_name(text: str, name: str, tmp_path: Path) -> None:
+    assert song_name(text) == name
+    (tmp_path / "songs.csv").write_text(f'clip,song\nx,"{text}"\n', encoding="utf-8")
+    assert read_songs(tmp_path / "songs.csv") == {"x": name}
+
+
+def test_songs_may_be_given_with_suffix_in_memory(store: Store, motions: Mapping[str, Motion]) -> None:
+    music = {clip.id: f"{clip.music}.wav" for clip in store.clips}
+    renamed = {f"new-{name}": motion for name, motion in motions.items()}
+    songs = {f"new-{name}": song for name, song in music.items()}
+    assert dancedata.evaluate(renamed, like=store, metrics=["bas"], music_of=songs, bootstrap=0)["bas"] is not None
+
+
+@pytest.mark.parametrize(
+    ("lines", "message"),
+    [("x,a\nx,b\n", "line 2: a clip has two songs; found a, b"), ("x, \n", "line 1: a line without")],
+)
+def test_lists_of_songs_that_contradict_themselves(lines: str, message: str, tmp_path: Path) -> None:
+    (tmp_path / "songs.csv").write_text(lines, encoding="utf-8")
+    with pytest.raises(UsageError, match=message):
+        read_songs(tmp_path / "songs.csv")

@@ -1,0 +1,73 @@
+"""Protocols whose beats are those of bailando438: from a dataset with that column, and from the music itself."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dancedata
+from dancedata.core.grid import FrameGrid
+from dancedata.core.motion import Motion
+from dancedata.metrics import MusicBeats
+from dancedata.recipes.parse import load_recipe
+from dancedata.store import Store
+
+PROTOCOLS = ("bailando-aistpp", "motius-aistpp", "dancedata")
+#: Beats: MFCC 20, their derivative 20, chroma 12 and the onset envelope stand before them.
+COLUMN = 53
+
+
+@pytest.fixture(scope="module")
+def sixty(tmp_path_factory: pytest.TempPathFactory) -> Store:
+    """A dataset with the columns of the recipe aist++-60 that these protocols need."""
+    folder = tmp_path_factory.mktemp("sixty")
+    recipe = dict(load_recipe("aist++-60").document)
+    recipe["dataset"] = {"synthetic": {"songs": 2, "clips_per_song": 2, "clip_s": 6}}
+    recipe["audio"] = {"bailando438": recipe["audio"]["bailando438"]}
+    recipe["motion"] = {"joints": {}}
+    dancedata.build(recipe, out=folder / "sixty", jobs=1, cache=folder / "cache", progress=False)
+    return dancedata.open(folder / "sixty")
+
+
+def bas(what: object, protocol: str, **options: object) -> float:
+    report = dancedata.evaluate(what, protocol=protocol, metrics=["bas"], bootstrap=0, **options)  # type: ignore[arg-type]
+    value = report["bas"]
+    assert value is not None
+    return value
+
+
+@pytest.mark.parametrize("protocol", PROTOCOLS)
+def test_the_column_of_a_dataset(sixty: Store, protocol: str) -> None:
+    found = bas(sixty, protocol)
+    beats = {
+        clip.id: MusicBeats.of(np.flatnonzero(clip.read("bailando438")[:, COLUMN]), FrameGrid.of(60))
+        for clip in sixty.clips
+    }
+    assert all(len(own.frames) for own in beats.values())
+    assert found == bas(sixty, protocol, beats=beats)
+    late = {clip: MusicBeats.of(own.frames + 7, own.grid) for clip, own in beats.items()}
+    assert found != bas(sixty, protocol, beats=late)
+
+
+def test_the_music_gives_the_same(sixty: Store) -> None:
+    wavs = Path(f"{sixty.path}-source") / "wavs"
+    assert bas(sixty, "bailando-aistpp", source=wavs) == bas(sixty, "bailando-aistpp")
+
+
+def test_generated_motion_takes_it_by_its_song(sixty: Store, tmp_path: Path) -> None:
+    songs = {}
+    for k, clip in enumerate(sixty.clips):
+        np.save(tmp_path / f"sample{k}.npy", clip.read("joints"))
+        songs[f"sample{k}"] = clip.music
+    found = bas(tmp_path, "bailando-aistpp", like=sixty, music_of=songs, field="joints")
+    assert found == pytest.approx(bas(sixty, "bailando-aistpp"), rel=1e-12)
+
+
+def test_a_dataset_without_it_has_no_beats_for_the_protocol(sixty: Store, motions: Mapping[str, Motion]) -> None:
+    clips = {name: motion.resampled(FrameGrid.of(60)) for name, motion in motions.items()}
+    report = dancedata.evaluate(clips, protocol="bailando-aistpp", pool=sixty, bootstrap=0)
+    assert report["bas"] is None
+    assert any("the protocol takes those of bailando438 at 60 per second" in w for w in report.warnings)

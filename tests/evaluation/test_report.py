@@ -1,0 +1,156 @@
+"""Reports: names in tables, numbers that overflow, files that are not replaced."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import dancedata
+from dancedata.cli.app import app
+from dancedata.core.errors import UsageError
+from dancedata.evaluation.pool import load_pool
+from dancedata.evaluation.protocols.bailando_aistpp import BailandoAistpp
+from dancedata.evaluation.report import latex, markdown
+from dancedata.metrics.kinetic_features import Kinetic
+from dancedata.store import Store
+
+
+def dance(seed: int = 0, n_frames: int = 200) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    return rng.normal(0, 0.01, (n_frames, 24, 3)).cumsum(axis=0) + rng.normal(0, 0.4, (24, 3))
+
+
+def dances(n: int = 3) -> dict[str, np.ndarray]:
+    return {f"d{k}": dance(k) for k in range(n)}
+
+
+def run(*arguments: object, code: int = 0) -> str:
+    found = CliRunner().invoke(app, ["evaluate", *map(str, arguments)], catch_exceptions=False)
+    assert found.exit_code == code, found.output
+    return found.output
+
+
+def test_names_in_tables() -> None:
+    report = dancedata.evaluate(dances(), fps=30, metrics=["pfc"], bootstrap=0)
+    hostile = replace(report, source="~/a^b_<c>\\|%")
+    assert r"\textasciitilde{}/a\textasciicircum{}b\_\textless{}c\textgreater{}" in latex(hostile)
+    assert r"\textbackslash{}\textbar{}\%" in latex(hostile)
+    assert r"| ~/a^b_\<c>\\\|% |" in markdown(hostile)
+    protocol = BailandoAistpp()
+    object.__setattr__(protocol, "name", "my_protocol")
+    assert r"\caption{Protocol my\_protocol, version 1;" in latex(replace(report, protocol=protocol))
+
+
+@pytest.mark.filterwarnings("ignore:overflow:RuntimeWarning")
+@pytest.mark.parametrize("bootstrap", [0, 5])
+def test_numbers_that_overflow_are_undefined_by_name(store: Store, bootstrap: int) -> None:
+    far = dances() | {"far": dance() * 1e100}
+    report = dancedata.evaluate(far, fps=30, pool=store, bootstrap=bootstrap)
+    found = json.loads(json.dumps(report.to_json(), allow_nan=False))
+    assert found["scores"]["fid_k"]["value"] is None
+    assert found["scores"]["fid_k"]["undefined"] == {"not_finite": []}
+    assert "the numbers overflow (not_finite)" in str(report)
+
+
+def test_clips_in_memory_that_are_not_dances() -> None:
+    for clips, message in (
+        ({0: dance()}, "a clip's id is a text; found 0, int"),
+        ({"a": [["x"]]}, "clip a: the joints are not real numbers"),
+        ({"a": dance().astype(complex)}, "clip a: the joints are not real numbers; found complex128"),
+        ({"a": [[1, 2], [3]]}, "clip a: the joints are not an array"),
+    ):
+        with pytest.raises(UsageError, match=message):
+            dancedata.evaluate(clips, fps=30)  # type: ignore[arg-type]
+
+
+def test_only_the_metrics_that_are_asked_for(store: Store, tmp_path: Path) -> None:
+    whole = dancedata.evaluate(store, split="test", bootstrap=0)
+    for metrics, names in (
+        (["pfc"], ["pfc"]),
+        (["fid_k"], ["fid_k", "div_k"]),
+        (["skating", "kinetic"], ["fid_k", "div_k", "skating_left", "skating_right", "skating"]),
+        (["bas"], ["bas"]),
+    ):
+        found = dancedata.evaluate(store, split="test", metrics=metrics, bootstrap=0)
+        assert {s.name: s.value for s in found.scores} == {name: whole[name] for name in names}
+    found = dancedata.evaluate(store, metrics=["pfc"], save_pool=tmp_path / "pool.npz", bootstrap=0)
+    again = dancedata.evaluate(store, pool=tmp_path / "pool.npz", split="test", bootstrap=0)
+    assert again["fid_k"] == whole["fid_k"]  # a pool is whole, whatever is asked for
+    text = run(store.path, "--metric", "pfc", "--metric", "bas", "--split", "test", "--quiet", "--jobs", 1)
+    assert "  PFC " in text
+    assert "FID" not in text
+    assert "allowed: bas, beat_alignment, " in run(store.path, "--metric", "fid", code=2)
+
+
+def test_only_beats_without_music(store: Store) -> None:
+    with pytest.raises(UsageError, match="no clip could be measured"):
+        dancedata.evaluate(dances(), fps=30, metrics=["bas"])
+    some = dancedata.evaluate(dances(), fps=30, metrics=["bas"], beats={"d0": _beats(store)}, bootstrap=0)
+    assert [s.undefined for s in some.scores] == [{"no_music": ("d1", "d2")}]
+    assert some.fps == "30"
+
+
+def _beats(store: Store) -> dancedata.metrics.MusicBeats:
+    return dancedata.metrics.MusicBeats.of([10, 40, 70, 100], store.grid)
+
+
+def test_foreign_files_are_not_replaced_by_a_table(store: Store, tmp_path: Path) -> None:
+    options = [
+        store.path,
+        "--split",
+        "test",
+        "--metric",
+        "pfc",
+        "--bootstrap",
+        0,
+        "--quiet",
+        "--jobs",
+        1,
+        "--per-clip",
+    ]
+    path = tmp_path / "rows.csv"
+    path.write_text("mine", encoding="utf-8")
+    assert "another file has this name, and is not replaced" in run(*options, path, code=2)
+    assert path.read_text(encoding="utf-8") == "mine"
+    assert "is not replaced" in run(*options, tmp_path, code=2)
+    assert "the folder of the table does not exist" in run(*options, tmp_path / "none" / "rows.csv", code=2)
+    path.unlink()
+    run(*options, path)
+    first = path.read_bytes()
+    run(*options, path)
+    assert path.read_bytes() == first
+    assert "two outputs" in run(store.path, "--json", "--table", "latex", code=2)
+
+
+def test_a_pool_that_cannot_be_written_is_refused_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("dancedata.evaluation.evaluate.measure_clips", None)  # would be called
+    for path, message in ((tmp_path / "a.txt", "a pool is an .npz file"), (tmp_path / "x" / "p.npz", "the folder")):
+        with pytest.raises(UsageError, match=message):
+            dancedata.evaluate(dances(), fps=30, pool=dances(), save_pool=path)
+
+
+def test_pools_of_other_metrics_and_with_nan_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, protocol = tmp_path / "pool.npz", BailandoAistpp()
+    dancedata.evaluate(dances(), protocol=protocol, fps=60, pool=dances(4), save_pool=path, bootstrap=0)
+    monkeypatch.setattr(Kinetic, "version", Kinetic.version + 1)
+    with pytest.raises(UsageError, match=r"measured by other metrics, or .*save-pool"):
+        load_pool(path, protocol)
+    monkeypatch.undo()
+    with np.load(path) as file:
+        arrays = dict(file)
+    arrays["rows_0"][1, 2] = np.nan
+    np.savez(path, allow_pickle=False, **arrays)
+    with pytest.raises(UsageError, match=r"pool\.npz: not a pool; found the features hold NaN.*row 1"):
+        load_pool(path, protocol)
+
+
+def test_scores_do_not_depend_on_the_order_of_the_pool() -> None:
+    pool = {f"p{k}": dance(20 + k) for k in range(7)}
+    turned = dict(reversed(pool.items()))
+    found = [dancedata.evaluate(dances(), fps=30, pool=p, metrics=["kinetic"], bootstrap=0) for p in (pool, turned)]
+    assert found[0].to_json() == found[1].to_json()
