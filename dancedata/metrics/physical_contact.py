@@ -64,7 +64,8 @@ def pfc(joints: Float64Array, fps: float, *, variant: str = "rescaled", up: Up =
     """Return the physical foot contact score: lower is better, 0 if one foot always stands (EDGE, Tseng et al. 2023).
 
     The mean over the frames 1 ... T - 2 of ``|a| / max |a|`` times the speeds of both feet. a is the acceleration of
-    the root with its downward part set to 0; the speed of a foot is the lesser of its ankle's and its toe's, horizontal.
+    the root with its downward part set to 0; the speed of a foot is the lesser of its ankle's and its toe's,
+    horizontal.
 
     Parameters
     ----------
