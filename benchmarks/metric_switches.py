@@ -148,7 +148,7 @@ def beats_of(song: Path) -> dict[int, MusicBeats]:
 def score(
     metric: BeatAlignment, joints: Float64Array, fps: int, music: Mapping[int, MusicBeats]
 ) -> Float64Array | None:
-    """Return score and chance level; None where there are no beats."""
+    """Return score and chance level; None without beats."""
     try:
         return metric.measure(Dance(joints[:: 60 // fps], FrameGrid.of(fps), music[fps]))
     except Undefined:

@@ -111,7 +111,7 @@ class Dance:
     grid
         Rate of the frames.
     music
-        Beats of the music; None if there is no music.
+        Beats of the music; None without music.
     """
 
     joints: Float64Array

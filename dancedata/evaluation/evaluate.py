@@ -93,7 +93,7 @@ class _Run:
         pool = self.pool(range(len(protocol.measures)) if save is not None else numbers)
         if save is not None:
             if pool is None:
-                raise UsageError("there is no pool to save", fix="name a dataset: --pool STORE")
+                raise UsageError("no pool was given, so none can be saved", fix="name a dataset: --pool STORE")
             save_pool(save, protocol, pool)
         clips = named_songs(side.clips, self.request.songs, self.request.like or side.store)
         needs_music = any(protocol.measures[number].metric.needs_music for number in numbers)

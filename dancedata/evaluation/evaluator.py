@@ -50,7 +50,7 @@ class Evaluator:
     pool
         What samples are compared with; None: metrics that need a pool are not computed.
     beat_column, music_grid
-        Column of the beats in rows of music, and the rate of the rows; None: there is no music.
+        Column of the beats in rows of music, and the rate of the rows; None without music.
 
     Examples
     --------

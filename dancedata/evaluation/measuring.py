@@ -47,7 +47,8 @@ class MeasuredClip:
     cuts
         First frame and length of each piece.
     rows
-        By the number of a protocol's measure, the outcome of each piece; None where there is no music for it.
+        By the number of a protocol's measure, the outcome of each piece; None if the measure needs music and the
+        clip has none.
     notes
         What was changed before measuring.
     """

@@ -43,7 +43,7 @@ def self_hash(about: Mapping[str, Any]) -> str:
 
 
 def read_about(folder: Path) -> dict[str, Any] | None:
-    """Read export.json of a finished export; None where there is none, or one that is not ours."""
+    """Read export.json of a finished export; None if it is missing or not of an export."""
     path = folder / ABOUT
     try:
         about = None if path.is_symlink() else read_json(path, MAX_BYTES)

@@ -88,7 +88,7 @@ def kinetic(joints: Float64Array, fps: float, *, energy: Energy = "fixed", up: U
 
     - the mean of the squared horizontal velocity, m2/s2,
     - the mean of the squared vertical velocity, m2/s2,
-    - the mean of |a_i|, m/s2.
+    - the mean of ``|a_i|``, m/s2.
 
     Parameters
     ----------

@@ -88,9 +88,10 @@ def checked_rows(rows: npt.ArrayLike, width: int | None = None) -> Float64Array:
 def frechet(first: Float64Array, second: Float64Array) -> float:
     """Return the Frechet distance of two sets of vectors, each taken as a Gaussian (Heusel et al. 2017, FID).
 
-    |mean difference|^2 + tr C1 + tr C2 - 2 tr sqrt(C1 C2), covariances with N - 1. The trace of the root is the sum
-    of the singular values of X1 X2^T, where X is the centred set over sqrt(N - 1): real, defined for fewer vectors
-    than dimensions, without a matrix root. The originals' scipy.linalg.sqrtm has an error of about 1e-6 there.
+    ``|mean difference|^2 + tr C1 + tr C2 - 2 tr sqrt(C1 C2)``, covariances with N - 1. The trace of the root is the
+    sum of the singular values of X1 X2^T, where X is the centred set over sqrt(N - 1): real, defined for fewer
+    vectors than dimensions, without a matrix root. The originals' scipy.linalg.sqrtm has an error of about 1e-6
+    there.
 
     Parameters
     ----------

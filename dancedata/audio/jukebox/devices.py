@@ -43,7 +43,7 @@ def require_device(device: str | torch.device | None) -> torch.device:
 def claimed(devices: tuple[str, ...]) -> str | None:
     """Return a card that no other process of this user on this machine uses, for the life of the process.
 
-    If all cards are in use, the first one, which is then shared; None if there are none.
+    If all cards are in use, the first one, which is then shared; None without cards.
     """
     for device in devices:
         with suppress(OSError):

@@ -50,7 +50,7 @@ class Fact(Generic[T]):
 
 @dataclass(frozen=True)
 class Declared:
-    """Declarations for one file or for all; None where there is none.
+    """Declarations for one file or for all; None where nothing is declared.
 
     Attributes
     ----------

@@ -1,0 +1,158 @@
+"""Draws build.svg and scope.svg: python docs/images/draw.py.
+
+The curves of scope.svg are the onset envelopes of a synthetic song, computed as builds of either scope compute them.
+Pictures have their own ground and follow the reader's colour scheme, so they are readable on any page.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+from pathlib import Path
+
+import numpy as np
+
+import dancedata
+from dancedata.core.audio_signal import AudioSignal
+from dancedata.synthetic import synthesise_song
+
+WIDTH = 560
+#: (light, dark) by the name of a class. tests/docs/test_images.py measures their contrast.
+COLOURS = {
+    "ground": ("#ffffff", "#0d1117"),
+    "box": ("#eef2f7", "#1c232d"),
+    "text": ("#1f2328", "#e6edf3"),
+    "muted": ("#4f5863", "#aab4c0"),
+    "line": ("#6e7781", "#8b949e"),
+    "track": ("#0550ae", "#79b8ff"),
+    "window": ("#9a3d00", "#ffa657"),
+}
+
+
+def _style() -> str:
+    def rules(scheme: int) -> str:
+        colour = {name: both[scheme] for name, both in COLOURS.items()}
+        return (
+            f".ground{{fill:{colour['ground']}}} .box{{fill:{colour['box']};stroke:{colour['line']}}} "
+            f"text{{fill:{colour['text']}}} .muted{{fill:{colour['muted']}}} "
+            f".line{{stroke:{colour['line']};fill:none}} .tip{{fill:{colour['line']}}} "
+            f".track{{stroke:{colour['track']};fill:none}} .window{{stroke:{colour['window']};fill:none}} "
+        )
+
+    fonts = "text{font:15px system-ui,-apple-system,'Segoe UI','DejaVu Sans',sans-serif} .name{font-weight:600}"
+    return f"{fonts} {rules(0)}@media (prefers-color-scheme:dark){{{rules(1)}}}"
+
+
+def _picture(title: str, height: int, parts: Sequence[str]) -> str:
+    size = f'viewBox="0 0 {WIDTH} {height}" width="{WIDTH}" height="{height}"'
+    ground = f'<rect class="ground" width="{WIDTH}" height="{height}" rx="8"/>'
+    tip = (
+        '<marker id="tip" viewBox="0 0 8 8" refX="8" refY="4" markerWidth="8" markerHeight="8" orient="auto">'
+        '<path class="tip" d="M0 0 8 4 0 8z"/></marker>'
+    )
+    body = [f"<title>{escape(title)}</title>", f"<style>{_style()}</style>", f"<defs>{tip}</defs>", ground, *parts]
+    return "\n".join([f'<svg xmlns="http://www.w3.org/2000/svg" {size} role="img">', *body, "</svg>", ""])
+
+
+def _text(x: float, y: float, text: str, kind: str = "", anchor: str = "start") -> str:
+    return f'<text x="{x:g}" y="{y:g}" class="{kind}" text-anchor="{anchor}">{escape(text)}</text>'
+
+
+def _box(x: int, y: int, width: int, name: str, *lines: str) -> str:
+    height = 30 + 19 * len(lines)
+    rows = [f'<rect class="box" x="{x}" y="{y}" width="{width}" height="{height}" rx="6"/>']
+    rows.append(_text(x + 12, y + 21, name, "name"))
+    rows += [_text(x + 12, y + 40 + 19 * i, line, "muted") for i, line in enumerate(lines)]
+    return "\n".join(rows)
+
+
+def _arrow(*points: tuple[float, float]) -> str:
+    path = " ".join(f"{x:g},{y:g}" for x, y in points)
+    return f'<polyline class="line" stroke-width="1.5" marker-end="url(#tip)" points="{path}"/>'
+
+
+def build_picture() -> str:
+    """Return the picture of a build: from files to a dataset, stage by stage."""
+    left, right, half = 16, 288, 256
+    parts = [
+        _box(left, 16, half, "motion", "pkl, npz, npy, bvh"),
+        _box(right, 16, half, "music", "wav, flac, mp3, ogg"),
+        _arrow((144, 65), (144, 88)),
+        _arrow((416, 65), (416, 88)),
+        _box(left, 88, 528, "identify", "clips, their splits and songs; a hash of every file"),
+        _arrow((144, 137), (144, 160)),
+        _arrow((416, 137), (416, 160)),
+        _box(left, 160, half, "encode", "columns of each trainer,", "contacts, key motions"),
+        _box(right, 160, half, "extract", "features of whole songs,", "or of each window (scope)"),
+        _arrow((144, 228), (144, 251)),
+        _box(left, 251, half, "cut windows", "length, stride, filter"),
+        _arrow((272, 275), (352, 275), (352, 229)),
+        _arrow((144, 300), (144, 323)),
+        _arrow((416, 228), (416, 323)),
+        _box(left, 323, 528, "copy", "mirrored, turned, faster: whatever the recipe augments"),
+        _arrow((144, 372), (144, 395)),
+        _arrow((416, 372), (416, 395)),
+        _box(left, 395, half, "dataset", "*.h5, stats.json,", "dataset.json: written last"),
+        _box(right, 395, half, "what to know", "rejects.jsonl: left out, why", "quality.jsonl: flagged"),
+        _text(WIDTH / 2, 488, "Results of encode and extract are kept in the cache:", anchor="middle"),
+        _text(WIDTH / 2, 507, "a build that was interrupted continues there.", anchor="middle"),
+    ]
+    return _picture("What a build does", 524, parts)
+
+
+def _curve(values: np.ndarray, x: np.ndarray, floor: float, kind: str, width: float) -> str:
+    points = " ".join(f"{a:.1f},{floor - 2.6 * min(float(v), 18):.1f}" for a, v in zip(x, values, strict=True))
+    return f'<polyline class="{kind}" stroke-width="{width}" points="{points}"/>'
+
+
+def scope_picture() -> str:
+    """Return the picture of both scopes: the onset envelope of a song, and of three windows by themselves."""
+    fps, length_s, stride_s, total_s = 30, 5.0, 2.5, 10.0
+    signal = synthesise_song("mBR0", length_s=total_s).signal
+    song = dancedata.extract("librosa35", signal, fps=fps, start_bpm=80)[: int(total_s * fps), 0]
+    left, pixels = 16.0, 528 / total_s
+    starts = np.arange(0, total_s - length_s + 1e-9, stride_s)
+
+    def places(start_s: float, rows: int) -> np.ndarray:
+        return left + pixels * (start_s + np.arange(rows) / fps)
+
+    parts = [
+        _text(16, 30, "scope: track", "name"),
+        _text(16, 50, "one analysis of the whole song; windows are views of it", "muted"),
+        _curve(song, places(0, len(song)), 118, "track", 1.5),
+    ]
+    for number, start in enumerate(starts):
+        x, y, width = left + pixels * start, 130 + 22 * number, pixels * length_s
+        parts.append(f'<path class="line" stroke-width="1.5" d="M{x:g} {y - 6}v8h{width:g}v-8"/>')
+        parts.append(_text(x + 8, y + 19, f"{start:g} to {start + length_s:g} s", "muted"))
+    parts += [
+        _text(16, 238, "scope: window", "name"),
+        _text(16, 258, "the song is cut first; every window is analysed by itself", "muted"),
+    ]
+    for number, start in enumerate(starts):
+        first, n = round(start * signal.sample_rate), round(length_s * signal.sample_rate)
+        piece = AudioSignal(signal.samples[first : first + n], signal.sample_rate)
+        rows = dancedata.extract("librosa35", piece, fps=fps, start_bpm=80)[: int(length_s * fps), 0]
+        floor = 318 + 58 * number
+        track = song[int(start * fps) :][: len(rows)]
+        parts.append(_curve(track, places(start, len(rows)), floor, "track", 1.2))
+        parts.append(_curve(rows, places(start, len(rows)), floor, "window", 1.5))
+        x, width = left + pixels * start, pixels * length_s
+        parts.append(f'<path class="line" stroke-width="1.5" d="M{x:g} {floor - 2}v8h{width:g}v-8"/>')
+    parts += [
+        _text(16, 413, "At 2.5 s the second window", "muted"),
+        _text(16, 432, "lacks the onset of the song.", "muted"),
+    ]
+    return _picture("Track scope and window scope", 500, [*parts, *_legend(472)])
+
+
+def _legend(y: int) -> list[str]:
+    entries = [(16, "track", "onset envelope of the song"), (288, "window", "of the window by itself")]
+    lines = [f'<path class="{kind}" stroke-width="2.5" d="M{x} {y - 5}h24"/>' for x, kind, _ in entries]
+    return [*lines, *(_text(x + 32, y, text) for x, _, text in entries)]
+
+
+if __name__ == "__main__":
+    folder = Path(__file__).resolve().parent
+    (folder / "build.svg").write_text(build_picture(), encoding="utf-8")
+    (folder / "scope.svg").write_text(scope_picture(), encoding="utf-8")

@@ -1,0 +1,72 @@
+"""The drawings: as docs/images/draw.py makes them, readable in both colour schemes, complete in themselves."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+IMAGES = Path(__file__).resolve().parents[2] / "docs" / "images"
+DRAWN = ("build", "scope")
+
+
+@pytest.fixture(scope="module")
+def draw() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("dancedata_docs_draw", IMAGES / "draw.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def _contrast(first: str, second: str) -> float:
+    """Return the contrast of two colours, as WCAG 2 defines it."""
+
+    def luminance(colour: str) -> float:
+        parts = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255
+        linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
+        return float(linear @ (0.2126, 0.7152, 0.0722))
+
+    low, high = sorted((luminance(first), luminance(second)))
+    return (high + 0.05) / (low + 0.05)
+
+
+def test_contrast_is_measured() -> None:
+    assert _contrast("#000000", "#ffffff") == pytest.approx(21)
+    assert _contrast("#777777", "#ffffff") == pytest.approx(4.48, abs=0.01)
+
+
+@pytest.mark.parametrize("scheme", [0, 1], ids=["light", "dark"])
+def test_colours_are_readable(draw: ModuleType, scheme: int) -> None:
+    colours = {name: both[scheme] for name, both in draw.COLOURS.items()}
+    for text in ("text", "muted"):
+        assert min(_contrast(colours[text], colours[ground]) for ground in ("ground", "box")) >= 4.5
+    for graphic in ("line", "track", "window"):
+        assert _contrast(colours[graphic], colours["ground"]) >= 3
+
+
+def _numbers(text: str) -> np.ndarray:
+    return np.array(re.findall(r"-?\d+\.?\d*", text), float)
+
+
+@pytest.mark.parametrize("name", DRAWN)
+def test_the_files_are_those_that_the_script_draws(draw: ModuleType, name: str) -> None:
+    stored = (IMAGES / f"{name}.svg").read_text(encoding="utf-8")
+    drawn = getattr(draw, f"{name}_picture")()
+    assert re.sub(r"-?\d+\.?\d*", "0", stored) == re.sub(r"-?\d+\.?\d*", "0", drawn)
+    np.testing.assert_allclose(_numbers(stored), _numbers(drawn), atol=0.11)  # a tenth of a pixel is rounding
+
+
+@pytest.mark.parametrize("path", sorted(IMAGES.glob("*.svg")), ids=lambda path: path.name)
+def test_pictures_are_complete_in_themselves(path: Path) -> None:
+    text = path.read_text(encoding="utf-8")
+    root = ET.fromstring(text)
+    assert root.find("{http://www.w3.org/2000/svg}title") is not None
+    assert len(re.findall(r"https?://", text)) == text.count("http://www.w3.org/")
+    assert "<script" not in text

@@ -1,0 +1,103 @@
+"""The site: navigation, reference, and what is checked of the HTML. `.ci/run` builds it."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import importlib.util
+import re
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+SITE = ROOT / "docs" / "site"
+
+
+@pytest.fixture
+def module(monkeypatch: pytest.MonkeyPatch):
+    """Import one file of docs/site."""
+    monkeypatch.syspath_prepend(str(SITE))
+
+    def load(name: str) -> ModuleType:
+        for own in ("navigation", "reference", "written"):
+            monkeypatch.delitem(sys.modules, own, raising=False)
+        return importlib.import_module(name)
+
+    return load
+
+
+def test_every_page_is_in_one_group_of_the_navigation(module) -> None:
+    groups = module("navigation").groups(ROOT)
+    found = [page for pages in groups.values() for _, page in pages]
+    there = {str(path.relative_to(ROOT).with_suffix("")) for path in (ROOT / "docs").glob("*.md")}
+    assert there - {"docs/README"} == {page for page in found if re.fullmatch(r"docs/[^/]+", page)}
+    assert len(found) == len(set(found))
+    assert "" not in groups  # a table above the first group
+
+
+def test_every_decision_is_in_the_list_of_decisions() -> None:
+    folder = ROOT / "docs" / "decisions"
+    listed = re.findall(r"^\| \[(\d+)\]\(([^)]+)\) \|", (folder / "README.md").read_text("utf-8"), flags=re.MULTILINE)
+    assert [page for _, page in listed] == sorted({path.name for path in folder.glob("*.md")} - {"README.md"})
+    assert all(page.startswith(f"{number}-") for number, page in listed)
+
+
+def test_pages_are_added_below_their_group(module) -> None:
+    text = ["# dancedata\n"]
+    module("navigation").add(ROOT, "README", text)
+    _, start, *_ = text[0].split("```{toctree}")[1:]
+    assert ":caption: Start" in start
+    assert "\nFrom Python </docs/python>\n" in start
+    assert ":hidden:" in start
+    other = ["# Recipes\n"]
+    module("navigation").add(ROOT, "docs/recipes", other)
+    assert other == ["# Recipes\n"]
+
+
+def test_modules_that_pages_import_are_in_the_reference(module) -> None:
+    listed = set(module("reference").modules(ROOT))
+    assert all(importlib.util.find_spec(name) for name in listed)
+    missing = set()
+    for path in [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]:
+        for block in re.findall(r"^```python\n(.*?)^```", path.read_text("utf-8"), flags=re.DOTALL | re.MULTILINE):
+            for node in ast.walk(ast.parse(block)):
+                if isinstance(node, ast.ImportFrom) and str(node.module).split(".")[0] == "dancedata":
+                    missing |= {f"{path.name}: {node.module}"} if node.module not in listed else set()
+    assert missing == set()
+
+
+def test_a_name_has_one_entry_where_it_is_defined(module) -> None:
+    reference = module("reference")
+    listed = reference.modules(ROOT)
+    page = reference.page("dancedata", listed)
+    assert "- :py:obj:`Motion <dancedata.core.motion.Motion>`" in page
+    assert re.search(r":exclude-members: .*\bMotion\b", page)
+    assert "build" not in reference.elsewhere("dancedata", listed)
+    assert reference.page("dancedata.core.grid", listed).endswith(".. automodule:: dancedata.core.grid\n\n")
+
+
+@pytest.mark.parametrize(
+    ("html", "finding"),
+    [
+        ('<a href="b.html#here">', None),
+        ('<a href="b.html#there">', "a.html: no such anchor: b.html#there"),
+        ('<a href="c.html">', "a.html: no such file: c.html"),
+        ('<a href="#own">', "a.html: no such anchor: #own"),
+        ('<a href="https://example.org/x">', None),
+        ('<script src="https://example.org/x.js"></script>', "a.html: loads https://example.org/x.js"),
+        ('<link rel="stylesheet" href="//example.org/x.css">', "a.html: loads //example.org/x.css"),
+        ('<img src="gone.svg">', "a.html: no such file: gone.svg"),
+    ],
+)
+def test_dead_links_and_other_hosts_are_found(module, tmp_path: Path, html: str, finding: str | None) -> None:
+    (tmp_path / "a.html").write_text(html)
+    (tmp_path / "b.html").write_text('<h2 id="here">')
+    assert module("written").findings(tmp_path) == ([finding] if finding else [])
+
+
+def test_fonts_of_other_hosts_are_found(module, tmp_path: Path) -> None:
+    (tmp_path / "a.css").write_text('@import "https://example.org/font.css"; a {background: url(own.png)}')
+    assert module("written").findings(tmp_path) == ["a.css: loads https://example.org/font.css"]
