@@ -19,8 +19,9 @@ def check_plugin(cls: type[Any]) -> None:
     require(type(cls.version) is int and cls.version > 0, "version is a whole number above 0")
     text = inspect.getdoc(cls) or ""
     require(bool(text) and not text.startswith(f"{cls.__name__}("), f"{cls.__name__} has a docstring")
+    described = "\n".join(inspect.getdoc(base) or "" for base in cls.__mro__)  # a base may add fields of its own
     for field in dataclasses.fields(cls):
-        require(re.search(rf"^{field.name}\b", text, re.M) is not None, f"the docstring describes {field.name}")
+        require(re.search(rf"^{field.name}\b", described, re.M) is not None, f"the docstring describes {field.name}")
     from dancedata.recipes.documents import document_of
     from dancedata.recipes.plugins import make_plugin, one_of
 
