@@ -28,8 +28,10 @@ from dancedata.core.text import counted, shown
 from dancedata.formats.safe_pickle import as_array
 from dancedata.formats.value_arrays import ValueArrays, load_values
 
-__all__ = ["PHALP_CAMERA", "PHALP_ROTATIONS", "PersonArrays", "open_people"]
+__all__ = ["PHALP_CAMERA", "PHALP_ROTATIONS", "TOOLS", "PersonArrays", "open_people"]
 
+#: Programs whose files are recognised; what they write are rotations.
+TOOLS = ("wham", "phalp", "gvhmr")
 #: More people than any video has.
 MAX_PEOPLE = 1000
 #: A person in a frame of PHALP takes more than 1,000 bytes, also compressed.
@@ -50,7 +52,7 @@ class PersonArrays(ValueArrays):
     Attributes
     ----------
     person : the file's own name for the person, such as "1"; "" for a file that is not divided by people.
-    tool : "wham", "phalp", "gvhmr", or "" for any other layout.
+    tool : one of TOOLS, or "" for any other layout.
     frames : (T,) the frames of the video in which the person was seen; None where the file does not have them.
     """
 

@@ -21,7 +21,9 @@ import numpy as np
 from scipy import sparse
 from scipy.spatial.transform import Rotation
 
-__all__ = ["dance", "gvhmr", "joblib_bytes", "phalp", "smpl_pickle", "torch_file", "wham", "wham_person"]
+from dancedata.core.skeleton import SMPL24
+
+__all__ = ["dance", "gvhmr", "in_camera", "joblib_bytes", "phalp", "smpl_pickle", "torch_file", "wham", "wham_person"]
 
 
 def dance(n_frames: int, seed: int = 0, joints: int = 24) -> tuple[Any, Any]:
@@ -36,6 +38,12 @@ def dance(n_frames: int, seed: int = 0, joints: int = 24) -> tuple[Any, Any]:
     return rotations, path * [1, 0.1, 1] + [0, 1, 0]
 
 
+def in_camera(path: Any) -> Any:
+    """Return a translation (..., 3) with +Y down and +Z away: the pelvis turns, which is at rest + translation."""
+    rest = np.array(SMPL24.offsets[0])
+    return (rest + path) * [1, -1, -1] - rest
+
+
 def wham_person(n_frames: int, first: int = 0, seed: int = 0, vertices: int = 6890) -> dict[str, Any]:
     """Return one person of WHAM's demo.py; trans and pose are in the camera's axes."""
     rotations, path = dance(n_frames, seed)
@@ -44,7 +52,7 @@ def wham_person(n_frames: int, first: int = 0, seed: int = 0, vertices: int = 68
     camera[:, :3] = (Rotation.from_euler("x", np.pi) * Rotation.from_rotvec(pose[:, :3])).as_rotvec()
     return {
         "pose": camera,
-        "trans": (path * [1, -1, -1] + [0, 0, 4]).astype(np.float32),
+        "trans": np.add(in_camera(path), [0, 0, 4]).astype(np.float32),
         "pose_world": pose,
         "trans_world": path.astype(np.float32),
         "betas": np.random.default_rng(seed).normal(0, 0.1, (n_frames, 10)).astype(np.float32),
@@ -94,7 +102,7 @@ def phalp(people: dict[int, Any], compress: Any = 3) -> bytes:
             row["tracked_ids"] += [person] * (late == 0)
             smpl = {"global_orient": matrices[:1], "body_pose": matrices[1:], "betas": np.full(10, 0.1 * person)}
             row["smpl"].append({key: value.astype(np.float32) for key, value in smpl.items()})
-            row["camera"].append((path[at] @ turn).astype(np.float32))
+            row["camera"].append(in_camera(path[at]).astype(np.float32))
             row["conf"].append(np.float32(0.9))
             row["3d_joints"].append(np.zeros((45, 3), np.float32))
             row["mask"].append([{"size": [480, 640], "counts": b"abc"}])
@@ -169,7 +177,7 @@ def gvhmr(n_frames: int, seed: int = 0) -> dict[str, Any]:
     rows = rotations.reshape(n_frames, 66).astype(np.float32)
     world = {"body_pose": rows[:, 3:], "betas": np.zeros((n_frames, 10), np.float32)}
     world |= {"global_orient": rows[:, :3], "transl": path.astype(np.float32)}
-    camera = {**world, "transl": (path * [1, -1, -1]).astype(np.float32)}
+    camera = {**world, "transl": in_camera(path).astype(np.float32)}
     return {
         "smpl_params_global": world,
         "smpl_params_incam": camera,

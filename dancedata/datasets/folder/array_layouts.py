@@ -40,7 +40,7 @@ from dancedata.datasets.folder.facts import Fact, bad_declaration
 from dancedata.formats.array_file import ArrayFile
 from dancedata.formats.body_model import SMPLH52
 from dancedata.formats.six_d import check_rows, rotations_of
-from dancedata.formats.video_pose import PHALP_CAMERA, PHALP_ROTATIONS, PersonArrays
+from dancedata.formats.video_pose import PHALP_CAMERA, PHALP_ROTATIONS, TOOLS, PersonArrays
 
 __all__ = ["RATE_KEYS", "Layout", "read_motion", "recognise"]
 
@@ -250,7 +250,8 @@ def read_motion(arrays: ArrayFile, layout: Layout) -> tuple[Floats, Floats]:
             arrays, layout.poses or "body_pose", len(rotations), layout.translation or "", len(translation)
         )
     rotations = rotations.reshape(len(rotations), joints, 3)
-    require_rotations(arrays.path, layout.poses or "body_pose", rotations, translation, layout.skeleton.parents)
+    if not (layout.matrices or layout.name in TOOLS):
+        require_rotations(arrays.path, layout.poses or "body_pose", rotations, translation, layout.skeleton.parents)
     if layout.scaling and layout.keyed:
         translation = translation / scales(arrays, layout.scaling, len(translation))
     elif layout.scaling:

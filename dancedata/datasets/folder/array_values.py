@@ -96,8 +96,8 @@ def scales(arrays: ArrayFile, name: str, n_frames: int) -> Floats:
     One number, one per frame, or a weak-perspective camera (T, 3 or 4) whose first column is the scale.
     """
     values = arrays.read(name)
-    found = values.reshape(1, 1) if values.size == 1 else values.reshape(len(values), -1)[:, :1]
-    if len(found) not in (1, n_frames) or values.ndim > 2 or not ((found >= 1e-6) & (found <= 1e6)).all():
+    found = values.reshape(1, 1) if values.size == 1 else values[:, :1] if values.ndim == 2 else values.reshape(-1, 1)
+    if found.shape not in ((1, 1), (n_frames, 1)) or values.ndim > 2 or not ((found >= 1e-6) & (found <= 1e6)).all():
         raise DataError(
             f"{name or 'the array'} cannot scale the translation",
             reason="bad_scaling",

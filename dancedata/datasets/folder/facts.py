@@ -18,13 +18,14 @@ from numpy.typing import NDArray
 from dancedata.core.errors import DataError, did_you_mean
 from dancedata.datasets.folder.rates import MAX_RATE, MIN_RATE, rate_of_text
 from dancedata.formats.body_model import GENDERS
+from dancedata.formats.video_pose import TOOLS
 
 __all__ = ["LAYOUTS", "UNITS", "UPRIGHT", "Declared", "Fact", "bad_declaration", "decide", "undeclared"]
 
 T = TypeVar("T")
 Floats = NDArray[np.float64]
 
-LAYOUTS = ("auto", "amass", "smpl", "smplh", "smplx", "finedance", "wham", "phalp", "gvhmr")
+LAYOUTS = ("auto", "amass", "smpl", "smplh", "smplx", "finedance", *TOOLS)
 #: Metres per unit. "cmu": the files of the CMU database are in inches / 0.45.
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "cmu": 0.0254 / 0.45}
 GUESS = "guess"

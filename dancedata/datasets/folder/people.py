@@ -80,12 +80,13 @@ def open_person(path: Path, person: str | None) -> Iterator[ArrayFile]:
             f"the file has {counted(len(people), 'person').replace('persons', 'people')}, and none of them is chosen",
             reason="several_people",
             where=str(path),
-            found=listed(people),
+            found=listed(map(str, people)),
             fix="make each a clip (--set dataset.folder.people=split), or choose one in the manifest's column person",
         )
     chosen = [one for one in people if person is None or one.person == person]
     if not chosen:
-        raise _missing(path, person, f"people {listed(people)}" if people[0].person else "one person without a name")
+        found = f"people {listed(map(str, people))}" if people[0].person else "one person without a name"
+        raise _missing(path, person, found)
     yield chosen[0]
 
 
