@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from dancedata.core.errors import DataError
 from dancedata.core.regular_file import open_regular
 from dancedata.core.text import shown
-from dancedata.formats.array_file import NUMBERS, Array, ArrayFile, as_numbers, not_numbers, text_of, too_large
+from dancedata.formats.array_file import NUMBERS, Array, ArrayFile, as_numbers, not_numbers, text_of
 from dancedata.formats.safe_pickle import MAX_PICKLE_BYTES, as_array, load_pickle
 from dancedata.formats.torch_file import TORCH_HEAD, load_torch
 
@@ -27,7 +28,14 @@ def load_values(path: Path) -> object:
     """
     size = path.stat().st_size if path.is_file() else 0
     if size > MAX_PICKLE_BYTES:
-        raise too_large(path, f"{size:,} bytes", f"at most {MAX_PICKLE_BYTES:,}")
+        raise DataError(
+            "the file is larger than the limit",
+            reason="too_large",
+            where=str(path),
+            found=f"{size:,} bytes",
+            allowed=f"at most {MAX_PICKLE_BYTES:,}",
+            fix="save it without what is not the motion, such as WHAM's verts, or run the program on shorter videos",
+        )
     return load_torch(path) if _is_torch(path) else load_pickle(path)
 
 

@@ -75,7 +75,7 @@ def wham(people: dict[int, dict[str, Any]], compress: Any = 0, protocol: int | N
     return joblib_bytes(found, compress, protocol)
 
 
-def phalp(people: dict[int, Any], compress: Any = 3) -> bytes:
+def phalp(people: dict[int, Any], compress: Any = 3, protocol: int | None = None) -> bytes:
     """Return results/demo_NAME.pkl of 4D-Humans.
 
     Parameters
@@ -109,7 +109,7 @@ def phalp(people: dict[int, Any], compress: Any = 3) -> bytes:
             row["appe"].append(np.zeros(64, np.float32))
             row["size"].append([480, 640])
         content[name] = row
-    return joblib_bytes(content, compress)
+    return joblib_bytes(content, compress, protocol)
 
 
 def torch_file(content: Any, order: str = "little") -> bytes:
