@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from dancedata.core.errors import DataError
 from dancedata.core.text import counted, shown
+from dancedata.formats.array_file import as_numbers
 from dancedata.formats.safe_pickle import as_array
 from dancedata.formats.value_arrays import ValueArrays, load_values
 
@@ -184,7 +185,7 @@ def _shaped(path: Path, value: object, shape: tuple[int, ...]) -> NDArray[Any]:
     if array is None or array.dtype.kind not in "fiu" or array.size != np.prod(shape):
         found = "nothing" if value is None else shown(value if array is None else array.shape)
         raise _invalid(path, found, f"numbers of shape {shape}")
-    return array.reshape(shape)
+    return as_numbers(array).reshape(shape)
 
 
 def _whole(path: Path, value: object) -> int:
