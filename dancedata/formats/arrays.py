@@ -10,7 +10,7 @@ import math
 import os
 import warnings
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,59 +21,38 @@ from numpy.typing import NDArray
 
 from dancedata.core.errors import DataError
 from dancedata.core.regular_file import open_regular
-from dancedata.core.text import listed, quoted, shown
-from dancedata.formats.safe_pickle import MAX_PICKLE_BYTES, as_array, load_pickle
+from dancedata.core.text import shown
+from dancedata.formats.array_file import (
+    NUMBERS,
+    Array,
+    ArrayFile,
+    as_numbers,
+    at,
+    broken,
+    not_numbers,
+    text_of,
+    too_large,
+)
+from dancedata.formats.unpacked import BOMB_BYTES, BOMB_RATIO
+from dancedata.formats.value_arrays import ValueArrays, load_values
 
-__all__ = ["MAX_ARRAY_BYTES", "ArrayFile", "open_arrays"]
+__all__ = ["MAX_ARRAY_BYTES", "VALUE_SUFFIXES", "ArrayFile", "open_arrays"]
+
+#: Names of pickles, files of joblib.dump and files of torch.save; each is recognised by its content.
+VALUE_SUFFIXES = (".pkl", ".pk", ".joblib", ".pt", ".pth")
 
 #: Four hours of SMPL-X at 120 FPS in float64 take 2.3 GB; a single motion is far below that.
 MAX_ARRAY_BYTES = 1 << 30
 MAX_MEMBERS = 1000
 #: numpy's own limit, which numpy applies only after allocating the announced length, up to 4 GB.
 MAX_HEADER_BYTES = 10_000
-#: An array above this size with a higher compression ratio than this is not a motion.
-BOMB_BYTES = 1 << 26
-BOMB_RATIO = 100
 #: A member of an .npz archive that is larger is not a short text.
 MAX_TEXT_BYTES = 4096
-_NUMBERS = "fiu"
-
-Array = NDArray[Any]
-
-
-class ArrayFile:
-    """Named arrays of a file; an .npy file and a pickled array have the single name "".
-
-    Attributes
-    ----------
-    names : all names in the file, whether or not they hold numbers.
-    """
-
-    def __init__(self, path: Path, names: tuple[str, ...]) -> None:
-        self.path = path
-        self.names = names
-
-    @property
-    def listed(self) -> str:
-        """The first names, for messages."""
-        return listed(self.names, 20, quoted) or "none"
-
-    def shape(self, name: str) -> tuple[int, ...]:
-        """Return the shape of an array of numbers, from its header. DataError if it does not hold numbers."""
-        raise NotImplementedError
-
-    def read(self, name: str) -> NDArray[np.float64]:
-        """Return an array of numbers as float64. DataError if it does not hold numbers."""
-        raise NotImplementedError
-
-    def text(self, name: str) -> str:
-        """Return a short text such as a gender; "" if the entry is not a text."""
-        raise NotImplementedError
 
 
 @contextmanager
 def open_arrays(path: Path) -> Iterator[ArrayFile]:
-    """Open a file; its suffix decides the format (anything but .npz and .pkl is read as .npy).
+    """Open a file; its suffix decides the format (anything but .npz and VALUE_SUFFIXES is read as .npy).
 
     Raises
     ------
@@ -81,8 +60,8 @@ def open_arrays(path: Path) -> Iterator[ArrayFile]:
         ``broken_file``, ``unsafe_pickle`` (pickled objects), ``bad_shape`` (not numbers), ``too_large``.
     """
     kind = path.suffix.lower()
-    if kind == ".pkl":
-        yield _Pickle(path)
+    if kind in VALUE_SUFFIXES:
+        yield ValueArrays(path, load_values(path))
     elif kind == ".npz":
         with ExitStack() as stack:
             with _named(path):
@@ -104,7 +83,7 @@ class _Npy(ArrayFile):
         with _named(self.path), open_regular(self.path) as file:
             self._header(file)
             file.seek(0)
-            return _numbers(np.lib.format.read_array(file, allow_pickle=False))
+            return as_numbers(np.lib.format.read_array(file, allow_pickle=False))
 
     def text(self, name: str) -> str:
         return ""
@@ -118,7 +97,7 @@ class _Npz(ArrayFile):
     def __init__(self, path: Path, archive: zipfile.ZipFile) -> None:
         members = [info for info in archive.infolist() if info.filename.endswith(".npy")]
         if len(members) > MAX_MEMBERS:
-            raise _too_large(path, f"{len(members):,} arrays", f"at most {MAX_MEMBERS:,}")
+            raise too_large(path, f"{len(members):,} arrays", f"at most {MAX_MEMBERS:,}")
         self._archive = archive
         self._members = {info.filename.removesuffix(".npy"): info for info in members}
         super().__init__(path, tuple(self._members))
@@ -132,8 +111,8 @@ class _Npz(ArrayFile):
             header = self._header(name, file)
         array = self._array(name)
         if (array.shape, array.dtype) != (header.shape, header.dtype):
-            raise _broken(self.path, f"{name} has two different headers")
-        return _numbers(array)
+            raise broken(self.path, f"{name} has two different headers")
+        return as_numbers(array)
 
     def text(self, name: str) -> str:
         size = self._members[name].file_size
@@ -143,7 +122,7 @@ class _Npz(ArrayFile):
             header = _read_header(self.path, file)
             if not header.dtype.hasobject:
                 _require_size(self.path, name, header, size)
-        return _text(self._array(name))
+        return text_of(self._array(name))
 
     def _array(self, name: str) -> Array:
         with _named(self.path), self._open(name) as file:
@@ -154,70 +133,16 @@ class _Npz(ArrayFile):
     def _open(self, name: str) -> IO[bytes]:
         info = self._members[name]
         if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-            raise _broken(self.path, f"{name} has a compression method that numpy never writes")
+            raise broken(self.path, f"{name} has a compression method that numpy never writes")
         size = self.path.stat().st_size
         if info.compress_size > size:
             # zipfile allocates as much memory as this field announces.
-            raise _broken(
-                self.path, f"{name} announces {info.compress_size:,} compressed bytes in a file of {size:,}"
-            )
+            raise broken(self.path, f"{name} announces {info.compress_size:,} compressed bytes in a file of {size:,}")
         return self._archive.open(info)
 
     def _header(self, name: str, file: IO[bytes]) -> _Header:
         info = self._members[name]
         return _numeric_header(self.path, name, file, info.file_size, info.compress_size)
-
-
-class _Pickle(ArrayFile):
-    def __init__(self, path: Path) -> None:
-        size = path.stat().st_size if path.is_file() else 0
-        if size > MAX_PICKLE_BYTES:
-            raise _too_large(path, f"{size:,} bytes", f"at most {MAX_PICKLE_BYTES:,}")
-        content = load_pickle(path)
-        if not isinstance(content, Mapping):
-            content = {"": content}
-        self._content = {name: value for name, value in content.items() if isinstance(name, str)}
-        super().__init__(path, tuple(self._content))
-
-    def shape(self, name: str) -> tuple[int, ...]:
-        return self._array(name).shape
-
-    def read(self, name: str) -> NDArray[np.float64]:
-        return _numbers(self._array(name))
-
-    def text(self, name: str) -> str:
-        value = self._content[name]
-        if isinstance(value, bytes):
-            return value[:20].decode("latin1")
-        return value[:20] if isinstance(value, str) else _text(np.asarray(value)) if _is_array(value) else ""
-
-    def _array(self, name: str) -> Array:
-        array = as_array(self._content[name])
-        if array is None:
-            value = self._content[name]
-            raise _not_numbers(self.path, name, f"{type(value).__name__}, {shown(value)}")
-        if array.dtype.kind not in _NUMBERS:
-            raise _not_numbers(self.path, name, f"dtype {array.dtype}")
-        return array
-
-
-def _is_array(value: object) -> bool:
-    return isinstance(value, (np.ndarray, np.generic))
-
-
-def _text(array: Array) -> str:
-    if array.size != 1 or array.dtype.kind not in "US":
-        return ""
-    try:
-        value = array.reshape(-1)[0]
-    except ValueError:  # code points outside Unicode
-        return ""
-    return value.decode("latin1") if isinstance(value, bytes) else str(value)
-
-
-def _numbers(array: Array) -> NDArray[np.float64]:
-    with np.errstate(over="ignore", invalid="ignore"):  # of long doubles; the caller reports infinite values
-        return array.astype(np.float64)
 
 
 @dataclass(frozen=True)
@@ -256,9 +181,9 @@ def _read_header(path: Path, file: IO[bytes]) -> _Header:
         parse = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
         shape, _, dtype = parse(file)
     except Exception as error:  # tokenize, recursion, memory: crafted headers can raise anything
-        raise _broken(path, f"no .npy header: {shown(error)}") from error
+        raise broken(path, f"no .npy header: {shown(error)}") from error
     if any(type(n) is not int or not 0 <= n <= MAX_ARRAY_BYTES for n in shape):
-        raise _broken(path, f"an array of shape {str(shape)[:80]}")
+        raise broken(path, f"an array of shape {str(shape)[:80]}")
     return _Header(shape, dtype, file.tell(), math.prod(shape) * dtype.itemsize)
 
 
@@ -267,7 +192,7 @@ def _require_size(path: Path, name: str, header: _Header, size: int) -> None:
     announced = header.start + header.n_bytes
     if size != announced:
         what = f"{name or 'the array'} of shape {header.shape}, {header.dtype}"
-        raise _broken(path, f"{what}: {size:,} bytes, but its header announces {announced:,}")
+        raise broken(path, f"{what}: {size:,} bytes, but its header announces {announced:,}")
 
 
 def _numeric_header(path: Path, name: str, file: IO[bytes], size: int, compressed: int) -> _Header:
@@ -282,21 +207,21 @@ def _numeric_header(path: Path, name: str, file: IO[bytes], size: int, compresse
         raise DataError(
             "the file holds pickled Python objects, which are not read",
             reason="unsafe_pickle",
-            where=_at(path, name),
+            where=at(path, name),
             found=f"dtype {header.dtype}",
             allowed="arrays of numbers",
             fix="save the numbers themselves",
         )
-    if header.dtype.kind not in _NUMBERS:
-        raise _not_numbers(path, name, f"dtype {header.dtype}")
+    if header.dtype.kind not in NUMBERS:
+        raise not_numbers(path, name, f"dtype {header.dtype}")
     _require_size(path, name, header, size)
     n_bytes = header.n_bytes
     if n_bytes > MAX_ARRAY_BYTES:
-        raise _too_large(
+        raise too_large(
             path, f"{name or 'the array'} of shape {header.shape}, {n_bytes:,} bytes", f"{MAX_ARRAY_BYTES:,} bytes"
         )
     if n_bytes > BOMB_BYTES and n_bytes > BOMB_RATIO * max(compressed, 1):
-        raise _too_large(
+        raise too_large(
             path, f"{name}: {n_bytes:,} bytes packed into {compressed:,}", f"a ratio of at most {BOMB_RATIO}"
         )
     return header
@@ -313,41 +238,4 @@ def _named(path: Path) -> Iterator[None]:
     except DataError:
         raise
     except Exception as error:  # zip, zlib, struct, recursion: crafted files can raise anything
-        raise _broken(path, shown(error)) from error
-
-
-def _at(path: Path, name: str) -> str:
-    return f"{path}, {shown(name)}" if name else str(path)
-
-
-def _broken(path: Path, found: str) -> DataError:
-    return DataError(
-        "the motion file cannot be read",
-        reason="broken_file",
-        where=str(path),
-        found=found,
-        allowed="an .npy, .npz or .pkl file as numpy writes it",
-        fix="copy or save the file again",
-    )
-
-
-def _not_numbers(path: Path, name: str, found: str) -> DataError:
-    return DataError(
-        "not an array of numbers",
-        reason="bad_shape",
-        where=_at(path, name),
-        found=found,
-        allowed="floats or integers",
-        fix="save the motion as an array",
-    )
-
-
-def _too_large(path: Path, found: str, allowed: str) -> DataError:
-    return DataError(
-        "the array is larger than the limit",
-        reason="too_large",
-        where=str(path),
-        found=found,
-        allowed=allowed,
-        fix="split the motion into several files, uncompressed",
-    )
+        raise broken(path, shown(error)) from error

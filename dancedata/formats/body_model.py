@@ -1,14 +1,16 @@
-"""Skeletons from the user's body model: SMPL-X, SMPL-H or SMPL, as .npz.
+"""Skeletons from the user's body model: SMPL-X, SMPL-H or SMPL, as .npz or .pkl.
 
 The rest joints of a SMPL body are J_regressor @ (v_template + shapedirs @ betas) (Loper et al. 2015, eq. 10;
-Pavlakos et al. 2019). Only these three arrays of the published file are needed, so they are read here, without
-pickled objects. The smplx library gives the same joints (a test compares the two) but opens the file with
-allow_pickle=True, which executes code in it, and needs torch.
+Pavlakos et al. 2019). Only these three arrays of the published file are needed, so they are read here; the classes
+that a .pkl names are neither imported nor called (`model_pickle`). The smplx library gives the same joints (a test
+compares the two), but it runs the code in the file (allow_pickle=True), and needs torch, for a .pkl also chumpy.
 """
 
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
 
@@ -19,16 +21,21 @@ from dancedata.core.bodies import SMPLX52, SMPLX55
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import listed
+from dancedata.formats.array_file import ArrayFile
 from dancedata.formats.arrays import open_arrays
 from dancedata.formats.bvh.hierarchy import MAX_VALUE
+from dancedata.formats.model_pickle import open_model_pickle
 
-__all__ = ["GENDERS", "SMPLH52", "body_model_skeleton", "find_model"]
+__all__ = ["GENDERS", "SMPLH52", "body_model_skeleton", "find_model", "gender_of"]
 
 GENDERS = ("neutral", "male", "female")
 #: SMPL-X files with at least this many shapes hold 300 of the body, then those of the face; older ones 10 and 10.
 _SHAPES = 300
 #: Bound of betas, which are in standard deviations.
 _MAX_BETA = 1000.0
+_SUFFIXES = (".npz", ".pkl")
+#: Beginnings of the names of SMPL's first published files, such as basicModel_f_lbs_10_207_0_v1.0.0.pkl.
+_BASIC = {"neutral": "basicmodel_neutral_", "male": "basicmodel_m_", "female": "basicmodel_f_"}
 
 
 def _smplh52() -> Skeleton:
@@ -53,8 +60,8 @@ def body_model_skeleton(
     Parameters
     ----------
     path
-        A model file (SMPLX_NEUTRAL.npz), or a folder of models, where `gender` and the number of joints select
-        one: SMPLX_MALE.npz, smplx/SMPLX_MALE.npz, smplh/male/model.npz, ...
+        A model file (SMPLX_NEUTRAL.npz, SMPL_MALE.pkl), or a folder of models, where `gender` and the number of
+        joints select one: SMPLX_MALE.npz, smplx/SMPLX_MALE.npz, smplh/male/model.npz, ..., or the same as .pkl.
     joints
         The joints of the result: all of the model's or a subset (SMPLX52 of a SMPL-X model).
     betas
@@ -70,7 +77,7 @@ def body_model_skeleton(
     Raises
     ------
     UsageError
-        If the model does not exist, is not an .npz, lacks an array, or has other joints or fewer betas.
+        If the model does not exist, is neither .npz nor .pkl, lacks an array, or has other joints or fewer betas.
     """
     file = find_model(path, joints=joints, gender=gender)
     model = _model(file, file.stat().st_size, file.stat().st_mtime_ns)
@@ -113,33 +120,61 @@ def find_model(path: Path, *, joints: Skeleton = SMPLX55, gender: str = "neutral
         kinds = ["smplh"]
     tried = []
     for kind in kinds:
-        name = f"{kind.upper()}_{gender.upper()}.npz"
-        tried += [path / name, path / kind / name, path / gender / "model.npz", path / kind / gender / "model.npz"]
+        for suffix in _SUFFIXES:
+            name, model = f"{kind.upper()}_{gender.upper()}{suffix}", f"model{suffix}"
+            tried += [path / name, path / kind / name, path / gender / model, path / kind / gender / model]
+        tried += [] if kind != "smpl" else _basic_models(path, gender)
     found_file = next((file for file in tried if file.is_file()), None)
     if found_file is None:
         raise UsageError(
             f"the folder has no {gender} body model for {joints.name}",
             where=str(path),
             found=listed(sorted(p.name for p in path.iterdir())) or "nothing",
-            allowed=" or ".join(str(file.relative_to(path)) for file in tried),
+            allowed=" or ".join(str(file.relative_to(path)) for file in tried if file.suffix == ".npz")
+            + " (or .pkl)",
             fix="set body_model to a folder with the models, or to the model's file",
         )
     return found_file
 
 
+def _basic_models(path: Path, gender: str) -> list[Path]:
+    """Return SMPL's first published files in a folder, or in models/ or smpl/ below it."""
+    folders = [
+        folder for folder in (path, path / "models", path / "smpl", path / "smpl" / "models") if folder.is_dir()
+    ]
+    files = [file for folder in folders for file in sorted(folder.iterdir())]
+    return [file for file in files if file.suffix == ".pkl" and file.name.lower().startswith(_BASIC[gender])]
+
+
+def gender_of(file: Path) -> str | None:
+    """Return the gender that the name of a body model states; None if it states none."""
+    stem = file.stem.lower()
+    basic = next((gender for gender, head in _BASIC.items() if stem.startswith(head)), None)
+    return basic or next((gender for gender in ("female", "male", "neutral") if gender in stem), None)
+
+
+@contextmanager
+def _open(file: Path) -> Iterator[ArrayFile]:
+    if file.suffix.lower() == ".pkl":
+        yield open_model_pickle(file)
+        return
+    with open_arrays(file) as arrays:
+        yield arrays
+
+
 @lru_cache(maxsize=8)
 def _model(file: Path, size: int, changed_ns: int) -> tuple[Floats, Floats]:
     """Return the rest joints of the mean body (J, 3) and their change with each shape (J, 3, B)."""
-    if file.suffix.lower() != ".npz":
+    if file.suffix.lower() not in _SUFFIXES:
         raise UsageError(
-            "the body model is not an .npz file; other formats are pickles, which execute code when they are loaded",
+            "the body model is neither an .npz nor a .pkl file",
             where=str(file),
             found=file.suffix or "no suffix",
-            allowed="SMPLX_NEUTRAL.npz, SMPLH_MALE.npz, ...",
-            fix="download the .npz version, or save v_template, shapedirs and J_regressor with numpy.savez",
+            allowed="SMPLX_NEUTRAL.npz, SMPL_MALE.pkl, ...",
+            fix="set body_model to the model's file as published, or to the folder with it",
         )
     try:
-        with open_arrays(file) as arrays:
+        with _open(file) as arrays:
             missing = [name for name in ("v_template", "shapedirs", "J_regressor") if name not in arrays.names]
             if missing:
                 raise _not_a_model(file, f"no {' and no '.join(missing)}", "v_template, shapedirs and J_regressor")
@@ -147,7 +182,13 @@ def _model(file: Path, size: int, changed_ns: int) -> tuple[Floats, Floats]:
             shapes = arrays.read("shapedirs")
             parents = arrays.read("kintree_table") if "kintree_table" in arrays.names else None
     except DataError as error:
-        raise UsageError("the body model cannot be read", where=str(file), found=str(error)) from error
+        raise UsageError(
+            f"the body model cannot be read: {error.problem}",
+            where=str(file),
+            found=error.found,
+            allowed=error.allowed,
+            fix="set body_model to a SMPL-X, SMPL-H or SMPL model as published (.npz or .pkl)",
+        ) from error
     _check(file, template, regressor, shapes, parents)
     if len(regressor) == 55:
         shapes = shapes[..., : _SHAPES if shapes.shape[2] >= _SHAPES else min(shapes.shape[2], 10)]
@@ -196,5 +237,5 @@ def _shape(file: Path, betas: ArrayLike | None, available: int) -> Floats:
 
 
 def _not_a_model(file: Path, found: str, allowed: str) -> UsageError:
-    fix = "set body_model to a SMPL-X, SMPL-H or SMPL model as published (.npz)"
+    fix = "set body_model to a SMPL-X, SMPL-H or SMPL model as published (.npz or .pkl)"
     return UsageError("not a body model", where=str(file), found=found, allowed=allowed, fix=fix)

@@ -4,8 +4,11 @@ A pickle is a program, and its result can be far larger, deeper or slower to tra
 opcodes that build anything are therefore replaced by checked ones (`checked_unpickler`), and the result satisfies:
 
 - Keys and members of sets are texts and small integers.
+- Objects of the few classes that are allowed are stand-ins without behaviour (`stand_in`).
 - Containers are nested at most MAX_DEPTH deep, and none contains itself.
 - The total size of what calls build (arrays, bytes, sets) is not much larger than the file.
+
+Files that joblib.dump has written are read as well (`joblib_arrays`), also compressed ones (`unpacked`).
 
 A list can still occur so many times in the result that expanding it fills any memory: `as_array` accepts no nested
 lists, and messages show values by `core.text.shown`, which does not expand them.
@@ -14,11 +17,10 @@ lists, and messages show values by `core.text.shown`, which does not expand them
 from __future__ import annotations
 
 import io
-import math
 import pickle
 import struct
 from collections import OrderedDict
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from types import FunctionType
 from typing import Any, ClassVar
@@ -26,104 +28,49 @@ from typing import Any, ClassVar
 import numpy as np
 
 from dancedata.core.errors import DataError
-from dancedata.core.regular_file import read_regular
 from dancedata.core.text import shown
-from dancedata.formats.checked_unpickler import (
-    CheckedUnpickler,
-    UnsafePickleError,
-    frozen_set,
-    invalid,
-    mutable_set,
-    ordered_dict,
+from dancedata.formats.checked_unpickler import CheckedUnpickler, UnsafePickleError, invalid
+from dancedata.formats.joblib_arrays import WRAPPER, NamesOfJoblib, read_array
+from dancedata.formats.numpy_pickle import (
+    ALLOWED,
+    INVALID_ARRAY,
+    NdarrayName,
+    is_array_state,
+    is_dtype_state,
+    reconstruct,
 )
+from dancedata.formats.stand_in import ClassName, StandIn, default_dict, new_object, set_state
+from dancedata.formats.unpacked import read_unpacked
 
-__all__ = ["MAX_DEPTH", "MAX_PICKLE_BYTES", "as_array", "load_pickle"]
+__all__ = [
+    "ARRAY_NAMES",
+    "MAX_DEPTH",
+    "MAX_PICKLE_BYTES",
+    "ArrayUnpickler",
+    "Names",
+    "as_array",
+    "load_pickle",
+    "require_shallow",
+]
 
 MAX_PICKLE_BYTES = 1 << 29
 MAX_DEPTH = 100
 #: Containers of one file: each takes a byte of it and up to 216 of memory.
 MAX_CONTAINERS = 100_000
-_MAX_DIMENSIONS = 32
+#: Larger files may begin one in so many bytes: an array of joblib takes about 250 bytes and 8 containers of opcodes.
+_BYTES_PER_CONTAINER = 24
 #: Calls may build this many times the size of the file, plus a constant. Protocol 2 stores the bytes of an array as
 #: text, which is encoded to bytes and then copied.
 _BUILT_FACTOR, _BUILT_BYTES = 2, 1 << 16
 
-
-_INVALID_ARRAY = "an array is built in a way that numpy never writes"
-
-
-class _NdarrayName:
-    """Placeholder for numpy.ndarray: may be named but not called, as a call could allocate any amount of memory."""
-
-
-def _reconstruct(kind: object, shape: object, code: object) -> np.ndarray[Any, Any]:
-    if kind is not _NdarrayName or type(shape) is not tuple or shape != (0,):
-        raise invalid(_INVALID_ARRAY)
-    return np.empty((0,), dtype=np.int8)
-
-
-def _dtype(code: object, align: object = False, copy: object = False) -> np.dtype[Any]:
-    # Long codes describe structured dtypes, which numpy takes seconds to parse.
-    if type(code) is not str or len(code) > 20:
-        raise invalid(f"an array of type {shown(code)}")
-    # A copy, because its byte order is set later. Structured dtypes, subarrays and dates are not needed.
-    dtype: np.dtype[Any] = np.dtype(code, copy=True)
-    if dtype.kind not in "biufcSUO":
-        raise invalid(f"arrays of type {shown(code)} are not read")
-    return dtype
-
-
-def _frombuffer(buffer: Any, dtype: Any, shape: Any, order: Any, axes: Any = None) -> np.ndarray[Any, Any]:
-    # Not of an array: its buffer could be replaced later, which would leave this array dangling.
-    plain = type(buffer) in (bytes, bytearray) and isinstance(dtype, np.dtype) and type(order) is str
-    if not plain or not _is_shape(shape) or not (order in ("C", "F") or (order == "K" and _is_shape(axes))):
-        raise invalid(_INVALID_ARRAY)
-    array = np.frombuffer(buffer, dtype=dtype)
-    # numpy 2.3 and later: an array whose axes are permuted in memory.
-    return array.reshape(shape).transpose(axes) if order == "K" else array.reshape(shape, order=order)
-
-
-def _scalar(dtype: Any, data: Any) -> Any:
-    if not isinstance(dtype, np.dtype) or dtype.hasobject or type(data) not in (bytes, str):
-        raise invalid("a numpy scalar that numpy never writes")
-    raw = data.encode("latin1") if isinstance(data, str) else data
-    return np.frombuffer(raw, dtype=dtype, count=1)[0]
-
-
-def _encode(text: object, encoding: object = "latin1") -> bytes:
-    # Protocol 2 writes bytes as _codecs.encode(text, "latin1"), the only call that is needed.
-    if type(text) is not str or type(encoding) is not str or encoding not in ("latin1", "latin-1"):
-        raise invalid(f"a {type(text).__name__} encoded as {shown(encoding)}")
-    return text.encode("latin1")
-
-
-def _no_bytes() -> bytes:
-    # Protocol 2 writes b"" as bytes(); bytes(n) could allocate any amount of memory.
-    return b""
-
-
-_ALLOWED: dict[tuple[str, str], Any] = {
-    ("numpy", "ndarray"): _NdarrayName,
-    ("numpy", "dtype"): _dtype,
-    ("_codecs", "encode"): _encode,
-    ("collections", "OrderedDict"): ordered_dict,
+Names = Mapping[tuple[str, str], Any]
+#: Names that files of arrays use.
+ARRAY_NAMES: Names = {
+    **ALLOWED,
+    **NamesOfJoblib,
+    ("collections", "defaultdict"): default_dict,
+    **{(package, name): ClassName(name) for package in ("builtins", "__builtin__") for name in ("dict", "list")},
 }
-for _package in ("numpy.core", "numpy._core"):
-    _ALLOWED[_package + ".multiarray", "_reconstruct"] = _reconstruct
-    _ALLOWED[_package + ".multiarray", "scalar"] = _scalar
-    _ALLOWED[_package + ".numeric", "_frombuffer"] = _frombuffer
-for _package in ("builtins", "__builtin__"):
-    _ALLOWED[_package, "set"] = mutable_set
-    _ALLOWED[_package, "frozenset"] = frozen_set
-    _ALLOWED[_package, "bytes"] = _no_bytes
-
-
-def _is_shape(shape: object) -> bool:
-    """Whether it can be an array's shape: its product is then a number of bounded size."""
-    if type(shape) is not tuple or len(shape) > _MAX_DIMENSIONS:
-        return False
-    return all(type(n) is int and 0 <= n <= MAX_PICKLE_BYTES for n in shape)
-
 
 # The handlers of opcodes; each takes the unpickler.
 
@@ -132,58 +79,40 @@ def _call(unpickler: Any) -> None:
     """Call a function of the allow-list, and count the size of its result."""
     arguments = unpickler.stack.pop()
     function = unpickler.stack[-1]
-    # find_class returns functions only, except for _NdarrayName.
+    # find_class returns functions only, except for NdarrayName.
     if not isinstance(function, FunctionType) or type(arguments) is not tuple:
-        raise UnsafePickleError(f"{'numpy.ndarray' if function is _NdarrayName else shown(function)}, called")
+        name = function.name if isinstance(function, ClassName) else shown(function)
+        raise UnsafePickleError(f"{'numpy.ndarray' if function is NdarrayName else name}, called")
     result = function(*arguments)
     if isinstance(result, np.ndarray | np.generic):
         unpickler.count_built(result.nbytes)
-        if function is _reconstruct:
+        if function is reconstruct:
             unpickler.unfinished[id(result)] = result
-    elif not isinstance(result, np.dtype):
+    elif not isinstance(result, np.dtype | StandIn):
         unpickler.count_built(len(result))
     unpickler.stack[-1] = result
 
 
 def _build(unpickler: Any) -> None:
-    """Set the state of an array or a dtype, if numpy itself writes such a state.
-
-    numpy does not validate the state: a wrong dtype flag would turn bytes of the file into pointers.
-    """
+    """Set the state of an array or a dtype, if numpy itself writes such a state, or of a stand-in."""
     state = unpickler.stack.pop()
     target = unpickler.stack[-1]
+    if isinstance(target, StandIn):
+        set_state(target, state)
+        if target.name == WRAPPER:
+            unpickler.stack[-1] = read_array(unpickler, state)
+        return
     if isinstance(target, np.dtype) and type(state) is tuple:
-        valid = _is_dtype_state(target, state)
+        valid = is_dtype_state(target, state)
     elif isinstance(target, np.ndarray) and type(state) is tuple and len(state) == 5:
-        valid = unpickler.unfinished.pop(id(target), None) is target and _is_array_state(unpickler, state)
+        valid = unpickler.unfinished.pop(id(target), None) is target and is_array_state(unpickler, state)
     else:
         raise UnsafePickleError(f"the state of a {type(target).__name__}")
     if not valid:
-        raise invalid(_INVALID_ARRAY)
+        raise invalid(INVALID_ARRAY)
     target.__setstate__(state)
     if isinstance(target, np.ndarray):
         unpickler.count_built(target.nbytes)
-
-
-def _is_dtype_state(target: np.dtype[Any], state: tuple[Any, ...]) -> bool:
-    plain = np.dtype(target.str).__reduce__()[2]
-    if len(state) != len(plain) or any(type(value) not in (int, str, type(None)) for value in state):
-        return False
-    return state[1] in ("<", ">", "|", "=") and (state[0], *state[2:]) == (3, *plain[2:])
-
-
-def _is_array_state(unpickler: Any, state: tuple[Any, ...]) -> bool:
-    version, shape, dtype, fortran, data = state
-    if type(version) is not int or type(fortran) not in (bool, int) or not isinstance(dtype, np.dtype):
-        return False
-    if type(data) not in (bytes, str, list) or not _is_shape(shape):
-        return False
-    if type(data) is not list:
-        return True
-    # numpy allocates the shape before it counts the objects. Nested arrays of objects would recurse without bound;
-    # an unfinished array can still become one of objects.
-    nested = any(isinstance(v, np.ndarray) and (v.dtype.hasobject or id(v) in unpickler.unfinished) for v in data)
-    return math.prod(shape) == len(data) and not nested
 
 
 def _bytearray8(unpickler: Any) -> None:
@@ -194,12 +123,12 @@ def _bytearray8(unpickler: Any) -> None:
 
 def _counted(code: bytes) -> Callable[[Any], None]:
     """Return the checked form of an opcode that makes a container, or begins one."""
-    plain = CheckedUnpickler.dispatch[code[0]]
+    plain = new_object if code == pickle.NEWOBJ else CheckedUnpickler.dispatch[code[0]]
 
     def load(unpickler: Any) -> None:
         unpickler.n_containers += 1
-        if unpickler.n_containers > MAX_CONTAINERS:
-            raise invalid(f"more than {MAX_CONTAINERS:,} containers")
+        if unpickler.n_containers > unpickler.max_containers:
+            raise invalid(f"more than {unpickler.max_containers:,} containers")
         plain(unpickler)
 
     return load
@@ -207,15 +136,19 @@ def _counted(code: bytes) -> Callable[[Any], None]:
 
 _CONTAINERS = (
     pickle.MARK, pickle.EMPTY_LIST, pickle.EMPTY_DICT, pickle.EMPTY_SET, pickle.EMPTY_TUPLE,
-    pickle.TUPLE1, pickle.TUPLE2, pickle.TUPLE3,
+    pickle.TUPLE1, pickle.TUPLE2, pickle.TUPLE3, pickle.NEWOBJ,
 )  # fmt: skip
 
 
-class _Unpickler(CheckedUnpickler):
+class ArrayUnpickler(CheckedUnpickler):
     """Accepts numpy arrays and plain containers, and counts what calls build.
 
     Attributes
     ----------
+    names
+        What the pickle may name, and what stands for it.
+    size
+        Size of the file, before it was unpacked.
     left
         Bytes that calls may still build.
     unfinished
@@ -232,16 +165,40 @@ class _Unpickler(CheckedUnpickler):
         **{code[0]: _counted(code) for code in _CONTAINERS},
     }
 
-    def __init__(self, data: bytes) -> None:
+    def __init__(self, data: bytes, names: Names, size: int) -> None:
         # latin1: pickles of Python 2 store the bytes of arrays as text.
-        super().__init__(io.BytesIO(data), encoding="latin1")
-        self.left = _BUILT_FACTOR * len(data) + _BUILT_BYTES
+        self._stream = io.BytesIO(data)  # from memory: reads there do not allocate the size that the pickle announces
+        super().__init__(self._stream, encoding="latin1")
+        self.data = data
+        self.names = names
+        self.size = size
+        self.left = _BUILT_FACTOR * max(len(data), size) + _BUILT_BYTES
         self.unfinished: dict[int, np.ndarray[Any, Any]] = {}
         self.n_containers = 0
+        self.max_containers = max(MAX_CONTAINERS, size // _BYTES_PER_CONTAINER)
+
+    def take(self, count: int) -> memoryview:
+        """Return the next bytes of the file, behind the opcodes that were read."""
+        start = self._stream.tell()
+        if count > len(self.data) - start:
+            raise EOFError(f"an array of {count:,} bytes, but the file has {len(self.data) - start:,} more")
+        self._stream.seek(start + count)
+        return memoryview(self.data)[start : start + count]
+
+    def load_inner(self) -> Any:
+        """Load a pickle that follows the opcodes that were read; it counts as a part of this one."""
+        inner = ArrayUnpickler(self.data, ALLOWED, self.size)
+        inner._stream.seek(self._stream.tell())
+        inner.left, inner.n_containers = self.left, self.n_containers
+        found = inner.load()
+        self.left, self.n_containers = inner.left, inner.n_containers
+        self._stream.seek(inner._stream.tell())
+        return found
 
     def find_class(self, module: str, name: str) -> Callable[..., Any]:
+        """Return what stands for a name; UnsafePickleError if the name is not allowed."""
         try:
-            found: Callable[..., Any] = _ALLOWED[module, name]
+            found: Callable[..., Any] = self.names[module, name]
         except KeyError:
             raise UnsafePickleError(f"{shown(module)}.{shown(name)}") from None
         return found
@@ -253,7 +210,7 @@ class _Unpickler(CheckedUnpickler):
             raise invalid("it builds far more than its own size")
 
 
-def _require_shallow(root: Any) -> None:
+def require_shallow(root: Any) -> None:
     """Raise UnpicklingError for containers nested deeper than MAX_DEPTH, or in themselves; not recursive."""
     heights: dict[int, int] = {}  # of containers; 0 for those on the current path
     path = [_Level(root)]
@@ -286,12 +243,16 @@ class _Level:
 
 
 def _is_container(value: object) -> bool:
-    return type(value) in (list, tuple, dict, OrderedDict) or (type(value) is np.ndarray and value.dtype.hasobject)
+    if type(value) in (list, tuple, dict, OrderedDict, StandIn):
+        return True
+    return type(value) is np.ndarray and value.dtype.hasobject
 
 
 def _inside(container: Any) -> Iterable[Any]:
     if isinstance(container, dict):
         return container.values()
+    if isinstance(container, StandIn):
+        return (container.state,)
     if isinstance(container, np.ndarray):
         return container.reshape(-1).tolist() if container.dtype.hasobject else ()
     return container if isinstance(container, list | tuple) else ()
@@ -311,8 +272,13 @@ def as_array(value: object) -> np.ndarray[Any, Any] | None:
     return np.asarray(value)
 
 
-def load_pickle(path: Path) -> Any:
-    """Read a pickle of numpy arrays, numbers, text, lists, tuples, sets and dicts.
+def load_pickle(path: Path, names: Names = ARRAY_NAMES) -> Any:
+    """Read a pickle of numpy arrays, numbers, text, lists, tuples, sets and dicts, or a file of joblib.dump.
+
+    Parameters
+    ----------
+    names
+        (module, name) -> the function or `ClassName` that stands for it.
 
     Raises
     ------
@@ -322,9 +288,9 @@ def load_pickle(path: Path) -> Any:
         text, deep nesting, far more data than its own size.
     """
     try:
-        # From memory: reads there do not allocate the size that the pickle announces.
-        content = _Unpickler(read_regular(path, MAX_PICKLE_BYTES)).load()
-        _require_shallow(content)
+        data, size = read_unpacked(path, MAX_PICKLE_BYTES)
+        content = ArrayUnpickler(data, names, size).load()
+        require_shallow(content)
     except UnsafePickleError as error:
         raise DataError(
             "the pickle refers to code; nothing was executed",
@@ -332,7 +298,7 @@ def load_pickle(path: Path) -> Any:
             where=path,
             found=str(error),
             allowed="numpy arrays and plain Python containers",
-            fix="download the file again from its publisher, or save its arrays again",
+            fix=_arrays_instead(str(error)),
         ) from None
     except Exception as error:  # a pickle is a program: a broken one can raise anything
         raise DataError(
@@ -340,7 +306,28 @@ def load_pickle(path: Path) -> Any:
             reason="broken_file",
             where=path,
             found=shown(error),
-            allowed="a complete pickle of numpy arrays, numbers, text and plain containers; keys are text",
-            fix="download the file again: it is truncated or not a pickle",
+            allowed="a complete pickle or joblib file of arrays, numbers, text and plain containers; keys are text",
+            fix=f"copy the file again if it is truncated. {_SAVE_ARRAYS}",
         ) from error
     return content
+
+
+_SAVE_ARRAYS = (
+    "Else, with the program that has written it, load the file and save its arrays alone: "
+    "numpy.savez(file, poses=..., trans=...)"
+)
+
+
+def _arrays_instead(found: str) -> str:
+    """Return what to do about a pickle that names something other than arrays."""
+    if found.startswith("torch"):
+        return (
+            "save numpy arrays: call tensor.cpu().numpy() before joblib.dump or pickle.dump, or write the tensors "
+            "with torch.save to a .pt file"
+        )
+    if found.startswith(("chumpy", "scipy.sparse")):
+        return "this looks like a body model: give it as dataset.folder.body_model, not as a motion"
+    return (
+        "if you do not trust the file, delete it. If you do: with the program that has written it, load it and save "
+        "its arrays alone, numpy.savez(file, poses=..., trans=...)"
+    )

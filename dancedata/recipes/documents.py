@@ -12,10 +12,13 @@ def document_of(plugin: Any, *, loading: bool = False) -> dict[str, Any]:
 
     A field is a path if its metadata contain ``{"path": True}``: what lies there is hashed with the source, and
     where it lies shapes nothing. With `loading`, a dataset's fields marked ``{"scan": True}`` are left out
-    as well: they decide which clips there are, not what `load` makes of one, so they are not part of its key.
+    as well: they decide which clips there are, not what `load` makes of one, so they are not part of its key. Fields
+    marked ``{"added": True}`` came with a later version of the plug-in: at their default they are left out, so that
+    hashes and keys of earlier recipes hold.
     """
     skipped = ("path", "scan") if loading else ("path",)
     fields = [f for f in dataclasses.fields(plugin) if not any(f.metadata.get(mark) for mark in skipped)]
+    fields = [f for f in fields if not (f.metadata.get("added") and getattr(plugin, f.name) == f.default)]
     return {f.name: _anything().dump_python(getattr(plugin, f.name), mode="json") for f in fields}
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +16,11 @@ from dancedata.core.errors import DataError, SourceError, UsageError
 from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.datasets.folder import Folder
-from dancedata.formats.body_model import SMPLH52, body_model_skeleton
+from dancedata.formats.body_model import SMPLH52, body_model_skeleton, find_model, gender_of
 from dancedata.pipeline.build import build
 from dancedata.recipes.parse import parse_recipe
 from dancedata.store import open_store
+from dancedata.testing.video_files import smpl_pickle
 
 N = 20
 
@@ -196,10 +198,69 @@ def test_files_that_are_no_model(tmp_path: Path, changes: dict[str, Any], word: 
     assert "m.npz" in str(error.value)
 
 
-def test_pickled_models_are_not_opened(tmp_path: Path) -> None:
-    (tmp_path / "SMPL_NEUTRAL.pkl").write_bytes(b"cos\nsystem\n(S'false'\ntR.")
-    with pytest.raises(UsageError, match="execute code"):
-        body_model_skeleton(tmp_path / "SMPL_NEUTRAL.pkl")
+def model_arrays(tmp_path: Path, skeleton: Skeleton) -> dict[str, Any]:
+    with np.load(model(tmp_path / "plain.npz", skeleton)) as arrays:
+        return dict(arrays)
+
+
+@pytest.mark.parametrize("protocol", [0, 1, 2, 4])
+@pytest.mark.parametrize("skeleton", [SMPL24, SMPLX55], ids=lambda s: s.name)
+def test_published_pickles_give_the_same_body_as_npz(tmp_path: Path, skeleton: Skeleton, protocol: int) -> None:
+    arrays = model_arrays(tmp_path, skeleton)
+    pickled = tmp_path / "SMPL_NEUTRAL.pkl"
+    pickled.write_bytes(smpl_pickle({**arrays, "weights": np.ones((2, 3))}, ("shapedirs", "v_template"), protocol))
+    betas = [0.5, -1.0]
+    found = body_model_skeleton(pickled, joints=skeleton, betas=betas)
+    plain = body_model_skeleton(tmp_path / "plain.npz", joints=skeleton, betas=betas)
+    assert found.name == plain.name
+    np.testing.assert_allclose(found.offsets, plain.offsets, atol=1e-12)
+    assert "chumpy" not in sys.modules
+
+
+def test_published_names_in_a_folder(tmp_path: Path) -> None:
+    arrays = model_arrays(tmp_path, SMPL24)
+    names = {"neutral": "basicModel_neutral_lbs_10_207_0_v1.0.0", "male": "basicmodel_m_lbs_10_207_0_v1.1.0"}
+    for taller, (gender, name) in enumerate(names.items()):
+        folder = tmp_path / "smpl" / "models"
+        folder.mkdir(parents=True, exist_ok=True)
+        arrays["v_template"] = arrays["v_template"] * (1 + taller)
+        (folder / f"{name}.pkl").write_bytes(smpl_pickle(arrays))
+        assert find_model(tmp_path / "smpl", joints=SMPL24, gender=gender).stem == name
+        assert gender_of(folder / f"{name}.pkl") == gender
+    (tmp_path / "smpl" / "SMPL_MALE.npz").write_bytes((tmp_path / "plain.npz").read_bytes())
+    assert find_model(tmp_path / "smpl", joints=SMPL24, gender="male").suffix == ".npz"
+    with pytest.raises(UsageError, match=r"no female body model.*SMPL_FEMALE\.npz.*\(or \.pkl\)"):
+        find_model(tmp_path / "smpl", joints=SMPL24, gender="female")
+
+
+def test_planted_code_in_a_model_does_not_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    data = smpl_pickle(model_arrays(tmp_path, SMPL24))
+    for code in (b"cos\nsystem\n(S'touch PWNED'\ntR", b"cchumpy.ch\nCh\n(S'x'\ntR", b"cchumpy.ch\nMatVecMult\n)\x81"):
+        Path("SMPL_NEUTRAL.pkl").write_bytes(data[:-1].removesuffix(b"u") + b"X\x01\x00\x00\x00z" + code + b"u.")
+        with pytest.raises(UsageError, match=r"nothing was executed.*as published"):
+            body_model_skeleton(Path("SMPL_NEUTRAL.pkl"), joints=SMPL24)
+    assert not Path("PWNED").exists()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"_shape": (24, 2**29)},
+        {"_shape": (3, 4)},
+        {"_shape": (24.0, 48)},
+        {"indices": np.arange(48) + 1000},
+        {"indices": np.zeros(48)},
+        {"indptr": np.arange(49)[::-1].astype(np.int32)},
+        {"data": "text"},
+    ],
+    ids=lambda change: next(iter(change)),
+)
+def test_sparse_matrices_that_contradict_themselves(tmp_path: Path, change: dict[str, Any]) -> None:
+    arrays = model_arrays(tmp_path, SMPL24)
+    (tmp_path / "SMPL_NEUTRAL.pkl").write_bytes(smpl_pickle(arrays, regressor=change))
+    with pytest.raises(UsageError, match="J_regressor is not an array as csc_matrix holds it"):
+        body_model_skeleton(tmp_path / "SMPL_NEUTRAL.pkl", joints=SMPL24)
 
 
 def test_no_model(tmp_path: Path) -> None:

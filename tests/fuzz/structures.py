@@ -6,10 +6,12 @@ import copy
 import io
 import json
 import pickle
+import pickletools
 import struct
 import zipfile
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import Any
 
 import h5py
@@ -370,6 +372,32 @@ def _torch(draw: Draw) -> bytes:
     return data[:at] + draw(ATOMS) + b"".join(draw(st.lists(AROUND, max_size=2))) + b"0" + data[at:]
 
 
+@st.composite
+def _opcodes(draw: Draw, name: str) -> bytes:
+    """A pickle of protocol 2, with opcodes between its own that push something and drop it."""
+    data = next(seed for seed in TARGETS[name].seeds() if seed.startswith(b"\x80\x02"))
+    return _with_more(draw, data)
+
+
+def _with_more(draw: Draw, data: bytes) -> bytes:
+    ends = []
+    with suppress(Exception):  # the bytes of joblib's first array are not opcodes
+        ends.extend(position for _, _, position in pickletools.genops(data) if position is not None)
+    at = draw(st.sampled_from(ends[1:]))
+    return data[:at] + draw(ATOMS) + b"".join(draw(st.lists(AROUND, max_size=2))) + b"0" + data[at:]
+
+
+@st.composite
+def _torch_zips(draw: Draw) -> bytes:
+    """An archive of torch around such a pickle."""
+    made = io.BytesIO()
+    with zipfile.ZipFile(io.BytesIO(TARGETS["torch_zip"].seeds()[0])) as old, zipfile.ZipFile(made, "w") as new:
+        for member in old.namelist():
+            data = old.read(member)
+            new.writestr(member, _with_more(draw, data) if member.endswith("data.pkl") else data)
+    return made.getvalue()
+
+
 STRATEGIES: dict[str, st.SearchStrategy[bytes]] = {
     "pickle": _pickles(),
     "npy": _npys(),
@@ -388,5 +416,9 @@ STRATEGIES: dict[str, st.SearchStrategy[bytes]] = {
     "names": _TEXTS.map(lambda text: text.encode("utf-8", "surrogatepass")),
     "file_names": st.lists(_RAW_NAMES, max_size=3).map(b"\0".join),
     "weights": _torch(),
+    "joblib": _opcodes("joblib"),
+    "phalp": _opcodes("phalp"),
+    "model_pickle": _opcodes("model_pickle"),
+    "torch_zip": _torch_zips(),
     "hdf5": _shards(),
 }

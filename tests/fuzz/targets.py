@@ -22,10 +22,14 @@ from valid_files import (
     body_models,
     bvh,
     encoded,
+    joblibs,
+    model_pickles,
     npy,
     npz,
+    phalps,
     pickles,
     store,
+    torches,
     wav,
     weights,
 )
@@ -53,7 +57,7 @@ class Target:
 
     def mutated(self, seeds: list[bytes], rng: Random) -> bytes:
         """Return a broken copy of a seed."""
-        if self.file.endswith(".npz") and rng.random() < 0.6:
+        if self.file.endswith((".npz", ".pt")) and rng.random() < 0.6:
             return mutations.mutated_members(rng.choice(seeds), rng)
         data = mutations.mutated(seeds, rng, text=self.text)
         return mutations.with_ogg_checksums(data) if self.file.endswith(".ogg") and rng.random() < 0.8 else data
@@ -91,6 +95,24 @@ def _read_folder(path: Path) -> None:
     motion = load_motion(path, reading)
     for array in (motion.translation, motion.rotations, motion.joints()):
         _require(bool(np.isfinite(array).all()), "a motion that is not finite")
+
+
+def _read_people(path: Path) -> None:
+    """Read every person of a file, as a folder does that splits it, and the arrays that a recipe names."""
+    from dancedata.core.clip import ClipRef
+    from dancedata.core.errors import DataError
+    from dancedata.datasets.folder import Folder
+    from dancedata.datasets.folder.people import split_people
+
+    clip = ClipRef("a", path, None, "train")
+    clips, rejects = split_people([clip], [])
+    _require_plain("".join(reject.detail for reject in rejects))
+    keys = {"rotation": "pose", "translation": "trans", "scale": "frame_ids"}
+    for ref in (clip, *clips[:20]):
+        with suppress(DataError):
+            Folder(fps=30, up="-y", unit="m", keys=keys).load(ref)
+    for ref in clips[:20]:
+        Folder(fps=30, people="split").load(ref)
 
 
 def _read_body_model(path: Path) -> None:
@@ -305,6 +327,10 @@ TARGETS: dict[str, Target] = {
     "npy": Target("npy", "a.npy", npy, _read_finedance),
     "npz": Target("npz", "a.npz", npz, _read_folder),
     "body_model": Target("npz", "m.npz", body_models, _read_body_model),
+    "joblib": Target("joblib", "a.pkl", joblibs, _read_people),
+    "phalp": Target("joblib", "a.pkl", phalps, _read_people),
+    "torch_zip": Target("torch", "a.pt", torches, _read_people),
+    "model_pickle": Target("pickle", "m.pkl", model_pickles, _read_body_model),
     "bvh": Target("bvh", "a.bvh", bvh, _read_folder, text=True),
     "wav": Target("wav", "a.wav", wav, _read_audio),
     "flac": Target("flac", "a.flac", lambda: [encoded("FLAC", "PCM_16")], _read_audio),

@@ -94,12 +94,52 @@ def body_models() -> list[bytes]:
     from dancedata.core.skeleton import SMPL24
 
     parents = np.stack([np.array(SMPL24.parents) % 2**32, np.arange(24)]).astype(np.int64)
-    arrays = {
+    arrays = _model()
+    return [_zipped(**arrays, kintree_table=parents), _zipped(True, **arrays)]
+
+
+def _model() -> dict[str, Any]:
+    return {
         "v_template": _rng().normal(0, 1, (30, 3)),
         "shapedirs": _rng().normal(0, 1, (30, 3, 10)).astype(np.float32),
         "J_regressor": _rng().random((24, 30)),
     }
-    return [_zipped(**arrays, kintree_table=parents), _zipped(True, **arrays)]
+
+
+def joblibs() -> list[bytes]:
+    """Return files of WHAM, plain and packed in each way, by old and new protocols."""
+    from dancedata.testing.video_files import wham, wham_person
+
+    people = {0: wham_person(5, 2, vertices=3), 7: wham_person(4, seed=1, vertices=3)}
+    mixed = np.array([None, "x", {"a": 1}], dtype=object)
+    one = {3: {**wham_person(4, vertices=2), "mixed": mixed, "after": np.asfortranarray(np.zeros((2, 3)))}}
+    packed = [wham(one, (kind, 1)) for kind in ("zlib", "gzip", "bz2", "lzma", "xz")]
+    return [wham(people), wham(one), wham(one, 0, 2), *packed]
+
+
+def phalps() -> list[bytes]:
+    """Return files of PHALP with two people, one of whom is not seen in some frames."""
+    from dancedata.testing.video_files import dance, phalp
+
+    people = {1: (*dance(4), np.arange(4)), 2: (*dance(2), np.array([0, 3]))}
+    return [phalp(people, 0), phalp(people, 0, 2), phalp(people)]
+
+
+def torches() -> list[bytes]:
+    """Return files of GVHMR."""
+    from dancedata.testing.video_files import gvhmr, torch_file
+
+    return [torch_file(gvhmr(4)), torch_file(gvhmr(3), "big")]
+
+
+def model_pickles() -> list[bytes]:
+    """Return SMPL models with few vertices, as they are published."""
+    from dancedata.testing.video_files import smpl_pickle
+
+    arrays = _model()
+    return [smpl_pickle(arrays, ("shapedirs", "v_template"), protocol) for protocol in (0, 2, 4)] + [
+        smpl_pickle(arrays, ())
+    ]
 
 
 def bvh() -> list[bytes]:

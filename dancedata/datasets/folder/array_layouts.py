@@ -9,12 +9,15 @@
     smplh      poses (T, 156) trans (T, 3), or global_orient body_pose (T, 63) transl [hands]
     smplx      poses (T, 165) trans (T, 3), or global_orient body_pose (T, 63) transl [hands jaw eyes]
     finedance  one array (T, 315): translation 3, then 52 joints x 6D, two rows of each matrix    +Y up, metres
+    wham, phalp, gvhmr: see `formats.video_pose`
+
+Names of arrays in other layouts are given by the recipe (`keys`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -24,12 +27,20 @@ from dancedata.core.bodies import SMPLX55
 from dancedata.core.errors import DataError
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.datasets._positions import POSITIONS, require_rotations
-from dancedata.datasets._source import require_finite
+from dancedata.datasets.folder.array_values import (
+    bad_shape,
+    finite,
+    from_matrices,
+    is_three_columns,
+    length_mismatch,
+    scales,
+    scaling,
+)
 from dancedata.datasets.folder.facts import Fact, bad_declaration
-from dancedata.formats.arrays import ArrayFile
+from dancedata.formats.array_file import ArrayFile
 from dancedata.formats.body_model import SMPLH52
-from dancedata.formats.bvh.hierarchy import MAX_VALUE
 from dancedata.formats.six_d import check_rows, rotations_of
+from dancedata.formats.video_pose import PHALP_CAMERA, PHALP_ROTATIONS, TOOLS, PersonArrays
 
 __all__ = ["RATE_KEYS", "Layout", "read_motion", "recognise"]
 
@@ -38,6 +49,7 @@ _AMASS_RATES = RATE_KEYS[:2]
 _TRANSLATIONS = ("trans", "transl", "smpl_trans")
 _BODIES: dict[str, Skeleton] = {"smpl": SMPL24, "smplh": SMPLH52, "smplx": SMPLX55, "finedance": SMPLX55}
 _BY_WIDTH = {72: "smpl", 156: "smplh", 165: "smplx"}
+_BY_MATRICES = {24 * 9: "smpl", 52 * 9: "smplh", 55 * 9: "smplx"}
 _FINEDANCE_WIDTH = 3 + 6 * 52
 #: Arrays of a file in an unknown layout that are searched for joint positions.
 _MAX_SEARCHED = 100
@@ -70,6 +82,8 @@ class Layout:
     translation : name of its array; None if it is in the same array.
     up, unit : as defined by the layout, None where it defines nothing.
     scaling : name of the array that divides the translation.
+    matrices : whether the rotations are matrices, row by row, in place of axis-angle.
+    keyed : whether the recipe names the arrays.
     """
 
     name: str
@@ -79,6 +93,8 @@ class Layout:
     up: Fact[str] | None = None
     unit: Fact[str] | None = None
     scaling: str | None = None
+    matrices: bool = False
+    keyed: bool = False
 
     @property
     def skeleton(self) -> Skeleton:
@@ -86,7 +102,7 @@ class Layout:
         return _BODIES[self.body]
 
 
-def recognise(arrays: ArrayFile, declared: str) -> Layout:
+def recognise(arrays: ArrayFile, declared: str, keys: Mapping[str, str] | None = None) -> Layout:
     """Recognise the layout by names and shapes, and check it against the declared one.
 
     Raises
@@ -95,7 +111,11 @@ def recognise(arrays: ArrayFile, declared: str) -> Layout:
         ``missing_key`` or ``bad_shape`` for an unknown layout; ``bad_declaration`` if another one was declared.
     """
     names = arrays.names
-    if "smpl_poses" in names and "smpl_trans" in names:
+    if keys is not None and keys["rotation"] in names:
+        found = _keyed(arrays, keys)
+    elif isinstance(arrays, PersonArrays) and arrays.tool:
+        found = _of_tool(arrays)
+    elif "smpl_poses" in names and "smpl_trans" in names:
         found = _whole(arrays, "smpl_poses", "smpl_trans")
     elif "poses" in names and _first(names, _TRANSLATIONS):
         found = _whole(arrays, "poses", _first(names, _TRANSLATIONS))
@@ -108,11 +128,44 @@ def recognise(arrays: ArrayFile, declared: str) -> Layout:
     return _as_declared(arrays, found, declared)
 
 
+def _keyed(arrays: ArrayFile, keys: Mapping[str, str]) -> Layout:
+    """Return the layout of a file whose arrays the recipe names."""
+    missing = [name for name in keys.values() if name not in arrays.names]
+    if missing:
+        raise DataError(
+            "the file lacks an array that the recipe names",
+            reason="missing_key",
+            where=str(arrays.path),
+            found=f"arrays {arrays.listed}",
+            allowed=f"{', '.join(keys.values())} (dataset.folder.keys)",
+            fix="correct dataset.folder.keys",
+        )
+    rotation, width = keys["rotation"], _width(arrays, keys["rotation"])
+    body = _BY_WIDTH.get(width) or _BY_MATRICES.get(width)
+    if body is None:
+        allowed = "(T, 72) SMPL, (T, 156) SMPL-H or (T, 165) SMPL-X, axis-angle; or 216, 468, 495 for matrices"
+        raise bad_shape(arrays, rotation, allowed)
+    matrices = width in _BY_MATRICES
+    return Layout(body, body, rotation, keys["translation"], scaling=keys.get("scale"), matrices=matrices, keyed=True)
+
+
+def _of_tool(arrays: PersonArrays) -> Layout:
+    """Return the layout of what a program for video has written. The frame rate is the video's: not in the file."""
+    if arrays.tool == "wham":
+        up, unit = Fact("y", "WHAM's world"), Fact("m", "WHAM's definition")
+        return Layout("wham", "smpl", "pose_world", "trans_world", up, unit)
+    if arrays.tool == "phalp":
+        up, unit = Fact("-y", "PHALP's camera axes"), Fact("m", "PHALP's definition")
+        return Layout("phalp", "smpl", PHALP_ROTATIONS, PHALP_CAMERA, up, unit, matrices=True)
+    up, unit = Fact("y", "GVHMR's world"), Fact("m", "the body model's definition")
+    return Layout("gvhmr", "smplx", None, "transl", up, unit)
+
+
 def _whole(arrays: ArrayFile, poses: str, translation: str) -> Layout:
     width = _width(arrays, poses)
     body = _BY_WIDTH.get(width)
     if body is None:
-        raise _bad_shape(arrays, poses, "(T, 72) SMPL, (T, 156) SMPL-H or (T, 165) SMPL-X, axis-angle")
+        raise bad_shape(arrays, poses, "(T, 72) SMPL, (T, 156) SMPL-H or (T, 165) SMPL-X, axis-angle")
     if "smpl_scaling" in arrays.names:
         why = "AIST++'s definition, by smpl_scaling"
         unit = Fact("m", "after division by smpl_scaling")
@@ -127,7 +180,7 @@ def _in_parts(arrays: ArrayFile, declared: str) -> Layout:
     body_pose = _first(arrays.names, _BODY[0])
     width = _width(arrays, body_pose)
     if width not in (63, 69):
-        raise _bad_shape(arrays, body_pose, "(T, 63) SMPL-X and SMPL-H, or (T, 69) SMPL, axis-angle")
+        raise bad_shape(arrays, body_pose, "(T, 63) SMPL-X and SMPL-H, or (T, 69) SMPL, axis-angle")
     body = "smpl" if width == 69 else "smplh" if declared == "smplh" else "smplx"
     if body == "smplx" and _first(arrays.names, _AMASS_RATES):
         return _amass(body, None, translation)
@@ -149,7 +202,7 @@ def _unnamed(arrays: ArrayFile) -> Layout:
     if width != _FINEDANCE_WIDTH:
         named = "; for axis-angle rotations an .npz from numpy.savez(file, poses=..., trans=...)"
         allowed = f"(T, {_FINEDANCE_WIDTH}), translation 3, then 52 joints x 6D{named if width in _BY_WIDTH else ''}"
-        raise _bad_shape(arrays, "", allowed, POSITIONS if width % 3 == 0 else None)
+        raise bad_shape(arrays, "", allowed, POSITIONS if width % 3 == 0 else None)
     up, unit = Fact("y", "FineDance's definition"), Fact("m", "FineDance's definition")
     return Layout("finedance", "finedance", "", None, up, unit)
 
@@ -161,7 +214,7 @@ def _as_declared(arrays: ArrayFile, found: Layout, declared: str) -> Layout:
         return _amass(found.body, found.poses, found.translation or "")
     if declared == found.body:
         # It has AMASS's rate key but is declared not to be AMASS, so its axes are unknown.
-        return Layout(found.body, found.body, found.poses, found.translation, unit=found.unit, scaling=found.scaling)
+        return replace(found, name=found.body, up=None)
     raise bad_declaration(
         arrays.path,
         f"the file does not have the layout {declared}",
@@ -181,24 +234,28 @@ def read_motion(arrays: ArrayFile, layout: Layout) -> tuple[Floats, Floats]:
         ``not_rotations``.
     """
     if layout.body == "finedance":
-        array = _finite(arrays, layout.poses or "")
+        array = finite(arrays, layout.poses or "")
         return array[:, :3], _finedance(arrays.path, array)
-    translation = _finite(arrays, layout.translation or "")
+    translation = finite(arrays, layout.translation or "")
     if translation.shape[1] != 3:
-        raise _bad_shape(arrays, layout.translation or "", "(T, 3)")
+        raise bad_shape(arrays, layout.translation or "", "(T, 3)")
     joints = layout.skeleton.n_joints
     if layout.poses is not None:
-        rotations = _finite(arrays, layout.poses)
+        rotations = finite(arrays, layout.poses)
+        rotations = from_matrices(arrays, layout.poses, rotations) if layout.matrices else rotations
     else:
         rotations = _joined(arrays, layout, len(translation))
     if len(rotations) != len(translation):
-        raise _lengths(
+        raise length_mismatch(
             arrays, layout.poses or "body_pose", len(rotations), layout.translation or "", len(translation)
         )
     rotations = rotations.reshape(len(rotations), joints, 3)
-    require_rotations(arrays.path, layout.poses or "body_pose", rotations, translation, layout.skeleton.parents)
-    if layout.scaling:
-        translation = translation / _scaling(arrays, layout.scaling)
+    if not (layout.matrices or layout.name in TOOLS):
+        require_rotations(arrays.path, layout.poses or "body_pose", rotations, translation, layout.skeleton.parents)
+    if layout.scaling and layout.keyed:
+        translation = translation / scales(arrays, layout.scaling, len(translation))
+    elif layout.scaling:
+        translation = translation / scaling(arrays, layout.scaling)
     return translation, rotations
 
 
@@ -212,18 +269,18 @@ def _part(arrays: ArrayFile, names: Sequence[str], width: int, n_frames: int) ->
     name = _first(arrays.names, names)
     pair, half = _PAIRS.get(names[0], ("", 0))
     if name:
-        part, allowed = _finite(arrays, name), f"(T, {width})"
+        part, allowed = finite(arrays, name), f"(T, {width})"
     elif pair in arrays.names:
         name, allowed = pair, f"(T, {2 * width})"
-        part = _finite(arrays, pair)
+        part = finite(arrays, pair)
         part = part[:, half * width : (half + 1) * width] if part.shape[1] == 2 * width else part[:, :0]
     else:
         return np.zeros((n_frames, width))
     if part.shape[1] != width:
         hands = "save hands as full poses (use_pca=False), or omit them" if "hand" in name else None
-        raise _bad_shape(arrays, name, f"{allowed}, axis-angle", hands)
+        raise bad_shape(arrays, name, f"{allowed}, axis-angle", hands)
     if len(part) != n_frames:
-        raise _lengths(arrays, name, len(part), "the translation", n_frames)
+        raise length_mismatch(arrays, name, len(part), "the translation", n_frames)
     return part
 
 
@@ -231,43 +288,6 @@ def _finedance(path: Path, array: Floats) -> Floats:
     rows = array[:, 3:].reshape(len(array), 52, 6)
     check_rows(path, rows)
     return rotations_of(rows)
-
-
-def _finite(arrays: ArrayFile, name: str) -> Floats:
-    """Return one array as (T, columns), checked for frames, NaN and infinity."""
-    shape = arrays.shape(name)
-    if len(shape) < 2:
-        raise _bad_shape(arrays, name, "frames x columns")
-    if 0 in shape:
-        fix = "remove the file, or save it again"
-        raise DataError("the motion has no frames", reason="empty", where=str(arrays.path), found=str(shape), fix=fix)
-    array = arrays.read(name).reshape(shape[0], -1)
-    require_finite(arrays.path, name or "the array", array, "remove these frames, or the file")
-    if np.abs(array).max() > MAX_VALUE:
-        frame = int(np.abs(array).max(axis=1).argmax())
-        raise DataError(
-            f"{name or 'the array'} contains numbers outside the range of angles and lengths",
-            reason="out_of_range",
-            where=f"{arrays.path}, frame {frame}",
-            found=f"{np.abs(array[frame]).max():.3g}",
-            allowed=f"numbers within +-{MAX_VALUE:g}",
-            fix="save the file again",
-        )
-    return array
-
-
-def _scaling(arrays: ArrayFile, name: str) -> float:
-    value = arrays.read(name).reshape(-1)
-    if len(value) != 1 or not 1e-3 <= value[0] <= 1e6:
-        raise DataError(
-            f"{name} cannot turn the translation into metres",
-            reason="bad_scaling",
-            where=str(arrays.path),
-            found=f"{value[:3].tolist()}",
-            allowed="one number above 0 (about 89 to 99 in AIST++; 1 for data in metres)",
-            fix="save the file again",
-        )
-    return float(value[0])
 
 
 def _first(names: Sequence[str], candidates: Sequence[str]) -> str:
@@ -288,36 +308,6 @@ def _unknown(arrays: ArrayFile) -> DataError:
         allowed="poses and trans; smpl_poses and smpl_trans; global_orient, body_pose and transl; "
         "or one array (T, 315) in an .npy file",
         fix=POSITIONS
-        if any(_is_three_columns(arrays, name) for name in arrays.names[:_MAX_SEARCHED])
-        else "rename the arrays",
-    )
-
-
-def _is_three_columns(arrays: ArrayFile, name: str) -> bool:
-    """Return whether an array is (T, J, 3), as joint positions are."""
-    try:
-        shape = arrays.shape(name)
-    except DataError:
-        return False  # not numbers
-    return len(shape) == 3 and shape[1] > 1 and shape[2] == 3
-
-
-def _bad_shape(arrays: ArrayFile, name: str, allowed: str, fix: str | None = None) -> DataError:
-    return DataError(
-        f"{name or 'the array'} has the wrong shape",
-        reason="bad_shape",
-        where=str(arrays.path),
-        found=str(arrays.shape(name)),
-        allowed=allowed,
-        fix=fix or (POSITIONS if _is_three_columns(arrays, name) else "save the motion in one of the layouts above"),
-    )
-
-
-def _lengths(arrays: ArrayFile, one: str, n_one: int, other: str, n_other: int) -> DataError:
-    return DataError(
-        f"{one} and {other} differ in length",
-        reason="length_mismatch",
-        where=str(arrays.path),
-        found=f"{n_one} and {n_other} frames",
-        fix="save the file again",
+        if any(is_three_columns(arrays, name) for name in arrays.names[:_MAX_SEARCHED])
+        else "name its arrays in the recipe: dataset.folder.keys={rotation: NAME, translation: NAME}",
     )

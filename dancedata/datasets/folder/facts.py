@@ -18,20 +18,22 @@ from numpy.typing import NDArray
 from dancedata.core.errors import DataError, did_you_mean
 from dancedata.datasets.folder.rates import MAX_RATE, MIN_RATE, rate_of_text
 from dancedata.formats.body_model import GENDERS
+from dancedata.formats.video_pose import TOOLS
 
 __all__ = ["LAYOUTS", "UNITS", "UPRIGHT", "Declared", "Fact", "bad_declaration", "decide", "undeclared"]
 
 T = TypeVar("T")
 Floats = NDArray[np.float64]
 
-LAYOUTS = ("auto", "amass", "smpl", "smplh", "smplx", "finedance")
+LAYOUTS = ("auto", "amass", "smpl", "smplh", "smplx", "finedance", *TOOLS)
 #: Metres per unit. "cmu": the files of the CMU database are in inches / 0.45.
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "cmu": 0.0254 / 0.45}
 GUESS = "guess"
-#: Rotation from a file's axes to +Y up, by the file's up axis.
+#: Rotation from a file's axes to +Y up, by the file's up axis; -y are a camera's axes, +Z away from it.
 UPRIGHT: Mapping[str, Floats] = {
     "y": np.eye(3),
     "z": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]),
+    "-y": np.diag([1.0, -1.0, -1.0]),
 }
 IN_MANIFEST, IN_RECIPE = "declared in the manifest", "declared in the recipe"
 
@@ -56,6 +58,7 @@ class Declared:
     ----------
     fps : as text, such as "30" or "30000/1001".
     unit : a name in UNITS, "guess", or metres per unit as text.
+    person : the file's own name for one of its people.
     """
 
     fps: str | None = None
@@ -63,6 +66,7 @@ class Declared:
     unit: str | None = None
     layout: str | None = None
     gender: str | None = None
+    person: str | None = None
 
     def problem(self) -> tuple[str, str, str] | None:
         """Return (name, value, allowed values) of the first invalid value; None if all are valid."""

@@ -28,17 +28,20 @@ from dancedata.datasets.folder.facts import (
     metres,
     undeclared,
 )
+from dancedata.datasets.folder.people import on_video_frames, open_person
 from dancedata.datasets.folder.rates import exact_rate, rate_of_period
-from dancedata.formats.arrays import ArrayFile, open_arrays
-from dancedata.formats.body_model import GENDERS, body_model_skeleton, find_model
+from dancedata.formats.array_file import ArrayFile
+from dancedata.formats.arrays import VALUE_SUFFIXES
+from dancedata.formats.body_model import GENDERS, body_model_skeleton, find_model, gender_of
 from dancedata.formats.bvh.joint_names import JointMap, map_joints
 from dancedata.formats.bvh.kinematics import world
 from dancedata.formats.bvh.parse import Bvh, read_bvh
 from dancedata.formats.bvh.retarget import Rig, make_rig, retarget, skeleton_of, smpl_rest
+from dancedata.formats.video_pose import PersonArrays
 
 __all__ = ["SUFFIXES", "FileFacts", "Reading", "array_facts", "bvh_facts", "load_motion", "recognised"]
 
-SUFFIXES = (".npz", ".npy", ".pkl", ".bvh")
+SUFFIXES = (".npz", ".npy", ".pkl", ".bvh", *(suffix for suffix in VALUE_SUFFIXES if suffix != ".pkl"))
 #: Height of a skeleton in a guessed unit, toes to head joint at rest, metres.
 PLAUSIBLE_M = (1.2, 2.2)
 _UNITS_ALLOWED = f"{', '.join(UNITS)}, or metres per unit, such as 0.0254"
@@ -56,12 +59,14 @@ class Reading:
     recipe : declarations for all files.
     joint_map : SMPL joint -> name in BVH files.
     body_model : file or folder; None for the mean body.
+    keys : the recipe's names of arrays, as in `Folder`.
     """
 
     manifest: Declared
     recipe: Declared
     joint_map: Mapping[str, str] | None = None
     body_model: Path | None = None
+    keys: Mapping[str, str] | None = None
 
 
 def load_motion(path: Path, reading: Reading) -> Motion:
@@ -74,10 +79,10 @@ def load_motion(path: Path, reading: Reading) -> Motion:
     """
     if path.suffix.lower() == ".bvh":
         return _load_bvh(path, reading)
-    with open_arrays(path) as arrays:
+    with open_person(path, reading.manifest.person) as arrays:
         layout = recognised(arrays, reading)
         facts = array_facts(arrays, layout, reading)
-        translation, rotations = read_motion(arrays, layout)
+        translation, rotations, first = on_video_frames(arrays, *read_motion(arrays, layout))
         skeleton = layout.skeleton
         if reading.body_model is not None:
             skeleton = _body(arrays, layout, reading, reading.body_model)
@@ -89,7 +94,7 @@ def load_motion(path: Path, reading: Reading) -> Motion:
         translation = (root + translation) @ upright.T - root
         rotations = rotations.copy()
         rotations[:, 0] = _rotated(upright, rotations[:, 0])
-    return Motion(translation, rotations, FrameGrid(facts.rate.value), skeleton)
+    return Motion(translation, rotations, FrameGrid(facts.rate.value), skeleton, first)
 
 
 @dataclass(frozen=True)
@@ -104,16 +109,17 @@ class FileFacts:
     def __str__(self) -> str:
         """Show the facts as in notes."""
         rotated = ", rotated to +Y" if self.up.value != "y" else ""
+        axis = self.up.value.upper() if self.up.value.startswith("-") else f"+{self.up.value.upper()}"
         unit = self.unit.value if self.unit.value in UNITS else f"1 unit = {self.metres:.7g} m"
         return (
-            f"{self.rate.value} FPS ({self.rate.where}); +{self.up.value.upper()} up ({self.up.where}){rotated}; "
+            f"{self.rate.value} FPS ({self.rate.where}); {axis} up ({self.up.where}){rotated}; "
             f"{unit} ({self.unit.where})"
         )
 
 
 def recognised(arrays: ArrayFile, reading: Reading) -> Layout:
     """Return the layout of a file of arrays, checked against the declared one."""
-    return recognise(arrays, reading.manifest.layout or reading.recipe.layout or "auto")
+    return recognise(arrays, reading.manifest.layout or reading.recipe.layout or "auto", reading.keys)
 
 
 def array_facts(arrays: ArrayFile, layout: Layout, reading: Reading) -> FileFacts:
@@ -145,7 +151,7 @@ def array_facts(arrays: ArrayFile, layout: Layout, reading: Reading) -> FileFact
     if rate_fact is None:
         raise undeclared(path, "fps", "frame rate", "frames per second, such as 30 or 30000/1001", found, also)
     if up is None:
-        raise undeclared(path, "up", "up axis", "y or z", found, also[1:])
+        raise undeclared(path, "up", "up axis", "y, z, or -y (a camera's axes)", found, also[1:])
     if unit is None or factor is None:
         raise undeclared(path, "unit", "unit of the translation", _UNITS_ALLOWED, found)
     return FileFacts(rate_fact, up, unit, factor)
@@ -165,7 +171,7 @@ def _body(arrays: ArrayFile, layout: Layout, reading: Reading, model: Path) -> S
     betas = _betas(arrays) if "betas" in arrays.names else None
     try:
         file = find_model(model, joints=layout.skeleton, gender=gender)
-        named = next((g for g in ("female", "male", "neutral") if g in file.stem.lower()), None)
+        named = gender_of(file)
         if betas is not None and fact is not None and named not in (None, gender):
             raise bad_declaration(
                 arrays.path,
@@ -189,6 +195,8 @@ def _betas(arrays: ArrayFile) -> Floats:
     """Return one set of betas (B,); a file with betas for every frame must repeat the same ones."""
     betas = arrays.read("betas")
     rows = betas.reshape(-1, betas.shape[-1]) if betas.ndim else betas.reshape(1, 1)
+    if isinstance(arrays, PersonArrays) and arrays.tool and len(rows) and np.isfinite(rows).all():
+        return np.asarray(rows.mean(axis=0))  # estimated anew in each frame
     if not len(rows) or not np.isfinite(rows).all() or np.ptp(rows, axis=0).max() > 1e-3:
         raise DataError(
             "the betas do not describe a single body",

@@ -19,7 +19,7 @@ __all__ = ["COLUMNS", "MANIFESTS", "Row", "id_problem", "inside", "read_manifest
 
 MANIFESTS = ("manifest.csv", "manifest.jsonl")
 _ABOUT = ("id", "motion", "audio", "split", "genre", "music", "dancer", "tempo_bpm")
-_DECLARED = ("fps", "up", "unit", "layout", "gender")
+_DECLARED = ("fps", "up", "unit", "layout", "gender", "person")
 COLUMNS = (*_ABOUT, *_DECLARED)
 #: Enough for a hundred thousand clips.
 MAX_BYTES = 1 << 24

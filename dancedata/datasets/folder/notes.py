@@ -11,7 +11,7 @@ from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DataError
 from dancedata.core.text import counted
 from dancedata.datasets.folder.load import Reading, array_facts, bvh_facts, recognised
-from dancedata.formats.arrays import open_arrays
+from dancedata.datasets.folder.people import open_person, seen_in
 from dancedata.formats.bvh.parse import read_bvh_header
 
 __all__ = ["describe", "file_notes", "split_note"]
@@ -27,11 +27,13 @@ def describe(path: Path, reading: Reading) -> tuple[str, ...]:
         facts, rig = bvh_facts(bvh, reading)
         about = f"BVH: {facts}; joint names {rig.joints.style or 'as given in joint_map'}"
         return about, f"BVH joints: {rig.joints.text(bvh.joints)}"
-    with open_arrays(path) as arrays:
+    with open_person(path, reading.manifest.person) as arrays:
         layout = recognised(arrays, reading)
         facts = array_facts(arrays, layout, reading)
+        seen = seen_in(arrays)
     joints = f" on {layout.body}'s {layout.skeleton.n_joints} joints" if layout.name != layout.body else ""
-    return (f"{path.suffix.lower()}, layout {layout.name}{joints}: {facts}",)
+    about = f"{path.suffix.lower()}, layout {layout.name}{joints}: {facts}"
+    return (about, f"Video: {seen[0]}") if seen is not None and str(seen[0]) else (about,)
 
 
 def file_notes(clips: Sequence[ClipRef], reading: Callable[[ClipRef], Reading]) -> tuple[list[ClipRef], list[str]]:

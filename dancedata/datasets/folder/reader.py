@@ -24,6 +24,7 @@ from dancedata.datasets.folder.layout import LOOKED_FOR, match_names
 from dancedata.datasets.folder.load import SUFFIXES, Reading, load_motion
 from dancedata.datasets.folder.manifest import MANIFESTS, Row, clip_id, id_problem, inside, read_manifest
 from dancedata.datasets.folder.notes import file_notes, split_note
+from dancedata.datasets.folder.people import split_people
 
 __all__ = ["Folder"]
 
@@ -36,30 +37,40 @@ class Folder(Dataset):
     Attributes
     ----------
     fps : frames per second of files without a frame rate: 30, 59.94 or "30000/1001".
-    up : "y" or "z", the up axis of files whose format does not define it. BVH is +Y unless declared.
+    up : "y" or "z", the up axis of files whose format does not define it; "-y" for a camera's axes (+Y down, +Z
+        away from it). BVH is +Y unless declared.
     unit : unit of lengths in files that do not define it (BVH never does): "m", "cm", "mm", "inch", "cmu" (the CMU
         database: inch / 0.45), metres per unit such as 0.0254, or "guess": the unit in which the skeleton of a
         BVH is 1.2 to 2.2 m tall.
-    layout : "auto", or the layout of arrays: "amass", "smpl", "smplh", "smplx", "finedance".
+    layout : "auto", or the layout of arrays: "amass", "smpl", "smplh", "smplx", "finedance",
+        "wham", "phalp", "gvhmr".
     joint_map : SMPL joint -> name in the BVH files, for unknown names; "" excludes a joint.
-    body_model : SMPL-X, SMPL-H or SMPL model (.npz), or a folder of them, for the bones of arrays, with the
+    body_model : SMPL-X, SMPL-H or SMPL model (.npz, .pkl), or a folder of them, for the bones of arrays, with the
         betas and the gender in the file. Without it they are those of the mean body.
     gender : "neutral", "male" or "female", for a body model, of files without a gender.
     split : split of clips without one in the manifest: a name, or a rule such as
         ``{val: 0.1, test: 0.1, by: music, seed: 0}`` that keeps clips of one music (dancer, genre) together, see
         `_split_rule`.
+    keys : names of the arrays in files of other layouts, ``{rotation: pred_thetas, translation: transl}``. Rotations
+        are axis-angle, 3 columns per joint, or matrices, 9 row by row, of SMPL's 24, SMPL-H's 52 or SMPL-X's 55
+        joints. ``scale`` names what divides the translation: one number, one per frame, or a weak-perspective camera
+        (T, 3) with the scale first. Files without the array of the rotation are read as if there were no keys.
+    people : "split" makes a clip of each person in files that are divided by people, ``NAME-personID``; "one" reads
+        files of one person, and sets others aside.
     music : "required" leaves out clips without music; "optional" keeps them, without audio.
     """
 
     fps: float | str | None = None
-    up: Literal["y", "z"] | None = None
+    up: Literal["y", "z", "-y"] | None = None
     unit: float | str | None = None
-    layout: Literal["auto", "amass", "smpl", "smplh", "smplx", "finedance"] = "auto"
+    layout: Literal["auto", "amass", "smpl", "smplh", "smplx", "finedance", "wham", "phalp", "gvhmr"] = "auto"
     joint_map: Mapping[str, str] | None = None
     body_model: Path | None = field(default=None, metadata={"path": True, "content": True})
     gender: Literal["neutral", "male", "female"] | None = None
     split: str | Mapping[str, Any] = field(default="train", metadata={"scan": True})
     music: Literal["required", "optional"] = field(default="required", metadata={"scan": True})
+    keys: Mapping[str, str] | None = field(default=None, metadata={"added": True})
+    people: Literal["one", "split"] = field(default="one", metadata={"scan": True, "added": True})
 
     generic: ClassVar[bool] = True
     version: ClassVar[int] = 1
@@ -80,6 +91,7 @@ class Folder(Dataset):
             raise UsageError(
                 f"folder: invalid value for {name}", found=repr(value), allowed=allowed, fix=f"set {name}"
             )
+        _check_keys(self.keys)
         for joint in self.joint_map or {}:
             if joint not in SMPL24.joints:
                 problem_text = f"folder: joint_map has a key that is not a joint of SMPL: {joint!r}"
@@ -119,6 +131,8 @@ class Folder(Dataset):
         rows = read_manifest(manifests[0]) if manifests else []
         found = self._listed(source, manifests[0], rows) if manifests else self._matched(source)
         clips, rejects, notes, layout = found
+        if self.people == "split":
+            clips, rejects = split_people(clips, rejects)
         given = any(row.get("split") for row in rows)
         clips, splits = self._split(sorted(clips, key=lambda clip: clip.id), given)
         clips, files = file_notes(clips, self._reading)
@@ -150,7 +164,7 @@ class Folder(Dataset):
         return Declared(fps, self.up, unit, self.layout, self.gender)
 
     def _reading(self, ref: ClipRef) -> Reading:
-        return Reading(Declared(**dict(ref.declared)), self._declared, self.joint_map, self.body_model)
+        return Reading(Declared(**dict(ref.declared)), self._declared, self.joint_map, self.body_model, self.keys)
 
     def _check_body_model(self) -> None:
         if self.body_model is not None and not self.body_model.exists():
@@ -239,6 +253,23 @@ class Folder(Dataset):
         if not isinstance(self.split, str):
             return SplitRule.of(self.split).apply(clips)
         return clips, [split_note(clips, self.split, given)]
+
+
+def _check_keys(keys: Mapping[str, str] | None) -> None:
+    if keys is None:
+        return
+    known = ("rotation", "translation", "scale")
+    wrong = next((key for key in keys if key not in known), None)
+    if wrong is not None:
+        raise UsageError(f"folder: unknown key in keys: {wrong!r}", allowed=did_you_mean(wrong, known))
+    missing = [key for key in known[:2] if not keys.get(key)]
+    if missing:
+        raise UsageError(
+            f"folder: keys does not name the array of the {missing[0]}",
+            found=", ".join(keys) or "nothing",
+            allowed="rotation and translation, and scale where the translation is divided by it",
+            fix="set dataset.folder.keys={rotation: NAME, translation: NAME}",
+        )
 
 
 def _near_listed(source: Path, audio: set[str]) -> NearMusic:

@@ -22,6 +22,7 @@ from typing import Any, ClassVar
 from dancedata.core.errors import DataError, SourceError
 from dancedata.core.text import quoted, shown
 from dancedata.formats.checked_unpickler import CheckedUnpickler, UnsafePickleError, ordered_dict
+from dancedata.formats.torch_file import STORAGES
 
 MAGIC = 0x1950A86A20F9469CFC6C
 PROTOCOL = 1001
@@ -30,19 +31,6 @@ MAX_DIMENSIONS = 32
 MAX_NUMBER = 1 << 63
 # A prior of 872 tensors has 0.1 MB of pickles; a file with more is damaged.
 MAX_PICKLE_BYTES = 64 << 20
-
-_ITEM_BYTES = {
-    "DoubleStorage": ("float64", 8),
-    "FloatStorage": ("float32", 4),
-    "HalfStorage": ("float16", 2),
-    "BFloat16Storage": ("bfloat16", 2),
-    "LongStorage": ("int64", 8),
-    "IntStorage": ("int32", 4),
-    "ShortStorage": ("int16", 2),
-    "CharStorage": ("int8", 1),
-    "ByteStorage": ("uint8", 1),
-    "BoolStorage": ("bool", 1),
-}
 
 
 @dataclass(frozen=True)
@@ -143,7 +131,7 @@ _ALLOWED: dict[tuple[str, str], Any] = {
     ("numpy.core.multiarray", "scalar"): _Ignored,
     ("numpy._core.multiarray", "scalar"): _Ignored,
     ("_codecs", "encode"): _Ignored,
-    **{("torch", name): _StorageType(*what) for name, what in _ITEM_BYTES.items()},
+    **{("torch", name): _StorageType(*what) for name, what in STORAGES.items()},
 }
 
 
@@ -305,7 +293,7 @@ class LegacyFile:
                 where=self.path,
                 found=str(error),
                 allowed="tensors and plain Python containers",
-                fix="get the file again from its publisher",
+                fix="get the file again with `dancedata jukebox fetch`, or from the address in docs/jukebox.md",
             ) from None
         except Exception as error:  # a damaged pickle can raise anything: its bytes are a program
             raise SourceError(

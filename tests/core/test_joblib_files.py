@@ -1,0 +1,222 @@
+"""Files of joblib.dump and torch.save: read as those libraries read them, without running anything."""
+
+from __future__ import annotations
+
+import io
+import pickle
+import zipfile
+import zlib
+from collections import OrderedDict
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import joblib
+import numpy as np
+import pytest
+
+from dancedata.core.errors import DataError
+from dancedata.formats.value_arrays import load_values
+from dancedata.testing.video_files import joblib_bytes, torch_file, wham, wham_person
+
+COMPRESSIONS = [0, 3, ("gzip", 3), ("bz2", 1), ("lzma", 1), ("xz", 1)]
+CONTENT = {
+    0: {"pose": np.random.default_rng(0).normal(size=(5000, 3)).astype(np.float32), "one": np.float32(3)},
+    7: {
+        "fortran": np.asfortranarray(np.arange(20.0).reshape(5, 4)),
+        "big": np.arange(4, dtype=">f8"),
+        "objects": np.array([None, {"a": 1}, "x"], dtype=object),
+        "names": np.array(["a", "bcd"]),
+        "empty": np.zeros((0, 3)),
+        "single": np.array(2.5),
+        "after": np.arange(6, dtype=np.uint8)[::2],
+    },
+}
+
+
+def leaves(value: Any, at: tuple[Any, ...] = ()) -> Iterator[tuple[tuple[Any, ...], Any]]:
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            yield from leaves(inner, (*at, key))
+    else:
+        yield at, value
+
+
+def equal(found: Any, expected: Any) -> None:
+    ours, theirs = dict(leaves(found)), dict(leaves(expected))
+    assert list(ours) == list(theirs)
+    for name, value in theirs.items():
+        assert np.array_equal(ours[name], value), name
+        assert np.asarray(ours[name]).dtype == np.asarray(value).dtype, name
+
+
+def refused(path: Path, data: bytes, reason: str) -> str:
+    path.write_bytes(data)
+    with pytest.raises(DataError) as error:
+        load_values(path)
+    assert error.value.reason == reason
+    assert str(path) in str(error.value)
+    return str(error.value)
+
+
+@pytest.mark.parametrize("protocol", [2, 3, 4, 5])
+@pytest.mark.parametrize("compress", COMPRESSIONS, ids=str)
+def test_joblib_files_are_read_as_joblib_reads_them(tmp_path: Path, compress: Any, protocol: int) -> None:
+    path = tmp_path / "a.pkl"
+    path.write_bytes(joblib_bytes(CONTENT, compress, protocol))
+    found = load_values(path)
+    equal(found, CONTENT)
+    with path.open("rb") as file:
+        equal(joblib.load(file, ensure_native_byte_order=False), CONTENT)
+
+
+def test_arrays_without_alignment(tmp_path: Path) -> None:
+    # joblib before 1.2 wrote no padding, and a wrapper without its attribute.
+    data = joblib_bytes({"a": np.arange(4.0)}, 0, 2)
+    cut = data.index(b"numpy_array_alignment_bytes")
+    at = data.rindex(b"X", 0, cut)
+    end = data.index(b"K\x10", cut) + 2
+    tail = data.index(b"b", end)
+    pad = data[tail + 1]
+    old = data[:at] + data[end : tail + 1] + data[tail + 2 + pad :]
+    path = tmp_path / "a.pkl"
+    path.write_bytes(old)
+    assert np.array_equal(load_values(path)["a"], np.arange(4.0))  # type: ignore[index]
+
+
+def planted(code: bytes = b"cos\nsystem\n(S'touch PWNED'\ntR") -> list[bytes]:
+    """Return files of each format with a call in them that nothing may make."""
+    plain = pickle.dumps({0: {"pose_world": 1}}, 2).removesuffix(b".")
+    pickled = plain + b"X\x01\x00\x00\x00x" + code + b"s."
+    archive = io.BytesIO()
+    with zipfile.ZipFile(archive, "w") as file:
+        file.writestr("a/data.pkl", pickled)
+    good = wham({0: wham_person(3, vertices=4)})
+    return [pickled, good[:-1] + b"X\x01\x00\x00\x00x" + code + b"s.", zlib.compress(pickled), archive.getvalue()]
+
+
+def test_planted_code_does_not_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for data in planted():
+        text = refused(tmp_path / "wham_output.pkl", data, "unsafe_pickle")
+        assert "os.system" in text
+        assert "publisher" not in text
+    assert not (tmp_path / "PWNED").exists()
+
+
+@pytest.mark.parametrize("compress", [0, 3])
+def test_cut_files(tmp_path: Path, compress: int) -> None:
+    data = joblib_bytes(CONTENT, compress)
+    for end in (len(data) - 1, len(data) // 2, 50_000, 200, 3):
+        refused(tmp_path / "a.pkl", data[:end], "broken_file")
+
+
+def wrapper(shape: bytes, dtype: bytes = b"f4", order: bytes = b"C", extra: bytes = b"") -> bytes:
+    """Return the opcodes of joblib's description of an array."""
+    text = lambda value: b"X" + len(value).to_bytes(4, "little") + value  # noqa: E731
+    return (
+        b"\x80\x02cjoblib.numpy_pickle\nNumpyArrayWrapper\n)\x81}("
+        + text(b"subclass") + b"cnumpy\nndarray\n"
+        + text(b"shape") + shape
+        + text(b"order") + text(order)
+        + text(b"dtype") + b"cnumpy\ndtype\n" + text(dtype) + b"\x89\x88\x87R"
+        + extra + b"ub"
+    )  # fmt: skip
+
+
+def test_crafted_descriptions(tmp_path: Path) -> None:
+    path = tmp_path / "a.pkl"
+    path.write_bytes(wrapper(b"K\x02\x85") + b"\0" * 8 + b".")
+    assert np.array_equal(load_values(path), np.zeros(2))
+    for shape in (b"J\xff\xff\xff\x1f\x85", b"J\xff\xff\xff\xff\x85", b"K\x02", b"X\x01\0\0\0a\x85", b"K\x09\x85"):
+        refused(path, wrapper(shape) + b"\0" * 8 + b".", "broken_file")
+    refused(path, wrapper(b"K\x02\x85", order=b"K") + b"\0" * 8 + b".", "broken_file")
+    refused(path, wrapper(b"K\x02\x85", extra=b"X\x01\0\0\0zN") + b"\0" * 8 + b".", "broken_file")
+    # An array of objects that is not one, and one that holds another description.
+    refused(path, wrapper(b"K\x01\x85", dtype=b"O8") + b"K\x01.", "broken_file")
+    refused(path, wrapper(b"K\x01\x85", dtype=b"O8") + wrapper(b"K\x00\x85") + b"..", "unsafe_pickle")
+    # A class that is called, and one whose state is set twice.
+    refused(path, b"cjoblib.numpy_pickle\nNumpyArrayWrapper\n)R.", "unsafe_pickle")
+    refused(path, b"cjoblib.numpy_pickle\nNumpyArrayWrapper\nK\x01\x85\x81.", "unsafe_pickle")
+    refused(path, b"ccollections\ndefaultdict\ncbuiltins\ndict\n)R\x85R.", "unsafe_pickle")
+
+
+def test_files_that_unpack_to_too_much(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("dancedata.formats.unpacked.BOMB_BYTES", 1 << 20)
+    bomb = zlib.compress(b"\x80\x04" + b"\0" * (2 << 20))
+    assert "unpack to more than" in refused(tmp_path / "a.pkl", bomb, "broken_file")
+    assert "lz4" in refused(tmp_path / "a.pkl", b"\x04\x22\x4d\x18" + bytes(20), "broken_file")
+
+
+def test_torch_tensors_in_a_pickle_are_explained(tmp_path: Path) -> None:
+    data = b"\x80\x02ctorch._utils\n_rebuild_tensor_v2\n."
+    assert "tensor.cpu().numpy()" in refused(tmp_path / "a.pkl", data, "unsafe_pickle")
+    data = b"\x80\x02cchumpy.ch\nCh\n)\x81."
+    assert "dataset.folder.body_model" in refused(tmp_path / "a.pkl", data, "unsafe_pickle")
+
+
+TENSORS = {
+    "rows": np.arange(12, dtype=np.float32).reshape(4, 3),
+    "half": np.arange(3, dtype=np.float16),
+    "inner": {"double": np.arange(4.0), "long": np.arange(3), "n": 3, "none": np.zeros((0, 3), np.float32)},
+}
+
+
+@pytest.mark.parametrize("order", ["little", "big"])
+def test_torch_files(tmp_path: Path, order: str) -> None:
+    path = tmp_path / "a.pt"
+    path.write_bytes(torch_file(TENSORS, order))
+    found = dict(leaves(load_values(path)))
+    for name, value in leaves(TENSORS):
+        assert np.array_equal(found[name], value), name
+
+
+def test_torch_reads_and_writes_such_files(tmp_path: Path) -> None:
+    torch = pytest.importorskip("torch")
+    path = tmp_path / "a.pt"
+    path.write_bytes(torch_file(TENSORS))
+    for name, value in leaves(torch.load(path, weights_only=True)):
+        assert np.array_equal(np.asarray(value), dict(leaves(TENSORS))[name]), name
+    rows = torch.arange(24.0).reshape(4, 6)
+    saved = {
+        "whole": rows, "turned": rows.T, "part": rows[1:3, 2:5:2], "same": torch.zeros(1, 3).expand(5, 3),
+        "bfloat": rows.bfloat16(), "none": rows[:0], "flags": rows > 3, "one": torch.tensor(2.5),
+    }  # fmt: skip
+    torch.save(OrderedDict(saved), path)
+    found = load_values(path)
+    assert isinstance(found, dict)
+    for name, value in saved.items():
+        assert np.array_equal(found[name], value.float().numpy() if name == "bfloat" else value.numpy()), name
+
+
+def changed(data: bytes, **members: bytes) -> bytes:
+    """Return a torch file with other members; None leaves one out."""
+    file = io.BytesIO()
+    with zipfile.ZipFile(io.BytesIO(data)) as old, zipfile.ZipFile(file, "w") as new:
+        for name in old.namelist():
+            short = name.partition("/")[2].replace("/", "_").replace(".", "_")
+            new.writestr(name, members.get(short, old.read(name)))
+    return file.getvalue()
+
+
+def test_broken_torch_files(tmp_path: Path) -> None:
+    path, data = tmp_path / "a.pt", torch_file(TENSORS)
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        pickled = archive.read("hmr4d_results/data.pkl")
+    refused(path, data[: len(data) // 2], "broken_file")
+    refused(path, changed(data, data_0=b"short"), "broken_file")
+    # Sizes and strides that reach beyond the storage: K\x04K\x03 is the shape (4, 3), K\x03K\x01 its stride.
+    for old, new in ((b"K\x04K\x03\x86", b"K\x05K\x03\x86"), (b"K\x03K\x01\x86", b"K\x09K\x01\x86")):
+        assert old in pickled
+        refused(path, changed(data, data_pkl=pickled.replace(old, new)), "broken_file")
+    far = pickled.replace(b"K\x04K\x03\x86", b"J\xff\xff\xff\x1fK\x01\x86").replace(
+        b"K\x03K\x01\x86", b"K\x00K\x01\x86"
+    )
+    refused(path, changed(data, data_pkl=far), "broken_file")
+    text = refused(path, changed(data, data_pkl=b"cos\nsystem\n(S'false'\ntR."), "unsafe_pickle")
+    assert "os.system" in text
+    refused(path, changed(data, data_pkl=pickled.replace(b"storage", b"storagf")), "broken_file")
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("a/data.pkl", pickled)
+    refused(path, file.getvalue(), "broken_file")

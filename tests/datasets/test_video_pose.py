@@ -1,0 +1,287 @@
+"""What WHAM, PHALP, GVHMR and others write: read, divided by people, put on the frames of the video, built."""
+
+from __future__ import annotations
+
+import pickle
+import wave
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import dancedata
+from dancedata.core.clip import ClipRef
+from dancedata.core.errors import DataError, UsageError
+from dancedata.core.rotations import matrix_from_rotvec
+from dancedata.datasets.folder import Folder
+from dancedata.pipeline.build import build
+from dancedata.recipes.documents import document_of
+from dancedata.recipes.parse import parse_recipe
+from dancedata.testing.video_files import dance, gvhmr, in_camera, joblib_bytes, phalp, torch_file, wham, wham_person
+
+N = 60
+
+
+def loaded(path: Path, **parameters: Any) -> Any:
+    dataset = Folder(**{"fps": 30, "music": "optional", **parameters})
+    return {ref.id: (ref, dataset.load(ref)) for ref in dataset.scan(path.parent).clips}
+
+
+def refused(path: Path, **parameters: Any) -> DataError:
+    dataset = Folder(**{"fps": 30, "music": "optional", **parameters})
+    with pytest.raises(DataError) as error:
+        dataset.load(ClipRef(path.stem, path, None, "train", declared=parameters.pop("declared", ())))
+    assert str(path) in str(error.value)
+    return error.value
+
+
+def close(motion: Any, rotations: Any, path: Any, atol: float = 1e-5) -> None:
+    np.testing.assert_allclose(matrix_from_rotvec(motion.rotations), matrix_from_rotvec(rotations), atol=atol)
+    np.testing.assert_allclose(motion.translation, path, atol=atol)
+
+
+@pytest.mark.parametrize("compress", [0, 3])
+def test_two_people_of_wham_become_two_clips(tmp_path: Path, compress: int) -> None:
+    path = tmp_path / "wham_output.pkl"
+    path.write_bytes(wham({4: wham_person(N, seed=1), 17: wham_person(N - 9, seed=2)}, compress))
+    clips = loaded(path, people="split")
+    assert list(clips) == ["wham_output-person17", "wham_output-person4"]
+    for name, (seed, length) in {"wham_output-person4": (1, N), "wham_output-person17": (2, N - 9)}.items():
+        motion = clips[name][1]
+        assert (motion.n_frames, motion.trim_start, motion.skeleton.name) == (length, 0, "smpl24")
+        close(motion, *dance(length, seed))
+    assert "layout wham on smpl's 24 joints: 30 FPS (declared in the recipe); +Y up (WHAM's world); m" in str(
+        clips["wham_output-person4"][0].notes
+    )
+
+
+def test_several_people_have_to_be_chosen(tmp_path: Path) -> None:
+    path = tmp_path / "wham_output.pkl"
+    path.write_bytes(wham({4: wham_person(N), 17: wham_person(9)}))
+    error = refused(path)
+    assert error.reason == "several_people"
+    assert "2 people" in str(error)
+    assert "4 (60 frames), 17 (9 frames)" in str(error)
+    assert "dataset.folder.people=split" in str(error)
+    dataset = Folder(fps=30, music="optional")
+    for person, length in (("4", N), ("17", 9)):
+        ref = ClipRef("x", path, None, "train", declared=(("person", person),))
+        assert dataset.load(ref).n_frames == length
+    with pytest.raises(DataError, match=r"no person '5'.*people 4"):
+        dataset.load(ClipRef("x", path, None, "train", declared=(("person", "5"),)))
+
+
+def test_one_person_needs_no_choice(tmp_path: Path) -> None:
+    path = tmp_path / "a.pkl"
+    path.write_bytes(wham({0: wham_person(N)}))
+    assert list(loaded(path)) == ["a"]
+    assert list(loaded(path, people="split")) == ["a-person0"]
+
+
+def test_a_manifest_chooses_people(tmp_path: Path) -> None:
+    (tmp_path / "two.pkl").write_bytes(wham({0: wham_person(N, seed=1), 1: wham_person(N, seed=2)}))
+    lines = ["id,motion,person,dancer,fps", "anna,two.pkl,1,anna,60", "all,two.pkl,,,25"]
+    (tmp_path / "manifest.csv").write_text("\n".join(lines))
+    dataset = Folder(music="optional", people="split")
+    found = {ref.id: (ref.dancer, str(dataset.load(ref).grid)) for ref in dataset.scan(tmp_path).clips}
+    assert found == {"anna": ("anna", "60"), "all-person0": ("", "25"), "all-person1": ("", "25")}
+
+
+def test_frames_before_a_person_appears_and_short_gaps(tmp_path: Path) -> None:
+    person = wham_person(N, first=5, seed=3)
+    keep = np.delete(np.arange(N), [20, 21, 22])
+    (tmp_path / "a.pkl").write_bytes(wham({0: {name: value[keep] for name, value in person.items()}}))
+    ref, motion = loaded(tmp_path / "a.pkl")["a"]
+    rotations, path = dance(N, 3)
+    assert (motion.n_frames, motion.trim_start) == (N + 5, 5)
+    assert "Video: first seen in frame 5 of the video" in ref.notes[1]
+    assert "3 frames of 60 interpolated" in ref.notes[1]
+    np.testing.assert_array_equal(motion.rotations[:5], np.repeat(motion.rotations[5:6], 5, axis=0))
+    np.testing.assert_allclose(motion.rotations[5 + keep], rotations[keep], atol=1e-6)
+    # Of a smooth dance the interpolated frames are near the true ones, and equal to neither neighbour.
+    inner = np.abs(motion.rotations[25:28] - rotations[20:23]).max()
+    assert 1e-4 < inner < 0.1
+    np.testing.assert_allclose(motion.translation[25:28], path[20:23], atol=0.05)
+
+
+@pytest.mark.parametrize(
+    ("frames", "found"),
+    [
+        (np.r_[:30, 41:71], "nothing between frames 29 and 41"),
+        (np.r_[:30, 30:60][::-1], "not in rising order"),
+        (np.r_[:30, 29:59], "not in rising order"),
+        (np.arange(N) - 1, "frames from -1"),
+        (np.arange(N) + 200_000, "frames from 200,000"),
+    ],
+)
+def test_frames_that_cannot_be_put_on_the_video(tmp_path: Path, frames: Any, found: str) -> None:
+    path = tmp_path / "a.pkl"
+    path.write_bytes(wham({0: {**wham_person(N, vertices=4), "frame_ids": frames}}))
+    error = refused(path)
+    assert error.reason == "missing_frames"
+    assert found in str(error)
+
+
+def test_frames_that_do_not_match(tmp_path: Path) -> None:
+    path = tmp_path / "a.pkl"
+    path.write_bytes(wham({0: {**wham_person(N, vertices=4), "frame_ids": np.arange(N - 1)}}))
+    assert refused(path).reason == "length_mismatch"
+    path.write_bytes(wham({0: {**wham_person(N, vertices=4), "frame_ids": np.arange(N) + 0.5}}))
+    assert refused(path).reason == "bad_shape"
+
+
+@pytest.mark.parametrize("compress", [0, 3])
+def test_people_of_phalp(tmp_path: Path, compress: int) -> None:
+    path = tmp_path / "demo_clip.pkl"
+    gap = np.delete(np.arange(N), [30, 31])
+    one, two = dance(N, 1), dance(N, 2)
+    path.write_bytes(phalp({1: (*one, np.arange(N)), 3: (two[0][gap], two[1][gap], gap)}, compress))
+    clips = loaded(path, people="split")
+    assert list(clips) == ["demo_clip-person1", "demo_clip-person3"]
+    close(clips["demo_clip-person1"][1], *one)
+    ref, motion = clips["demo_clip-person3"]
+    np.testing.assert_allclose(motion.translation[gap], two[1][gap], atol=1e-5)
+    assert motion.n_frames == N
+    assert "2 frames of 60 interpolated" in str(ref.notes)
+    assert "-Y up (PHALP's camera axes), rotated to +Y" in str(ref.notes)
+
+
+def test_gvhmr(tmp_path: Path) -> None:
+    path = tmp_path / "hmr4d_results.pt"
+    path.write_bytes(torch_file(gvhmr(N, 4)))
+    ref, motion = loaded(path)["hmr4d_results"]
+    assert motion.skeleton.name == "smplx55"
+    rotations, transl = dance(N, 4, 22)
+    np.testing.assert_allclose(motion.rotations[:, :22], rotations, atol=1e-6)
+    np.testing.assert_allclose(motion.translation, transl, atol=1e-6)
+    assert not motion.rotations[:, 22:].any()
+    assert "layout gvhmr on smplx's 55 joints" in str(ref.notes)
+    with pytest.raises(DataError, match="frame rate of this file is unknown"):
+        Folder(music="optional").load(ref)
+
+
+def hybrik(n_frames: int, **changes: Any) -> dict[str, Any]:
+    """Return the content of HybrIK's res.pk: rotation matrices, the camera's axes."""
+    rotations, path = dance(n_frames, 5)
+    matrices = matrix_from_rotvec(rotations)
+    turn = np.diag([1.0, -1.0, -1.0])
+    matrices[:, 0] = turn @ matrices[:, 0]
+    found = {"pred_thetas": matrices.reshape(n_frames, 216).astype(np.float32), "transl": in_camera(path)}
+    found |= {"pred_camera": np.full((n_frames, 3), [0.5, 0.1, 0.2]), "img_path": np.array(["a.jpg"] * n_frames)}
+    return {**found, **changes}
+
+
+KEYS = {"rotation": "pred_thetas", "translation": "transl"}
+
+
+def test_arrays_that_the_recipe_names(tmp_path: Path) -> None:
+    path = tmp_path / "res.pk"
+    path.write_bytes(pickle.dumps(hybrik(N)))
+    rotations, transl = dance(N, 5)
+    close(loaded(path, keys=KEYS, up="-y", unit="m")["res"][1], rotations, transl)
+    scaled = loaded(path, keys={**KEYS, "scale": "pred_camera"}, up="-y", unit="m")["res"][1]
+    np.testing.assert_allclose(in_camera(scaled.translation), in_camera(transl) / 0.5, atol=1e-5)
+    # WHAM's motion in the camera's axes, in place of the world's.
+    camera = tmp_path / "other" / "camera.pkl"
+    camera.parent.mkdir()
+    camera.write_bytes(wham({0: wham_person(N, seed=6, vertices=4)}))
+    found = loaded(camera, keys={"rotation": "pose", "translation": "trans"}, up="-y", unit="m", layout="auto")
+    turned = found["camera"][1]
+    np.testing.assert_allclose(turned.rotations, dance(N, 6)[0], atol=1e-5)
+    error = refused(path, up="-y", unit="m")
+    assert error.reason == "missing_key"
+    assert "dataset.folder.keys={rotation: NAME, translation: NAME}" in str(error)
+
+
+@pytest.mark.parametrize(
+    ("changes", "keys", "reason"),
+    [
+        ({"pred_thetas": np.zeros((N, 70))}, {}, "bad_shape"),
+        ({"pred_thetas": np.zeros((N, 216))}, {}, "bad_rotation"),
+        ({"pred_thetas": -np.tile(np.eye(3).ravel(), (N, 24))}, {}, "bad_rotation"),
+        ({"pred_thetas": np.full((N, 216), np.nan)}, {}, "nan"),
+        ({"pred_camera": np.zeros((N, 3))}, {"scale": "pred_camera"}, "bad_scaling"),
+        ({"pred_camera": np.ones((N - 1, 3))}, {"scale": "pred_camera"}, "bad_scaling"),
+        ({"pred_camera": np.ones((0, 3))}, {"scale": "pred_camera"}, "bad_scaling"),
+        ({"pred_camera": np.ones((N, 1, 3))}, {"scale": "pred_camera"}, "bad_scaling"),
+        ({}, {"scale": "nothing"}, "missing_key"),
+        ({"transl": np.zeros((N - 1, 3))}, {}, "length_mismatch"),
+    ],
+)
+def test_named_arrays_that_do_not_fit(tmp_path: Path, changes: Any, keys: Any, reason: str) -> None:
+    path = tmp_path / "res.pk"
+    path.write_bytes(pickle.dumps(hybrik(N, **changes)))
+    assert refused(path, keys={**KEYS, **keys}, up="-y", unit="m").reason == reason
+
+
+@pytest.mark.parametrize(
+    ("keys", "word"), [({"rotations": "a"}, "did you mean"), ({"rotation": "a"}, "translation"), ({}, "rotation")]
+)
+def test_keys_that_are_incomplete(keys: Any, word: str) -> None:
+    with pytest.raises(UsageError, match=word):
+        Folder(keys=keys)
+
+
+def test_documents_of_earlier_recipes_hold() -> None:
+    assert not {"keys", "people"} & document_of(Folder()).keys()
+    assert document_of(Folder(people="split"))["people"] == "split"
+    assert document_of(Folder(people="split", keys=KEYS), loading=True)["keys"] == KEYS
+    assert "people" not in document_of(Folder(people="split"), loading=True)
+
+
+def test_files_of_phalp_that_contradict_themselves(tmp_path: Path) -> None:
+    path = tmp_path / "a.pkl"
+    good = {"time": 0, "tid": [1], "tracked_time": [0], "camera": [np.zeros(3)]}
+    pose = {"global_orient": np.eye(3)[None], "body_pose": np.tile(np.eye(3), (23, 1, 1)), "betas": np.zeros(10)}
+    for change in (
+        {"tid": [1, 2]}, {"tid": None}, {"tid": ["x"]}, {"tracked_time": []}, {"time": "x"}, {"smpl": [None]},
+        {"smpl": [{**pose, "body_pose": np.zeros((21, 3, 3))}]}, {"smpl": [{"betas": 1}]}, {"camera": ["x"]},
+    ):  # fmt: skip
+        path.write_bytes(joblib_bytes({"0.jpg": {**good, "smpl": [pose], **change}}))
+        error = refused(path)
+        assert error.reason == "bad_shape", change
+    # Found by fuzzing: a number that float64 does not hold, which is no warning.
+    large = {**pose, "betas": np.full(10, np.finfo(np.longdouble).max)}
+    path.write_bytes(joblib_bytes({"0.jpg": {**good, "smpl": [large]}}))
+    assert Folder(fps=30, music="optional").load(ClipRef("a", path, None, "train")).n_frames == 1
+    # A list that occurs a hundred thousand times.
+    row = {**good, "tid": [1] * 100, "tracked_time": [0] * 100, "smpl": [pose] * 100, "camera": [np.zeros(3)] * 100}
+    path.write_bytes(joblib_bytes({str(k): row for k in range(1000)}))
+    assert "more people than a file of its size" in str(refused(path))
+    path.write_bytes(joblib_bytes({"0.jpg": {**good, "smpl": [pose], "tracked_time": [1]}}))
+    assert refused(path).reason == "empty"
+
+
+def test_a_dataset_of_people(tmp_path: Path) -> None:
+    source = tmp_path / "source"
+    (source / "motions").mkdir(parents=True)
+    (source / "music").mkdir()
+    n = 100
+    (source / "motions" / "wham.pkl").write_bytes(wham({0: wham_person(n, seed=1), 1: wham_person(n, seed=2)}))
+    (source / "motions" / "phalp.pkl").write_bytes(phalp({2: (*dance(n, 3), np.arange(n))}))
+    (source / "motions" / "gvhmr.pt").write_bytes(torch_file(gvhmr(n)))
+    call = b"X\x01\0\0\0xcos\nsystem\n(S'touch PWNED'\ntRss."
+    bad = joblib_bytes({0: {"pose_world": 1}}, 0, 2).removesuffix(b"s.") + call
+    (source / "motions" / "bad.pkl").write_bytes(bad)
+    for name in ("wham", "phalp", "gvhmr", "bad"):
+        with wave.open(str(source / "music" / f"{name}.wav"), "wb") as file:
+            file.setnchannels(1)
+            file.setsampwidth(2)
+            file.setframerate(16_000)
+            file.writeframes(np.random.default_rng(0).integers(-9000, 9000, 64_000).astype("<i2").tobytes())
+    recipe = {
+        "recipe": 1,
+        "name": "video",
+        "dataset": {"folder": {"fps": 30, "people": "split"}},
+        "motion": {"edge151": {}},
+    }
+    recipe |= {"windows": {"length_s": 2, "stride_s": 1}}
+    build(parse_recipe(recipe), source, tmp_path / "out", cache=tmp_path / "cache")
+    with dancedata.open(tmp_path / "out") as ds:
+        assert [c.id for c in ds.clips] == ["gvhmr", "phalp-person2", "wham-person0", "wham-person1"]
+        joints = {c.id: ds.clip(c.id).read("edge151") for c in ds.clips}
+    assert not np.array_equal(joints["wham-person0"], joints["wham-person1"])
+    assert '"unsafe_pickle"' in (tmp_path / "out" / "rejects.jsonl").read_text()
+    assert not list(tmp_path.rglob("PWNED"))
+    assert not Path("PWNED").exists()

@@ -1,0 +1,133 @@
+"""The pages on video, FBX and what goes wrong: their commands run on files as the pages describe them."""
+
+from __future__ import annotations
+
+import ast
+import re
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import dancedata
+from dancedata.cli.app import app
+from dancedata.datasets.folder import Folder
+from dancedata.synthetic import write_synthetic
+from dancedata.testing.video_files import dance, gvhmr, joblib_bytes, phalp, torch_file, wham, wham_person
+
+ROOT = Path(__file__).resolve().parents[2]
+N = 170
+
+
+def blocks(page: str, language: str) -> list[str]:
+    text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+    return re.findall(rf"^```{language}\n(.*?)^```", text, flags=re.DOTALL | re.MULTILINE)
+
+
+def commands(page: str) -> list[tuple[list[str], int]]:
+    """Return the arguments of a page's commands, and the exit code that its comment gives."""
+    lines = "".join(blocks(page, "sh")).splitlines()
+    assert all(line.startswith("dancedata ") for line in lines)
+    return [(line.partition("#")[0].split()[1:], 1 if "exit code 1" in line else 0) for line in lines]
+
+
+@pytest.fixture
+def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], list[str]]:
+    """Run the commands of a page in the test's folder, except `doctor`, which has tests of its own."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("DANCEDATA_CACHE", str(tmp_path / "cache"))
+
+    def run_page(page: str) -> list[str]:
+        printed = []
+        for arguments, code in commands(page):
+            if arguments[0] != "doctor":
+                result = CliRunner().invoke(app, arguments)
+                assert result.exit_code == code, (arguments, result.output)
+                printed.append(result.stdout)
+        return printed
+
+    return run_page
+
+
+def pair(folder: Path, example: Path, **motions: bytes) -> None:
+    """Put motion files and a song for each into a folder."""
+    song = next((example / "music").iterdir())
+    for part in ("motions", "music"):
+        (folder / part).mkdir(parents=True, exist_ok=True)
+    for name, data in motions.items():
+        stem, _, suffix = name.rpartition("_")
+        (folder / "motions" / f"{stem}.{suffix}").write_bytes(data)
+        shutil.copy(song, folder / "music" / f"{stem}{song.suffix}")
+
+
+@pytest.fixture
+def example(tmp_path: Path) -> Path:
+    Folder().make_example(tmp_path / "example")
+    return tmp_path / "example"
+
+
+def test_the_page_on_video(tmp_path: Path, example: Path, run: Callable[[str], list[str]]) -> None:
+    two = {0: wham_person(N, seed=1, vertices=4), 1: wham_person(N - 20, 12, 2, vertices=4)}
+    files: dict[str, Any] = {"anna_pkl": wham(two), "ben_pkl": phalp({1: (*dance(N, 3), np.arange(N))})}
+    pair(tmp_path / "my-videos", example, **files, carla_pt=torch_file(gvhmr(N)))
+    rotations, transl = dance(N, 5)
+    hybrik = {"pred_thetas": rotations.reshape(N, 72), "transl": transl}
+    pair(tmp_path / "hybrik-videos", example, res_pk=joblib_bytes(hybrik))
+    recipes = blocks("from-video.md", "yaml")
+    for name, recipe in zip(("recipe.yaml", "hybrik.yaml"), recipes, strict=True):
+        (tmp_path / name).write_text(recipe)
+    said = run("from-video.md")
+    notes = next(block for block in blocks("from-video.md", "text") if block.startswith("note:"))
+    # Wrapped on the page.
+    assert set(notes.replace("\n  ", " ").splitlines()) <= set(said[0].splitlines())
+    with dancedata.open(tmp_path / "data" / "videos") as ds:
+        assert [c.id for c in ds.clips] == ["anna-person0", "anna-person1", "ben-person1", "carla"]
+    with dancedata.open(tmp_path / "data" / "hybrik") as ds:
+        assert [c.id for c in ds.clips] == ["res"]
+
+
+def test_a_manifest_of_people_and_a_file_without_vertices(
+    tmp_path: Path, example: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for song in (example / "music").iterdir():
+        shutil.copy(song, tmp_path / f"anna{song.suffix}")
+    (tmp_path / "wham_output.pkl").write_bytes(wham({0: wham_person(N, vertices=4), 1: wham_person(N, vertices=4)}))
+    monkeypatch.chdir(tmp_path)
+    for block in blocks("from-video.md", "python"):
+        exec(compile(block, "from-video.md", "exec"), {})
+    assert b"verts" not in (tmp_path / "anna.pkl").read_bytes()
+    (manifest,) = (block for block in blocks("from-video.md", "text") if block.startswith("motion,"))
+    head, *lines = manifest.splitlines()
+    rows = [f"{line},{k}" for k, line in enumerate(lines)]
+    (tmp_path / "manifest.csv").write_text("\n".join([f"{head},id", *rows]))
+    clips = Folder().scan(tmp_path).clips
+    assert [(clip.id, clip.dancer, dict(clip.declared)["person"]) for clip in clips] == [
+        ("0", "anna", "0"),
+        ("1", "lea", "1"),
+    ]
+    assert [Folder().load(clip).n_frames for clip in clips] == [N, N]
+
+
+def test_the_page_on_fbx(tmp_path: Path, example: Path, run: Callable[[str], list[str]]) -> None:
+    (bvh,) = (example / "motions").glob("*.bvh")
+    pair(tmp_path / "my-captures", example, anna_bvh=bvh.read_bytes())
+    (recipe,) = blocks("from-fbx.md", "yaml")
+    (tmp_path / "recipe.yaml").write_text(recipe)
+    run("from-fbx.md")
+    with dancedata.open(tmp_path / "data" / "captures") as ds:
+        assert [c.id for c in ds.clips] == ["anna"]
+    # Blender has its own Python: its script is only parsed.
+    for block in blocks("from-fbx.md", "python"):
+        ast.parse(block)
+
+
+def test_the_page_on_what_is_wrong(tmp_path: Path, run: Callable[[str], list[str]]) -> None:
+    source = write_synthetic(tmp_path / "SOURCE", songs=2, clips_per_song=4, clip_s=6)
+    (source / "wavs" / "mBR0.wav").rename(source / "wavs" / "mbr0.wav")
+    said = run("when-something-is-wrong.md")
+    (message,) = (b for b in blocks("when-something-is-wrong.md", "text") if b.startswith("error:"))
+    assert message.strip().replace("\n  ", " ") in said[0].splitlines()
