@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
 from dancedata.contacts.velocity import Velocity
+from dancedata.core.dance import checked_joints
+from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import Skeleton
@@ -100,6 +102,7 @@ class Figure:
             If the columns are not those of the representation, or not finite.
         """
         pose = reader.pose(rows)
+        checked_joints(pose.joints)
         skeleton = reader.representation.skeleton if pose.motion is None else pose.motion.skeleton
         figure = cls.of_joints(pose.joints, skeleton, pose.grid)
         columns = reader.representation.columns
@@ -138,6 +141,36 @@ class Figure:
     def movement(self) -> Movement:
         """Speed and key motions of the body's joints (Lodge's curve and minima, on these joints)."""
         return Movement.of(key_motion(self.joints[:, :_BODY]), self.grid)
+
+    @cached_property
+    def sliding(self) -> float:
+        """Mean horizontal speed of the foot joints while they are in contact, metres per second; 0 without contact."""
+        if self.n_frames < 2:
+            return 0.0
+        feet = self.joints[:, list(self.contact_joints)][..., [0, 2]]
+        speed = np.linalg.norm(np.diff(feet, axis=0), axis=-1) * float(self.grid.rate)
+        on = self.contacts[:-1] & self.contacts[1:]
+        return float(speed[on].mean()) if on.any() else 0.0
+
+    def part(self, begin: float, seconds: float) -> Figure:
+        """Return the frames of a part of the time; fewer where the figure ends before.
+
+        Raises
+        ------
+        DataError
+            If the figure has no frame there.
+        """
+        first = round(begin * float(self.grid.rate))
+        count = max(1, round(seconds * float(self.grid.rate)))
+        frames = slice(first, first + count)
+        if first >= self.n_frames:
+            raise DataError(
+                "the motion ends before this part",
+                reason="too_short",
+                found=f"{self.n_frames} frames at {self.grid} per second",
+                allowed=f"more than {first}",
+            )
+        return replace(self, joints=self.joints[frames], contacts=self.contacts[frames])
 
     def distance_mm(self, other: Figure) -> Float64Array:
         """Return the mean distance to the joints of the same names of another figure, (T,) millimetres.

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from dancedata.core.rotations import Float64Array
 from dancedata.core.text import shown
 from dancedata.scene.figure import Figure
-from dancedata.scene.scenes import Item, Scene
+from dancedata.scene.scenes import Flag, Item, Scene
 from dancedata.store import Store
 
 __all__ = ["about_store", "figure_payload", "item_rows", "link", "page_json", "scene_payload"]
@@ -41,7 +41,7 @@ def scene_payload(scene: Scene) -> Json:
         "trim": float(scene.grid.seconds(max(0, clip.trim_start - item.start))),
         "figure": None if scene.figure is None else figure_payload(scene.figure),
         "beats": _rounded(scene.rhythm.beats), "windows": [list(window) for window in scene.windows],
-        "flags": [[None if f.time is None else round(f.time, 5), f.kind, f.joint, f.value, f.unit] for f in scene.flags],
+        "flags": [_flag(flag) for flag in scene.flags],
         "notes": list(scene.notes),
     }  # fmt: skip
     if len(scene.rhythm.onset):
@@ -141,6 +141,10 @@ def page_json(document: Json) -> str:
     """Return JSON that can stand in a script element of a page: no text in it ends the element or opens another."""
     text = json.dumps(document, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+
+
+def _flag(flag: Flag) -> list[Any]:
+    return [None if flag.time is None else round(flag.time, 5), flag.kind, flag.joint, flag.value, flag.unit]
 
 
 def _rounded(values: Float64Array) -> list[float]:

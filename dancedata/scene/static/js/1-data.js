@@ -37,16 +37,15 @@ async function figureOf(packed) {
   return figure;
 }
 
-// The height that most frames reach: for the distance of the camera.
+// Height of a dancer who stands: the bones from a foot to the root and on to the head. For the camera.
 function tallness(figure) {
-  const tops = [];
-  for (let f = 0; f < figure.frames; f += 5) {
-    let top = -1e9;
-    for (let j = 0; j < figure.count; j++) top = Math.max(top, figure.places[f * figure.width + 3 * j + 1]);
-    tops.push(top - figure.floor);
-  }
-  tops.sort((a, b) => a - b);
-  return Math.max(0.2, tops[tops.length * 0.9 | 0] || 1.7);
+  const to = j => {
+    if (figure.parents[j] < 0) return 0;
+    const a = 3 * j, b = 3 * figure.parents[j], p = figure.places;
+    return Math.hypot(p[a] - p[b], p[a + 1] - p[b + 1], p[a + 2] - p[b + 2]) + to(figure.parents[j]);
+  };
+  const middle = figure.joints.map((_, j) => figure.sides[j] ? 0 : to(j));
+  return Math.max(0.05, to(figure.feet[2] ?? figure.feet[0]) + Math.max(...middle)) * 0.98 || 1.7;
 }
 
 // Width of a bone, for a dancer of 1.7 m.

@@ -74,7 +74,7 @@ function drawBody(figure, places, frame, { shift = [0, 0], swap = false, thin = 
   const points = [], parents = figure.parents;
   for (let j = 0; j < figure.count; j++) points.push(project(places[3 * j] + shift[0], places[3 * j + 1], places[3 * j + 2] + shift[1]));
   pen.lineCap = 'round';
-  pen.globalAlpha = (thin ? 0.15 : 0.3) * alpha;
+  pen.globalAlpha = (thin ? 0.12 : 0.32) * alpha;
   for (let j = 1; j < figure.count; j++) {
     if (!figure.thick[j]) continue;
     const ground = i => project(places[3 * i] + shift[0], figure.floor, places[3 * i + 2] + shift[1]);
@@ -114,11 +114,11 @@ function drawFloor(figure) {
   }
 }
 
-function drawPath(figure, from, to, width, colour, alpha) {
+function drawPath(figure, shift, from, to, width, colour, alpha) {
   pen.globalAlpha = alpha; pen.strokeStyle = colour; pen.lineWidth = width; pen.lineJoin = 'round'; pen.beginPath();
   let up = true;
   for (let i = from; i <= to; i += 2) {
-    const p = project(figure.places[i * figure.width], figure.floor, figure.places[i * figure.width + 2]);
+    const p = project(figure.places[i * figure.width] + shift[0], figure.floor, figure.places[i * figure.width + 2] + shift[1]);
     if (p) up ? pen.moveTo(p[0], p[1]) : pen.lineTo(p[0], p[1]);
     up = !p;
   }
@@ -137,10 +137,10 @@ function drawStage() {
   const copies = (state.mirror ? 1 : 0) + (other && !state.over ? 1 : 0);
   aim(Array(1 + copies).fill(figure));
   drawFloor(figure);
-  drawPath(figure, 0, figure.frames - 1, 1.2 * ratio, css.dim, 0.5);
-  drawPath(figure, Math.max(0, frame - Math.round(1.5 * figure.rate)), frame, 2.6 * ratio, css.accent, 0.9);
   const gap = figure.tall * 0.85, right = [Math.cos(camera.yaw) * gap, -Math.sin(camera.yaw) * gap];
   const place = k => { const at = k - copies / 2; return [right[0] * at, right[1] * at]; };
+  drawPath(figure, place(0), 0, figure.frames - 1, 1.2 * ratio, css.dim, 0.5);
+  drawPath(figure, place(0), Math.max(0, frame - Math.round(1.5 * figure.rate)), frame, 2.6 * ratio, css.accent, 0.9);
   const points = drawBody(figure, here, frame, { shift: place(0), label: copies ? 'this' : '' });
   let k = 1;
   if (state.mirror) drawBody(figure, mirrored(figure, here), frame, { shift: place(k++), swap: true, alpha: 0.85, label: 'mirrored' });
