@@ -144,7 +144,7 @@ class Figure:
 
     @cached_property
     def sliding(self) -> float:
-        """Mean horizontal speed of the foot joints while they are in contact, metres per second; 0 without contact."""
+        """Mean horizontal speed of the foot joints in contact, metres per second; 0 without contact."""
         if self.n_frames < 2:
             return 0.0
         feet = self.joints[:, list(self.contact_joints)][..., [0, 2]]

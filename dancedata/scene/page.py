@@ -15,7 +15,7 @@ from dancedata.core.text import shown
 from dancedata.scene.payload import Json, about_store, item_rows, page_json, scene_payload
 from dancedata.scene.scenes import Item, Scenes
 
-__all__ = ["Parts", "Sound", "clip_page", "data_script", "page_data", "page_parts", "source_hash", "whole_page"]
+__all__ = ["PageSound", "Parts", "clip_page", "data_script", "page_data", "page_parts", "source_hash", "whole_page"]
 
 _STATIC = Path(__file__).resolve().parent / "static"
 
@@ -58,7 +58,7 @@ def source_hash(text: str) -> str:
 
 
 @dataclass(frozen=True)
-class Sound:
+class PageSound:
     """Music inside a page.
 
     Attributes
@@ -79,7 +79,7 @@ def page_data(
     *,
     clips: Mapping[int, Json] | None = None,
     side: Mapping[int, str] | None = None,
-    sound: Sound | None = None,
+    sound: PageSound | bool = False,
     takes: Sequence[str] = (),
     server: bool = False,
     single: bool = False,
@@ -94,6 +94,8 @@ def page_data(
         Payloads by number in that list. Default: none.
     side
         Addresses of scripts that call ``dancedataClip(number, payload)``, by number.
+    sound
+        Music inside the page, or whether its server has music.
     takes
         Names of what the clips can be compared with.
     server
@@ -102,12 +104,12 @@ def page_data(
         Whether the list of clips is left out.
     """
     counts = tuple(scenes.flag_count(item) for item in items)
-    sound = sound or Sound()
+    inside = sound if isinstance(sound, PageSound) else PageSound()
     head = about_store(scenes.store, tuple(scenes.readers) if server else ())
     document: dict[str, Any] = {
-        "head": {**head, "takes": list(takes), "sound": bool(sound.files), "notice": sound.notice},
+        "head": {**head, "takes": list(takes), "sound": bool(sound), "notice": inside.notice},
         "list": item_rows(tuple(items), counts), "clips": clips or {}, "side": side or {}, "server": server,
-        "single": single, "audio": {k: base64.b64encode(data).decode() for k, data in sound.files.items()},
+        "single": single, "audio": {k: base64.b64encode(data).decode() for k, data in inside.files.items()},
     }  # fmt: skip
     return document
 
@@ -117,10 +119,10 @@ def data_script(document: Json) -> str:
     return f'<script type="application/json" id="dd-data">{page_json(document)}</script>'
 
 
-def clip_page(scenes: Scenes, items: Sequence[Item], *, sound: Sound | None = None, single: bool = False) -> str:
+def clip_page(scenes: Scenes, items: Sequence[Item], *, sound: PageSound | None = None, single: bool = False) -> str:
     """Return one self-contained HTML page that plays some items; it works from a file, offline."""
     clips = {k: {**scene_payload(scenes.scene(item)), "number": k} for k, item in enumerate(items)}
-    document = page_data(scenes, items, clips=clips, sound=sound, single=single or len(items) == 1)
+    document = page_data(scenes, items, clips=clips, sound=sound or False, single=single or len(items) == 1)
     return whole_page(document, str(document["head"]["name"]), meta_policy=True)
 
 

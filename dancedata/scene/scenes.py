@@ -168,7 +168,7 @@ class Scenes:
         rhythm = self._rhythm(item)
         return Scene(
             item, self.store.grid, name or "", figure, self._movement(item, figure), rhythm,
-            self._windows_of(item), self._flags_of(item), tuple(_notes(self.store, figure, problem, rhythm)),
+            self.windows_of(item), self._flags_of(item), tuple(_notes(self.store, figure, problem, rhythm)),
         )  # fmt: skip
 
     def flag_count(self, item: Item) -> int:
@@ -201,7 +201,8 @@ class Scenes:
             return rhythm_of(self._rows(item, name), self.store, name)
         return Rhythm.none()
 
-    def _windows_of(self, item: Item) -> tuple[tuple[int, int], ...]:
+    def windows_of(self, item: Item) -> tuple[tuple[int, int], ...]:
+        """Return first frame and length of the windows of an item, frames from the item's first."""
         if item.window is not None:
             return ((0, item.n_frames),)
         return self._windows.get(item.clip.id, ())

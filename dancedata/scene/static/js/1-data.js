@@ -135,6 +135,7 @@ async function loadMusic(clip) {
   let data = null;
   if (page.server && head.sound) {
     const reply = await fetch('clip/' + clip.number + '/music');
+    clip.silence = decodeURIComponent(reply.headers.get('Dancedata-Note') || '');
     if (reply.ok) data = await reply.arrayBuffer(); else clip.silence = await reply.text();
   } else if (page.audio && page.audio[clip.number]) data = bytesOf(page.audio[clip.number]).buffer;
   if (data && decoder) { clip.sound = await decoder.decodeAudioData(data); clip.wave = waveOf(clip.sound); }
