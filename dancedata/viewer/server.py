@@ -6,7 +6,6 @@ import hmac
 import secrets
 from contextlib import suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from typing import ClassVar
 from urllib.parse import parse_qs, urlsplit
 
 from dancedata.core.errors import UsageError
@@ -72,8 +71,8 @@ class _Handler(BaseHTTPRequestHandler):
     server_version, sys_version = "dancedata", ""
     timeout = _IDLE_S
     server: ViewServer
-    error_content_type: ClassVar[str] = "text/plain; charset=utf-8"
-    error_message_format: ClassVar[str] = "%(code)d %(message)s\n"
+    error_content_type = "text/plain; charset=utf-8"
+    error_message_format = "%(code)d %(message)s\n"
 
     def do_GET(self) -> None:
         """Answer a request."""

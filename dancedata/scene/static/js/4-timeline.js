@@ -78,7 +78,7 @@ function drawBase(c, clip) {
   drawTrim(c, clip);
   drawMusic(c, clip);
   if (clip.speed) drawSpeed(c, clip);
-  if (rows.distance) drawCurve(c, state.other.distance, rows.distance, css.other, 1.6);
+  if (rows.distance) drawCurve(c, { ...state.other.distance, max: Math.max(1, state.other.distance.max) }, rows.distance, css.other, 1.6);
   if (clip.figure) drawFeet(c, clip.figure);
   drawWindows(c, clip);
   for (const f of clip.flags) if (f[0] !== null) triangle(c, xOf(f[0]), (rows.flags.y + 7) * ratio, 5 * ratio, css.flag, null);
@@ -89,7 +89,8 @@ function labelLanes(label, clip) {
   const mid = name => rows[name].y + rows[name].h / 2;
   label(clip.wave ? 'music' : clip.onset ? 'onset' : 'no music', mid('music'));
   if (clip.speed) { label('speed', rows.speed.y + 12); label('key  ◆', rows.speed.y + 28); } else label('no speed', mid('speed'));
-  if (rows.distance) { label('distance', rows.distance.y + 8); label(state.other.distance.max.toFixed(state.other.distance.max < 10 ? 2 : 0) + ' mm', rows.distance.y + 22); }
+  const top = rows.distance && Math.max(1, state.other.distance.max);
+  if (rows.distance) { label('distance', rows.distance.y + 8); label('to ' + (state.other.distance.max < 10 ? top.toFixed(1) : top.toFixed(0)) + ' mm', rows.distance.y + 22); }
   const feet = clip.figure ? clip.figure.feet.map(j => clip.figure.joints[j]) : ['no contacts'];
   feet.forEach((name, k) => label(shortName(name), rows.contact.y + orderOf(k) * rows.contact.h + 5));
   label('windows', mid('windows')); label('flags', mid('flags'));

@@ -170,7 +170,7 @@ function onKey(e) {
 function startControls() {
   const click = (name, action) => el(name).addEventListener('click', e => { action(e); if (e.detail) el(name).blur(); });
   click('play', () => play(!state.playing)); click('prev', () => step(-1)); click('next', () => step(1));
-  click('loop', () => { if (state.loop) setLoop(null); else loopAt(state.t); });
+  click('loop', () => { if (state.loop) setLoop(null); else if (!loopAt(state.t)) setLoop([0, state.clip.n]); });
   click('mirror', toggle('mirror')); click('over', toggle('over')); click('click', toggle('click'));
   click('mute', () => { setMode('mute', !state.mute); if (gain) gain.gain.value = state.mute ? 0 : 1; });
   click('flag', () => nextFlag(false)); click('help', () => el('keys').showModal());
