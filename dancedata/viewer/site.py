@@ -77,7 +77,7 @@ class Site:
         name
             Motion field to draw; None: the default.
         """
-        parts = path.strip("/").split("/")
+        parts = path.removeprefix("/").split("/")
         try:
             if self._was_rebuilt():
                 return Answer.of(409, "the dataset was rebuilt")
