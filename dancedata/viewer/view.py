@@ -139,6 +139,7 @@ def serve(
     source = None if request.source is None else ClipSource(scenes.store, request.source)
     item, loop = request.first(scenes)
     site = Site(scenes, source, request.takes(scenes.store, source))
+    over = until or _interrupt()
     with ViewServer(site, port) as server:
         start = request.at or (0.0 if loop is None else float(scenes.store.grid.seconds(loop[0])))
         where = link(item, at=start, loop=loop, field=request.field or "")
@@ -150,7 +151,7 @@ def serve(
         thread.start()
         if browser and _has_display():
             webbrowser.open(address)
-        (until or _interrupt()).wait()
+        over.wait()
         server.shutdown()
         thread.join()
 

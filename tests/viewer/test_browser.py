@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 from urllib.parse import quote
 
@@ -10,10 +12,12 @@ import pytest
 
 import dancedata
 from dancedata.scene import Scenes
-from dancedata.scene.page import clip_page
-from dancedata.testing.stores import write_random_store
+from dancedata.scene.page import clip_page, page_data, whole_page
+from dancedata.scene.payload import scene_payload
+from dancedata.store.schema import Field
+from dancedata.testing.stores import random_columns, write_random_store
 from dancedata.viewer.view import ViewRequest
-from tests.viewer.helpers import CLICKS, FORMATS, FPS, HOSTILE, Browser, serving
+from tests.viewer.helpers import CLICKS, FORMATS, FPS, HOSTILE, TURNED, Browser, serving
 
 V = "dancedataViewer"
 
@@ -48,9 +52,25 @@ def test_links_open_the_same_moment(browser: Browser, served: str) -> None:
     assert browser.log() == []
 
 
-def test_the_right_to_left_mark_is_shown_as_a_code(browser: Browser, served: str) -> None:
-    browser.open(at(served, HOSTILE[3]))
-    assert browser.js("return document.querySelector('[data-dd=title]').textContent") == r"left\u202eright\u2028end"
+def test_characters_that_turn_text_are_shown_as_codes(browser: Browser, odd: Path, tmp_path: Path) -> None:
+    every = Scenes(dancedata.open(odd))
+    items = [replace(item, clip=replace(item.clip, genre=TURNED, music=TURNED)) for item in every.items]
+    data = page_data(every, items, clips={0: {**scene_payload(every.scene(items[0])), "id": TURNED, "clip": TURNED}})
+    data["list"]["clips"][0][0] = TURNED
+    page = tmp_path / "turned.html"
+    page.write_text(whole_page(data, TURNED, meta_policy=True))
+    browser.open(f"{page.as_uri()}#clip={quote(TURNED, safe='')}&t=3.21")
+    assert state(browser)["id"] == TURNED
+    shown = browser.js(
+        "return [...document.querySelectorAll('h2, .item b, .item small')].map(e => e.textContent).join()"
+    )
+    assert not set(shown) & set("\u202e\u2028")
+    assert r"left\u202eright\u2028end" in shown
+    browser.wait("return location.hash.includes('t=3.21')")
+    browser.open(page.as_uri() + browser.js("return location.hash"))
+    assert state(browser)["id"] == TURNED
+    assert abs(state(browser)["t"] - 3.21) < 0.01
+    assert browser.log() == []
 
 
 def test_nothing_but_its_own_server_is_asked(browser: Browser, served: str) -> None:
@@ -179,7 +199,9 @@ def test_contacts_are_rings_on_the_stage(browser: Browser, served: str) -> None:
 
 def test_fourteen_hundred_clips(browser: Browser, tmp_path: Path) -> None:
     # As many clips as AIST++ has; what they hold does not matter for the list.
-    made = write_random_store(tmp_path / "many", clips={"train": 980, "val": 214, "test": 214}, n_frames=(60, 90))
+    fields = (Field("pose", "motion", random_columns(3), Fraction(30)),)
+    clips = {"train": 980, "val": 214, "test": 214}
+    made = write_random_store(tmp_path / "many", clips=clips, fields=fields, n_frames=(60, 90))
     with serving(ViewRequest(made.path)) as address:
         browser.open(address)
         size = browser.js("return performance.getEntriesByType('navigation')[0].decodedBodySize")

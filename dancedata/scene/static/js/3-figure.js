@@ -147,7 +147,7 @@ function drawStage() {
   if (other) {
     const at = pose(other, state.t, there), root = [there[0], there[2]], past = state.t * other.rate > other.frames - 0.5;
     const beside = place(k), shift = state.over ? place(0) : [here[0] - root[0] + beside[0], here[2] - root[1] + beside[1]];
-    drawBody(other, there, at, { shift, thin: state.over, alpha: past ? 0.35 : 0.9, label: past ? state.other.name + ' has ended' : state.other.name });
+    drawBody(other, there, at, { shift, thin: state.over, alpha: past ? 0.35 : state.over ? 1 : 0.9, label: past ? state.other.name + ' has ended' : state.other.name });
   }
   for (const f of flagsNear()) {
     const p = points[figure.joints.indexOf(f[2])];
