@@ -80,7 +80,8 @@ def test_a_forwarded_port_is_this_machine(client: Client) -> None:
 @pytest.mark.parametrize(
     "path",
     ["/../../etc/passwd", "/etc/passwd", "/clip/../../../etc/passwd", "/clip/-1", "/clip/99999", "/clip/0/x",
-     "/clip/1e3", "/clip/%30", "/clip/%D9%A3", "/clip/0/with/0/1", "/clip/0/with/7", "/clip/0/", "/static/viewer.css"],
+     "/clip/1e3", "/clip/%30", "/clip/%D9%A3", "/clip/0/with/0/1", "/clip/0/with/7", "/clip/0/",
+     "/static/viewer.css"],
 )  # fmt: skip
 def test_nothing_but_numbers_of_clips_is_a_path(client: Client, path: str) -> None:
     status, _, body = client.get(path)

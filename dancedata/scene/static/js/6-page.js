@@ -11,7 +11,7 @@ function showPlaying() {
 
 function failed(error) {
   const gone = /rebuilt/.test(error.message);
-  el('notes').textContent = gone ? 'The dataset was built again: reload this page.' : plain(String(error.message || error));
+  el('notes').textContent = gone ? 'The dataset was built again: start dancedata view again.' : plain(String(error.message || error));
 }
 
 async function openItem(item, at = {}) {
