@@ -32,10 +32,12 @@ function stopSource() {
   if (source) { source.onended = null; try { source.stop(); } catch (e) { /* not started */ } source.disconnect(); source = null; }
 }
 
-// Starts the music and the picture at one instant; called again after every jump and change of speed.
+// Starts the music and the picture at one instant; called again after every jump and change of speed. The instant lies
+// ahead: music that is asked to start in the past starts late, and would stay late.
+const LEAD = 0.1;
 function restart() {
   stopSource();
-  anchor = { at: clockNow() + (sounding() ? 0.02 : 0), t: state.t, rate: state.rate };
+  anchor = { at: clockNow() + (sounding() ? LEAD : 0), t: state.t, rate: state.rate };
   clicked = -1;
   const music = state.clip.sound;
   if (!sounding() || !music) return;
