@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 __all__ = ["ClipSound", "ClipSource", "flac"]
 
 #: Highest sample rate that a page gets, and most seconds.
-MAX_RATE, MAX_SECONDS = 44_100, 600.0
+MAX_RATE, MAX_SECONDS = 48_000, 600.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +150,7 @@ def cut(signal: AudioSignal, begin: Fraction, seconds: Fraction) -> AudioSignal:
 
 
 def flac(signal: AudioSignal) -> bytes:
-    """Encode a signal as FLAC, 16 bits, at most 44.1 kHz: decoding it gives every sample back at its own instant."""
+    """Encode a signal as FLAC, 16 bits, at most 48 kHz: decoding it gives every sample back at its own instant."""
     import soundfile
 
     rate = min(signal.sample_rate, MAX_RATE)

@@ -149,6 +149,8 @@ def serve(
             say(line)
         thread = threading.Thread(target=server.serve_forever, name="server", daemon=True)
         thread.start()
+        # While a browser starts, what the first clip needs is loaded.
+        threading.Thread(target=_warm_up, args=(site, item, request.field), name="warm-up", daemon=True).start()
         if browser and _has_display():
             webbrowser.open(address)
         over.wait()
@@ -194,6 +196,11 @@ def export_page(
     except OSError as error:
         raise StoreError("the page cannot be written", where=to, found=str(error)) from error
     return to
+
+
+def _warm_up(site: Site, item: Item, field: str | None) -> None:
+    site.answer(f"/clip/{item.number}", field)
+    site.answer(f"/clip/{item.number}/music", None)
 
 
 def _advice(server: ViewServer, source: ClipSource | None) -> list[str]:

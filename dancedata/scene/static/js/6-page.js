@@ -118,7 +118,7 @@ async function followLink() {
   const item = mine.find(i => !h.window || i.start === +h.window) || mine[0] || shown[0] || items[0];
   if (!item) return;
   setMode('mirror', h.mirror === '1'); setMode('over', h.over === '1');
-  const known = mine.length ? { t: +h.t || 0, loop: loop && [+loop[1], +loop[2]], field: head.fields.includes(h.field) ? h.field : '', with: head.takes.includes(h.with) ? h.with : '' } : {};
+  const known = mine.length || !h.clip ? { t: +h.t || 0, loop: loop && [+loop[1], +loop[2]], field: head.fields.includes(h.field) ? h.field : '', with: head.takes.includes(h.with) ? h.with : '' } : {};
   await openItem(item, known);
   if (h.clip && !mine.length) el('notes').textContent = 'This dataset has no clip ' + plain(h.clip);
 }
