@@ -242,7 +242,10 @@ class Scenes:
 def _flag(row: Mapping[str, Any], begin: float) -> Flag:
     """Return the flag of a line of quality.jsonl; its frame is one of the source."""
     frame, rate = row.get("frame"), row.get("rate")
-    time = None if frame is None or rate is None else float(frame / as_rate(str(rate))) - begin
+    try:
+        time = None if frame is None or rate is None else float(frame / as_rate(str(rate))) - begin
+    except (UsageError, OverflowError):
+        time = None  # not a rate, or a frame beyond all time: the flag is shown as one of the whole clip
     return Flag(time, str(row.get("kind", "")), str(row.get("joint", "")), row.get("value", 0.0), row.get("unit", ""))
 
 

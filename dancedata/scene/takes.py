@@ -28,6 +28,7 @@ from dancedata.store import Store, open_store
 __all__ = ["FilesTake", "OriginalTake", "StoreTake", "Take", "file_format", "take_of", "take_payload"]
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Take(ABC):
     """Another motion of clips.
 
@@ -44,7 +45,7 @@ class Take(ABC):
         """Return the motion of a scene's item, from the same first frame; DataError if there is none."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class OriginalTake(Take):
     """The motion that a clip was built from."""
 
@@ -56,12 +57,11 @@ class OriginalTake(Take):
         return self.source.original(scene, scene.item)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class StoreTake(Take):
     """Clips of the same ids in another dataset."""
 
     scenes: Scenes
-    name: str
 
     def figure(self, scene: Scene) -> Figure:
         """See `Take.figure`."""
@@ -79,7 +79,7 @@ class StoreTake(Take):
         return found.part(begin, scene.seconds)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class FilesTake(Take):
     """Motion files that are named as clips, or a single file for any clip."""
 
@@ -87,7 +87,6 @@ class FilesTake(Take):
     any_clip: Path | None
     form: FileFormat
     body: Skeleton
-    name: str
 
     def figure(self, scene: Scene) -> Figure:
         """See `Take.figure`."""
@@ -153,17 +152,19 @@ def take_of(path: Path, store: Store, form: FileFormat) -> Take:
         If the dataset cannot be opened.
     """
     if (path / "dataset.json").is_file():
-        return StoreTake(Scenes(open_store(path)), path.name)
+        return StoreTake(scenes=Scenes(open_store(path)), name=path.name)
     if path.is_file() and path.suffix.lower() in SUFFIXES:
         named = any(path.stem == clip.id for clip in store.clips)
-        return FilesTake({path.stem: path}, None if named else path, form, store.skeleton, path.name)
+        any_clip = None if named else path
+        return FilesTake(paths={path.stem: path}, any_clip=any_clip, form=form, body=store.skeleton, name=path.name)
     if not path.is_dir():
         allowed = f"a built dataset, a folder of motion files, or a file {', '.join(SUFFIXES)}"
         raise UsageError("there is nothing to compare with", where=path, allowed=allowed)
     found = sorted(p for p in path.iterdir() if p.suffix.lower() in SUFFIXES and p.is_file())
     if not found:
         raise UsageError("no motion files to compare with", where=path, allowed=f"files {', '.join(SUFFIXES)}")
-    return FilesTake({p.stem: p for p in found}, None, form, store.skeleton, path.name)
+    paths = {p.stem: p for p in found}
+    return FilesTake(paths=paths, any_clip=None, form=form, body=store.skeleton, name=path.name)
 
 
 def take_payload(take: Take, scene: Scene) -> Json:

@@ -8,7 +8,7 @@ import socket
 import threading
 import webbrowser
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING
@@ -85,12 +85,13 @@ class ViewRequest:
             up=self.up,
             unit=self.unit,
         )
-        own: list[Take] = [] if source is None else [OriginalTake(source)]
+        own: list[Take] = [] if source is None else [OriginalTake(source=source)]
         own += [take_of(path, store, form) for path in self.compare]
-        for number, take in enumerate(own):
-            if take.name in [other.name for other in own[:number]]:
-                object.__setattr__(take, "name", f"{take.name} ({number})")
-        return tuple(own)
+        names = [take.name for take in own]
+        return tuple(
+            replace(take, name=f"{take.name} ({number})") if take.name in names[:number] else take
+            for number, take in enumerate(own)
+        )
 
     def first(self, scenes: Scenes) -> tuple[Item, tuple[int, int] | None]:
         """Return the item to begin with, and the loop."""

@@ -137,6 +137,15 @@ def test_flags_are_at_the_time_of_the_source(scenes, monkeypatch: pytest.MonkeyP
     assert every.flag_count(every.find(clip, 0)) == 2
 
 
+@pytest.mark.parametrize("wrong", [{"rate": "0"}, {"rate": "sixty"}, {"frame": 10**400}])
+def test_a_flag_without_a_time_is_one_of_the_whole_clip(scenes, wrong: dict) -> None:
+    every = Scenes(scenes("window").store)
+    item = every.items[0]
+    row = {"clip": item.clip.id, "kind": "fast_turn", "frame": 3, "rate": "60", "value": 50.0, "unit": "deg", **wrong}
+    every.__dict__["_quality"] = {item.clip.id: [row]}
+    assert [flag.time for flag in every.scene(item).flags] == [None]
+
+
 def test_a_dataset_without_joints_says_so(tmp_path: Path) -> None:
     fields = (Field("pose", "motion", random_columns(7), Fraction(30)),)
     every = Scenes(dancedata.open(write_random_store(tmp_path / "store", fields=fields).path))

@@ -308,14 +308,14 @@ def test_the_dancer_jumps_with_the_click(served: str, odd: Path) -> None:
 
 
 def test_a_comparison_is_drawn_and_measured(browser: Browser, odd: Path, source: Path) -> None:
-    with serving(ViewRequest(odd, "wav", source=source, compare=(odd,))) as address:
+    with serving(ViewRequest(odd, "wav", source=source, compare=(odd, odd))) as address:
         browser.open(address + "&with=original&over=1&t=1")
         browser.wait(f"return {V}.state.other")
         assert browser.js(f"return {V}.state.other.mean") < 0.01
         assert "mm from original" in browser.js("return document.querySelector('[data-dd=clock]').textContent")
         assert colour_count(browser, "other") > 20
         names = browser.js("return [...document.querySelector('[data-dd=with]').options].map(o => o.text)")
-        assert names == ["compare with…", "original", odd.name]
+        assert names == ["compare with…", "original", odd.name, f"{odd.name} (2)"]
     assert browser.log() == []
 
 
