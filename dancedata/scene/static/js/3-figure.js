@@ -132,7 +132,7 @@ function drawStage() {
   if (!figure) { state.drawn = Math.floor(state.t * clip.fps + 1e-4); return; }
   const other = state.other && state.other.figure, frame = pose(figure, state.t, here);
   const move = state.playing && !camera.still ? 0.25 : 1;
-  camera.x += (here[0] - camera.x) * move; camera.z += (here[2] - camera.z) * move; camera.y = figure.floor + figure.tall * 0.47;
+  camera.x += (here[0] - camera.x) * move; camera.z += (here[2] - camera.z) * move; camera.y = figure.floor + figure.tall * 0.47 + Math.max(0, here[1] - figure.floor - figure.tall);
   camera.still = false;
   const copies = (state.mirror ? 1 : 0) + (other && !state.over ? 1 : 0);
   aim(Array(1 + copies).fill(figure));

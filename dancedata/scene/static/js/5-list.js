@@ -30,7 +30,7 @@ function rowOf(item, place) {
   count.className = 'n';
   if (item.flags) { count.textContent = '▲ ' + item.flags; count.title = item.flags + (item.flags > 1 ? ' flags' : ' flag'); }
   const sliding = el('sort').value === 'sliding' && item.sliding !== undefined && item.sliding !== null;
-  about.textContent = plain(describe(item)) + (sliding ? '  ·  slides ' + (item.sliding * 100).toFixed(1) + ' cm/s' : '');
+  about.textContent = (sliding ? 'slides ' + (item.sliding * 100).toFixed(1) + ' cm/s  ·  ' : '') + plain(describe(item));
   row.append(name, count, about);
   row.addEventListener('click', () => openItem(item));
   return row;
