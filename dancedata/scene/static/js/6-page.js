@@ -60,7 +60,7 @@ function showAbout() {
   el('meta').textContent = [clip.split, clip.genre && 'genre ' + clip.genre, clip.music && 'song ' + clip.music, clip.dancer && 'dancer ' + clip.dancer,
     clip.source && 'copy of ' + clip.source, f ? f.frames + ' frames at ' + round(f.rate) : clip.n + ' frames at ' + round(clip.fps),
     page.list.windows ? 'from frame ' + clip.start : clip.windows.length + (clip.windows.length === 1 ? ' window' : ' windows'),
-    clip.beats.length && clip.beats.length + ' beats', clip.bpm && round(clip.bpm) + ' BPM', f && 'floor at ' + f.floor.toFixed(2) + ' m',
+    clip.beats.length && clip.beats.length + ' beats', clip.bpm && round(clip.bpm) + ' BPM', f && 'floor at ' + (Math.round(f.floor * 100) / 100 || 0).toFixed(2) + ' m',
     !clip.wave && clip.beats.length && 'no music: press C to hear the beats'].filter(Boolean).map(plain).join('  ·  ');
   const whole = clip.flags.filter(flag => flag[0] === null).map(flagText);
   el('notes').textContent = [...whole, ...clip.notes, clip.silence, state.other && state.other.note].filter(Boolean).map(plain).join('  ·  ');
