@@ -99,7 +99,7 @@ class SourceMusic:
 
 def _listed(store: Store, source: Path) -> dict[str, Path]:
     """Return the audio files that the dataset's reader lists; nothing where it cannot read the folder."""
-    reader = _reader(store)
+    reader = dataset_of(store)
     if reader is None or not any(source.iterdir()):  # a reader that generates its source would fill an empty folder
         return {}
     try:
@@ -108,7 +108,8 @@ def _listed(store: Store, source: Path) -> dict[str, Path]:
         return {}
 
 
-def _reader(store: Store) -> Dataset | None:
+def dataset_of(store: Store) -> Dataset | None:
+    """Return the reader of a store's source, with its recipe's parameters; None where it is not known."""
     recipe = store.meta.get("recipe")
     given = recipe.get("dataset") if isinstance(recipe, Mapping) else None
     return one_of(DATASETS, "dataset", given, []) if isinstance(given, Mapping) else None

@@ -87,6 +87,12 @@ class ClipView(ClipRecord):
         """
         return self.store.read_song(self.id, field)
 
+    def _repr_html_(self) -> str:
+        """Show the clip in a notebook: the player of `dancedata view`, complete in itself."""
+        from dancedata.scene.notebook import clip_html
+
+        return clip_html(self)
+
     def __repr__(self) -> str:
         """Show id, length, music and genre."""
         length = f"{self.n_frames} frames, {float(self.store.grid.seconds(self.n_frames)):.2f} s"

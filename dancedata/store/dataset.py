@@ -348,6 +348,13 @@ class Store:
             raise UsageError(f"field {field} is not a field of music", where=str(self.path), fix="use read_clip")
         return self._read_rows(clip_id, field, whole_song=True)
 
+    def music_offset(self, clip_id: str) -> Fraction:
+        """Return the time in a clip's music that belongs to its first frame, seconds; 0 where that is not stored."""
+        shard, number = self._place(clip_id)
+        for name, rows in shard.clips.offset.items():
+            return self._fields[name].grid.seconds(int(rows[number]))
+        return Fraction(0)
+
     def _read_rows(self, clip_id: str, field: str, *, whole_song: bool) -> npt.NDArray[Any]:
         f = self.field(field)
         shard, number = self._place(clip_id)

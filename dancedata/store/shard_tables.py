@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -29,11 +29,14 @@ class ClipTable:
     first, available
         Per field: row in the shard of each clip's frame 0, and rows from there to the end of the clip or
         timeline. Audio fields of window scope have none.
+    offset
+        Per audio field of track scope: rows of its timeline before each clip's frame 0.
     """
 
     records: tuple[ClipRecord, ...]
     first: dict[str, IntArray]
     available: dict[str, IntArray]
+    offset: dict[str, IntArray] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -102,13 +105,15 @@ class ShardTables:
         )
         first: dict[str, IntArray] = {}
         available: dict[str, IntArray] = {}
+        offsets: dict[str, IntArray] = {}
         for f in fields:
             if f.per_clip or scope == "track":
                 span = {name: self._whole(f"clips/{f.path}/{name}") for name in f.span_columns}
                 offset = span.get("offset", 0)
                 first[f.name], available[f.name] = span["start"] + offset, span["length"] - offset
+                offsets |= {f.name: span["offset"]} if "offset" in span else {}
                 self._check_spans(f, first[f.name], available[f.name], n_rows[f.name])
-        return ClipTable(records, first, available)
+        return ClipTable(records, first, available, offsets)
 
     def windows(self, fields: tuple[Field, ...], n_clips: int) -> StoredWindows:
         """Read the table /windows; StoreError where it does not fit the clips."""

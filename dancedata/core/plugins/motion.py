@@ -32,12 +32,15 @@ class Dataset(Plugin):
         Whether `scan` writes the source where there is none.
     generic
         Whether it takes files of many layouts, so that `check` does not choose it by itself.
+    may_share_audio
+        Whether the licence allows the music to be passed on, in a page or a video. False where that is unknown.
     genre_ids
         The dataset's own number for each genre, for trainers that use it.
     """
 
     licence: ClassVar[str]
     citation: ClassVar[str]
+    may_share_audio: ClassVar[bool] = False
     generates: ClassVar[bool] = False
     generic: ClassVar[bool] = False
 

@@ -1,0 +1,55 @@
+"""dancedata view."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from dancedata.cli.errors import errors_to_exit_codes
+from dancedata.core.errors import UsageError
+
+SOURCE_HELP = "Folder that the dataset was built from: its music, and the original motion to compare with."
+COMPARE_HELP = "Another dataset, a folder of <clip>.npy or .npz, or one file; repeat it for several."
+AS_HELP = "What columns of --compare are: edge151, ...; default: joint positions, or the files' own rotations."
+EXPORT_HELP = "Write the clip as one HTML page, and serve nothing."
+SHARE_HELP = "You state to have the right to pass this music on."
+
+
+@errors_to_exit_codes
+def view(
+    store: Annotated[Path, typer.Argument(metavar="OUT", help="A built dataset.")],
+    clip: Annotated[str, typer.Argument(help="Id of the clip to begin with.")] = "",
+    source: Annotated[Path | None, typer.Option(help=SOURCE_HELP)] = None,
+    compare: Annotated[list[Path] | None, typer.Option(help=COMPARE_HELP)] = None,
+    compare_as: Annotated[str | None, typer.Option(metavar="REPRESENTATION", help=AS_HELP)] = None,
+    normalized: Annotated[bool, typer.Option("--normalized", help="These columns are normalised.")] = False,
+    fps: Annotated[str | None, typer.Option(help="Frame rate of --compare; default: the dataset's.")] = None,
+    up: Annotated[str, typer.Option(help="Up axis of --compare: y or z.")] = "y",
+    unit: Annotated[str, typer.Option(help="Unit of --compare: m, cm, mm, inch.")] = "m",
+    field: Annotated[str | None, typer.Option(help="Motion field to draw; default: the first that decodes.")] = None,
+    at: Annotated[float, typer.Option(min=0.0, metavar="SECONDS", help="Time to begin at.")] = 0.0,
+    window: Annotated[int | None, typer.Option(min=0, help="Loop this window of the clip, from 0.")] = None,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port on 127.0.0.1; 0: a free one.")] = 0,
+    no_browser: Annotated[bool, typer.Option("--no-browser", help="Only print the address.")] = False,
+    export: Annotated[Path | None, typer.Option(metavar="FILE.html", help=EXPORT_HELP)] = None,
+    audio: Annotated[str, typer.Option(help="With --export: none, or embed the clip's music.")] = "none",
+    share: Annotated[bool, typer.Option("--i-may-share-this-music", help=SHARE_HELP)] = False,
+    overwrite: Annotated[bool, typer.Option(help="With --export: replace the file.")] = False,
+) -> None:
+    """Look at a dataset in the browser: dancedata view OUT [CLIP]. Ctrl-C ends it."""
+    from dancedata.viewer.view import ViewRequest, export_page, serve
+
+    if audio not in ("none", "embed"):
+        raise UsageError("invalid value for --audio", found=audio, allowed="none, embed")
+    request = ViewRequest(
+        store, clip, field, source, tuple(compare or ()), compare_as, normalized, fps, up, unit, at, window
+    )
+    if export is not None:
+        made = export_page(request, export, audio=audio == "embed", shared=share, overwrite=overwrite)
+        typer.echo(str(made))
+        return
+    if audio != "none":
+        raise UsageError("--audio goes with --export", fix="the page that is served plays the music of --source")
+    serve(request, port=port, browser=not no_browser, say=typer.echo)

@@ -1,0 +1,57 @@
+"""Whether music may be copied into a page or a video: its licence decides, not the person at the keyboard."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from dancedata.core.errors import UsageError
+from dancedata.core.registry import DATASETS
+from dancedata.core.text import quoted, shown
+
+if TYPE_CHECKING:
+    from dancedata.store import Store
+
+__all__ = ["OVERRIDE", "may_share_audio", "require_shareable"]
+
+#: The option that takes the responsibility.
+OVERRIDE = "--i-may-share-this-music"
+#: Most characters of a licence in a message or notice.
+_LICENCE = 600
+
+
+def may_share_audio(store: Store) -> bool:
+    """Return whether the licence of a dataset's source allows its music to be passed on; False where unknown."""
+    name = store.meta.get("dataset", "")
+    return name in DATASETS.names() and DATASETS.get(name).may_share_audio
+
+
+def require_shareable(store: Store, *, allowed_by_caller: bool = False) -> str:
+    """Return the notice that goes with a copy of the music.
+
+    Parameters
+    ----------
+    allowed_by_caller
+        The caller states to have the right to pass the music on.
+
+    Returns
+    -------
+    str
+        One sentence with the licence as the dataset states it.
+
+    Raises
+    ------
+    UsageError
+        If the licence does not allow it, and the caller does not state the right.
+    """
+    licence = shown(store.meta.get("licence", "unknown"), _LICENCE)
+    if may_share_audio(store):
+        return f"Music: {licence}"
+    if not allowed_by_caller:
+        raise UsageError(
+            "the licence of this dataset does not allow its music to be passed on",
+            where=str(store.path),
+            found=f"dataset {quoted(store.meta.get('dataset', ''))}, licence: {licence}",
+            allowed="music that may be copied to others, such as that of the demo",
+            fix=f"leave the music out, or state that you hold the right to share it: {OVERRIDE}",
+        )
+    return f"Music: included on the statement of the maker of this file that it may be shared. Licence: {licence}"

@@ -1,0 +1,113 @@
+"""Which fields of a dataset can be drawn, and how their columns are read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dancedata.core.errors import DanceDataError, UsageError, did_you_mean
+from dancedata.core.registry import REPRESENTATIONS
+from dancedata.core.rotations import Float64Array
+from dancedata.evaluation.inputs.columns import ColumnsReader, field_readers
+from dancedata.recipes.plugins import make_named, split_instance
+from dancedata.store import Store
+
+__all__ = ["Rhythm", "drawable_fields", "field_to_draw", "rhythm_fields"]
+
+_BEAT, _ONSET = "beat", "onset_envelope"
+
+
+@dataclass(frozen=True, eq=False)
+class Rhythm:
+    """What the dataset knows of a clip's music.
+
+    Attributes
+    ----------
+    beats
+        (B,) instants of the beats, seconds from the clip's first frame.
+    onset
+        (n,) onset curve, 0 to 1; empty if none is stored.
+    onset_rate
+        Values of `onset` per second.
+    field
+        Audio field that they are read from; "" if there is none.
+    """
+
+    beats: Float64Array
+    onset: Float64Array
+    onset_rate: float = 0.0
+    field: str = ""
+
+    @classmethod
+    def none(cls) -> Rhythm:
+        """Return the rhythm of a dataset without beats."""
+        return cls(np.zeros(0), np.zeros(0))
+
+
+def drawable_fields(store: Store) -> dict[str, ColumnsReader]:
+    """Return the motion fields that have joint positions, those first that give back the motion as it was.
+
+    Where the recipe of the dataset cannot be read, such as one with a plug-in that is not installed, the fields are
+    read by their names, with the representations' default parameters.
+    """
+    try:
+        readers = field_readers(store)
+    except DanceDataError:
+        readers = _by_name(store)
+    kept = {
+        name: reader
+        for name, reader in readers.items()
+        if reader.representation.decodes or "position" in reader.representation.columns.names
+    }
+    # First whole motions, then positions, then motions that `decode` fits to the columns.
+    rank = {name: (r.representation.fits, not r.representation.decodes) for name, r in kept.items()}
+    return dict(sorted(kept.items(), key=lambda item: rank[item[0]]))
+
+
+def field_to_draw(store: Store, name: str | None) -> str | None:
+    """Return the field to draw: the given one, else the best one; None if the dataset has none.
+
+    Raises
+    ------
+    UsageError
+        If the given field is unknown, or its columns have no joint positions.
+    """
+    fields = drawable_fields(store)
+    if name is None:
+        return next(iter(fields), None)
+    if name not in fields:
+        raise UsageError(
+            "this field cannot be drawn", where=str(store.path), found=name, fix=did_you_mean(name, list(fields))
+        )
+    return name
+
+
+def rhythm_fields(store: Store) -> tuple[str, ...]:
+    """Return the audio fields that have beats."""
+    audio = [name for name in store.fields if store.field(name).kind == "audio"]
+    return tuple(name for name in audio if _BEAT in store.fields[name].names)
+
+
+def rhythm_of(rows: Float64Array, store: Store, name: str) -> Rhythm:
+    """Return the rhythm of (T, D) rows of an audio field that begin with the clip."""
+    columns, rate = store.fields[name], float(store.field(name).rate)
+    beats = np.flatnonzero(rows[:, columns.slice(_BEAT)].ravel() > 0.5) / rate
+    if _ONSET not in columns.names:
+        return Rhythm(beats, np.zeros(0), rate, name)
+    onset = np.nan_to_num(rows[:, columns.slice(_ONSET)].ravel().astype(np.float64), posinf=0.0, neginf=0.0)
+    top = float(onset.max(initial=0.0))
+    return Rhythm(beats, np.clip(onset / top, 0, 1) if top > 0 else onset * 0, rate, name)
+
+
+def _by_name(store: Store) -> dict[str, ColumnsReader]:
+    readers = {}
+    for name in store.fields:
+        plugin, _ = split_instance(REPRESENTATIONS, name)
+        field = store.field(name)
+        if field.kind != "motion" or plugin not in REPRESENTATIONS:
+            continue
+        representation = make_named(REPRESENTATIONS, "motion", plugin, {})
+        if representation.columns == field.columns:
+            readers[name] = ColumnsReader(representation, field.grid)
+    return readers

@@ -1,0 +1,204 @@
+"""Figure: the joints of a dancer over time, and all that is needed to draw them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.contacts.velocity import Velocity
+from dancedata.core.dance import checked_joints
+from dancedata.core.errors import DataError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.rotations import Float64Array
+from dancedata.core.skeleton import Skeleton
+from dancedata.evaluation.inputs.columns import ColumnsReader
+from dancedata.keymotion.minima import KeyMotion, key_motion
+
+__all__ = ["Figure", "Movement", "bones_of"]
+
+BoolArray = npt.NDArray[np.bool_]
+#: Share of the feet's heights that lie below the floor: a foot that sinks in for some frames does not lower it.
+_FLOOR_SHARE = 0.02
+#: Joints that the speed is a mean of: the body's, without fingers, jaw and eyes.
+_BODY = 22
+
+
+@dataclass(frozen=True, eq=False)
+class Movement:
+    """How fast a dancer moves, and the key motions.
+
+    Attributes
+    ----------
+    speed
+        (n,) mean speed of the joints, smoothed, metres per second; value k belongs to the instant (k + 1/2) / rate.
+    grid
+        Rate of `speed`.
+    key_times
+        (M,) instants of the key motions, seconds.
+    prominence
+        (M,) their depth, metres per second.
+    stored
+        Name of the stored field; "" if they were computed from the figure.
+    """
+
+    speed: Float64Array
+    grid: FrameGrid
+    key_times: Float64Array
+    prominence: Float64Array
+    stored: str = ""
+
+    @classmethod
+    def of(cls, found: KeyMotion, grid: FrameGrid, stored: str = "") -> Movement:
+        """Convert the curve and the minima of a key motion finder, metres per frame."""
+        rate = float(grid.rate)
+        times = np.asarray((found.minima + 0.5) / rate, dtype=np.float64)
+        return cls(np.asarray(found.curve * rate), grid, times, np.asarray(found.prominence * rate), stored)
+
+
+@dataclass(frozen=True, eq=False)
+class Figure:
+    """A dancer.
+
+    Attributes
+    ----------
+    joints
+        (T, J, 3) positions, metres, +Y up, read-only.
+    skeleton
+        Names, parents, pairs and feet of the J joints.
+    grid
+        Rate of the frames.
+    contacts
+        (T, 4) whether a foot joint is on the ground.
+    contact_joints
+        (4,) joints of the columns of `contacts`.
+    contacts_stored
+        Whether the contacts are those of the dataset; if not, they were computed by the rule "velocity".
+    """
+
+    joints: Float64Array
+    skeleton: Skeleton
+    grid: FrameGrid
+    contacts: BoolArray
+    contact_joints: tuple[int, ...]
+    contacts_stored: bool = False
+
+    @classmethod
+    def of_joints(cls, joints: Float64Array, skeleton: Skeleton, grid: FrameGrid) -> Figure:
+        """Make the figure of joint positions (T, J, 3), metres, +Y up; contacts are computed (EDGE's rule)."""
+        places = np.asarray(joints, dtype=np.float64)
+        contacts = Velocity()(places, grid, skeleton) > 0.5
+        return cls(places, skeleton, grid, contacts, skeleton.feet)
+
+    @classmethod
+    def of_columns(cls, rows: npt.NDArray[np.generic], reader: ColumnsReader) -> Figure:
+        """Make the figure of the (T, D) columns of a representation.
+
+        Raises
+        ------
+        DataError
+            If the columns are not those of the representation, or not finite.
+        """
+        pose = reader.pose(rows)
+        checked_joints(pose.joints)
+        skeleton = reader.representation.skeleton if pose.motion is None else pose.motion.skeleton
+        figure = cls.of_joints(pose.joints, skeleton, pose.grid)
+        columns = reader.representation.columns
+        group = next((g for g in columns.groups if g.name in ("contact", "foot_contact") and g.width == 4), None)
+        if group is None:
+            return figure
+        joints = tuple(skeleton.joints.index(part) for part in group.parts if part in skeleton.joints)
+        order = joints if len(joints) == 4 else skeleton.feet
+        stored = np.asarray(rows[:, columns.slice(group.name)], dtype=np.float64) > 0.5
+        return cls(pose.joints, skeleton, pose.grid, stored, order, contacts_stored=True)
+
+    @property
+    def n_frames(self) -> int:
+        """Number of frames T."""
+        return len(self.joints)
+
+    @property
+    def bones(self) -> tuple[tuple[int, int], ...]:
+        """Pairs (parent, joint) of the J - 1 bones."""
+        return bones_of(self.skeleton)
+
+    @cached_property
+    def sides(self) -> tuple[int, ...]:
+        """Side of each joint: 0 in the middle, 1 left, 2 right."""
+        sides = [0] * self.skeleton.n_joints
+        for left, right in self.skeleton.pairs:
+            sides[left], sides[right] = 1, 2
+        return tuple(sides)
+
+    @cached_property
+    def floor(self) -> float:
+        """Height of the floor, metres: the 2nd percentile of the heights of the feet."""
+        return float(np.quantile(self.joints[:, list(self.skeleton.feet), 1], _FLOOR_SHARE))
+
+    @cached_property
+    def movement(self) -> Movement:
+        """Speed and key motions of the body's joints (Lodge's curve and minima, on these joints)."""
+        return Movement.of(key_motion(self.joints[:, :_BODY]), self.grid)
+
+    @cached_property
+    def sliding(self) -> float:
+        """Mean horizontal speed of the foot joints in contact, metres per second; 0 without contact."""
+        if self.n_frames < 2:
+            return 0.0
+        feet = self.joints[:, list(self.contact_joints)][..., [0, 2]]
+        speed = np.linalg.norm(np.diff(feet, axis=0), axis=-1) * float(self.grid.rate)
+        on = self.contacts[:-1] & self.contacts[1:]
+        return float(speed[on].mean()) if on.any() else 0.0
+
+    def part(self, begin: float, seconds: float) -> Figure:
+        """Return the frames of a part of the time; fewer where the figure ends before.
+
+        Raises
+        ------
+        DataError
+            If the figure has no frame there.
+        """
+        first = round(begin * float(self.grid.rate))
+        count = max(1, round(seconds * float(self.grid.rate)))
+        frames = slice(first, first + count)
+        if first >= self.n_frames:
+            raise DataError(
+                "the motion ends before this part",
+                reason="too_short",
+                found=f"{self.n_frames} frames at {self.grid} per second",
+                allowed=f"more than {first}",
+            )
+        return replace(self, joints=self.joints[frames], contacts=self.contacts[frames])
+
+    def distance_mm(self, other: Figure) -> Float64Array:
+        """Return the mean distance to the joints of the same names of another figure, (T,) millimetres.
+
+        Frames are compared at equal instants; the other figure is interpolated linearly between its frames. NaN
+        beyond its end, and where no joint has a name of both.
+        """
+        names = [n for n in self.skeleton.joints if n in other.skeleton.joints]
+        mine = self.joints[:, [self.skeleton.joints.index(n) for n in names]]
+        theirs = other.joints[:, [other.skeleton.joints.index(n) for n in names]]
+        distance = np.full(self.n_frames, np.nan)
+        own, new = other.grid.common_period(self.grid)
+        frames = np.arange(self.n_frames, dtype=np.float64) * own / new
+        inside = frames <= len(theirs) - 1
+        if not names or not inside.any():
+            return distance
+        lower = frames[inside].astype(np.int64)
+        upper = np.minimum(lower + 1, len(theirs) - 1)
+        share = (frames[inside] - lower)[:, None, None]
+        at = theirs[lower] * (1 - share) + theirs[upper] * share
+        distance[inside] = np.linalg.norm(mine[inside] - at, axis=-1).mean(axis=-1) * 1000
+        return distance
+
+    def __repr__(self) -> str:
+        """Show the size."""
+        return f"Figure({self.n_frames} frames at {self.grid} per second, {self.skeleton.n_joints} joints)"
+
+
+def bones_of(skeleton: Skeleton) -> tuple[tuple[int, int], ...]:
+    """Return the pairs (parent, joint) of a skeleton."""
+    return tuple((parent, joint) for joint, parent in enumerate(skeleton.parents) if parent >= 0)

@@ -1,0 +1,34 @@
+"""Clips in notebooks: the page that plays a clip, inside the output of a cell."""
+
+from __future__ import annotations
+
+import html
+from typing import TYPE_CHECKING
+
+from dancedata.scene.page import clip_page
+from dancedata.scene.scenes import Scenes
+
+if TYPE_CHECKING:
+    from dancedata.store import ClipView
+
+__all__ = ["clip_html"]
+
+#: Height of the output, CSS pixels.
+_HEIGHT = 640
+#: Most windows of a clip of window scope that one output holds.
+_WINDOWS = 24
+
+
+def clip_html(clip: ClipView) -> str:
+    """Return an element that plays a clip, in window scope its first windows; it needs no server and no network.
+
+    The page lies in a frame of its own, without access to the notebook: its scripts run there only, and names in the
+    dataset are text.
+    """
+    scenes = Scenes(clip.store)
+    items = [item for item in scenes.items if item.clip.id == clip.id][:_WINDOWS]
+    page = clip_page(scenes, items)
+    return (
+        f'<iframe srcdoc="{html.escape(page)}" sandbox="allow-scripts" title="{html.escape(repr(clip))}" '
+        f'style="width:100%;height:{_HEIGHT}px;border:0"></iframe>'
+    )

@@ -1,0 +1,140 @@
+"""The page that plays clips: plain HTML, CSS and JavaScript in one file, without a request to anywhere."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import html
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from dancedata.core.text import shown
+from dancedata.scene.payload import Json, about_store, item_rows, page_json, scene_payload
+from dancedata.scene.scenes import Item, Scenes
+
+__all__ = ["PageSound", "Parts", "clip_page", "data_script", "page_data", "page_parts", "source_hash", "whole_page"]
+
+_STATIC = Path(__file__).resolve().parent / "static"
+
+
+@dataclass(frozen=True)
+class Parts:
+    """What a page needs to hold the viewer.
+
+    Attributes
+    ----------
+    css, html, script
+        Texts of a style element, of the body, and of a script element that follows the element with the data.
+    """
+
+    css: str
+    html: str
+    script: str
+
+    @property
+    def policy(self) -> str:
+        """Content security policy of a page whose only style and script are these."""
+        return (
+            f"default-src 'none'; script-src '{source_hash(self.script)}'; style-src '{source_hash(self.css)}'; "
+            "img-src data:; base-uri 'none'; form-action 'none'"
+        )
+
+
+@cache
+def page_parts() -> Parts:
+    """Read the viewer's files. The script is one function, so that it shares no name with others of its page."""
+    scripts = [path.read_text(encoding="utf-8") for path in sorted((_STATIC / "js").glob("*.js"))]
+    script = "'use strict';\n(() => {\n" + "".join(scripts) + "})();\n"
+    css, body = ((_STATIC / name).read_text(encoding="utf-8") for name in ("viewer.css", "viewer.html"))
+    return Parts(css, body, script)
+
+
+def source_hash(text: str) -> str:
+    """Return the hash by which a content security policy allows an inline script or style."""
+    return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+
+
+@dataclass(frozen=True)
+class PageSound:
+    """Music inside a page.
+
+    Attributes
+    ----------
+    files
+        Bytes of an audio file by the number of its item, each exactly as long as the item.
+    notice
+        Sentence on their licence, for the foot of the page.
+    """
+
+    files: Mapping[int, bytes] = field(default_factory=dict)
+    notice: str = ""
+
+
+def page_data(
+    scenes: Scenes,
+    items: Sequence[Item],
+    *,
+    clips: Mapping[int, Json] | None = None,
+    side: Mapping[int, str] | None = None,
+    sound: PageSound | bool = False,
+    takes: Sequence[str] = (),
+    server: bool = False,
+    single: bool = False,
+) -> Json:
+    """Return the data of a page.
+
+    Parameters
+    ----------
+    items
+        Entries of its list; they are numbered anew, from 0.
+    clips
+        Payloads by number in that list. Default: none.
+    side
+        Addresses of scripts that call ``dancedataClip(number, payload)``, by number.
+    sound
+        Music inside the page, or whether its server has music.
+    takes
+        Names of what the clips can be compared with.
+    server
+        Whether clips are fetched from the server of the page.
+    single
+        Whether the list of clips is left out.
+    """
+    counts = tuple(scenes.flag_count(item) for item in items)
+    inside = sound if isinstance(sound, PageSound) else PageSound()
+    head = about_store(scenes.store, tuple(scenes.readers) if server else ())
+    document: dict[str, Any] = {
+        "head": {**head, "takes": list(takes), "sound": bool(sound), "notice": inside.notice},
+        "list": item_rows(tuple(items), counts), "clips": clips or {}, "side": side or {}, "server": server,
+        "single": single, "audio": {k: base64.b64encode(data).decode() for k, data in inside.files.items()},
+    }  # fmt: skip
+    return document
+
+
+def data_script(document: Json) -> str:
+    """Return the script element with the data, which stands before the viewer's script."""
+    return f'<script type="application/json" id="dd-data">{page_json(document)}</script>'
+
+
+def clip_page(scenes: Scenes, items: Sequence[Item], *, sound: PageSound | None = None, single: bool = False) -> str:
+    """Return one self-contained HTML page that plays some items; it works from a file, offline."""
+    clips = {k: {**scene_payload(scenes.scene(item)), "number": k} for k, item in enumerate(items)}
+    document = page_data(scenes, items, clips=clips, sound=sound or False, single=single or len(items) == 1)
+    return whole_page(document, str(document["head"]["name"]), meta_policy=True)
+
+
+def whole_page(document: Json, title: str, *, meta_policy: bool) -> str:
+    """Return the page of some data; with `meta_policy` its content security policy is inside it."""
+    parts = page_parts()
+    policy = (
+        f'<meta http-equiv="Content-Security-Policy" content="{html.escape(parts.policy)}">' if meta_policy else ""
+    )
+    return (
+        f'<!doctype html>\n<html lang="en" class="dd-page"><head><meta charset="utf-8">{policy}'
+        '<meta name="viewport" content="width=device-width,initial-scale=1"><link rel="icon" href="data:,">'
+        f"<title>{html.escape(shown(title))}</title><style>{parts.css}</style></head><body>\n{parts.html}\n"
+        f"{data_script(document)}<script>{parts.script}</script></body></html>\n"
+    )

@@ -1,0 +1,151 @@
+"""Scenes as JSON data for the page that plays them.
+
+Joints are whole millimetres from an origin, as differences in time, joint by joint; the low bytes of all numbers come
+before the high ones, so that gzip finds them alike: about 70 kB for 30 s of 24 joints. The page undoes it.
+"""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import json
+from typing import Any, TypeAlias
+from urllib.parse import quote
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.rotations import Float64Array
+from dancedata.core.text import shown
+from dancedata.scene.figure import Figure
+from dancedata.scene.scenes import Flag, Item, Scene
+from dancedata.store import Store
+
+__all__ = ["about_store", "figure_payload", "item_rows", "link", "page_json", "scene_payload"]
+
+Json: TypeAlias = dict[str, Any]
+#: Most characters of a name on the page; ids of clips are never shortened, as links need them.
+_NAME = 120
+#: Largest value of a curve of 16 bits.
+_TOP = 65535
+
+
+def scene_payload(scene: Scene) -> Json:
+    """Return what the page needs of a scene. Times are in seconds, windows in frames at the store's rate."""
+    clip, item = scene.item.clip, scene.item
+    payload: Json = {
+        "id": item.id, "clip": clip.id, "start": item.start, "n": item.n_frames, "number": item.number,
+        "fps": float(scene.grid.rate), "seconds": scene.seconds, "field": scene.field,
+        "split": clip.split, "genre": clip.genre, "music": clip.music, "dancer": clip.dancer, "bpm": clip.tempo_bpm,
+        "source": clip.source, "sourceRate": clip.source_rate,
+        "trim": float(scene.grid.seconds(max(0, clip.trim_start - item.start))),
+        "figure": None if scene.figure is None else figure_payload(scene.figure),
+        "beats": _rounded(scene.rhythm.beats), "windows": [list(window) for window in scene.windows],
+        "flags": [_flag(flag) for flag in scene.flags],
+        "notes": list(scene.notes),
+    }  # fmt: skip
+    if len(scene.rhythm.onset):
+        payload["onset"] = curve(scene.rhythm.onset, scene.rhythm.onset_rate)
+    if scene.movement is not None:
+        rate = float(scene.movement.grid.rate)
+        payload["speed"] = curve(scene.movement.speed, rate, delay=0.5 / rate)
+        pairs = zip(_rounded(scene.movement.key_times), _rounded(scene.movement.prominence), strict=True)
+        payload["keys"] = [list(pair) for pair in pairs]
+    return payload
+
+
+def figure_payload(figure: Figure) -> Json:
+    """Return the joints of a figure, each coordinate within half a millimetre."""
+    skeleton = figure.skeleton
+    low, high = figure.joints.min(axis=(0, 1)), figure.joints.max(axis=(0, 1))
+    origin = np.round((low + high) / 2, 3)
+    # 16 bits hold 65 m; a larger extent takes a coarser unit.
+    unit = 0.001 * max(1, int(np.ceil(float((high - low).max()) / 65.0)))
+    steps = np.round((figure.joints - origin) / unit).astype(np.int64).astype(np.int16)
+    columns = np.ascontiguousarray(np.diff(steps.reshape(len(steps), -1), axis=0, prepend=np.int16(0)).T)
+    planes = np.ascontiguousarray(columns.astype("<i2").view(np.uint8).reshape(-1, 2).T)
+    bits = (figure.contacts * np.array([1, 2, 4, 8], dtype=np.uint8)).sum(axis=1).astype(np.uint8)
+    return {
+        "frames": figure.n_frames, "rate": float(figure.grid.rate), "unit": unit, "origin": origin.tolist(),
+        "joints": list(skeleton.joints), "parents": list(skeleton.parents), "sides": list(figure.sides),
+        "pairs": [list(pair) for pair in skeleton.pairs], "feet": list(figure.contact_joints),
+        "data": packed(planes), "contacts": packed(bits), "stored": figure.contacts_stored,
+        "floor": round(figure.floor, 4),
+    }  # fmt: skip
+
+
+def curve(values: Float64Array, rate: float, delay: float = 0.0) -> Json:
+    """Return a curve of at least 0: 16 bits a value, and the largest value. NaN is 0."""
+    finite = np.nan_to_num(np.maximum(values, 0.0), nan=0.0, posinf=0.0)
+    top = float(finite.max(initial=0.0))
+    steps = np.round(finite / (top or 1.0) * _TOP).astype("<u2")
+    return {"rate": rate, "delay": delay, "max": top, "data": packed(steps)}
+
+
+def packed(array: npt.NDArray[Any]) -> str:
+    """Return the bytes of an array, compressed, in base64; the same bytes each time."""
+    return base64.b64encode(gzip.compress(array.tobytes(), 9, mtime=0)).decode("ascii")
+
+
+def item_rows(items: tuple[Item, ...], flags: tuple[int, ...]) -> Json:
+    """Return the list of items, column by column: about 100 bytes for a clip, 20 for a further window of it."""
+    clips: dict[str, int] = {}
+    for item in items:
+        clips.setdefault(item.clip.id, len(clips))
+    records = {item.clip.id: item.clip for item in items}
+    return {
+        "clips": [
+            [c.id, c.split, shown(c.genre, _NAME), shown(c.music, _NAME), shown(c.dancer, _NAME), c.source]
+            for c in (records[clip] for clip in clips)
+        ],
+        "items": [
+            [clips[item.clip.id], item.start, item.n_frames, count]
+            for item, count in zip(items, flags, strict=True)
+        ],
+        "windows": bool(items) and items[0].window is not None,
+    }  # fmt: skip
+
+
+def about_store(store: Store, fields: tuple[str, ...]) -> Json:
+    """Return the head of the page: name, numbers and licence of a dataset, and the fields that can be drawn."""
+    counts = store.meta.get("counts", {}).values()
+    total = {key: sum(split.get(key, 0) for split in counts) for key in ("clips", "windows", "hours")}
+    return {
+        "name": shown(store.meta.get("name", store.path.name), _NAME), "fps": float(store.grid.rate),
+        "rate": str(store.grid), "scope": store.scope, "fields": list(fields), **total,
+        "licence": shown(store.meta.get("licence", ""), 600), "citation": shown(store.meta.get("citation", ""), 600),
+    }  # fmt: skip
+
+
+def link(item: Item, *, at: float = 0.0, loop: tuple[int, int] | None = None, field: str = "") -> str:
+    """Return the fragment of the page's address that shows an item at a time.
+
+    Parameters
+    ----------
+    at
+        Seconds from the item's first frame.
+    loop
+        First frame and end of a loop, frames at the store's rate from the item's first frame.
+    field
+        Motion field to draw; "": the page's default.
+    """
+    parts = [f"clip={quote(item.clip.id, safe='')}"]
+    parts += [f"window={item.start}"] if item.window is not None else []
+    parts += [f"t={at:.3f}"] if at else []
+    parts += [f"loop={loop[0]}-{loop[1]}"] if loop else []
+    parts += [f"field={quote(field, safe='')}"] if field else []
+    return "#" + "&".join(parts)
+
+
+def page_json(document: Json) -> str:
+    """Return JSON that can stand in a script element of a page: no text in it ends the element or opens another."""
+    text = json.dumps(document, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+
+
+def _flag(flag: Flag) -> list[Any]:
+    return [None if flag.time is None else round(flag.time, 5), flag.kind, flag.joint, flag.value, flag.unit]
+
+
+def _rounded(values: Float64Array) -> list[float]:
+    return [round(float(value), 5) for value in values]

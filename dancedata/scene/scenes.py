@@ -1,0 +1,259 @@
+"""Scenes: the clips of a dataset, or its windows in window scope, as they are drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy.typing as npt
+
+from dancedata.core.clip import Window
+from dancedata.core.errors import DataError, UsageError, did_you_mean
+from dancedata.core.grid import FrameGrid, as_rate
+from dancedata.core.text import counted
+from dancedata.keymotion.minima import KeyMotion
+from dancedata.scene.fields import Rhythm, drawable_fields, field_to_draw, rhythm_fields, rhythm_of
+from dancedata.scene.figure import Figure, Movement
+from dancedata.store import Store
+from dancedata.store.clip_columns import ClipRecord
+
+__all__ = ["Flag", "Item", "Scene", "Scenes"]
+
+
+@dataclass(frozen=True)
+class Item:
+    """One entry of the list of a viewer: a clip, in window scope a window.
+
+    Attributes
+    ----------
+    number
+        Place in the list.
+    clip
+        The clip's row of the table /clips.
+    start, n_frames
+        First frame in the clip and number of frames, at the store's rate.
+    window
+        The window; None for a whole clip.
+    """
+
+    number: int
+    clip: ClipRecord
+    start: int
+    n_frames: int
+    window: Window | None = None
+
+    @property
+    def id(self) -> str:
+        """Id of the clip; in window scope the first frame of the window follows, as in "clip@75"."""
+        return self.clip.id if self.window is None else f"{self.clip.id}@{self.start}"
+
+
+@dataclass(frozen=True)
+class Flag:
+    """A quality flag of an item.
+
+    Attributes
+    ----------
+    time
+        Seconds from the item's first frame; None for a flag of the whole clip.
+    """
+
+    time: float | None
+    kind: str
+    joint: str
+    value: float
+    unit: str
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """All that is drawn of one item. All times are in seconds from its first frame.
+
+    Attributes
+    ----------
+    grid
+        The store's rate, of windows and of loops in links.
+    field
+        Motion field that is drawn; "" if none can be.
+    figure
+        The dancer; None if no field of the dataset has joint positions.
+    movement
+        Speed and key motions; None without a figure and a stored field of them.
+    windows
+        First frame and length of the dataset's windows, frames at the store's rate.
+    notes
+        Sentences on what is missing or was computed.
+    """
+
+    item: Item
+    grid: FrameGrid
+    field: str
+    figure: Figure | None
+    movement: Movement | None
+    rhythm: Rhythm
+    windows: tuple[tuple[int, int], ...]
+    flags: tuple[Flag, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def seconds(self) -> float:
+        """Length of the item."""
+        return float(self.grid.seconds(self.item.n_frames))
+
+
+class Scenes:
+    """The items of a dataset; the arrays of one are read when it is asked for.
+
+    Parameters
+    ----------
+    store
+        An open dataset.
+    field
+        Motion field to draw. Default: the first one that decodes to the motion itself.
+
+    Raises
+    ------
+    UsageError
+        If the field is unknown or cannot be drawn.
+    """
+
+    def __init__(self, store: Store, field: str | None = None) -> None:
+        self.store = store
+        self.readers = drawable_fields(store)
+        self.field = field_to_draw(store, field)
+
+    @cached_property
+    def items(self) -> tuple[Item, ...]:
+        """The clips in stored order; in window scope the windows, clip by clip."""
+        clips = self.store.clips
+        if self.store.scope == "track":
+            return tuple(Item(k, clip.record, 0, clip.n_frames) for k, clip in enumerate(clips))
+        pairs = [(c.record, s, n) for c in clips for s, n in self._windows.get(c.id, ())]
+        return tuple(Item(k, c, s, n, Window(c.id, s, n)) for k, (c, s, n) in enumerate(pairs))
+
+    def find(self, clip_id: str, frame: int = 0) -> Item:
+        """Return the item of a clip, in window scope the first one that has a frame of the clip.
+
+        Raises
+        ------
+        UsageError
+            For an unknown clip.
+        """
+        mine = self._by_clip.get(clip_id, [])
+        if not mine:
+            raise UsageError(
+                f"no clip named {clip_id!r}", where=str(self.store.path), fix=did_you_mean(clip_id, self._by_clip)
+            )
+        return next((item for item in mine if item.start <= frame < item.start + item.n_frames), mine[0])
+
+    def scene(self, item: Item, field: str | None = None) -> Scene:
+        """Read an item.
+
+        Parameters
+        ----------
+        field
+            Motion field to draw, one of `readers`. Default: that of these scenes.
+
+        Raises
+        ------
+        UsageError
+            For a field that cannot be drawn.
+        StoreError
+            If the dataset cannot be read, or was built again in the meantime.
+        """
+        name = self.field if field is None else field_to_draw(self.store, field)
+        figure, problem = self._figure(item, name)
+        rhythm = self._rhythm(item)
+        return Scene(
+            item, self.store.grid, name or "", figure, self._movement(item, figure), rhythm,
+            self.windows_of(item), self._flags_of(item), tuple(_notes(self.store, figure, problem, rhythm)),
+        )  # fmt: skip
+
+    def flag_count(self, item: Item) -> int:
+        """Return the number of flags of an item, those of the whole clip included."""
+        return len(self._flags_of(item))
+
+    def _rows(self, item: Item, field: str) -> npt.NDArray[Any]:
+        if item.window is None:
+            return self.store.read_clip(item.clip.id, field)
+        return self.store.read(item.window, field)
+
+    def _figure(self, item: Item, name: str | None) -> tuple[Figure | None, str]:
+        if name is None:
+            fields = [f for f in self.store.fields if self.store.field(f).kind == "motion"]
+            return None, f"no figure: {', '.join(fields) or 'no field'} holds neither rotations nor joint positions"
+        try:
+            return Figure.of_columns(self._rows(item, name), self.readers[name]), ""
+        except DataError as error:
+            return None, f"no figure: {error}"
+
+    def _movement(self, item: Item, figure: Figure | None) -> Movement | None:
+        for name in self.store.fields:
+            stored = self.store.field(name)
+            if stored.kind == "keymotion" and stored.columns.names == ("speed", "minimum", "prominence"):
+                return Movement.of(KeyMotion.from_rows(self._rows(item, name)), stored.grid, name)
+        return None if figure is None or figure.n_frames < 2 else figure.movement
+
+    def _rhythm(self, item: Item) -> Rhythm:
+        for name in rhythm_fields(self.store):
+            return rhythm_of(self._rows(item, name), self.store, name)
+        return Rhythm.none()
+
+    def windows_of(self, item: Item) -> tuple[tuple[int, int], ...]:
+        """Return first frame and length of the windows of an item, frames from the item's first."""
+        if item.window is not None:
+            return ((0, item.n_frames),)
+        return self._windows.get(item.clip.id, ())
+
+    def _flags_of(self, item: Item) -> tuple[Flag, ...]:
+        begin, length = float(self.store.grid.seconds(item.start)), float(self.store.grid.seconds(item.n_frames))
+        found = []
+        for row in self._quality.get(item.clip.id, ()):
+            flag = _flag(row, begin)
+            if flag.time is None or 0 <= flag.time < length:
+                found.append(flag)
+        return tuple(found)
+
+    @cached_property
+    def _by_clip(self) -> dict[str, list[Item]]:
+        found: dict[str, list[Item]] = {}
+        for item in self.items:
+            found.setdefault(item.clip.id, []).append(item)
+        return found
+
+    @cached_property
+    def _windows(self) -> dict[str, tuple[tuple[int, int], ...]]:
+        found: dict[str, list[tuple[int, int]]] = {}
+        for split in self.store.splits:
+            for window in self.store.windows(split):
+                found.setdefault(window.clip, []).append((window.start, window.length))
+        return {clip: tuple(sorted(windows)) for clip, windows in found.items()}
+
+    @cached_property
+    def _quality(self) -> dict[str, list[Mapping[str, Any]]]:
+        found: dict[str, list[Mapping[str, Any]]] = {}
+        for row in self.store.quality:
+            found.setdefault(row["clip"], []).append(row)
+        return found
+
+
+def _flag(row: Mapping[str, Any], begin: float) -> Flag:
+    """Return the flag of a line of quality.jsonl; its frame is one of the source."""
+    frame, rate = row.get("frame"), row.get("rate")
+    try:
+        time = None if frame is None or rate is None else float(frame / as_rate(str(rate))) - begin
+    except (UsageError, OverflowError):
+        time = None  # not a rate, or a frame beyond all time: the flag is shown as one of the whole clip
+    return Flag(time, str(row.get("kind", "")), str(row.get("joint", "")), row.get("value", 0.0), row.get("unit", ""))
+
+
+def _notes(store: Store, figure: Figure | None, problem: str, rhythm: Rhythm) -> list[str]:
+    notes = [problem] if problem else []
+    if figure is not None and not figure.contacts_stored:
+        notes.append("contacts are not stored in this field: they were computed by the rule velocity")
+    if not rhythm.field:
+        audio = [name for name in store.fields if store.field(name).kind == "audio"]
+        notes.append(f"no beats: {counted(len(audio), 'audio field')} of the dataset, none with a column beat")
+    return notes

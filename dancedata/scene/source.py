@@ -1,0 +1,160 @@
+"""The source of a dataset, found again: the music of its clips, and their original motion."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dancedata.audio.signal import load_audio, resample
+from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.bodies import carried_over, has_body
+from dancedata.core.errors import DanceDataError, DataError
+from dancedata.core.grid import FrameGrid
+from dancedata.exporting.music import SourceMusic, dataset_of
+from dancedata.recipes.parse import parse_recipe
+from dancedata.scene.figure import Figure
+
+if TYPE_CHECKING:
+    from dancedata.core.clip import ClipRef
+    from dancedata.scene.scenes import Item, Scene
+    from dancedata.store import Store
+
+__all__ = ["ClipSound", "ClipSource", "flac"]
+
+#: Highest sample rate that a page gets, and most seconds.
+MAX_RATE, MAX_SECONDS = 48_000, 600.0
+
+
+@dataclass(frozen=True, eq=False)
+class ClipSound:
+    """The music of an item.
+
+    Attributes
+    ----------
+    signal
+        Mono, exactly as long as the item; silent where the music has ended.
+    notes
+        What a listener should know, such as that the file has changed since the build.
+    """
+
+    signal: AudioSignal
+    notes: tuple[str, ...] = ()
+
+
+class ClipSource:
+    """A folder with the files that a dataset was built from.
+
+    Parameters
+    ----------
+    store
+        The dataset.
+    folder
+        Its source, or a folder with audio files that have the names of its clips or songs.
+
+    Raises
+    ------
+    SourceError
+        If there is no such folder.
+    """
+
+    def __init__(self, store: Store, folder: Path) -> None:
+        self.store, self.folder = store, folder
+        self.music = SourceMusic.of(store, folder)
+
+    def sound(self, item: Item) -> ClipSound | None:
+        """Decode the music of an item and cut it to the item; None if the source has none.
+
+        Raises
+        ------
+        DataError
+            If the file cannot be decoded.
+        """
+        clip = self.store.clip(item.clip.id)
+        if clip.id not in self.music.files:
+            return None
+        notes = []
+        try:
+            signal = self.music.load(clip)
+        except DataError as error:
+            if error.reason != "other_music":
+                raise
+            signal = load_audio(self.music.files[clip.id])
+            notes.append("this music is not the music that the dataset was built from")
+        signal = self._at_speed(item, signal)
+        begin = self.store.music_offset(clip.id) + self.store.grid.seconds(item.start)
+        seconds = self.store.grid.seconds(item.n_frames)
+        if seconds > MAX_SECONDS:
+            notes.append(f"only the first {MAX_SECONDS / 60:.0f} minutes have music")
+            seconds = Fraction(MAX_SECONDS)
+        return ClipSound(cut(signal, begin, seconds), tuple(notes))
+
+    def original(self, scene: Scene, item: Item) -> Figure:
+        """Read the motion that an item was made from, on the body and at the rate of the figure of its scene.
+
+        Raises
+        ------
+        DataError
+            If the source does not have it, or it cannot be read.
+        """
+        figure = scene.figure
+        ref = self._refs.get(item.clip.id)
+        reader = dataset_of(self.store)
+        if figure is None or ref is None or reader is None:
+            made = ": it is a copy of another clip" if item.clip.source else ""
+            raise DataError(
+                f"the source has no motion of this clip{made}", reason="missing_file", where=self.folder,
+            )  # fmt: skip
+        motion = reader.load(ref).resampled(figure.grid)
+        if has_body(motion.skeleton) and has_body(figure.skeleton):
+            motion = carried_over(motion, figure.skeleton)
+        whole = Figure.of_joints(motion.joints(), motion.skeleton, motion.grid)
+        return whole.part(float(self.store.grid.seconds(item.start)), scene.seconds)
+
+    def _at_speed(self, item: Item, signal: AudioSignal) -> AudioSignal:
+        """Return the music of a copy at another tempo, stretched as the build did."""
+        if not item.clip.source:
+            return signal
+        recipe = parse_recipe(self.store.meta.get("recipe", {}), where=f"{self.store.path}/dataset.json")
+        spec = next((s for s in recipe.augment if s.clip_id(item.clip.source) == item.clip.id), None)
+        if spec is None or spec.speed_of(item.clip.source) == 1:
+            return signal
+        from dancedata.audio.stretch import stretched
+
+        return stretched(signal, spec.speed_of(item.clip.source))
+
+    @cached_property
+    def _refs(self) -> dict[str, ClipRef]:
+        reader = dataset_of(self.store)
+        if reader is None:
+            return {}
+        try:
+            return {ref.id: ref for ref in reader.scan(self.folder).clips}
+        except DanceDataError:
+            return {}  # a folder with music alone
+
+
+def cut(signal: AudioSignal, begin: Fraction, seconds: Fraction) -> AudioSignal:
+    """Return a part of a signal, with silence where the signal has ended."""
+    grid = FrameGrid.of(signal.sample_rate)
+    first, count = int(begin * grid.rate), grid.frames_up(seconds)
+    samples = np.zeros(count, dtype=np.float32)
+    there = signal.samples[first : first + count]
+    samples[: len(there)] = there
+    return AudioSignal(samples, signal.sample_rate)
+
+
+def flac(signal: AudioSignal) -> bytes:
+    """Encode a signal as FLAC, 16 bits, at most 48 kHz: decoding it gives every sample back at its own instant."""
+    import soundfile
+
+    rate = min(signal.sample_rate, MAX_RATE)
+    samples = np.clip(resample(signal.samples, signal.sample_rate, rate), -1, 1)
+    data = io.BytesIO()
+    soundfile.write(data, samples, rate, format="FLAC", subtype="PCM_16")
+    return data.getvalue()

@@ -1,0 +1,113 @@
+// Time: the clock of the sound, where there is any; else that of the page.
+const state = { clip: null, item: null, t: 0, playing: false, rate: 1, loop: null, mirror: false, over: false, other: null,
+  click: false, mute: false, field: '', drawn: 0, dirty: true };
+let context = null, gain = null, source = null, anchor = null, clicked = -1;
+
+const duration = () => state.clip ? state.clip.seconds : 0;
+const frameRate = () => state.clip.figure ? state.clip.figure.rate : state.clip.fps;
+const loopSeconds = () => state.loop && [state.loop[0] / state.clip.fps, Math.min(duration(), state.loop[1] / state.clip.fps)];
+const sounding = () => context && context.state === 'running';
+const clockNow = () => sounding() ? context.currentTime : performance.now() / 1000;
+const latency = () => sounding() ? context.outputLatency || 0 : 0;
+
+async function wakeSound() {
+  if (!context && window.AudioContext) {
+    context = new AudioContext();
+    gain = context.createGain();
+    gain.connect(context.destination);
+  }
+  if (context && context.state !== 'running') await Promise.race([context.resume(), new Promise(r => setTimeout(r, 400))]);
+  if (gain) gain.gain.value = state.mute ? 0 : 1;
+}
+
+// Position at an instant of the clock; in a loop it comes round.
+function positionAt(instant) {
+  let x = anchor.t + Math.max(0, instant - anchor.at) * anchor.rate;
+  const loop = loopSeconds();
+  if (loop && x >= loop[1]) x = loop[0] + (x - loop[0]) % (loop[1] - loop[0]);
+  return x;
+}
+
+function stopSource() {
+  if (source) { source.onended = null; try { source.stop(); } catch (e) { /* not started */ } source.disconnect(); source = null; }
+}
+
+// Starts the music and the picture at one instant; called again after every jump and change of speed. The instant lies
+// ahead: music that is asked to start in the past starts late, and would stay late.
+const LEAD = 0.1;
+function restart() {
+  stopSource();
+  anchor = { at: clockNow() + (sounding() ? LEAD : 0), t: state.t, rate: state.rate };
+  clicked = -1;
+  const music = state.clip.sound;
+  if (!sounding() || !music) return;
+  source = context.createBufferSource();
+  source.buffer = music;
+  source.playbackRate.value = state.rate;
+  const loop = loopSeconds();
+  if (loop) { source.loop = true; source.loopStart = loop[0]; source.loopEnd = loop[1]; }
+  source.connect(gain);
+  source.start(anchor.at, Math.min(state.t, music.duration));
+}
+
+async function play(on) {
+  if (!state.clip || on === state.playing) return;
+  state.playing = on;
+  showPlaying();
+  if (!on) { stopSource(); writeLink(); return; }
+  await wakeSound();
+  if (!state.playing) return;
+  const loop = loopSeconds();
+  if (state.t >= duration() - 0.5 / frameRate()) state.t = loop ? loop[0] : 0;
+  restart();
+}
+
+function seek(x) {
+  if (!state.clip) return;
+  const last = Math.max(0, duration() - 1 / frameRate());
+  state.t = Math.max(0, Math.min(last, x));
+  const loop = loopSeconds();
+  if (loop && (state.t < loop[0] - 1e-6 || state.t >= loop[1])) setLoop(null);
+  if (state.playing) restart();
+  state.dirty = true;
+  writeLink();
+}
+
+// A loop is in frames of the dataset, as in links: [first, end).
+function setLoop(frames) {
+  state.loop = frames;
+  el('loop').setAttribute('aria-pressed', !!frames);
+  const loop = loopSeconds();
+  if (loop && (state.t < loop[0] || state.t >= loop[1])) state.t = loop[0];
+  if (state.playing) restart();
+  state.dirty = true;
+  writeLink();
+}
+
+function advance() {
+  if (!state.playing || !anchor) return;
+  const x = positionAt(clockNow() - latency());
+  if (!state.loop && x >= duration()) { state.t = Math.max(0, duration() - 1 / frameRate()); play(false); } else state.t = x;
+  state.dirty = true;
+}
+
+// The metronome looks ahead, so that a busy page does not delay a click.
+function metronome() {
+  if (!state.playing || !state.click || !sounding() || !anchor) return;
+  const now = context.currentTime, x = positionAt(now), loop = loopSeconds();
+  for (const beat of state.clip.beats) {
+    if (loop && (beat < loop[0] || beat >= loop[1])) continue;
+    let ahead = (beat - x) / state.rate;
+    if (ahead < 0 && loop) ahead += (loop[1] - loop[0]) / state.rate;
+    const at = now + ahead;
+    if (ahead < 0 || ahead > 0.15 || at <= clicked + 0.02) continue;
+    clicked = at;
+    const tone = context.createOscillator(), loud = context.createGain();
+    tone.frequency.value = 1600;
+    loud.gain.setValueAtTime(0.35, at);
+    loud.gain.exponentialRampToValueAtTime(0.001, at + 0.05);
+    tone.connect(loud).connect(context.destination);
+    tone.start(at);
+    tone.stop(at + 0.06);
+  }
+}

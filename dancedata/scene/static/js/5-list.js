@@ -1,0 +1,104 @@
+// The list of clips: filters, order, and rows that exist only while they are seen.
+const ROW = 46, listBox = el('list'), rowBox = el('rows');
+let shown = items, drawnRows = new Map();
+
+const describe = item => [item.split, item.genre, item.music, item.seconds.toFixed(1) + ' s'].filter(Boolean).join('  ·  ');
+// Characters that turn the direction of text are shown as what they are.
+const plain = text => text.replace(/[\u0000-\u001f\u007f-\u009f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u2069\ufeff]/g, c => '\\u' + c.charCodeAt(0).toString(16).padStart(4, '0'));
+
+const SORTS = {
+  id: (a, b) => a.name < b.name ? -1 : a.name > b.name ? 1 : 0, long: (a, b) => b.n - a.n, short: (a, b) => a.n - b.n,
+  flags: (a, b) => b.flags - a.flags, sliding: (a, b) => (b.sliding ?? -1) - (a.sliding ?? -1),
+};
+
+function filterItems() {
+  const text = el('q').value.toLowerCase(), split = el('split').value, genre = el('genre').value, flagged = el('flagged').checked;
+  shown = items.filter(i => (!text || i.text.includes(text)) && (!split || i.split === split) && (!genre || i.genre === genre) && (!flagged || i.flags));
+  const order = SORTS[el('sort').value];
+  if (order) shown = shown.slice().sort((a, b) => order(a, b) || a.number - b.number);
+  el('count').textContent = shown.length + ' of ' + items.length;
+  rowBox.style.height = shown.length * ROW + 12 + 'px';
+  drawRows(true);
+}
+
+function rowOf(item, place) {
+  const row = document.createElement('div'), name = document.createElement('b'), count = document.createElement('span'), about = document.createElement('small');
+  row.className = 'item'; row.id = 'dd-item-' + item.number;
+  row.setAttribute('role', 'option');
+  row.setAttribute('aria-posinset', place + 1); row.setAttribute('aria-setsize', shown.length);
+  name.textContent = row.title = plain(item.name);
+  count.className = 'n';
+  if (item.flags) { count.textContent = '▲ ' + item.flags; count.title = item.flags + (item.flags > 1 ? ' flags' : ' flag'); }
+  const sliding = el('sort').value === 'sliding' && item.sliding !== undefined && item.sliding !== null;
+  about.textContent = (sliding ? 'slides ' + (item.sliding * 100).toFixed(1) + ' cm/s  ·  ' : '') + plain(describe(item));
+  row.append(name, count, about);
+  row.addEventListener('click', () => openItem(item));
+  return row;
+}
+
+function drawRows(anew) {
+  const first = Math.max(0, Math.floor(listBox.scrollTop / ROW) - 4);
+  const last = Math.min(shown.length, first + Math.ceil((listBox.clientHeight || 600) / ROW) + 9), wanted = new Map();
+  for (let k = first; k < last; k++) wanted.set(shown[k].number, k);
+  if (anew) { rowBox.replaceChildren(); drawnRows = new Map(); }
+  for (const [number, row] of drawnRows) if (!wanted.has(number)) { row.remove(); drawnRows.delete(number); }
+  for (const [number, k] of wanted) {
+    let row = drawnRows.get(number);
+    if (!row) { row = rowOf(shown[k], k); drawnRows.set(number, row); rowBox.append(row); }
+    row.style.top = 6 + k * ROW + 'px';
+    row.setAttribute('aria-selected', state.item === shown[k]);
+  }
+  const selected = state.item && drawnRows.has(state.item.number);
+  if (selected) listBox.setAttribute('aria-activedescendant', 'dd-item-' + state.item.number); else listBox.removeAttribute('aria-activedescendant');
+}
+
+function showSelected() {
+  const k = shown.indexOf(state.item), y = 6 + k * ROW;
+  if (k >= 0 && (y < listBox.scrollTop || y + ROW > listBox.scrollTop + listBox.clientHeight)) listBox.scrollTop = Math.max(0, y - listBox.clientHeight / 3);
+  drawRows(false);
+}
+
+function step(by) {
+  if (!shown.length) return;
+  const k = shown.indexOf(state.item);
+  openItem(shown[k < 0 ? 0 : (k + by + shown.length) % shown.length]);
+}
+
+function options(name, all, values) {
+  const box = el(name);
+  box.replaceChildren(new Option(all, ''), ...values.map(v => new Option(plain(v), v)));
+  box.parentElement.hidden = box.hidden = values.length < (name === 'split' ? 2 : 1) && name !== 'sort';
+}
+
+// How far feet slide needs every clip's joints: the server measures them when this order is chosen first.
+async function measureSliding() {
+  for (;;) {
+    const reply = await (await fetched('sliding')).json();
+    reply.values.forEach((value, k) => { items[k].sliding = value; });
+    filterItems();
+    if (reply.done || el('sort').value !== 'sliding') return;
+    el('count').textContent += ', measured ' + reply.count;
+    await new Promise(r => setTimeout(r, 400));
+  }
+}
+
+function startList() {
+  options('split', 'all splits', [...new Set(items.map(i => i.split).filter(Boolean))]);
+  options('genre', 'all genres', [...new Set(items.map(i => i.genre).filter(Boolean))].sort());
+  el('split').parentElement.hidden = el('split').hidden && el('genre').hidden;
+  if (page.server) el('sort').append(new Option('most sliding first', 'sliding'));
+  for (const name of ['q', 'split', 'genre', 'flagged']) el(name).addEventListener('input', () => { listBox.scrollTop = 0; filterItems(); });
+  el('sort').addEventListener('input', () => { listBox.scrollTop = 0; filterItems(); if (el('sort').value === 'sliding') measureSliding().catch(failed); });
+  listBox.addEventListener('scroll', () => drawRows(false));
+  listBox.addEventListener('keydown', e => {
+    const by = { ArrowDown: 1, ArrowUp: -1, PageDown: 8, PageUp: -8 }[e.key];
+    if (by) { e.preventDefault(); e.stopPropagation(); step(by); }
+  });
+  new ResizeObserver(() => drawRows(false)).observe(listBox);
+  el('drawer').addEventListener('click', () => {
+    const open = el('picker').classList.toggle('open');
+    el('drawer').setAttribute('aria-expanded', open);
+    drawRows(false);
+  });
+  filterItems();
+}

@@ -1,0 +1,191 @@
+"""Takes: other motions of a dataset's clips, to lie over or beside them."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dancedata.core.bodies import SKELETONS, SMPLX55
+from dancedata.core.errors import DanceDataError, DataError, UsageError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.normalize import MinMax
+from dancedata.core.registry import REPRESENTATIONS
+from dancedata.core.skeleton import Skeleton
+from dancedata.datasets.folder.load import SUFFIXES
+from dancedata.evaluation.inputs.columns import ColumnsReader
+from dancedata.evaluation.inputs.files import FileClip, FileFormat
+from dancedata.recipes.plugins import make_named, split_instance
+from dancedata.scene.figure import Figure
+from dancedata.scene.payload import Json, curve, figure_payload
+from dancedata.scene.scenes import Scene, Scenes
+from dancedata.scene.source import ClipSource
+from dancedata.store import Store, open_store
+
+__all__ = ["FilesTake", "OriginalTake", "StoreTake", "Take", "file_format", "take_of", "take_payload"]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Take(ABC):
+    """Another motion of clips.
+
+    Attributes
+    ----------
+    name
+        What the page calls it.
+    """
+
+    name: str
+
+    @abstractmethod
+    def figure(self, scene: Scene) -> Figure:
+        """Return the motion of a scene's item, from the same first frame; DataError if there is none."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class OriginalTake(Take):
+    """The motion that a clip was built from."""
+
+    source: ClipSource
+    name: str = "original"
+
+    def figure(self, scene: Scene) -> Figure:
+        """See `Take.figure`."""
+        return self.source.original(scene, scene.item)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class StoreTake(Take):
+    """Clips of the same ids in another dataset."""
+
+    scenes: Scenes
+
+    def figure(self, scene: Scene) -> Figure:
+        """See `Take.figure`."""
+        item = scene.item
+        try:
+            other = self.scenes.find(item.clip.id, item.start)
+        except UsageError as error:
+            raise DataError(f"{self.name} has no clip of this name", reason="missing_file") from error
+        found = self.scenes.scene(other).figure
+        if found is None:
+            raise DataError(f"{self.name} has no joint positions", reason="missing_joints")
+        begin = float(scene.grid.seconds(item.start)) - float(self.scenes.store.grid.seconds(other.start))
+        if begin < 0:
+            raise DataError(f"{self.name} has no window that begins here", reason="too_short")
+        return found.part(begin, scene.seconds)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FilesTake(Take):
+    """Motion files that are named as clips, or a single file for any clip."""
+
+    paths: dict[str, Path]
+    any_clip: Path | None
+    form: FileFormat
+    body: Skeleton
+
+    def figure(self, scene: Scene) -> Figure:
+        """See `Take.figure`."""
+        item = scene.item
+        own = self.paths.get(item.id)
+        path = own or self.paths.get(item.clip.id) or self.any_clip
+        if path is None:
+            raise DataError(f"{self.name} has no file for this clip", reason="missing_file")
+        pose = FileClip(id=item.id, path=path, format=self.form).load()
+        skeleton = _skeleton(pose.names, self.body) if pose.motion is None else pose.motion.skeleton
+        whole = Figure.of_joints(pose.joints, skeleton, pose.grid)
+        # A file of a window begins with the window; one of a clip, with the clip.
+        begin = 0.0 if own is not None or path == self.any_clip else float(scene.grid.seconds(item.start))
+        return whole.part(begin, scene.seconds)
+
+
+def file_format(
+    store: Store,
+    *,
+    representation: str | None = None,
+    normalized: bool = False,
+    fps: str | None = None,
+    up: str = "y",
+    unit: str = "m",
+) -> FileFormat:
+    """Return how the files of a comparison are read.
+
+    Parameters
+    ----------
+    representation
+        What two-dimensional arrays are columns of, as in `dancedata.decode`. Default: they are refused.
+    normalized
+        Whether the scaler of the store's field of that name is undone.
+    fps
+        Frames per second of files that do not state them. Default: the representation's own rate, else the store's.
+
+    Raises
+    ------
+    UsageError
+        For an unknown representation, axis, unit or rate.
+    """
+    grid = store.grid if fps is None else FrameGrid.of(fps)
+    if representation is None:
+        return FileFormat(fps=str(grid), up=up, unit=unit)
+    name, _ = split_instance(REPRESENTATIONS, representation)
+    plugin = make_named(REPRESENTATIONS, "motion", name, {})
+    if representation in store.fields:
+        grid = store.field(representation).grid if fps is None else grid
+    elif fps is None and plugin.rate is not None:
+        grid = FrameGrid(plugin.rate)
+    scaler: MinMax | None = store.normalizer(representation) if normalized else None
+    return FileFormat(fps=str(grid), up=up, unit=unit, columns=ColumnsReader(plugin, grid, scaler))
+
+
+def take_of(path: Path, store: Store, form: FileFormat) -> Take:
+    """Return the take of a path: another dataset, a folder of motion files, or one file.
+
+    Raises
+    ------
+    UsageError
+        If there is nothing that can be compared.
+    StoreError
+        If the dataset cannot be opened.
+    """
+    if (path / "dataset.json").is_file():
+        return StoreTake(scenes=Scenes(open_store(path)), name=path.name)
+    if path.is_file() and path.suffix.lower() in SUFFIXES:
+        named = any(path.stem == clip.id for clip in store.clips)
+        any_clip = None if named else path
+        return FilesTake(paths={path.stem: path}, any_clip=any_clip, form=form, body=store.skeleton, name=path.name)
+    if not path.is_dir():
+        allowed = f"a built dataset, a folder of motion files, or a file {', '.join(SUFFIXES)}"
+        raise UsageError("there is nothing to compare with", where=path, allowed=allowed)
+    found = sorted(p for p in path.iterdir() if p.suffix.lower() in SUFFIXES and p.is_file())
+    if not found:
+        raise UsageError("no motion files to compare with", where=path, allowed=f"files {', '.join(SUFFIXES)}")
+    paths = {p.stem: p for p in found}
+    return FilesTake(paths=paths, any_clip=None, form=form, body=store.skeleton, name=path.name)
+
+
+def take_payload(take: Take, scene: Scene) -> Json:
+    """Return what the page needs of a take: its figure and the distance, or a note on why there is none."""
+    if scene.figure is None:
+        return {"note": f"{take.name}: this clip has no figure to compare with"}
+    try:
+        figure = take.figure(scene)
+    except DanceDataError as error:
+        return {"note": f"{take.name}: {error}"}
+    payload: dict[str, Any] = {"figure": figure_payload(figure)}
+    distance = scene.figure.distance_mm(figure)
+    known = np.isfinite(distance)
+    if not known.any():
+        return {**payload, "note": f"{take.name}: no joint has a name of both, so there is no distance"}
+    payload["distance"] = curve(distance, float(scene.figure.grid.rate))
+    payload["mean"] = round(float(distance[known].mean()), 4)
+    return payload
+
+
+def _skeleton(names: tuple[str, ...], body: Skeleton) -> Skeleton:
+    known = (body, *SKELETONS.values())
+    found = next((s for s in known if s.joints == names), None)
+    return found or SMPLX55.subset("part", names)

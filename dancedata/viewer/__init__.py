@@ -1,0 +1,1 @@
+"""`dancedata view`: a dataset in the browser."""

@@ -1,0 +1,82 @@
+"""The page on looking at a dataset: its commands, keys and links."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dancedata
+from dancedata.scene.page import page_parts
+from dancedata.synthetic import write_synthetic
+
+ROOT = Path(__file__).parent.parent.parent
+PAGE = (ROOT / "docs" / "viewer.md").read_text(encoding="utf-8")
+CLIP = "gPO_sFM_cAll_d10_mPO4_ch02"
+
+
+def blocks(language: str) -> list[str]:
+    """Code of the page."""
+    return re.findall(rf"^```{language}\n(.*?)^```$", PAGE, flags=re.DOTALL | re.MULTILINE)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Small datasets with the names of the page."""
+    here = tmp_path_factory.mktemp("page")
+    source = write_synthetic(here / "data" / "demo-source", songs=2, clips_per_song=2, clip_s=6)
+    for name in ("demo", "other"):
+        recipe = {
+            "recipe": 1, "name": name, "dataset": {"aist++": {}}, "windows": {"length_s": 2, "stride_s": 1},
+            "motion": {"edge151": {}}, "audio": {"librosa35": {}},
+        }  # fmt: skip
+        dancedata.build(recipe, source, here / "data" / name, jobs=1, cache=here / "cache", progress=False)
+    (here / "samples").mkdir()
+    np.save(here / "samples" / "sample.npy", np.zeros((30, 151), np.float32))
+    return here
+
+
+def test_its_commands_run(folder: Path) -> None:
+    known = dancedata.open(folder / "data" / "demo").clips[0].id
+    commands = [line for block in blocks("sh") for line in block.splitlines()]
+    assert len(commands) == 5
+    for command in commands:
+        words = shlex.split(command.replace(CLIP, known))
+        assert words[0] == "dancedata"
+        run = [sys.executable, "-m", *words, *([] if "--export" in words else ["--no-browser"])]
+        with subprocess.Popen(run, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder) as process:
+            first = process.stdout.readline()
+            if "--export" not in words:
+                assert re.match(r"http://127\.0\.0\.1:\d+/\?token=\S+#clip=", first), first
+                process.send_signal(signal.SIGINT)
+            rest = process.communicate(timeout=60)
+        assert process.returncode == 0, rest
+    assert (folder / "clip.html").stat().st_size > 50_000
+
+
+def test_its_notebook_cell_shows_the_clip(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(folder)
+    (cell,) = blocks("python")
+    known = dancedata.open(folder / "data" / "demo").clips[0].id
+    *before, last = cell.replace(CLIP, known).strip().splitlines()
+    names: dict[str, object] = {}
+    exec("\n".join(before), names)
+    assert eval(last, names)._repr_html_().startswith("<iframe srcdoc=")
+
+
+def test_its_keys_are_those_of_the_page() -> None:
+    script = page_parts().script
+    keys = script[script.index("const KEYS = [") : script.index("function onKey")]
+    named = {
+        k.lower() for k in re.findall(r"^  ?\['(.)'|, \['(.)'", keys, flags=re.MULTILINE) for k in k if k.strip()
+    }
+    table = PAGE[PAGE.index("| key |") : PAGE.index("## Links")].lower()
+    assert {"l", "m", "o", "c", "u", "f", "+", "-", "/", "?", "[", "]"} <= named
+    missing = [key for key in named if not re.search(rf"(^|[| `,]){re.escape(key)}([`, |;]|$)", table)]
+    assert missing == []

@@ -1,0 +1,164 @@
+"""The page: one file that asks for nothing, runs nothing of a dataset, and can be read in both themes."""
+
+from __future__ import annotations
+
+import html
+import json
+import re
+import shutil
+import subprocess
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from dancedata.scene.page import clip_page, page_parts, source_hash
+from dancedata.scene.payload import page_json
+
+HOSTILE = '</script><img src=x onerror="window.PWN=1">\u2028\u202e&amp;'
+
+
+class Reader(HTMLParser):
+    """Collects elements, attributes and the texts of scripts and styles."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.texts: dict[str, list[str]] = {"script": [], "style": []}
+        self._inside = ""
+        self.feed(page)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+        self._inside = tag
+        if tag in self.texts:
+            self.texts[tag].append("")
+
+    def handle_endtag(self, tag: str) -> None:
+        self._inside = ""
+
+    def handle_data(self, data: str) -> None:
+        if self._inside in self.texts:
+            self.texts[self._inside][-1] += data
+
+
+@pytest.fixture(scope="module")
+def page(scenes) -> str:
+    return clip_page(scenes("thirty"), scenes("thirty").items[:2])
+
+
+def test_it_is_one_file(page: str) -> None:
+    read = Reader(page)
+    assert not [tag for tag, attrs in read.tags if tag in ("img", "iframe", "object", "embed") or "src" in attrs]
+    assert [attrs.get("href") for tag, attrs in read.tags if tag == "link"] == ["data:,"]
+    assert "://" not in page_parts().script + page_parts().html + page_parts().css
+    assert len(page) < 400_000
+
+
+def test_its_policy_allows_its_own_script_and_style_only(page: str) -> None:
+    read = Reader(page)
+    policy = next(a["content"] for tag, a in read.tags if a.get("http-equiv") == "Content-Security-Policy")
+    assert "unsafe" not in policy
+    assert policy.startswith("default-src 'none'")
+    assert f"script-src '{source_hash(read.texts['script'][1])}'" in policy
+    assert f"style-src '{source_hash(read.texts['style'][0])}'" in policy
+    inline = [a for _, a in read.tags for name in a if name == "style" or name.startswith("on")]
+    assert not inline  # attributes that the policy would refuse
+
+
+def test_equal_pages_have_equal_bytes(scenes, page: str) -> None:
+    assert clip_page(scenes("thirty"), scenes("thirty").items[:2]) == page
+
+
+def test_names_are_data(scenes) -> None:
+    every = scenes("thirty")
+    item = every.items[0]
+    clip = replace(item.clip, genre=HOSTILE, music=HOSTILE, dancer=HOSTILE)
+    page = clip_page(every, [replace(item, clip=clip)])
+    read = Reader(page)
+    assert len(read.texts["script"]) == 2
+    assert "img" not in [tag for tag, _ in read.tags]
+    data = json.loads(read.texts["script"][0])
+    assert data["clips"]["0"]["genre"] == HOSTILE
+    assert page_json({"a": HOSTILE}).isascii()
+    assert "<" not in page_json({"a": HOSTILE})
+
+
+def test_a_clip_shows_itself(scenes) -> None:
+    every = scenes("thirty")
+    shown = every.store.clip(every.items[0].id)._repr_html_()
+    read = Reader(shown)
+    ((tag, attrs),) = read.tags
+    assert tag == "iframe"
+    assert attrs["sandbox"] == "allow-scripts"
+    inner = Reader(attrs["srcdoc"] or "")
+    data = json.loads(inner.texts["script"][0])
+    assert data["single"]
+    assert len(data["list"]["items"]) == 1
+    assert html.unescape(html.escape(attrs["srcdoc"] or "")) == attrs["srcdoc"]
+
+
+def test_a_clip_of_window_scope_shows_its_windows(scenes) -> None:
+    every = scenes("window")
+    clip = every.store.clips[0]
+    read = Reader(Reader(clip._repr_html_()).tags[0][1]["srcdoc"] or "")
+    starts = [row[1] for row in json.loads(read.texts["script"][0])["list"]["items"]]
+    assert starts == [item.start for item in every.items if item.clip.id == clip.id]
+
+
+@pytest.mark.skipif(shutil.which("node") is None, reason="node is not installed")
+def test_the_script_is_javascript(tmp_path) -> None:
+    script = tmp_path / "viewer.js"
+    script.write_text(page_parts().script)
+    done = subprocess.run(["node", "--check", str(script)], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def colours(theme: str) -> dict[str, str]:
+    """Variables of a theme, from the style sheet."""
+    blocks = re.findall(r":root(\[data-theme=light\])?\{([^}]*)\}", page_parts().css)
+    text = next(body for mark, body in blocks if bool(mark) == (theme == "light"))
+    found = dict(re.findall(r"--([a-z]+):(#[0-9a-f]{3,6})\b", text))
+    return {name: "#" + "".join(2 * c for c in v[1:]) if len(v) == 4 else v for name, v in found.items()}
+
+
+def linear(colour: str) -> np.ndarray:
+    """Linear RGB."""
+    c = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255
+    return np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
+
+
+def contrast(one: str, other: str) -> float:
+    """Contrast of WCAG 2."""
+    low, high = sorted(float(linear(c) @ (0.2126, 0.7152, 0.0722)) for c in (one, other))
+    return (high + 0.05) / (low + 0.05)
+
+
+def lab_deuteranopia(colour: str) -> np.ndarray:
+    """CIE L*a*b* of a colour as seen without M cones (Machado et al. 2009, severity 1)."""
+    seen = np.clip(
+        np.array(
+            [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]]
+        ) @ linear(colour), 0, 1,
+    )  # fmt: skip
+    xyz = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]) @ seen
+    f = np.cbrt(xyz / (0.9505, 1, 1.089))
+    return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
+
+
+@pytest.mark.parametrize("theme", ["dark", "light"])
+def test_contrasts(theme: str) -> None:
+    own = colours(theme)
+    for text in ("ink", "dim", "flag"):
+        assert min(contrast(own[text], own[ground]) for ground in ("bg", "panel", "sel")) >= 4.5, text
+    assert contrast(own["press"], own["accent"]) >= 4.5
+    for graphic in ("left", "right", "mid", "contact", "flag", "wave", "win", "accent", "other", "edge"):
+        assert min(contrast(own[graphic], own[ground]) for ground in ("bg", "panel")) >= 3, graphic
+
+
+@pytest.mark.parametrize("theme", ["dark", "light"])
+def test_colours_differ_without_m_cones(theme: str) -> None:
+    own = {name: lab_deuteranopia(value) for name, value in colours(theme).items()}
+    for one, other in (("left", "right"), ("contact", "flag"), ("left", "mid"), ("right", "mid")):
+        assert np.linalg.norm(own[one] - own[other]) > 14, (one, other)

@@ -1,0 +1,278 @@
+"""What is drawn is what the dataset holds."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dancedata
+from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.errors import UsageError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.skeleton import SMPL24
+from dancedata.scene import Figure, Scenes
+from dancedata.scene.payload import curve, figure_payload, link, scene_payload
+from dancedata.scene.source import ClipSource, cut, flac
+from dancedata.scene.takes import file_format, take_of, take_payload
+from dancedata.store.schema import Field
+from dancedata.testing.stores import random_columns, write_random_store
+
+
+def unpacked(packed: dict) -> np.ndarray:
+    """Joints (T, J, 3) of a payload, as the page computes them."""
+    planes = np.frombuffer(gzip.decompress(base64.b64decode(packed["data"])), np.uint8).reshape(2, -1)
+    steps = (planes[0] | planes[1].astype(np.uint16) << 8).astype(np.int16)
+    columns = np.cumsum(steps.reshape(-1, packed["frames"]), axis=1, dtype=np.int16)
+    return columns.T.reshape(packed["frames"], -1, 3) * packed["unit"] + packed["origin"]
+
+
+@pytest.mark.parametrize(
+    ("recipe", "field"),
+    [
+        *[("thirty", name) for name in ("edge151", "lodge139", "lodge319", "finedance319", "joints")],
+        ("window", "edge151"), ("sixty", "fact219"), ("sixty", "bailando72"), ("twenty", "humanml263"),
+    ],
+)  # fmt: skip
+def test_drawn_joints_are_the_decoded_ones(scenes, recipe: str, field: str) -> None:
+    every = scenes(recipe)
+    plugin_decodes = every.readers[field].representation.decodes
+    for item in every.items[:3]:
+        rows = every.store.read_clip(item.id, field) if item.window is None else every.store.read(item.window, field)
+        if plugin_decodes:
+            wanted = dancedata.decode(rows, field, fps=every.store.field(field).rate).joints()
+        else:
+            wanted = rows.reshape(len(rows), -1, 3)
+        drawn = unpacked(scene_payload(every.scene(item, field))["figure"])
+        assert np.abs(drawn - wanted).max() <= 0.0005 + 1e-6
+
+
+def test_every_representation_that_has_joints_is_tested() -> None:
+    from dancedata.core.registry import REPRESENTATIONS
+
+    tested = {"edge151", "lodge139", "lodge319", "finedance319", "joints", "fact219", "bailando72", "humanml263"}
+    assert set(REPRESENTATIONS.names()) == tested
+
+
+def test_a_dancer_far_away_takes_a_coarser_unit() -> None:
+    joints = np.zeros((3, 24, 3))
+    joints[1] += (200.0, 0, 0)
+    packed = figure_payload(Figure.of_joints(joints, SMPL24, FrameGrid.of(30)))
+    assert packed["unit"] == pytest.approx(0.004)
+    assert np.abs(unpacked(packed) - joints).max() <= 0.002 + 1e-9
+
+
+def test_stored_contacts_are_drawn_and_missing_ones_computed(scenes) -> None:
+    every = scenes("thirty")
+    item = every.items[0]
+    stored, computed = every.scene(item, "edge151"), every.scene(item, "joints")
+    assert stored.figure.contacts_stored
+    assert not computed.figure.contacts_stored
+    assert (stored.figure.contacts == (every.store.read_clip(item.id, "edge151")[:, :4] > 0.5)).all()
+    assert not any("contacts" in note for note in stored.notes)
+    assert any("velocity" in note for note in computed.notes)
+    assert stored.movement.stored == "lodge"
+    assert len(stored.movement.key_times) > 3
+    names = [computed.figure.skeleton.joints[j] for j in computed.figure.contact_joints]
+    assert names == ["left_ankle", "right_ankle", "left_foot", "right_foot"]
+
+
+def test_columns_of_contacts_go_by_their_names(scenes) -> None:
+    figure = scenes("twenty").scene(scenes("twenty").items[0]).figure
+    names = [figure.skeleton.joints[j] for j in figure.contact_joints]
+    assert figure.contacts_stored
+    assert names == ["left_ankle", "left_foot", "right_ankle", "right_foot"]
+
+
+def test_beats_are_the_stored_ones(scenes) -> None:
+    every = scenes("thirty")
+    item = every.items[0]
+    rows, column = every.store.read_clip(item.id, "librosa35"), every.store.fields["librosa35"].slice("beat")
+    assert every.scene(item).rhythm.beats == pytest.approx(np.flatnonzero(rows[:, column].ravel()) / 30)
+    assert every.scene(item).rhythm.onset.max() == 1
+    assert any("no beats" in note for note in scenes("twenty").scene(scenes("twenty").items[0]).notes)
+
+
+def test_window_scope_lists_windows(scenes) -> None:
+    every = scenes("window")
+    windows = [window for split in every.store.splits for window in every.store.windows(split)]
+    assert len(every.items) == len(windows)
+    item = every.find(every.store.clips[0].id, 20)
+    assert item.id == f"{every.store.clips[0].id}@{item.start}"
+    assert item.start <= 20 < item.start + 60
+    scene = every.scene(item)
+    assert scene.figure.n_frames == 60
+    assert scene.seconds == 2
+    assert scene.windows == ((0, 60),)
+    assert link(item, at=0.5) == f"#clip={item.clip.id}&window={item.start}&t=0.500"
+
+
+def test_links_escape_names(scenes) -> None:
+    from dataclasses import replace
+
+    item = scenes("thirty").items[0]
+    hostile = replace(item, clip=replace(item.clip, id='a"b<script>#&%?+ \u202e'))
+    assert link(hostile, at=5.8, loop=(90, 240), field="edge151.second") == (
+        "#clip=a%22b%3Cscript%3E%23%26%25%3F%2B%20%E2%80%AE&t=5.800&loop=90-240&field=edge151.second"
+    )
+
+
+def test_flags_are_at_the_time_of_the_source(scenes, monkeypatch: pytest.MonkeyPatch) -> None:
+    every = Scenes(scenes("window").store)
+    clip = every.items[0].clip.id
+    rows = [
+        {"clip": clip, "kind": "fast_turn", "joint": "left_knee", "frame": 73,
+         "rate": "60", "value": 50.0, "unit": "deg"},
+        {"clip": clip, "kind": "implausible_body", "rate": "60", "value": 0.5, "unit": "m"},
+    ]  # fmt: skip
+    every.__dict__["_quality"] = {clip: rows}
+    found = {item.start: every.scene(item).flags for item in every.items if item.clip.id == clip}
+    assert [flag.time for flag in found[0]] == [pytest.approx(73 / 60), None]
+    assert [flag.time for flag in found[15]] == [pytest.approx(73 / 60 - 0.5), None]
+    assert [flag.time for flag in found[45]] == [None]  # the flag lies before this window
+    assert every.flag_count(every.find(clip, 0)) == 2
+
+
+@pytest.mark.parametrize("wrong", [{"rate": "0"}, {"rate": "sixty"}, {"frame": 10**400}])
+def test_a_flag_without_a_time_is_one_of_the_whole_clip(scenes, wrong: dict) -> None:
+    every = Scenes(scenes("window").store)
+    item = every.items[0]
+    row = {"clip": item.clip.id, "kind": "fast_turn", "frame": 3, "rate": "60", "value": 50.0, "unit": "deg", **wrong}
+    every.__dict__["_quality"] = {item.clip.id: [row]}
+    assert [flag.time for flag in every.scene(item).flags] == [None]
+
+
+def test_a_dataset_without_joints_says_so(tmp_path: Path) -> None:
+    fields = (Field("pose", "motion", random_columns(7), Fraction(30)),)
+    every = Scenes(dancedata.open(write_random_store(tmp_path / "store", fields=fields).path))
+    scene = every.scene(every.items[0])
+    assert scene.figure is None
+    assert scene.movement is None
+    assert "pose holds neither rotations nor joint positions" in scene.notes[0]
+    assert scene_payload(scene)["figure"] is None
+    with pytest.raises(UsageError, match="this field cannot be drawn"):
+        every.scene(every.items[0], "pose")
+
+
+def test_music_begins_where_the_clip_begins(scenes, source: Path) -> None:
+    every = scenes("window")
+    found = ClipSource(every.store, source)
+    item = next(item for item in every.items if item.start == 30)
+    whole = found.music.load(every.store.clip(item.clip.id))
+    sound = found.sound(item)
+    first = whole.sample_rate
+    assert np.array_equal(sound.signal.samples, whole.samples[first : first + 2 * whole.sample_rate])
+    assert sound.notes == ()
+
+
+def test_music_offset_of_a_clip_in_its_song(tmp_path: Path) -> None:
+    fields = (Field("pose", "motion", random_columns(7), Fraction(30)),
+              Field("music", "audio", random_columns(5, mirror=False), Fraction(30)))  # fmt: skip
+    made = write_random_store(tmp_path / "store", fields=fields)
+    store = dancedata.open(made.path)
+    offsets = {clip.id: clip.audio["music"][0].offset for clip in made.clips}
+    assert any(offsets.values())
+    assert {clip.id: store.music_offset(clip.id) * 30 for clip in store.clips} == offsets
+
+
+def test_a_copy_at_another_tempo_has_stretched_music(scenes, source: Path) -> None:
+    every = scenes("thirty")
+    copy = next(item for item in every.items if item.id.endswith("__tempo"))
+    found = ClipSource(every.store, source)
+    original = found.music.load(every.store.clip(copy.clip.source))
+    sound = found.sound(copy)
+    assert copy.n_frames < every.find(copy.clip.source).n_frames
+    assert sound.signal.n_samples == round(float(every.store.grid.seconds(copy.n_frames)) * original.sample_rate)
+    assert not np.array_equal(sound.signal.samples[:1000], original.samples[:1000])
+
+
+def test_other_music_is_used_with_a_note(scenes, source: Path, tmp_path: Path) -> None:
+    import shutil
+
+    every, other = scenes("window"), tmp_path / "other"
+    shutil.copytree(source, other)
+    songs = sorted((other / "wavs").iterdir())
+    shutil.copy(songs[0], songs[1])
+    item = next(i for i in every.items if i.clip.music == songs[1].stem)
+    assert "not the music that the dataset was built from" in ClipSource(every.store, other).sound(item).notes[0]
+
+
+def test_music_after_its_end_is_silence() -> None:
+    signal = AudioSignal(np.ones(100, np.float32), 100)
+    part = cut(signal, Fraction(1, 2), Fraction(1))
+    assert part.samples.tolist() == [1.0] * 50 + [0.0] * 50
+
+
+def test_flac_gives_every_sample_back() -> None:
+    import io
+
+    import soundfile
+
+    samples = (np.arange(-500, 500) / 500 * 0.9).astype(np.float32)
+    decoded, rate = soundfile.read(io.BytesIO(flac(AudioSignal(samples, 22050))), dtype="float32")
+    assert rate == 22050
+    assert np.abs(decoded - samples).max() < 1e-4
+
+
+def test_the_original_is_what_was_built(scenes, source: Path) -> None:
+    every = scenes("window")
+    found = ClipSource(every.store, source)
+    for item in every.items[:4]:
+        scene = every.scene(item)
+        assert np.nanmax(scene.figure.distance_mm(found.original(scene, item))) < 0.001
+
+
+def test_files_are_compared_with_their_clips(scenes, tmp_path: Path) -> None:
+    every = scenes("thirty")
+    item = every.items[0]
+    scene = every.scene(item)
+    np.save(tmp_path / f"{item.id}.npy", scene.figure.joints + np.array((0.003, 0.0, 0.004)))
+    take = take_of(tmp_path, every.store, file_format(every.store))
+    payload = take_payload(take, scene)
+    assert payload["mean"] == pytest.approx(5.0, abs=1e-3)
+    assert "no file for this clip" in take_payload(take, every.scene(every.items[1]))["note"]
+    single = take_of(tmp_path / f"{item.id}.npy", every.store, file_format(every.store))
+    assert single.figure(scene).n_frames == scene.figure.n_frames
+
+
+def test_generated_columns_are_compared(scenes, tmp_path: Path) -> None:
+    every = scenes("thirty")
+    item = every.items[0]
+    rows = every.store.read_clip(item.id, "edge151")
+    np.savez(tmp_path / "generated.npz", columns=every.store.normalizer("edge151").normalize(rows))
+    form = file_format(every.store, representation="edge151", normalized=True)
+    assert take_payload(take_of(tmp_path / "generated.npz", every.store, form), every.scene(item))["mean"] < 0.01
+
+
+def test_another_dataset_is_compared(scenes) -> None:
+    every, other = scenes("thirty"), scenes("sixty")
+    take = take_of(other.store.path, every.store, file_format(every.store))
+    assert take_payload(take, every.scene(every.items[0]))["mean"] < 1
+    copy = next(item for item in every.items if item.clip.source)
+    assert "no clip of this name" in take_payload(take, every.scene(copy))["note"]
+
+
+def test_nothing_to_compare_with_is_an_error(scenes, tmp_path: Path) -> None:
+    store = scenes("thirty").store
+    for path, problem in ((tmp_path / "gone", "nothing to compare with"), (tmp_path, "no motion files")):
+        with pytest.raises(UsageError, match=problem):
+            take_of(path, store, file_format(store))
+
+
+def test_distance_is_taken_at_equal_instants() -> None:
+    walk = np.zeros((31, 24, 3))
+    walk[..., 0] = np.arange(31)[:, None] / 30
+    slow, fast = (Figure.of_joints(walk[::step], SMPL24, FrameGrid.of(rate)) for step, rate in ((2, 15), (1, 30)))
+    assert np.abs(fast.distance_mm(slow)).max() < 1e-6
+    assert np.isnan(fast.distance_mm(Figure.of_joints(walk[:8], SMPL24, FrameGrid.of(30)))[8:]).all()
+
+
+def test_curves_keep_their_values() -> None:
+    values = np.array([0.0, 1.5, np.nan, 3.0, np.inf])
+    packed = curve(values, 30.0)
+    steps = np.frombuffer(gzip.decompress(base64.b64decode(packed["data"])), "<u2")
+    assert steps / 65535 * packed["max"] == pytest.approx([0, 1.5, 0, 3, 0], abs=1e-4)

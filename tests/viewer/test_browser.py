@@ -1,0 +1,331 @@
+"""The page in a real browser. `pytest -m nightly tests/viewer` runs the slow ones too."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+from urllib.parse import quote
+
+import numpy as np
+import pytest
+
+import dancedata
+from dancedata.scene import Scenes
+from dancedata.scene.page import clip_page, page_data, whole_page
+from dancedata.scene.payload import scene_payload
+from dancedata.store.schema import Field
+from dancedata.testing.stores import random_columns, write_random_store
+from dancedata.viewer.view import ViewRequest
+from tests.viewer.helpers import CLICKS, FORMATS, FPS, HOSTILE, TURNED, Browser, serving
+
+V = "dancedataViewer"
+
+
+def at(served: str, clip: str, more: str = "") -> str:
+    """Address of a clip."""
+    return f"{served.partition('#')[0]}#clip={quote(clip, safe='')}{more}"
+
+
+def state(browser: Browser) -> dict:
+    """What the page shows."""
+    return browser.js(
+        f"const s = {V}.state; return {{id: s.clip.id, t: s.t, loop: s.loop, drawn: s.drawn, playing: s.playing}}"
+    )
+
+
+def test_links_open_the_same_moment(browser: Browser, served: str) -> None:
+    for clip in ("wav", *HOSTILE):
+        browser.open(at(served, clip, "&t=3.21&loop=30-120"))
+        first = state(browser)
+        assert first["id"] == clip
+        assert abs(first["t"] - 3.21) < 0.01
+        assert first["loop"] == [30, 120]
+        browser.wait("return location.hash.includes('loop=')")
+        written = browser.js("return location.hash")
+        browser.open(served.partition("#")[0] + written)
+        assert state(browser) == first
+        browser.wait(f"return {V}.state.clip.sound !== undefined")
+    assert browser.js("return window.PWN") is None
+    assert browser.js("return document.scripts.length") == 2
+    assert browser.js("return document.querySelectorAll('img, iframe').length") == 0
+    assert browser.log() == []
+
+
+def test_characters_that_turn_text_are_shown_as_codes(browser: Browser, odd: Path, tmp_path: Path) -> None:
+    every = Scenes(dancedata.open(odd))
+    items = [replace(item, clip=replace(item.clip, genre=TURNED, music=TURNED)) for item in every.items]
+    data = page_data(every, items, clips={0: {**scene_payload(every.scene(items[0])), "id": TURNED, "clip": TURNED}})
+    data["list"]["clips"][0][0] = TURNED
+    page = tmp_path / "turned.html"
+    page.write_text(whole_page(data, TURNED, meta_policy=True))
+    browser.open(f"{page.as_uri()}#clip={quote(TURNED, safe='')}&t=3.21")
+    assert state(browser)["id"] == TURNED
+    shown = browser.js(
+        "return [...document.querySelectorAll('h2, .item b, .item small')].map(e => e.textContent).join()"
+    )
+    assert not set(shown) & set("\u202e\u2028")
+    assert r"left\u202eright\u2028end" in shown
+    browser.wait("return location.hash.includes('t=3.21')")
+    browser.open(page.as_uri() + browser.js("return location.hash"))
+    assert state(browser)["id"] == TURNED
+    assert abs(state(browser)["t"] - 3.21) < 0.01
+    assert browser.log() == []
+
+
+def test_nothing_but_its_own_server_is_asked(browser: Browser, served: str) -> None:
+    import json
+
+    browser.driver.get_log("performance")
+    browser.open(at(served, "wav"))
+    browser.wait(f"return {V}.state.clip.sound")
+    sent = [json.loads(entry["message"])["message"] for entry in browser.driver.get_log("performance")]
+    asked = [m["params"]["request"]["url"] for m in sent if m["method"] == "Network.requestWillBeSent"]
+    assert asked
+    base = served.partition("?")[0]
+    assert [url for url in asked if not url.startswith((base, "data:", "about:"))] == []
+
+
+def test_keys(browser: Browser, served: str) -> None:
+    browser.open(at(served, "wav", "&t=1"))
+    image = "return document.querySelector('[data-dd=figure]').toDataURL()"
+    before = browser.js(image)
+    browser.key("\ue014")  # right
+    assert state(browser)["t"] == pytest.approx(1 + 1 / FPS, abs=1e-6)
+    browser.js(f"{V}.seek(2.3)")  # after a jump
+    browser.wait(f"return {V}.state.drawn === 69")
+    assert browser.js(image) != before
+    browser.key("l")
+    assert len(state(browser)["loop"]) == 2
+    browser.key("l")
+    assert state(browser)["loop"] is None
+    browser.key("\ue011")
+    assert state(browser)["t"] == 0
+    browser.key("m")
+    assert browser.js("return document.querySelector('[data-dd=mirror]').getAttribute('aria-pressed')") == "true"
+    browser.key("2")
+    assert browser.js(f"return {V}.state.rate") == 0.5
+    first = state(browser)["id"]
+    browser.key("]")
+    browser.wait(f"return {V}.state.clip.id !== arguments[0]", first)
+    browser.key("?")
+    assert browser.js("return document.querySelector('[data-dd=keys]').open")
+
+
+def test_flags_are_visited_one_after_the_other(browser: Browser, odd: Path, tmp_path: Path) -> None:
+    every = Scenes(dancedata.open(odd))
+    clip = every.find("wav").clip.id
+    frames = [13, 55, 56, 56, 90, 151]
+    about = {"clip": clip, "kind": "fast_turn", "joint": "left_knee", "rate": "60", "value": 50.0, "unit": "deg"}
+    every.__dict__["_quality"] = {clip: [{**about, "frame": frame} for frame in frames]}
+    page = tmp_path / "flags.html"
+    page.write_text(clip_page(every, every.items))
+    browser.open(f"{page.as_uri()}#clip=wav")
+    for frame in sorted(set(frames)):
+        browser.key("f")
+        assert abs(state(browser)["t"] - frame / 60) <= 1 / FPS
+        browser.wait(
+            "return document.querySelector('[data-dd=toast]').textContent.includes('fast turn left knee 50 deg')"
+        )
+    browser.key("f")
+    assert state(browser)["t"] == pytest.approx(13 / 60, abs=1e-4)
+    assert browser.js("return performance.getEntriesByType('resource').length") == 0
+    assert browser.log() == []
+
+
+def drawn_joints(browser: Browser) -> np.ndarray:
+    """Joints of the clip that is shown, (T, J, 3), as the page draws them."""
+    code = f"const f = {V}.state.clip.figure; return [f.frames, f.count, Array.from(f.places)]"
+    frames, count, places = browser.js(code)
+    return np.array(places).reshape(frames, count, 3)
+
+
+def test_joints_in_the_page_are_the_decoded_ones(browser: Browser, served: str, odd: Path) -> None:
+    store = dancedata.open(odd)
+    for clip in ("wav", "mp3"):
+        browser.open(at(served, clip))
+        wanted = dancedata.decode(store.clip(clip).read("edge151"), "edge151", fps=30).joints()
+        assert np.abs(drawn_joints(browser) - wanted).max() <= 0.0005 + 1e-6
+
+
+@pytest.mark.nightly
+def test_joints_of_the_whole_demo(browser: Browser, tmp_path: Path) -> None:
+    built = dancedata.build("demo", out=tmp_path / "demo", cache=tmp_path / "cache", progress=False)
+    store = built.open()
+    with serving(ViewRequest(built.path)) as address:
+        browser.open(address)
+        for clip in store.clips:
+            browser.later(f"await {V}.openItem({V}.items.find(i => i.id === {clip.id!r}))")
+            wanted = dancedata.decode(clip.read("edge151"), "edge151", fps=30).joints()
+            assert np.abs(drawn_joints(browser) - wanted).max() <= 0.0005 + 1e-6
+
+
+def test_every_control_has_a_name_and_can_be_reached(browser: Browser, served: str) -> None:
+    browser.open(at(served, "wav"))
+    nodes = browser.driver.execute_cdp_cmd("Accessibility.getFullAXTree", {})["nodes"]
+    roles = ("button", "slider", "combobox", "checkbox", "searchbox", "listbox", "textbox")
+    controls = [n for n in nodes if n.get("role", {}).get("value") in roles]
+    assert len(controls) > 12
+    assert [n for n in controls if not n.get("name", {}).get("value")] == []
+    focusable = browser.js(
+        "return [...document.querySelectorAll('button,select,input,canvas[role=slider],[role=listbox]')]"
+        ".filter(e => e.offsetParent && !e.disabled && e.tabIndex < 0).length"
+    )
+    assert focusable == 0
+    slider = browser.js("return document.querySelector('[role=slider]').getAttribute('aria-valuetext')")
+    assert slider.startswith("0.00 seconds, frame 0")
+
+
+@pytest.mark.parametrize("theme", ["dark", "light"])
+def test_a_narrow_page(browser: Browser, served: str, theme: str) -> None:
+    browser.size(420, 860)
+    try:
+        browser.open(at(served, HOSTILE[0], f"&theme={theme}&t=1"))
+        assert browser.js("return document.documentElement.scrollWidth <= innerWidth")
+        assert browser.js("return document.documentElement.dataset.theme") == theme
+        assert browser.js("return document.querySelector('[data-dd=figure]').getBoundingClientRect().height") >= 300
+        # The dancer is in the picture: both sides have their colours.
+        assert colour_count(browser, "left") > 200
+        assert colour_count(browser, "right") > 200
+    finally:
+        browser.driver.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+
+
+def colour_count(browser: Browser, name: str) -> int:
+    """Pixels of the stage that have a colour of the theme."""
+    return browser.js(
+        "const c = document.querySelector('[data-dd=figure]');"
+        "const d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;"
+        "const v = getComputedStyle(document.documentElement).getPropertyValue('--' + arguments[0]).trim();"
+        "const [r, g, b] = [1, 3, 5].map(i => parseInt(v.slice(i, i + 2), 16)); let n = 0;"
+        "for (let i = 0; i < d.length; i += 4) n += d[i] === r && d[i + 1] === g && d[i + 2] === b; return n",
+        name,
+    )
+
+
+def test_contacts_are_rings_on_the_stage(browser: Browser, served: str) -> None:
+    browser.open(at(served, "wav", "&t=1"))
+    assert browser.js(f"return {V}.state.clip.figure.contacts[30]") == 15  # it stands still
+    assert colour_count(browser, "contact") > 50
+
+
+def test_fourteen_hundred_clips(browser: Browser, tmp_path: Path) -> None:
+    # As many clips as AIST++ has; what they hold does not matter for the list.
+    fields = (Field("pose", "motion", random_columns(3), Fraction(30)),)
+    clips = {"train": 980, "val": 214, "test": 214}
+    made = write_random_store(tmp_path / "many", clips=clips, fields=fields, n_frames=(60, 90))
+    with serving(ViewRequest(made.path)) as address:
+        browser.open(address)
+        size = browser.js("return performance.getEntriesByType('navigation')[0].decodedBodySize")
+        assert size < 1_000_000
+        assert browser.js("return document.querySelectorAll('.item').length") < 60
+        shown = browser.js(
+            "const q = document.querySelector('[data-dd=q]'); q.value = arguments[0];"
+            f"q.dispatchEvent(new Event('input')); return {V}.shown.length", made.clips[7].id,
+        )  # fmt: skip
+        assert 0 < shown < 1408
+        log = browser.log()
+    assert log == []
+
+
+TAP = """
+const v = dancedataViewer, c = v.context, tap = c.createAnalyser(), log = [], heard = [];
+tap.fftSize = 32768; v.gain.connect(tap);
+const data = new Float32Array(tap.fftSize), end = c.currentTime + arguments[0];
+const done = arguments[arguments.length - 1];
+const draw = () => {
+  log.push([c.currentTime, c.outputLatency || 0, v.state.t, v.state.drawn]);
+  if (c.currentTime < end) requestAnimationFrame(draw);
+};
+const listen = () => {
+  const now = c.currentTime;
+  tap.getFloatTimeDomainData(data);
+  for (let i = 0; i < data.length; i++) {
+    if (Math.abs(data[i]) > 0.25) { heard.push(now - (data.length - i) / c.sampleRate); i += c.sampleRate * 0.1; }
+  }
+  if (now < end) setTimeout(listen, 60); else { v.gain.disconnect(tap); done([log, heard]); }
+};
+requestAnimationFrame(draw); setTimeout(listen, 60);
+"""
+
+
+def sync_error(browser: Browser, seconds: float, loop: tuple[float, float] | None = None) -> float:
+    """Greatest difference between the drawn time and that of a click, when the click is heard, seconds."""
+    log, heard = (np.array(part) for part in browser.driver.execute_async_script(TAP, seconds))
+    clock, drawn = log[:, 0] - log[:, 1], log[:, 2]
+    once: list[list[float]] = []
+    for instant in np.sort(heard):
+        if once and instant - once[-1][-1] < 0.08:
+            once[-1].append(instant)
+        else:
+            once.append([instant])
+    errors = []
+    for instant in (float(np.median(group)) for group in once):
+        k = int(np.searchsorted(clock, instant))
+        if not 0 < k < len(clock) or not -1e-6 < drawn[k] - drawn[k - 1] < 0.3:
+            continue  # before the first picture, or across the end of a loop
+        share = (instant - clock[k - 1]) / (clock[k] - clock[k - 1])
+        shown = drawn[k - 1] + share * (drawn[k] - drawn[k - 1])
+        errors.append(float(np.abs(CLICKS - shown).min()))
+    assert len(errors) >= 2, (len(heard), len(log))
+    if loop is not None:
+        assert drawn.min() >= loop[0] - 1e-6
+        assert drawn.max() < loop[1] + 1e-6
+    return max(errors)
+
+
+def play_from(browser: Browser, seconds: float) -> None:
+    """Seek, play, and wait for the first movement."""
+    browser.later(f"{V}.seek({seconds}); await {V}.play(true)")
+    browser.wait(f"return {V}.state.playing && {V}.context.state === 'running' && {V}.state.t > {seconds} + 0.05")
+
+
+@pytest.mark.parametrize("fmt", ["ogg", *[pytest.param(f, marks=pytest.mark.nightly) for f in FORMATS if f != "ogg"]])
+def test_clicks_are_heard_when_they_are_drawn(browser: Browser, served: str, fmt: str, request) -> None:
+    whole = request.config.getoption("-m") == "nightly"
+    browser.open(at(served, fmt))
+    browser.wait(f"return {V}.state.clip.sound")
+    frame = 1 / FPS
+    play_from(browser, 0.0)
+    assert sync_error(browser, 2.2) <= frame  # play
+    browser.js(f"{V}.seek(3.1)")
+    assert sync_error(browser, 1.6) <= frame  # seek while it plays
+    browser.js(f"{V}.setLoop([60, 90])")
+    browser.later("await new Promise(r => setTimeout(r, 2100))")
+    assert sync_error(browser, 1.7, (2.0, 3.0)) <= frame  # the third pass of a loop
+    if whole:
+        browser.js(f"{V}.setLoop(null)")
+        browser.key("2")
+        browser.js(f"{V}.seek(1.0)")
+        assert sync_error(browser, 3.0) <= frame  # half speed
+    browser.later(f"await {V}.play(false)")
+
+
+def test_the_dancer_jumps_with_the_click(served: str, odd: Path) -> None:
+    figure = Scenes(dancedata.open(odd)).scene(Scenes(dancedata.open(odd)).find("ogg")).figure
+    jumps = np.flatnonzero(np.abs(np.diff(figure.joints[:, 0, 0])) > 0.2) + 1
+    assert np.abs(jumps / FPS - CLICKS).max() <= 1 / FPS
+
+
+def test_a_comparison_is_drawn_and_measured(browser: Browser, odd: Path, source: Path) -> None:
+    with serving(ViewRequest(odd, "wav", source=source, compare=(odd, odd))) as address:
+        browser.open(address + "&with=original&over=1&t=1")
+        browser.wait(f"return {V}.state.other")
+        assert browser.js(f"return {V}.state.other.mean") < 0.01
+        assert "mm from original" in browser.js("return document.querySelector('[data-dd=clock]').textContent")
+        assert colour_count(browser, "other") > 20
+        names = browser.js("return [...document.querySelector('[data-dd=with]').options].map(o => o.text)")
+        assert names == ["compare with…", "original", odd.name, f"{odd.name} (2)"]
+    assert browser.log() == []
+
+
+def test_a_clip_in_a_notebook_plays(browser: Browser, odd: Path, tmp_path: Path) -> None:
+    page = tmp_path / "notebook.html"
+    page.write_text(f"<!doctype html><meta charset=utf-8>{dancedata.open(odd).clip('wav')._repr_html_()}")
+    browser.driver.get(page.as_uri())
+    browser.driver.switch_to.frame(0)
+    browser.wait("return document.querySelector('[data-dd=root]')?.dataset.ready === '1'")
+    assert state(browser)["id"] == "wav"
+    assert colour_count(browser, "left") > 200
+    browser.driver.switch_to.default_content()
+    assert browser.log() == []

@@ -1,0 +1,209 @@
+"""The server answers the page that it made, and nobody else."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import pytest
+
+import dancedata
+from dancedata.core.errors import UsageError
+from dancedata.viewer.server import ViewServer
+from dancedata.viewer.site import Site
+from dancedata.viewer.view import ViewRequest, export_page
+from tests.viewer.helpers import serving
+
+
+class Client:
+    """Raw requests to one address."""
+
+    def __init__(self, address: str) -> None:
+        url = urlsplit(address)
+        self.port, self.token = int(url.port or 0), url.query.partition("=")[2]
+        self.cookie = f"dancedata{self.port}={self.token}"
+
+    def get(
+        self, path: str, *, cookie: str | None = None, host: str | None = None, method: str = "GET"
+    ) -> tuple[int, dict[str, str], bytes]:
+        """Return status, headers and body."""
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=30)
+        connection.putrequest(method, path, skip_host=True)
+        connection.putheader("Host", f"127.0.0.1:{self.port}" if host is None else host)
+        connection.putheader("Cookie", self.cookie if cookie is None else cookie)
+        connection.endheaders()
+        reply = connection.getresponse()
+        found = reply.status, {k.lower(): v for k, v in reply.getheaders()}, reply.read()
+        connection.close()
+        return found
+
+
+@pytest.fixture(scope="module")
+def client(served: str) -> Iterator[Client]:
+    return Client(served)
+
+
+def test_the_secret_becomes_a_cookie(client: Client) -> None:
+    status, headers, _ = client.get(f"/?token={client.token}", cookie="")
+    assert (status, headers["location"]) == (303, "/")
+    assert headers["set-cookie"].startswith(client.cookie)
+    assert "HttpOnly; SameSite=Strict" in headers["set-cookie"]
+
+
+@pytest.mark.parametrize("cookie", ["", "dancedata=x", "dancedata1=\xe9", "a=b; c"])
+@pytest.mark.parametrize("path", ["/", "/clip/0", "/?token=wrong", "/?token=%C3%A9%00", "/sliding"])
+def test_without_the_secret_nothing_is_answered(client: Client, path: str, cookie: str) -> None:
+    status, headers, body = client.get(path, cookie=cookie)
+    assert (status, body) == (403, b"open the address that dancedata view printed")
+    assert "set-cookie" not in headers
+
+
+@pytest.mark.parametrize("host", ["evil.example", "evil.example:80", "127.0.0.1.evil.example:1", "", "10.0.0.1:1"])
+def test_other_hosts_are_refused(client: Client, host: str) -> None:
+    assert client.get("/", host=host)[0] == 403
+    assert client.get(f"/?token={client.token}", host=host)[0] == 403
+
+
+def test_a_forwarded_port_is_this_machine(client: Client) -> None:
+    assert client.get("/", host="localhost:9999")[0] == 200
+
+
+@pytest.mark.parametrize(
+    "path",
+    ["/../../etc/passwd", "/etc/passwd", "/clip/../../../etc/passwd", "/clip/-1", "/clip/99999", "/clip/0/x",
+     "/clip/1e3", "/clip/%30", "/clip/%D9%A3", "/clip/0/with/0/1", "/clip/0/with/7", "/clip/0/",
+     "/static/viewer.css"],
+)  # fmt: skip
+def test_nothing_but_numbers_of_clips_is_a_path(client: Client, path: str) -> None:
+    status, _, body = client.get(path)
+    assert (status, body) == (404, b"no such page")
+
+
+def test_headers(client: Client) -> None:
+    status, headers, body = client.get("/")
+    policy = headers["content-security-policy"]
+    assert status == 200
+    assert "unsafe" not in policy
+    assert "frame-ancestors 'none'" in policy
+    assert "connect-src 'self'" in policy
+    assert headers["x-content-type-options"] == "nosniff"
+    assert headers["referrer-policy"] == "no-referrer"
+    assert headers["cache-control"] == "no-store"
+    assert "server" in headers
+    assert "Python" not in headers["server"]
+    assert b"http-equiv" not in body
+    status, headers, body = client.get("/", method="HEAD")
+    assert (status, body) == (200, b"")
+    assert int(headers["content-length"]) > 10_000
+
+
+@pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "OPTIONS", "<script>"])
+def test_only_reading_is_answered(client: Client, method: str) -> None:
+    status, headers, _ = client.get("/", method=method)
+    assert status == 501
+    assert headers["content-type"].startswith("text/plain")
+
+
+def test_clips_and_music(client: Client, odd: Path) -> None:
+    status, headers, body = client.get("/clip/0")
+    clip = json.loads(body)
+    assert status == 200
+    assert headers["content-type"] == "application/json"
+    assert clip["id"] == dancedata.open(odd).clips[0].id
+    assert client.get("/clip/0?field=nonsense")[0] == 400
+    status, headers, body = client.get("/clip/0/music")
+    assert status == 200
+    assert headers["content-type"] == "audio/flac"
+    assert body[:4] == b"fLaC"
+
+
+def test_sliding_is_measured_when_it_is_asked_for(client: Client, odd: Path) -> None:
+    for _ in range(600):
+        found = json.loads(client.get("/sliding")[2])
+        if found["done"]:
+            break
+    assert found["done"]
+    assert len(found["values"]) == len(dancedata.open(odd).clips)
+    assert all(value >= 0 for value in found["values"])
+
+
+def test_it_binds_this_machine_only(odd: Path) -> None:
+    request = ViewRequest(odd)
+    with ViewServer(Site(request.scenes())) as server:
+        assert server.socket.getsockname()[0] == "127.0.0.1"
+        with pytest.raises(UsageError, match="the port cannot be used"):
+            ViewServer(server.site, server.server_port)
+        other = socket.socket()
+        other.settimeout(1)
+        with pytest.raises(OSError):  # noqa: PT011
+            other.connect(("127.0.0.2", server.server_port))
+        other.close()
+
+
+def test_a_rebuilt_dataset_is_refused(odd: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "copy"
+    shutil.copytree(odd, copy)
+    with serving(ViewRequest(copy)) as address:
+        client = Client(address)
+        assert client.get("/clip/0")[0] == 200
+        os.utime(copy / "dataset.json")  # touched, not changed
+        assert client.get("/clip/0")[0] == 200
+        text = (copy / "dataset.json").read_text()
+        (copy / "dataset.json").write_text(text.replace('"self_sha256"', '"self_sha257"'))
+        assert client.get("/clip/0")[::2] == (409, b"the dataset was rebuilt")
+
+
+@pytest.mark.parametrize(
+    ("request_", "problem"),
+    [
+        ({"clip": "wva"}, "no clip named 'wva'"),
+        ({"clip": "wav", "window": 99}, "no such window"),
+        ({"field": "librosa35"}, "cannot be drawn"),
+        ({"normalized": True}, "--normalized goes with --compare-as"),
+        ({"compare": (Path("/nothing/here"),)}, "nothing to compare with"),
+    ],
+)
+def test_wrong_requests(odd: Path, request_: dict, problem: str) -> None:
+    with pytest.raises(UsageError, match=problem), serving(ViewRequest(odd, **request_)):
+        pass
+
+
+def test_the_address_shows_what_was_asked_for(odd: Path) -> None:
+    with serving(ViewRequest(odd, "wav", window=2)) as address:
+        assert address.endswith("#clip=wav&t=1.000&loop=30-90")
+
+
+def test_ctrl_c_ends_it_with_0(odd: Path) -> None:
+    command = [sys.executable, "-m", "dancedata", "view", str(odd), "--no-browser"]
+    about = {**os.environ, "SSH_CONNECTION": "10.0.0.1 1 10.0.0.2 22"}
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=about) as process:
+        lines = [process.stdout.readline() for _ in range(5)]
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=60)
+    port = urlsplit(lines[0]).port
+    assert (process.returncode, errors) == (0, "")
+    assert lines[2].split()[:3] == ["ssh", "-N", "-L"]
+    assert f"{port}:127.0.0.1:{port}" in lines[2]
+    assert "--source DIR" in lines[3]
+    assert "Ctrl-C" in lines[4]
+
+
+def test_a_clip_as_a_page(odd: Path, source: Path, tmp_path: Path) -> None:
+    page = export_page(ViewRequest(odd, "wav"), tmp_path / "wav.html")
+    assert 10_000 < page.stat().st_size < 400_000
+    with pytest.raises(UsageError, match="already there"):
+        export_page(ViewRequest(odd, "wav"), page)
+    with pytest.raises(UsageError, match="does not allow its music to be passed on"):
+        export_page(ViewRequest(odd, "wav", source=source), tmp_path / "b.html", audio=True)
+    assert not (tmp_path / "b.html").exists()
+    export_page(ViewRequest(odd, "wav", source=source), page, audio=True, shared=True, overwrite=True)
+    assert "included on the statement" in page.read_text()
