@@ -1,0 +1,37 @@
+"""dancedata report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from dancedata.cli.errors import errors_to_exit_codes
+from dancedata.core.text import json_text
+
+TO_HELP = "HTML file to write; default NAME-report.html in the current folder, none with --json alone."
+
+
+@errors_to_exit_codes
+def report(
+    store: Annotated[Path, typer.Argument(metavar="OUT", help="A built dataset.")],
+    to: Annotated[Path | None, typer.Option(metavar="FILE.html", help=TO_HELP)] = None,
+    against: Annotated[Path | None, typer.Option(metavar="OTHER", help="Another built dataset beside it.")] = None,
+    max_mb: Annotated[float, typer.Option(min=0, help="Largest page, megabytes.")] = 20,
+    overwrite: Annotated[bool, typer.Option(help="Replace a file that is there.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print every number of the page as JSON.")] = False,
+) -> None:
+    """Write a page that shows what a dataset holds: dancedata report OUT --to FILE.html."""
+    from dancedata.report.findings import findings
+    from dancedata.report.write import default_path, write_report
+
+    target = to if to is not None or as_json else default_path(store)
+    made = write_report(store, target, against=against, max_mb=max_mb, overwrite=overwrite)
+    if as_json:
+        typer.echo(json_text(made.to_json()))
+        return
+    assert made.path is not None
+    typer.echo(f"{made.path}: {made.path.stat().st_size / 1e6:.1f} MB")
+    for finding in findings(made.document):
+        typer.echo(f"  {finding.kind}: {finding.text}")
