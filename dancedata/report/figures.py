@@ -94,14 +94,23 @@ def contents_figures(d: Drawing) -> list[Figure]:
     alike = "; ".join(" and ".join(names) for names in contents["alike"])
     genres = f"spelt differently, probably the same: {alike}" if alike else "coloured by split"
     figures = [
-        _bars(d, ("contents", "windows_by_split"), "Windows by split", "what a trainer draws from", "split", legend=False),
+        _bars(
+            d,
+            ("contents", "windows_by_split"),
+            "Windows by split",
+            "what a trainer draws from",
+            "split",
+            legend=False,
+        ),
         _bars(d, ("contents", "windows_by_genre"), "Windows by genre", genres, "genre"),
         _bars(d, ("contents", "windows_by_dancer"), "Windows by dancer", "", "dancer"),
         _bars(d, ("contents", "windows_by_song"), "Windows by song", "two colours: a song that splits share", "song"),
         _histogram(d, ("contents", "length_s"), "Length of clips", f"source frame rates: {rates}", "seconds"),
     ]
     if n:
-        tempo = _histogram(d, ("contents", "tempo_bpm"), "Tempo", f"{n} of {clips} clips state one", "beats per minute")
+        tempo = _histogram(
+            d, ("contents", "tempo_bpm"), "Tempo", f"{n} of {clips} clips state one", "beats per minute"
+        )
         figures.append(tempo)
     gaps = contents["music_minus_motion_s"]
     if gaps["n"]:
@@ -124,7 +133,7 @@ def movement_figures(d: Drawing, chosen: Sequence[str]) -> list[Figure]:
     floor = moves["floor_m"]
     sliding = moves["sliding_m_s"]
     note = f"mean over {moves['joints']} joints; median {number(speed['p50'])} m/s; " + (
-        f"half of the clips stand still in more than {100 * still:.0f} % of their frames" if still is not None else ""
+        f"half of the clips stand still in more than {100 * still:.0f} % of their frames" if still is not None else ""
     )
     figures = [
         _histogram(d, ("movement", "speed_m_s"), "Speed of the body", note, "metres per second", marks),
@@ -143,7 +152,7 @@ def movement_figures(d: Drawing, chosen: Sequence[str]) -> list[Figure]:
     if moves["contact"]:
         figures.append(_contacts(d))
     if sliding["n"]:
-        share = f"{100 * sliding['share_above']:.1f} % of them above {sliding['above_m_s']} m/s"
+        share = f"{100 * sliding['share_above']:.1f} % of them above {sliding['above_m_s']} m/s"
         figures.append(
             _histogram(d, ("movement", "sliding_m_s"), "Sliding in contact",
                        f"horizontal speed of feet that are labelled as standing; {share}", "metres per second",
@@ -154,12 +163,27 @@ def movement_figures(d: Drawing, chosen: Sequence[str]) -> list[Figure]:
 
 def _joint_speed(d: Drawing) -> Figure:
     own, other = d.find("movement", "joint_speed_m_s")
-    rows = [(name.replace("_", " "), *q.values(), *([other.get(name, {}).get("p50")] if other else [])) for name, q in own.items()]
+    rows = [
+        (name.replace("_", " "), *q.values(), *([other.get(name, {}).get("p50")] if other else []))
+        for name, q in own.items()
+    ]
     named = {name.replace("_", " "): q for name, q in own.items()}
-    sides = {name: "left" if name.startswith("left") else "right" if name.startswith("right") else "mid" for name in named}
-    head = ("joint", "p5", "p25", "p50", "p75", "p95", *([f"p50, {d.other['about']['name']}"] if d.other and other else []))
+    sides = {
+        name: "left" if name.startswith("left") else "right" if name.startswith("right") else "mid" for name in named
+    }
+    head = (
+        "joint",
+        "p5",
+        "p25",
+        "p50",
+        "p75",
+        "p95",
+        *([f"p50, {d.other['about']['name']}"] if d.other and other else []),
+    )
     note = "line: 5 to 95 % of frames, box: 25 to 75 %, mark: median; blue is left, orange is right"
-    return Figure("joint_speed", "Speed by joint", note, boxes(named, "metres per second", classes=sides), head, tuple(rows))
+    return Figure(
+        "joint_speed", "Speed by joint", note, boxes(named, "metres per second", classes=sides), head, tuple(rows)
+    )
 
 
 def _paths(d: Drawing, chosen: Sequence[str]) -> Figure:
@@ -174,8 +198,14 @@ def _paths(d: Drawing, chosen: Sequence[str]) -> Figure:
 
 def _contacts(d: Drawing) -> Figure:
     own, other = d.find("movement", "contact")
-    named = {name.replace("_", " "): {"": 100 * (share or 0)} for name, share in sorted(own.items(), key=_foot)}
-    outline = None if other is None else {name.replace("_", " "): 100 * (share or 0) for name, share in other.items()}
+    named = {
+        name.replace("_", " "): {"": round(100 * (share or 0), 1)} for name, share in sorted(own.items(), key=_foot)
+    }
+    outline = (
+        None
+        if other is None
+        else {name.replace("_", " "): round(100 * (share or 0), 1) for name, share in other.items()}
+    )
     rows = tuple((name, value[""], *([outline.get(name)] if outline else [])) for name, value in named.items())
     head = ("foot joint", "% of frames", *([d.other["about"]["name"]] if d.other and outline else []))
     return Figure("contact", "Feet in contact", "left and right should be near each other",
@@ -208,11 +238,14 @@ def music_figures(d: Drawing) -> list[Figure]:
     if own["bas"] is not None:
         rows_of = {"this dataset": {"": own["bas"]}, "chance": {"": own["bas_chance"]}}
         if other is not None and other["bas"] is not None:
-            rows_of |= {"the other": {"": other["bas"]}, "its chance": {"": other["bas_chance"]}}
+            name = d.other["about"]["name"] if d.other is not None else ""
+            rows_of |= {name: {"": other["bas"]}, f"{name}, chance": {"": other["bas_chance"]}}
         table_rows = tuple((name, value[""]) for name, value in rows_of.items())
         note = "mean over clips; a score at its chance level says that dance and beats are unrelated"
         figures.append(
-            Figure("bas", "Beat alignment score", note, bars(rows_of, "beat alignment score"), ("", "score"), table_rows)
+            Figure(
+                "bas", "Beat alignment score", note, bars(rows_of, "beat alignment score"), ("", "score"), table_rows
+            )
         )
     if own["tempo_bpm"]:
         pairs = [(t["stated"], t["found"], t["clip"]) for t in own["tempo_bpm"]]
@@ -220,7 +253,9 @@ def music_figures(d: Drawing) -> list[Figure]:
         note = f"{off} of {len(pairs)} clips differ by more than 5 %; lines: equal, half and double"
         body = points(pairs, ("stated, beats per minute", "found in the beats"))
         rows = tuple((Markup(d.link(clip)), stated, found) for stated, found, clip in pairs)
-        figures.append(Figure("tempo_pairs", "Tempo, stated and found", note, body, ("clip", "stated", "found"), rows))
+        figures.append(
+            Figure("tempo_pairs", "Tempo, stated and found", note, body, ("clip", "stated", "found"), rows)
+        )
     return figures
 
 

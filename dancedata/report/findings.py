@@ -67,7 +67,7 @@ def _quality(d: Document) -> list[Finding]:
 def _movement(d: Document) -> list[Finding]:
     moves = d["movement"]
     if moves["field"] is None:
-        return [Finding("look", f"movement was not measured: {moves['missing']}", "about")]
+        return [Finding("look", "movement was not measured: no field holds joints that can be read here", "about")]
     found = []
     contact = {name: share for name, share in moves["contact"].items() if share is not None}
     for name, share in contact.items():
@@ -97,7 +97,9 @@ def _music(d: Document) -> list[Finding]:
         found.append(Finding("look", text, "bas"))
     off = [t for t in music["tempo_bpm"] if abs(t["found"] / t["stated"] - 1) > 0.05]
     if off:
-        text = f"{counted(len(off), 'clip')} of {len(music['tempo_bpm']):,}: the beats have another tempo than is stated"
+        text = (
+            f"{counted(len(off), 'clip')} of {len(music['tempo_bpm']):,}: the beats have another tempo than is stated"
+        )
         found.append(Finding("look", text, "tempo_pairs"))
     short = d["contents"]["music_minus_motion_s"]["shorter"]
     if short:

@@ -11,10 +11,12 @@ import numpy.typing as npt
 from dancedata.core.bodies import BODY_JOINTS
 from dancedata.core.clip import Window
 from dancedata.core.dance import Dance, Undefined
+from dancedata.core.grid import FrameGrid
 from dancedata.core.rotations import Float64Array
 from dancedata.metrics.beats import BeatAlignment
 from dancedata.report.pieces import ClipReader, Piece
 from dancedata.report.tally import Tally
+from dancedata.scene.figure import Figure
 from dancedata.store import ClipView, Store
 
 __all__ = ["ClipNumbers", "Measured", "measure"]
@@ -29,8 +31,6 @@ FLOOR_QUANTILE = 0.02
 _PATH_POINTS = 96
 #: Key motions are minima at least this deep, as a share of the clip's highest speed.
 PROMINENT = 0.03
-#: Largest distance in time from a key motion to a beat that histograms show, seconds.
-OFFSET_S = 0.4
 
 
 @dataclass(frozen=True)
@@ -99,6 +99,8 @@ class Measured:
         Numbers of each clip that is not a copy of another one.
     joints
         Names of the joints whose speed is counted.
+    feet
+        Names of the foot joints with stored contacts.
     contact
         Frames in contact and all frames, by foot joint, (F, 2).
     """
@@ -107,6 +109,7 @@ class Measured:
     windows: Mapping[str, int]
     clips: dict[str, ClipNumbers] = field(default_factory=dict)
     joints: tuple[str, ...] = ()
+    feet: tuple[str, ...] = ()
     speed: Tally = field(default_factory=lambda: Tally.of(0, 12, 0.01))
     joint_speed: dict[str, Tally] = field(default_factory=dict)
     sliding: Tally = field(default_factory=lambda: Tally.of(0, 6, 0.01))
@@ -136,7 +139,6 @@ def measure(store: Store) -> Measured:
             windows.setdefault(window.clip, []).append(window)
     reader = ClipReader.of(store)
     found = Measured(reader, {clip: len(own) for clip, own in windows.items()})
-    found.contact = np.zeros((len(reader.feet), 2), dtype=np.int64)
     for clip in store.clips:
         if not clip.source:
             own = sorted(windows.get(clip.id, []), key=lambda w: w.start)
@@ -145,7 +147,8 @@ def measure(store: Store) -> Measured:
 
 
 def _clip(found: Measured, clip: ClipView, windows: Sequence[Window]) -> ClipNumbers:
-    parts = [_Part.of(piece, found.reader, clip.trim_start) for piece in found.reader.pieces(clip, windows)]
+    trim = found.store.grid, clip.trim_start
+    parts = [_Part.of(piece, *trim) for piece in found.reader.pieces(clip, windows)]
     parts = [part for part in parts if len(part.speed)]
     for part in parts:
         _count(found, part)
@@ -170,7 +173,7 @@ class _Part:
 
     piece: Piece
     root: Float64Array
-    heights: tuple[float, float, float | None]
+    heights: tuple[float, float, float]
     names: tuple[str, ...]
     speed: Float64Array
     sliding: Float64Array
@@ -182,26 +185,24 @@ class _Part:
     alignment: tuple[float, float] | None
 
     @classmethod
-    def of(cls, piece: Piece, reader: ClipReader, trim_start: int) -> _Part:
-        first = max(0, reader.store.grid.rows_up(trim_start, of=piece.grid) - piece.start)
-        joints, fps = piece.joints[first:], float(piece.grid.rate)
-        body = [j for j, name in enumerate(piece.names) if name in BODY_JOINTS] or list(range(joints.shape[1]))
-        velocity = np.diff(joints[:, body], axis=0) * fps
-        feet = [piece.names.index(name) for name in reader.feet if name in piece.names]
-        sliding, contact = _sliding(joints, piece.contacts, feet, first, fps)
+    def of(cls, piece: Piece, grid: FrameGrid, trim_start: int) -> _Part:
+        """Measure a piece from frame `trim_start` of its clip on, counted on the grid of the store."""
+        figure = piece.figure
+        first = max(0, grid.rows_up(max(0, trim_start - piece.start), of=figure.grid))
+        joints, names = figure.joints[first:], figure.skeleton.joints
+        body = [j for j, name in enumerate(names) if name in BODY_JOINTS] or list(range(joints.shape[1]))
+        sliding, contact = _sliding(figure, first)
         times = _key_times(piece, first)
-        beats = None if piece.beats is None else piece.beats.frames / float(piece.beats.grid.rate)
-        low, high = (float(joints[..., 1].min()), float(joints[..., 1].max())) if len(joints) else (0.0, 0.0)
-        floor = float(np.quantile(joints[:, feet, 1], FLOOR_QUANTILE)) if feet and len(joints) else None
+        beats = piece.beat_times
         return cls(
             piece=piece,
             root=joints[:, 0],
-            heights=(low, high, floor),
-            names=tuple(piece.names[j] for j in body),
-            speed=np.linalg.norm(velocity, axis=2),
+            heights=_heights(joints, figure.skeleton.feet),
+            names=tuple(names[j] for j in body),
+            speed=np.linalg.norm(np.diff(joints[:, body], axis=0), axis=2) * piece.rate,
             sliding=sliding,
             contact=contact,
-            facing=_facing(joints, piece.names),
+            facing=_facing(joints, names),
             key_motions=len(times),
             offsets=_offsets(times, beats),
             shifted=_offsets(times, None if beats is None else _half_a_period_later(beats)),
@@ -209,14 +210,21 @@ class _Part:
         )
 
 
-def _sliding(
-    joints: Float64Array, contacts: npt.NDArray[np.bool_] | None, feet: Sequence[int], first: int, fps: float
-) -> tuple[Float64Array, npt.NDArray[np.int64]]:
-    """Return horizontal speeds of feet that touch the ground in two frames, and counts of frames."""
-    if contacts is None or contacts.shape[1] != len(feet):
-        return np.zeros(0), np.zeros((0 if contacts is None else contacts.shape[1], 2), dtype=np.int64)
-    labels = contacts[first:]
-    speed = np.linalg.norm(np.diff(joints[:, feet][..., (0, 2)], axis=0), axis=2) * fps
+def _heights(joints: Float64Array, feet: Sequence[int]) -> tuple[float, float, float]:
+    """Return the heights of the lowest and the highest joint, and of the floor."""
+    if not len(joints):
+        return 0.0, 0.0, 0.0
+    heights = joints[..., 1]
+    return float(heights.min()), float(heights.max()), float(np.quantile(heights[:, list(feet)], FLOOR_QUANTILE))
+
+
+def _sliding(figure: Figure, first: int) -> tuple[Float64Array, npt.NDArray[np.int64]]:
+    """Return horizontal speeds of feet that touch the ground in two frames, and counts of frames (F, 2)."""
+    if not figure.contacts_stored:
+        return np.zeros(0), np.zeros((0, 2), dtype=np.int64)
+    labels, feet = figure.contacts[first:], list(figure.contact_joints)
+    steps = np.diff(figure.joints[first:, feet][..., (0, 2)], axis=0)
+    speed = np.linalg.norm(steps, axis=2) * float(figure.grid.rate)
     counts = np.stack([labels.sum(axis=0), np.full(len(feet), len(labels))], axis=1).astype(np.int64)
     return speed[labels[:-1] & labels[1:]], counts
 
@@ -224,10 +232,8 @@ def _sliding(
 def _key_times(piece: Piece, first: int) -> Float64Array:
     """Return the instants of a piece's prominent key motions, seconds: a body is slowest between two frames."""
     key = piece.key
-    if not len(key.minima):
-        return np.zeros(0)
     deep = (key.prominence > PROMINENT * key.curve.max(initial=0.0)) & (key.minima >= first)
-    return np.asarray((key.minima[deep] + 0.5) / float(piece.grid.rate), dtype=np.float64)
+    return np.asarray((key.minima[deep] + 0.5) / piece.rate, dtype=np.float64)
 
 
 def _half_a_period_later(beats: Float64Array) -> Float64Array:
@@ -255,11 +261,12 @@ def _facing(joints: Float64Array, names: Sequence[str]) -> Float64Array:
 
 def _alignment(piece: Piece) -> tuple[float, float] | None:
     """Return the beat alignment score and its chance level; None where it is undefined."""
-    if piece.beats is None or piece.joints.shape[1] < len(BODY_JOINTS):
+    joints = piece.figure.joints
+    if piece.beats is None or joints.shape[1] < len(BODY_JOINTS):
         return None
     metric = BeatAlignment(joints=len(BODY_JOINTS))
     try:
-        score, chance = metric.measure(Dance(piece.joints, piece.grid, piece.beats)).tolist()
+        score, chance = metric.measure(Dance(joints, piece.figure.grid, piece.beats)).tolist()
     except Undefined:
         return None
     return score, chance
@@ -267,6 +274,9 @@ def _alignment(piece: Piece) -> tuple[float, float] | None:
 
 def _count(found: Measured, part: _Part) -> None:
     if not found.joint_speed:
+        figure = part.piece.figure
+        found.feet = tuple(figure.skeleton.joints[j] for j in figure.contact_joints) if len(part.contact) else ()
+        found.contact = np.zeros((len(found.feet), 2), dtype=np.int64)
         found.joints = part.names
         found.joint_speed = {name: Tally.of(0, 16, 0.01) for name in part.names}
     found.speed.add(part.speed.mean(axis=1))
@@ -275,8 +285,7 @@ def _count(found: Measured, part: _Part) -> None:
     found.sliding.add(part.sliding)
     found.offset_ms.add(part.offsets * 1000)
     found.shifted_ms.add(part.shifted * 1000)
-    if part.contact.shape == found.contact.shape:
-        found.contact += part.contact
+    found.contact += part.contact
 
 
 def _numbers(parts: Sequence[_Part], *, whole: bool) -> ClipNumbers:
@@ -285,19 +294,18 @@ def _numbers(parts: Sequence[_Part], *, whole: bool) -> ClipNumbers:
     sliding = np.concatenate([part.sliding for part in parts])
     offsets = np.concatenate([part.offsets for part in parts])
     shifted = np.concatenate([part.shifted for part in parts])
-    floors = [part.heights[2] for part in parts if part.heights[2] is not None]
     scores = [part.alignment for part in parts if part.alignment is not None]
-    periods = np.concatenate([np.zeros(0), *(_periods(part.piece) for part in parts)])
+    periods = np.concatenate([_periods(part.piece) for part in parts])
     turns = [float(np.ptp(part.facing)) / (2 * np.pi) for part in parts if len(part.facing)]
     music = [part.piece.music_s for part in parts if part.piece.music_s is not None]
     return ClipNumbers(
-        seconds=sum(len(part.root) / float(part.piece.grid.rate) for part in parts),
+        seconds=sum(len(part.root) / part.piece.rate for part in parts),
         speed=float(speed.mean()),
         speed_p95=float(np.quantile(speed, 0.95)),
         still=float((speed < STILL_M_S).mean()),
         root_extent_m=float(np.ptp(roots, axis=0).max()),
         root_path_m=sum(_length(part.root[:, (0, 2)]) for part in parts),
-        floor_m=min(floors, default=None),
+        floor_m=min(part.heights[2] for part in parts),
         low_m=min(part.heights[0] for part in parts),
         high_m=max(part.heights[1] for part in parts),
         turns=max(turns, default=None),
@@ -318,9 +326,8 @@ def _length(path: Float64Array) -> float:
 
 
 def _periods(piece: Piece) -> Float64Array:
-    if piece.beats is None:
-        return np.zeros(0)
-    return np.asarray(np.diff(piece.beats.frames) / float(piece.beats.grid.rate), dtype=np.float64)
+    times = piece.beat_times
+    return np.zeros(0) if times is None else np.diff(times)
 
 
 def _thinned(path: Float64Array) -> tuple[tuple[float, float], ...]:

@@ -21,11 +21,10 @@ def movement(found: Measured, scales: Scales) -> dict[str, Any]:
     reader = found.reader
     contact = {
         name: (int(on) / int(frames) if frames else None)
-        for name, (on, frames) in zip(reader.feet, found.contact.tolist(), strict=True)
+        for name, (on, frames) in zip(found.feet, found.contact.tolist(), strict=True)
     }
     return {
         "field": reader.motion.name if reader.motion is not None else None,
-        "missing": reader.problem,
         "joints": len(found.joints),
         "speed_m_s": Histogram.of_tally(found.speed, scales.speed).to_json(),
         "joint_speed_m_s": {name: _quantiles(tally) for name, tally in found.joint_speed.items()},

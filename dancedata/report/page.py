@@ -66,7 +66,7 @@ def page(d: Drawing, parts: PageParts) -> str:
 def _header(d: Drawing) -> str:
     about = d.own["about"]
     windows = about["windows"]
-    other = "" if d.other is None else f' <small>against {escaped(d.other["about"]["name"])}</small>'
+    other = "" if d.other is None else f" <small>against {escaped(d.other['about']['name'])}</small>"
     facts = (
         f"{about['scope']} scope, {about['fps']} frames per second, windows of {windows['length']} frames every "
         f"{windows['stride']}, skeleton {about['skeleton']['name']}"

@@ -31,7 +31,7 @@ _COLOURS = 32
 def paths(clips: Mapping[str, Sequence[Sequence[float]]], links: Mapping[str, str]) -> str:
     """Return the paths of roots seen from above, all at one scale, under the links of their clips."""
     reach = max((abs(v) for path in clips.values() for point in path for v in point), default=1.0) or 1.0
-    cells = [f'<li>{links[clip]}{_path(clip, path, reach)}</li>' for clip, path in clips.items()]
+    cells = [f"<li>{links[clip]}{_path(clip, path, reach)}</li>" for clip, path in clips.items()]
     return f'<ul class="paths">{"".join(cells)}</ul>'
 
 
@@ -97,7 +97,10 @@ def heat_map(rows: npt.NDArray[Any], columns: Columns, label: str) -> str:
     values = values[:, kept].T
     low, high = np.percentile(values, (2, 98), axis=1, keepdims=True)
     flat = high <= low
-    low, high = np.where(flat, values.min(axis=1, keepdims=True), low), np.where(flat, values.max(axis=1, keepdims=True), high)
+    low, high = (
+        np.where(flat, values.min(axis=1, keepdims=True), low),
+        np.where(flat, values.max(axis=1, keepdims=True), high),
+    )
     scaled = np.clip((values - low) / np.where(high > low, high - low, 1), 0, 1)
     image = base64.b64encode(_png((scaled * (_COLOURS - 1)).round().astype(np.uint8))).decode()
     names = ""
@@ -121,7 +124,12 @@ def _png(pixels: npt.NDArray[np.uint8]) -> bytes:
     palette = np.stack([np.interp(at, range(len(corners)), corners[:, c]) for c in range(3)], axis=1)
     lines = np.concatenate([np.zeros((height, 1), np.uint8), pixels], axis=1).tobytes()
     header = struct.pack(">IIBBBBB", width, height, 8, 3, 0, 0, 0)
-    chunks = (b"IHDR", header), (b"PLTE", palette.round().astype(np.uint8).tobytes()), (b"IDAT", zlib.compress(lines, 9)), (b"IEND", b"")
+    chunks = (
+        (b"IHDR", header),
+        (b"PLTE", palette.round().astype(np.uint8).tobytes()),
+        (b"IDAT", zlib.compress(lines, 9)),
+        (b"IEND", b""),
+    )
     return b"\x89PNG\r\n\x1a\n" + b"".join(_chunk(kind, data) for kind, data in chunks)
 
 

@@ -81,9 +81,7 @@ def _percent(share: float | None) -> Markup:
     return Markup("–" if share is None else f"{100 * share:.0f} %")
 
 
-def _field_figures(
-    d: Drawing, columns: Mapping[str, Columns], heat_maps: Mapping[str, Figure]
-) -> list[Figure]:
+def _field_figures(d: Drawing, columns: Mapping[str, Columns], heat_maps: Mapping[str, Figure]) -> list[Figure]:
     figures = []
     for name, own in d.own["fields"].items():
         if own["columns"]:
@@ -94,10 +92,14 @@ def _field_figures(
 
 
 def _field(d: Drawing, name: str, own: Mapping[str, Any], columns: Columns) -> Figure:
-    constant = f"{len(own['constant'])} never change (crosses): {listed(own['constant'], 8)}" if own["constant"] else (
-        "none of them is constant"
+    constant = (
+        f"{len(own['constant'])} never change (crosses): {listed(own['constant'], 8)}"
+        if own["constant"]
+        else ("none of them is constant")
     )
-    about = f"{own['width']} columns, {own['rate']} per second, over {own['rows']:,} rows of train windows; {constant}"
+    about = (
+        f"{own['width']} columns, {own['rate']} per second, over {own['rows']:,} rows of train windows; {constant}"
+    )
     other = None if d.other is None else d.other["fields"].get(name)
     beside = {} if other is None else {row["label"]: row for row in other["columns"]}
     names = ("min", "p5", "p25", "p50", "p75", "p95", "max")

@@ -123,7 +123,9 @@ def bars(
         for k, (group, value) in enumerate(own.items()):
             width = value / most * room
             if value:
-                title = f"{name}, {group}: {number(value)}{unit}" if len(own) > 1 else f"{name}: {number(value)}{unit}"
+                title = (
+                    f"{name}, {group}: {number(value)}{unit}" if len(own) > 1 else f"{name}: {number(value)}{unit}"
+                )
                 body += _bar(k, x, y, max(1.0, width - 1), 13, title)
             x += width
         if other is not None and name in other:
@@ -149,7 +151,8 @@ def boxes(rows: Mapping[str, Mapping[str, float | None]], label: str, *, classes
         return _NAMES + (value or 0) / most * room
 
     body = "".join(
-        f'<path class="grid" d="M{x(v):.1f} 2V{bottom}"/>{_text(x(v), bottom + 15, number(v))}' for v in ticks(0, most, 5)
+        f'<path class="grid" d="M{x(v):.1f} 2V{bottom}"/>{_text(x(v), bottom + 15, number(v))}'
+        for v in ticks(0, most, 5)
     )
     for row, (name, own) in enumerate(rows.items()):
         y = 11 + row * _ROW

@@ -97,7 +97,9 @@ def write_report(
     DataError, StoreError
         If a dataset is damaged.
     """
-    target = None if to is None else _target(Path(to), [Path(p) for p in (store, against) if p is not None], overwrite)
+    target = (
+        None if to is None else _target(Path(to), [Path(p) for p in (store, against) if p is not None], overwrite)
+    )
     with open_store(store) as own:
         found = measure(own)
         if against is None:
