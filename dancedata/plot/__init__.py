@@ -1,4 +1,4 @@
-"""Clips as figures for papers (matplotlib axes) and as videos. matplotlib and Pillow are loaded when they are used."""
+"""Clips as figures for papers and as videos. matplotlib and Pillow are loaded when they are used."""
 
 from __future__ import annotations
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from dancedata.core.rotations import Float64Array
 from dancedata.core.text import shown
 from dancedata.plot.camera import Camera
 from dancedata.plot.optional import require
+from dancedata.plot.timeline import FINER, TIMELINE, Timeline, text_font
 from dancedata.scene import Figure, Scene
 
 if TYPE_CHECKING:
@@ -25,18 +26,16 @@ Theme = Literal["dark", "light"]
 #: Colours of the viewer, by theme.
 THEMES: dict[Theme, dict[str, str]] = {
     "dark": {
-        "bg": "#14161a", "panel": "#1b1e24", "ink": "#e8eaed", "dim": "#98a1ad", "grid": "#2f3540", "shadow": "#08090b",
+        "bg": "#14161a", "panel": "#1b1e24", "ink": "#e8eaed", "dim": "#98a1ad", "grid": "#2f3540",
+        "shadow": "#08090b",
         "path": "#f2b84b", "contact": "#2fbf9b", "wave": "#7a8698", "sides": "#d5d9df #56b4e9 #e69f00",
     },
     "light": {
-        "bg": "#f6f7f8", "panel": "#ffffff", "ink": "#1c2126", "dim": "#5c6570", "grid": "#d3d8de", "shadow": "#c3c9d1",
+        "bg": "#f6f7f8", "panel": "#ffffff", "ink": "#1c2126", "dim": "#5c6570", "grid": "#d3d8de",
+        "shadow": "#c3c9d1",
         "path": "#8a5a00", "contact": "#00866a", "wave": "#77828f", "sides": "#4a525c #0072b2 #b85c00",
     },
 }  # fmt: skip
-#: Frames are drawn larger and made smaller, which smooths edges.
-_FINER = 2
-#: Share of the height that the timeline takes, and of the width that its names take.
-_TIMELINE, _NAMES = 0.17, 0.085
 #: Seconds of the path that are drawn strongly.
 _RECENT_S = 1.5
 #: Width of bones, and radius of the head and of the ring of a contact, metres.
@@ -74,12 +73,13 @@ class Frames:
         """Return one frame."""
         time = float(self.times[number])
         picture = self._empty.copy()
-        stage = require("PIL.ImageDraw", "video").Draw(picture)
-        at = min(int(round(time * self._rate)), self.figure.n_frames - 1)
-        self._stage(stage, at, number)
-        self._cursor(stage, time)
-        small: Image = picture.reduce(_FINER)
-        self._clock(require("PIL.ImageDraw", "video").Draw(small), time, at)
+        at = min(round(time * self._rate), self.figure.n_frames - 1)
+        stage = require("PIL.Image", "video").new("RGB", self._stage_size, self._colours["bg"])
+        self._stage(_pen(stage), at, number)
+        picture.paste(stage)
+        self._cursor(_pen(picture), time)
+        small: Image = picture.reduce(FINER)
+        self._clock(_pen(small), time, at)
         return small
 
     @property
@@ -95,9 +95,13 @@ class Frames:
         return self._colours["sides"].split()
 
     @cached_property
+    def _timeline(self) -> Timeline:
+        return Timeline(self.scene, self.figure, self.size, self._colours)
+
+    @cached_property
     def _stage_size(self) -> tuple[int, int]:
         width, height = self.size
-        return width * _FINER, round(height * (1 - _TIMELINE)) * _FINER
+        return width * FINER, round(height * (1 - TIMELINE)) * FINER
 
     @cached_property
     def _targets(self) -> Float64Array:
@@ -113,9 +117,9 @@ class Frames:
     @cached_property
     def _empty(self) -> Image:
         """A frame with the timeline and without the dancer."""
-        image = require("PIL.Image", "video").new("RGB", [n * _FINER for n in self.size], self._colours["bg"])
-        Timeline(self.scene, self.figure, self.size, self._colours).draw(require("PIL.ImageDraw", "video").Draw(image))
-        return image  # type: ignore[no-any-return]
+        image: Image = require("PIL.Image", "video").new("RGB", [n * FINER for n in self.size], self._colours["bg"])
+        self._timeline.draw(_pen(image))
+        return image
 
     def _stage(self, draw: ImageDraw, at: int, number: int) -> None:
         width, height = self._stage_size
@@ -136,7 +140,9 @@ class Frames:
         for k in np.arange(-3, 3.01, 0.5):
             ends = [(middle[0] + k, middle[1] - 3), (middle[0] + k, middle[1] + 3)]
             for a, b in (ends, [(middle[0] - 3, middle[1] + k), (middle[0] + 3, middle[1] + k)]):
-                self._line(draw, camera(np.array([[a[0], floor, a[1]], [b[0], floor, b[1]]])), self._colours["grid"], 2)
+                self._line(
+                    draw, camera(np.array([[a[0], floor, a[1]], [b[0], floor, b[1]]])), self._colours["grid"], 2
+                )
 
     def _path(self, draw: ImageDraw, camera: Camera, at: int) -> None:
         way = self.figure.joints[:, 0].copy()
@@ -149,7 +155,7 @@ class Frames:
         """Draw a line through places; it stops at those behind the camera."""
         seen = np.isfinite(places).all(axis=1)
         for part in np.split(np.arange(len(places)), np.flatnonzero(~seen)):
-            points = [tuple(p) for p in places[part[seen[part]], :2].tolist()]
+            points = [tuple(p) for p in places[part][seen[part]][:, :2].tolist()]
             if len(points) > 1:
                 draw.line(points, fill=colour, width=width, joint="curve")
 
@@ -162,7 +168,7 @@ class Frames:
             colour = self._colours["shadow"] if shadow else self._sides[self.figure.sides[joint]]
             ends = places[parent, :2], places[joint, :2]
             if not shadow:
-                _capsule(draw, *ends, width + 2 * _FINER, self._colours["bg"])
+                _capsule(draw, *ends, width + 2 * FINER, self._colours["bg"])
             _capsule(draw, *ends, width, colour)
             if not shadow and self.figure.skeleton.joints[joint] == "head":
                 _disc(draw, places[joint, :2], _HEAD * scale[joint], self._sides[0])
@@ -172,81 +178,28 @@ class Frames:
             x, y, scale = camera(flat[joint])
             if touches and np.isfinite(scale):
                 a, b = _RING * scale, _RING * scale * max(0.2, camera.tilt)
-                draw.ellipse((x - a, y - b, x + a, y + b), outline=self._colours["contact"], width=3 * _FINER)
+                draw.ellipse((x - a, y - b, x + a, y + b), outline=self._colours["contact"], width=3 * FINER)
 
     def _cursor(self, draw: ImageDraw, time: float) -> None:
-        x = Timeline(self.scene, self.figure, self.size, self._colours).x(time)
+        x = self._timeline.x(time)
         top = self._stage_size[1]
-        draw.line([(x, top), (x, self.size[1] * _FINER)], fill=self._colours["path"], width=2 * _FINER)
+        draw.line([(x, top), (x, self.size[1] * FINER)], fill=self._colours["path"], width=2 * FINER)
 
     def _clock(self, draw: ImageDraw, time: float, at: int) -> None:
-        font = _font(max(12, self.size[1] // 42))
+        font = text_font(max(12, self.size[1] // 42))
         margin = self.size[1] // 36
         draw.text((margin, margin), shown(self.scene.item.id, 80), fill=self._colours["ink"], font=font)
         clock = f"{time:.2f} s   frame {at}"
-        draw.text((margin, self._stage_size[1] // _FINER - 2 * margin), clock, fill=self._colours["dim"], font=font)
+        draw.text((margin, self._stage_size[1] // FINER - 2 * margin), clock, fill=self._colours["dim"], font=font)
         beats = self.scene.rhythm.beats
         past = beats[beats <= time + 1e-9]
         if len(past) and time - past[-1] < 0.12:
             _disc(draw, np.array([self.size[0] - 2 * margin, 2 * margin]), margin * 0.6, self._colours["path"])
 
 
-@dataclass(frozen=True, eq=False)
-class Timeline:
-    """The lanes below the dancer: onsets with beats, speed with key motions, contacts."""
-
-    scene: Scene
-    figure: Figure
-    size: tuple[int, int]
-    colours: dict[str, str]
-
-    def x(self, time: float) -> float:
-        """Return the place of an instant, pixels of the larger picture."""
-        width = self.size[0] * _FINER
-        return width * (_NAMES + (1 - _NAMES - 0.015) * time / max(self.scene.seconds, 1e-9))
-
-    def draw(self, draw: ImageDraw) -> None:
-        """Draw the lanes."""
-        width, height = (n * _FINER for n in self.size)
-        top = round(self.size[1] * (1 - _TIMELINE)) * _FINER
-        draw.rectangle((0, top, width, height), fill=self.colours["panel"])
-        lane = (height - top) / 7
-        self._name(draw, "music", top + 1.2 * lane)
-        self._curve(draw, self.scene.rhythm.onset, self.scene.rhythm.onset_rate, 0.0, top + 2.2 * lane, 1.8 * lane, "wave")
-        for beat in self.scene.rhythm.beats:
-            draw.line([(self.x(beat), top + 0.4 * lane), (self.x(beat), top + 4.4 * lane)], fill=self.colours["path"], width=1)
-        if self.scene.movement is not None:
-            speed, rate = self.scene.movement.speed, float(self.scene.movement.grid.rate)
-            peak = float(speed.max(initial=0.0)) or 1.0
-            self._name(draw, "speed", top + 3.4 * lane)
-            self._curve(draw, speed / peak, rate, 0.5 / rate, top + 4.4 * lane, 1.8 * lane, "ink")
-        self._contacts(draw, top + 4.8 * lane, lane * 0.42)
-
-    def _name(self, draw: ImageDraw, name: str, y: float) -> None:
-        size = max(11, self.size[1] // 52) * _FINER
-        draw.text((self.size[1] // 36 * _FINER, y - size * 0.6), name, fill=self.colours["dim"], font=_font(size))
-
-    def _curve(
-        self, draw: ImageDraw, values: Float64Array, rate: float, delay: float, bottom: float, height: float, colour: str
-    ) -> None:
-        points = [(self.x(k / rate + delay), bottom - height * float(v)) for k, v in enumerate(values) if k / rate <= self.scene.seconds]
-        if len(points) > 1:
-            draw.line(points, fill=self.colours[colour], width=_FINER)
-
-    def _contacts(self, draw: ImageDraw, top: float, height: float) -> None:
-        self._name(draw, "contact", top + 2 * height)
-        sides, rate = self.colours["sides"].split(), float(self.figure.grid.rate)
-        order = sorted(range(len(self.figure.contact_joints)), key=lambda k: self.figure.sides[self.figure.contact_joints[k]])
-        for row, foot in enumerate(order):
-            edges = np.flatnonzero(np.diff(np.concatenate([[0], self.figure.contacts[:, foot].astype(np.int8), [0]])))
-            colour = sides[self.figure.sides[self.figure.contact_joints[foot]]]
-            for begin, end in edges.reshape(-1, 2):
-                y = top + row * height * 1.15
-                draw.rectangle((self.x(begin / rate), y, self.x(end / rate), y + height * 0.8), fill=colour)
-
-
-def _font(size: float) -> Any:
-    return require("PIL.ImageFont", "video").load_default(size)
+def _pen(image: Image) -> ImageDraw:
+    pen: ImageDraw = require("PIL.ImageDraw", "video").Draw(image)
+    return pen
 
 
 def _capsule(draw: ImageDraw, a: Float64Array, b: Float64Array, width: float, colour: str) -> None:

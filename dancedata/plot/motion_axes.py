@@ -80,7 +80,7 @@ def motion(
     frames = _frames(figure, poses, times)
     axes = axes_or_new(ax, _INCHES * (_SPACING * len(frames) + 0.6), _INCHES * (_TALL + 0.7))
     for place, at in enumerate(frames):
-        points = _seen(figure.joints[at], turn_deg) + (_SPACING * place, -figure.floor)
+        points = _seen(figure.joints[at], turn_deg) + np.array([_SPACING * place, -figure.floor])
         _draw(axes, figure, points, figure.contacts[at])
     axes.axhline(0, color="#9aa4b1", linewidth=0.8, zorder=0)
     labels = [f"{at / float(figure.grid.rate):.2f} s" for at in frames]
@@ -94,7 +94,9 @@ def motion(
     return axes
 
 
-def _figure(source: Motion | Store | str | Path, clip: str | None, field: str | None, frame: int) -> tuple[Figure, str]:
+def _figure(
+    source: Motion | Store | str | Path, clip: str | None, field: str | None, frame: int
+) -> tuple[Figure, str]:
     if isinstance(source, Motion):
         return Figure.of_joints(source.joints(), source.skeleton, source.grid), ""
     store = source if isinstance(source, Store) else open_store(source)
@@ -111,7 +113,8 @@ def _frames(figure: Figure, poses: int, times: Sequence[float] | None) -> list[i
     if times is None:
         if poses < 1:
             raise UsageError("there is no pose to draw", found=f"poses={poses}", allowed="at least 1")
-        return np.linspace(0, figure.n_frames - 1, min(poses, figure.n_frames)).round().astype(int).tolist()
+        evenly = np.linspace(0, figure.n_frames - 1, min(poses, figure.n_frames))
+        return [round(at) for at in evenly.tolist()]
     frames = [round(time * float(figure.grid.rate)) for time in times]
     if not frames or min(frames) < 0 or max(frames) >= figure.n_frames:
         end = float(figure.grid.seconds(figure.n_frames - 1))
@@ -128,7 +131,9 @@ def _seen(joints: Float64Array, turn_deg: float) -> Float64Array:
     return np.stack([away[:, 0] * np.cos(angle) - away[:, 2] * np.sin(angle), joints[:, 1]], axis=1)
 
 
-def _draw(axes: Axes, figure: Figure, points: Float64Array, contacts: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> None:
+def _draw(
+    axes: Axes, figure: Figure, points: Float64Array, contacts: np.ndarray[tuple[int], np.dtype[np.bool_]]
+) -> None:
     for parent, joint in figure.bones:
         colour = _SIDES[figure.sides[joint]]
         axes.plot(*points[[parent, joint]].T, color=colour, linewidth=2.4, solid_capstyle="round")

@@ -9,6 +9,7 @@ from contextlib import suppress
 from fractions import Fraction
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import IO, cast
 
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import StoreError, UsageError
@@ -79,8 +80,9 @@ def write_mp4(
             _write_wav(wav, sound)
             command += ["-i", str(wav), "-map", "0:v", "-map", "1:a", "-c:a", "aac", "-b:a", "160k"]
         command += ["-c:v", "libx264", "-preset", "medium", "-crf", "20", "-pix_fmt", "yuv420p",
-                    "-movflags", "+faststart", "-fflags", "+bitexact", "-flags:v", "+bitexact", "-flags:a", "+bitexact",
-                    "-map_metadata", "-1", "-metadata", f"comment={comment}", "-f", "mp4", str(path)]  # fmt: skip
+                    "-movflags", "+faststart", "-fflags", "+bitexact", "-flags:v", "+bitexact",
+                    "-flags:a", "+bitexact", "-map_metadata", "-1", "-metadata", f"comment={comment}",
+                    "-f", "mp4", str(path)]  # fmt: skip
         _run(command, frames, Path(folder, "messages"), path)
 
 
@@ -94,20 +96,15 @@ def _run(command: list[str], frames: Iterable[bytes], messages: Path, path: Path
     # The program is the one that was found, and no argument passes a shell. Its messages go to a file: a pipe that
     # nothing reads would stop it once it is full.
     with messages.open("wb") as errors:
-        with subprocess.Popen(  # noqa: S603
+        process = subprocess.Popen(  # noqa: S603
             command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=errors
-        ) as process:
-            assert process.stdin is not None
-            with suppress(BrokenPipeError):  # it has ended with an error, which is reported below
-                try:
-                    for frame in frames:
-                        process.stdin.write(frame)
-                    process.stdin.close()
-                except BrokenPipeError:
-                    raise
-                except BaseException:
-                    process.kill()
-                    raise
+        )
+    with process:
+        try:
+            _feed(cast("IO[bytes]", process.stdin), frames)
+        except BaseException:
+            process.kill()
+            raise
     if process.returncode:
         raise StoreError(
             "ffmpeg cannot write the video",
@@ -115,3 +112,10 @@ def _run(command: list[str], frames: Iterable[bytes], messages: Path, path: Path
             found=shown(messages.read_bytes().decode(errors="replace").strip(), 600),
             fix="use an ffmpeg with libx264 and aac, such as that of: pip install 'dancedata[video]'",
         )
+
+
+def _feed(pipe: IO[bytes], frames: Iterable[bytes]) -> None:
+    with suppress(BrokenPipeError):  # it has ended with an error, which its exit code tells
+        for frame in frames:
+            pipe.write(frame)
+        pipe.close()

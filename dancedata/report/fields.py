@@ -33,8 +33,9 @@ def _field(store: Store, name: str, stats: Mapping[str, Any] | None) -> dict[str
     if stats is None:
         return {**about, "rows": 0, "constant": [], "columns": []}
     strips = [_strip(stats, j) for j in range(field.columns.width)]
-    labelled = [{"label": label, **strip} for label, strip in zip(field.columns.labels, strips, strict=True)]
-    constant = [row["label"] for row in labelled if row["max"] - row["min"] < _CONSTANT]
+    pairs = list(zip(field.columns.labels, strips, strict=True))
+    labelled = [{"label": label, **strip} for label, strip in pairs]
+    constant = [label for label, strip in pairs if strip["max"] - strip["min"] < _CONSTANT]
     return {**about, "rows": stats["n"], "constant": constant, "columns": labelled}
 
 

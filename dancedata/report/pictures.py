@@ -67,7 +67,7 @@ def _panel(title: str, rows: Sequence[Mapping[str, Any]], n: int, step: int) -> 
     (width, height), left, top = _PANEL, 46.0, 16.0
 
     def y(value: float) -> float:
-        return top + (height - top - 6) * (1 - (value - low) / ((high - low) or 1))
+        return float(top + (height - top - 6) * (1 - (value - low) / ((high - low) or 1)))
 
     each = (width - left - 6) / len(rows)
     every = f", every {step}. column" if step > 1 else ""

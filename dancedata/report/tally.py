@@ -78,7 +78,7 @@ class Tally:
         borders = [round((edge - self.low) / self.width) for edge in edges]
         borders[0], borders[-1] = 0, len(self.counts)
         sums = np.concatenate([[0], np.cumsum(self.counts)])
-        return np.diff(sums[np.clip(borders, 0, len(self.counts))])
+        return np.asarray(np.diff(sums[np.clip(borders, 0, len(self.counts))]), dtype=np.int64)
 
 
 def nice_step(span: float, n: int) -> float:
