@@ -31,7 +31,7 @@ def report(
     if as_json:
         typer.echo(json_text(made.to_json()))
         return
-    assert made.path is not None
-    typer.echo(f"{made.path}: {made.path.stat().st_size / 1e6:.1f} MB")
+    if made.path is not None:
+        typer.echo(f"{made.path}: {made.path.stat().st_size / 1e6:.1f} MB")
     for finding in findings(made.document):
         typer.echo(f"  {finding.kind}: {finding.text}")

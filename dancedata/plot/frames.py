@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -153,9 +154,9 @@ class Frames:
 
     def _line(self, draw: ImageDraw, places: Float64Array, colour: str, width: int) -> None:
         """Draw a line through places; it stops at those behind the camera."""
-        seen = np.isfinite(places).all(axis=1)
-        for part in np.split(np.arange(len(places)), np.flatnonzero(~seen)):
-            points = [tuple(p) for p in places[part][seen[part]][:, :2].tolist()]
+        behind = np.flatnonzero(~np.isfinite(places).all(axis=1))
+        for part in np.split(places, behind):
+            points = [(x, y) for x, y, scale in part.tolist() if math.isfinite(scale)]
             if len(points) > 1:
                 draw.line(points, fill=colour, width=width, joint="curve")
 

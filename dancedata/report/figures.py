@@ -143,7 +143,8 @@ def movement_figures(d: Drawing, chosen: Sequence[str]) -> list[Figure]:
             "larger of the two horizontal extents of the root's path", "metres",
         ),
         _paths(d, chosen),
-        _histogram(d, ("movement", "turns"), "Turn of the body", "largest turn of the hips within a clip", "full turns"),
+        _histogram(d, ("movement", "turns"), "Turn of the body",
+                   "largest turn of the hips within a clip", "full turns"),
         _histogram(
             d, ("movement", "floor_m"), "Height of the floor",
             f"2 % quantile of the feet's heights; {number(floor['min'])} to {number(floor['max'])} m", "metres",
@@ -226,13 +227,15 @@ def music_figures(d: Drawing) -> list[Figure]:
     if hist["n"]:
         note = (
             f"{number(own['mean_distance_ms'])} ms from the nearest beat on average, "
-            f"{number(own['mean_distance_shifted_ms'])} ms with the beats moved by half a period (dashed: no alignment looks so)"
+            f"{number(own['mean_distance_shifted_ms'])} ms with the beats moved by half a period "
+            "(dashed: without alignment both look alike)"
         )
         counts = moved["counts"]["all"]
         body = histogram(hist["edges"], hist["counts"], "milliseconds after the nearest beat", other=counts)
         rows = tuple(zip(hist["edges"], hist["edges"][1:], hist["counts"]["all"], counts, strict=False))
         figures.append(
-            Figure("key_beats", "Key motions and beats", note, body, ("from", "to", "key motions", "beats moved"), rows,
+            Figure("key_beats", "Key motions and beats", note, body,
+                   ("from", "to", "key motions", "beats moved"), rows,
                    other="beats moved by half a period")
         )  # fmt: skip
     if own["bas"] is not None:
@@ -252,9 +255,9 @@ def music_figures(d: Drawing) -> list[Figure]:
         off = sum(abs(found / stated - 1) > 0.05 for stated, found, _ in pairs)
         note = f"{off} of {len(pairs)} clips differ by more than 5 %; lines: equal, half and double"
         body = points(pairs, ("stated, beats per minute", "found in the beats"))
-        rows = tuple((Markup(d.link(clip)), stated, found) for stated, found, clip in pairs)
+        listed = tuple((d.link(clip), stated, found) for stated, found, clip in pairs)
         figures.append(
-            Figure("tempo_pairs", "Tempo, stated and found", note, body, ("clip", "stated", "found"), rows)
+            Figure("tempo_pairs", "Tempo, stated and found", note, body, ("clip", "stated", "found"), listed)
         )
     return figures
 

@@ -74,7 +74,8 @@ def _movement(d: Document) -> list[Finding]:
         other = contact.get(name.replace("left", "right", 1))
         if name.startswith("left") and other is not None and abs(share - other) > _SIDES:
             joint = name.removeprefix("left_")
-            text = f"the left {joint} touches the ground in {100 * share:.0f} % of the frames, the right in {100 * other:.0f} %"
+            sides = f"{100 * share:.0f} % of the frames, the right in {100 * other:.0f} %"
+            text = f"the left {joint} touches the ground in {sides}"
             found.append(Finding("look", text, "contact"))
     above = moves["sliding_m_s"]["share_above"]
     if above is not None and above > _SLIDING:
@@ -124,8 +125,12 @@ def _contents(d: Document) -> list[Finding]:
 
 
 def _fields(d: Document) -> list[Finding]:
-    return [
-        Finding("note", f"{len(own['constant'])} of {own['width']} columns of {name} never change: {listed(own['constant'], 4)}",
-                f"columns_{name}")
-        for name, own in d["fields"].items() if own["constant"]
-    ]  # fmt: skip
+    found = []
+    for name, own in d["fields"].items():
+        if own["constant"]:
+            count = f"{len(own['constant'])} of {own['width']} columns of {name}"
+            text = f"{count} never change: {listed(own['constant'], 4)}"
+            found.append(Finding("note", text, f"columns_{name}"))
+        elif not own["columns"]:
+            found.append(Finding("note", f"no statistics of {name}: there are no train windows", f"heat_{name}"))
+    return found

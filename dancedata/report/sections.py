@@ -138,7 +138,8 @@ def tiles(d: Drawing) -> str:
     own = d.own["totals"]
     other = None if d.other is None else d.other["totals"]
     names = {"clips": "clips", "copies": "copies", "windows": "windows", "minutes": "minutes", "songs": "songs",
-             "dancers": "dancers", "genres": "genres", "left_out": "left out", "flagged_clips": "flagged clips"}  # fmt: skip
+             "dancers": "dancers", "genres": "genres", "left_out": "left out",
+             "flagged_clips": "flagged clips"}  # fmt: skip
     cells = ""
     for key, name in names.items():
         if key in ("copies", "dancers", "genres") and not own[key] and not (other and other[key]):

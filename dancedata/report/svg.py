@@ -100,7 +100,8 @@ def histogram(
         body += f'<path class="other" d="M{x(edges[0]):.1f} {y(0):.1f}{steps}V{y(0):.1f}"/>'
     for value, name in marks:
         if edges[0] <= value <= edges[-1]:
-            body += f'<path class="mark" d="M{x(value):.1f} {_TOP}V{HEIGHT - _BOTTOM}"><title>{escaped(name)}</title></path>'
+            way = f"M{x(value):.1f} {_TOP}V{HEIGHT - _BOTTOM}"
+            body += f'<path class="mark" d="{way}"><title>{escaped(name)}</title></path>'
     return drawn(body, label)
 
 
