@@ -16,6 +16,7 @@ from dancedata.plot.frames import THEMES, Frames, Theme
 from dancedata.plot.mux import find_ffmpeg, write_mp4
 from dancedata.plot.optional import require
 from dancedata.scene import Figure, Item, Scene, Scenes
+from dancedata.scene.source import ClipSource
 from dancedata.store import Store, open_store
 
 __all__ = ["write_video"]
@@ -95,7 +96,7 @@ def write_video(
     if scene.figure is None:
         raise UsageError("no field of this dataset can be drawn", where=str(ds.path), found="; ".join(scene.notes))
     times = _times(scene, scene.figure, start_s, length_s)
-    sound = None if source is None else _sound(ds, item, Path(source), times, scene.figure)
+    sound = None if source is None else _sound(ds, item, Path(source).expanduser(), times, scene.figure)
     frames = Frames(scene, scene.figure, size, times, theme)
     with atomic.atomic_file(target) as temporary:
         write_mp4(temporary, frames, size, scene.figure.grid.rate, sound, comment=notice)
@@ -140,11 +141,10 @@ def _times(scene: Scene, figure: Figure, start_s: float, length_s: float | None)
 
 def _sound(store: Store, item: Item, source: Path, times: Float64Array, figure: Figure) -> AudioSignal:
     """Return the music of the frames; silence where it ends before them."""
-    from dancedata.scene.sound import Sound
-
-    music = Sound.of(store, source).cut(item)
-    if music is None:
+    found = ClipSource(store, source).sound(item)
+    if found is None:
         raise UsageError("there is no music for this clip", where=source, found=f"clip {shown(item.id)}")
+    music = found.signal
     first = round(float(times[0]) * music.sample_rate)
     n = round(float(figure.grid.seconds(len(times))) * music.sample_rate)
     part = music.samples[first : first + n]

@@ -7,11 +7,14 @@ from dataclasses import dataclass
 from importlib.resources import files
 
 from dancedata.core.columns import Columns
+from dancedata.core.text import counted
 from dancedata.report.document import Document
 from dancedata.report.figures import Drawing
 from dancedata.report.findings import findings
 from dancedata.report.markup import Figure, escaped, number
+from dancedata.report.player import NO_PLAYER, Player
 from dancedata.report.sections import sections, tiles
+from dancedata.scene.payload import link
 
 __all__ = ["PageParts", "page"]
 
@@ -34,12 +37,15 @@ class PageParts:
         The heat map of each field that has one.
     differences
         Kind and text of each difference from the other dataset.
+    player
+        The clips of the page.
     """
 
     chosen: Sequence[str]
     columns: Mapping[str, Columns]
     heat_maps: Mapping[str, Figure]
     differences: Sequence[tuple[str, str]] = ()
+    player: Player = NO_PLAYER
 
 
 def page(d: Drawing, parts: PageParts) -> str:
@@ -48,19 +54,29 @@ def page(d: Drawing, parts: PageParts) -> str:
     if d.other is not None:
         found.append(("differences", "Differences", _differences(d.other, parts.differences)))
     found.append(("about", "Source and terms", _terms(d.own)))
-    links = "".join(f'<a href="#r-s-{key}">{escaped(title)}</a>' for key, title, _ in found)
+    links = "".join(f'<a href="#r-s-{key}">{escaped(title)}</a>' for key, title, _ in found) + _play(parts.player)
     body = "".join(f'<section><h2 id="r-s-{key}">{escaped(title)}</h2>{html}</section>' for key, title, html in found)
-    style = files("dancedata.report").joinpath("static", "report.css").read_text(encoding="utf-8")
-    policy = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'"
+    own = files("dancedata.report").joinpath("static", "report.css").read_text(encoding="utf-8")
+    policy = (
+        f"default-src 'none'; script-src {parts.player.script_sources}; style-src 'unsafe-inline'; img-src data:; "
+        "base-uri 'none'; form-action 'none'"
+    )
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         f'<meta http-equiv="Content-Security-Policy" content="{policy}">'
         '<meta name="viewport" content="width=device-width,initial-scale=1">'
-        '<meta name="referrer" content="no-referrer">'
-        f"<title>{escaped(d.own['about']['name'])}: dataset report</title><style>{style}</style></head><body>"
+        '<meta name="referrer" content="no-referrer"><link rel="icon" href="data:,">'
+        f'<title>{escaped(d.own["about"]["name"])}: dataset report</title><style>{parts.player.css}{own}</style></head><body data-page="report">'
         f'<main id="r-report">{_header(d)}{tiles(d)}<nav aria-label="Sections">{links}</nav>'
-        f"{_findings(d.own)}{body}</main></body></html>\n"
+        f"{_findings(d.own)}{body}</main>{parts.player.body}</body></html>\n"
     )
+
+
+def _play(player: Player) -> str:
+    """Return the link that opens the first clip."""
+    if not player.items:
+        return ""
+    return f'<a class="play" href="{escaped(link(player.items[0]), 2000)}">▶ {counted(len(player.items), "clip")}</a>'
 
 
 def _header(d: Drawing) -> str:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
-from dancedata.core import atomic
-from dancedata.core.columns import Columns
-from dancedata.core.errors import StoreError, UsageError
+from dancedata.core.errors import UsageError
 from dancedata.core.text import shown
 from dancedata.pipeline.diff import Difference, diff
 from dancedata.report.document import SCHEMA, Document, document
@@ -19,13 +17,15 @@ from dancedata.report.markup import Figure
 from dancedata.report.measure import measure
 from dancedata.report.page import PageParts, page
 from dancedata.report.pictures import heat_map
+from dancedata.report.player import Player, clip_player, embedded_sound
 from dancedata.report.scales import Scales
+from dancedata.report.target import Target
 from dancedata.store import Store, open_store
 
-__all__ = ["Report", "write_report"]
+__all__ = ["Clips", "Report", "default_path", "write_report"]
 
-#: Bytes of a megabyte, as file managers count.
-_MB = 1_000_000
+#: How many clips a page has.
+Clips = int | Literal["all", "none"]
 #: Clips whose paths are drawn.
 _PATHS = 12
 
@@ -37,7 +37,7 @@ class Report:
     Attributes
     ----------
     document
-        Every number of the page; see docs/report.md.
+        Every number of the page; docs/report.md says what they are.
     other
         Those of the dataset it is compared with.
     differences
@@ -51,6 +51,12 @@ class Report:
     differences: tuple[Difference, ...] = ()
     path: Path | None = None
 
+    def __repr__(self) -> str:
+        """Show the dataset and the page."""
+        about, totals = self.document["about"], self.document["totals"]
+        page_of = "" if self.path is None else f", {str(self.path)!r}"
+        return f"Report({shown(about['name'])}: {totals['clips']} clips, {totals['windows']} windows{page_of})"
+
     def to_json(self) -> dict[str, Any]:
         """Return plain JSON data."""
         return {
@@ -62,10 +68,25 @@ class Report:
         }
 
 
+@dataclass(frozen=True)
+class _Page:
+    """What is asked of the page."""
+
+    target: Target
+    clips: Clips
+    embed_audio: bool
+    source: Path | None
+    may_share: bool
+
+
 def write_report(
     store: str | Path,
     to: str | Path | None = None,
     *,
+    clips: Clips = 12,
+    audio: Literal["none", "embed"] = "none",
+    source: str | Path | None = None,
+    may_share: bool = False,
     against: str | Path | None = None,
     max_mb: float = 20,
     overwrite: bool = False,
@@ -78,12 +99,21 @@ def write_report(
         Folder that `build` wrote.
     to
         HTML file to write; None: numbers alone.
+    clips
+        Number of clips that the page plays, "all" or "none": half of them the most suspicious, the others spread over
+        the genres. The first 12 are inside the page, the others in a folder beside it.
+    audio
+        "embed": with the music of the clips inside the page.
+    source
+        Folder with the music.
+    may_share
+        The caller states to have the right to pass the music on, where the dataset's licence does not allow it.
     against
         Another dataset, whose numbers stand beside those of this one.
     max_mb
         Largest page, megabytes.
     overwrite
-        Replace a file that is there.
+        Replace a page that is there.
 
     Returns
     -------
@@ -93,43 +123,66 @@ def write_report(
     Raises
     ------
     UsageError
-        If the file is there, lies inside a dataset, or would be larger than `max_mb`.
+        If the file is there, lies inside a dataset, or would be larger than `max_mb`; if the licence does not allow
+        the music to be passed on.
     DataError, StoreError
-        If a dataset is damaged.
+        If a dataset is damaged, or the page cannot be written.
     """
-    target = (
-        None if to is None else _target(Path(to), [Path(p) for p in (store, against) if p is not None], overwrite)
-    )
+    wanted = None
+    if to is not None:
+        stores = [Path(path) for path in (store, against) if path is not None]
+        target = Target.of(Path(to), stores, max_mb=max_mb, overwrite=overwrite)
+        folder = None if source is None else Path(source)
+        wanted = _Page(target, _checked(clips), _embeds(audio), folder, may_share)
     with open_store(store) as own:
         found = measure(own)
         if against is None:
-            return _made(own, document(found, Scales.of([found])), None, (), target, max_mb)
+            return _made(own, document(found, Scales.of([found])), None, (), wanted)
         with open_store(against) as other:
             beside = measure(other)
             scales = Scales.of([found, beside])
             differences = tuple(diff(own.path, other.path))
-            return _made(own, document(found, scales), document(beside, scales), differences, target, max_mb)
+            return _made(own, document(found, scales), document(beside, scales), differences, wanted)
+
+
+def _checked(clips: Clips) -> Clips:
+    if clips in ("all", "none") or (isinstance(clips, int) and clips >= 0):
+        return clips
+    raise UsageError("not a number of clips", found=shown(clips), allowed='a number >= 0, "all" or "none"')
+
+
+def _embeds(audio: str) -> bool:
+    if audio not in ("none", "embed"):
+        raise UsageError("unknown audio", found=shown(audio), allowed='"none" or "embed"')
+    return audio == "embed"
 
 
 def _made(
-    store: Store, own: Document, other: Document | None, differences: tuple[Difference, ...], target: Path | None,
-    max_mb: float,
-) -> Report:  # fmt: skip
-    if target is not None:
-        html = _page(store, own, other, differences).encode()
-        _require_size(len(html), max_mb, target)
-        try:
-            atomic.write_bytes(target, html)
-        except OSError as error:
-            raise StoreError("the report cannot be written", where=target, found=str(error)) from error
-    return Report(own, other, differences, target)
+    store: Store, own: Document, other: Document | None, differences: tuple[Difference, ...], wanted: _Page | None
+) -> Report:
+    if wanted is None:
+        return Report(own, other, differences)
+    player = _player(store, own, wanted)
+    html = _page(store, own, other, differences, player)
+    wanted.target.write(html.encode(), player)
+    return Report(own, other, differences, wanted.target.path)
 
 
-def _page(store: Store, own: Document, other: Document | None, differences: Sequence[Difference]) -> str:
-    chosen = spread(own, _PATHS)
+def _player(store: Store, own: Document, wanted: _Page) -> Player:
+    n = {"all": len(own["clips"]), "none": 0}.get(str(wanted.clips), wanted.clips)
+    clips = spread(own, int(n))
+    sound = None
+    if wanted.embed_audio:
+        sound = embedded_sound(store, clips, wanted.source, may_share=wanted.may_share)
+    return clip_player(store, clips, wanted.target.folder.name, sound)
+
+
+def _page(
+    store: Store, own: Document, other: Document | None, differences: Sequence[Difference], player: Player
+) -> str:
     texts = [(d.kind, str(d).partition(": ")[2]) for d in differences]
-    columns: Mapping[str, Columns] = store.fields
-    return page(Drawing(own, other), PageParts(chosen, columns, _heat_maps(store, own), texts))
+    parts = PageParts(spread(own, _PATHS), store.fields, _heat_maps(store, own), texts, player)
+    return page(Drawing(own, other, player.links), parts)
 
 
 def _heat_maps(store: Store, own: Document) -> dict[str, Figure]:
@@ -149,35 +202,6 @@ def _heat_maps(store: Store, own: Document) -> dict[str, Figure]:
         body = heat_map(rows, columns, f"columns of {name} over time")
         figures[name] = Figure(f"heat_{name}", f"{name} over time", note, body, kind="wide")
     return figures
-
-
-def _target(to: Path, stores: Sequence[Path], overwrite: bool) -> Path:
-    path = to.expanduser().absolute()
-    for store in stores:
-        folder = store.expanduser().absolute()
-        if path.resolve().is_relative_to(folder.resolve()):
-            raise UsageError(
-                "a report is not written into a dataset, whose files are listed",
-                where=path,
-                fix="choose a file outside of the dataset with --to",
-            )
-    if path.is_dir() or not path.parent.is_dir():
-        problem = "this is a folder" if path.is_dir() else "there is no such folder"
-        raise UsageError(problem, where=path if path.is_dir() else path.parent, fix="name an HTML file with --to")
-    if path.exists() and not overwrite:
-        raise UsageError("the file is already there", where=path, fix="choose another --to, or add --overwrite")
-    return path
-
-
-def _require_size(n_bytes: int, max_mb: float, path: Path) -> None:
-    if n_bytes > max_mb * _MB:
-        raise UsageError(
-            "the page is too large",
-            where=path,
-            found=f"{n_bytes / _MB:.1f} MB",
-            allowed=f"{max_mb:g} MB (--max-mb)",
-            fix="show fewer clips: --clips N, or none of them: --clips none",
-        )
 
 
 def default_path(store: str | Path) -> Path:
