@@ -66,7 +66,8 @@ def page(d: Drawing, parts: PageParts) -> str:
         f'<meta http-equiv="Content-Security-Policy" content="{policy}">'
         '<meta name="viewport" content="width=device-width,initial-scale=1">'
         '<meta name="referrer" content="no-referrer"><link rel="icon" href="data:,">'
-        f'<title>{escaped(d.own["about"]["name"])}: dataset report</title><style>{parts.player.css}{own}</style></head><body data-page="report">'
+        f"<title>{escaped(d.own['about']['name'])}: dataset report</title>"
+        f'<style>{parts.player.css}{own}</style></head><body data-page="report">'
         f'<main id="r-report">{_header(d)}{tiles(d)}<nav aria-label="Sections">{links}</nav>'
         f"{_findings(d.own)}{body}</main>{parts.player.body}</body></html>\n"
     )
