@@ -14,7 +14,6 @@ from urllib.parse import quote
 
 import numpy as np
 
-from dancedata.audio.signal import resample
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import UsageError
 from dancedata.exporting.sharing import require_shareable
@@ -136,8 +135,9 @@ def embedded_sound(store: Store, clips: Sequence[str], source: Path | None, *, m
 def _opus(signal: AudioSignal) -> bytes:
     """Encode a signal; the same signal gives the same bytes."""
     import soundfile
+    import soxr
 
-    samples = np.clip(resample(signal.samples, signal.sample_rate, _OPUS_RATE), -1, 1)
+    samples = np.clip(soxr.resample(signal.samples, signal.sample_rate, _OPUS_RATE), -1, 1)
     data = io.BytesIO()
     soundfile.write(data, samples, _OPUS_RATE, format="OGG", subtype="OPUS")
     return without_serial(data.getvalue())

@@ -63,9 +63,10 @@ class Tally:
         """Return a quantile, exact to the width of a bin; None without values."""
         if not self.n:
             return None
+        wanted = min(max(q * self.n, _SLACK), self.n)
         cumulated = np.cumsum(self.counts)
-        place = min(int(np.searchsorted(cumulated, q * self.n, "left")), len(self.counts) - 1)
-        inside = (q * self.n - (cumulated[place] - self.counts[place])) / max(int(self.counts[place]), 1)
+        place = int(np.searchsorted(cumulated, wanted, "left"))
+        inside = (wanted - (cumulated[place] - self.counts[place])) / int(self.counts[place])
         return self.low + self.width * (place + float(np.clip(inside, 0, 1)))
 
     def share_above(self, limit: float) -> float | None:
@@ -92,7 +93,7 @@ def nice_step(span: float, n: int) -> float:
 
 def nice_edges(low: float, high: float, n: int = 24) -> tuple[float, ...]:
     """Return the borders of at most about `n` bins of a round width that hold everything from `low` to `high`."""
-    if not high > low:  # a single value, with a bin of its own and some room
+    if high - low <= _SLACK * max(1.0, abs(low)):  # a single value, with a bin of its own and some room
         step = nice_step(max(abs(low), 1.0), 10)
         first = int(np.floor(low / step + _SLACK)) - 2
         return tuple(round(k * step, 10) for k in range(first, first + 6))

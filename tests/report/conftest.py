@@ -31,9 +31,7 @@ HOSTILE = [
 
 def _build(folder: Path, **overrides: Any) -> Path:
     out = folder / "demo"
-    dancedata.build(
-        "demo", out=out, overrides={**SMALL, **overrides}, jobs=1, cache=folder / "cache", progress=False
-    )
+    dancedata.build("demo", out=out, overrides={**SMALL, **overrides}, jobs=1, cache=folder / "cache", progress=False)
     return out
 
 
@@ -56,9 +54,7 @@ Relabel = Callable[..., Path]
 def relabelled(demo: Path, tmp_path: Path) -> Relabel:
     """Write the demo's motion and music under other names."""
 
-    def make(
-        names: Callable[[int], Mapping[str, Any]], meta: Mapping[str, Any] | None = None, **writer: Any
-    ) -> Path:
+    def make(names: Callable[[int], Mapping[str, Any]], meta: Mapping[str, Any] | None = None, **writer: Any) -> Path:
         out = tmp_path / "relabelled"
         out.mkdir()
         with open_store(demo) as store:

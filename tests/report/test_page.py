@@ -140,7 +140,9 @@ def test_names_of_others_stay_text(hostile: Path, tmp_path: Path) -> None:
     assert "\u202e" not in page.text
     with open_store(hostile) as store:
         ids = {c.id for c in store.clips}
-    linked = {unquote(a["href"][6:].split("&")[0]) for t, a in page.elements if a.get("href", "").startswith("#clip=")}
+    linked = {
+        unquote(a["href"][6:].split("&")[0]) for t, a in page.elements if a.get("href", "").startswith("#clip=")
+    }
     assert linked == ids
     data = next(text for about, text in page.scripts if about.get("id") == "dd-data")
     assert {clip[0] for clip in json.loads(data)["list"]["clips"]} == ids
