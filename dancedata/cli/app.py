@@ -14,8 +14,8 @@ import typer
 from dancedata.cli.errors import errors_to_exit_codes as _errors_to_exit_codes
 from dancedata.cli.evaluate import evaluate
 from dancedata.cli.jukebox import app as jukebox
-from dancedata.cli.view import view
 from dancedata.cli.report import report
+from dancedata.cli.view import view
 from dancedata.core.errors import UsageError
 from dancedata.core.text import json_text
 from dancedata.core.version import __version__

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
@@ -20,8 +19,8 @@ from dancedata.exporting.sharing import require_shareable
 from dancedata.report.markup import Markup, escaped
 from dancedata.report.ogg import without_serial
 from dancedata.scene import Item, Scenes
-from dancedata.scene.page import Sound, data_script, page_data, page_parts, source_hash
-from dancedata.scene.payload import link, scene_payload
+from dancedata.scene.page import PageSound, data_script, page_data, page_parts, source_hash
+from dancedata.scene.payload import link, page_json, scene_payload
 from dancedata.scene.source import ClipSource
 from dancedata.store import Store
 
@@ -65,14 +64,14 @@ class Player:
         """Return the script with the data of a clip."""
         if self.scenes is None:
             return ""
-        return f"dancedataClip({number}, {json.dumps(_payload(self.scenes, self.items[number], number))});\n"
+        return f"dancedataClip({number}, {page_json(_payload(self.scenes, self.items[number], number))});\n"
 
 
 #: A report without clips.
 NO_PLAYER = Player()
 
 
-def clip_player(store: Store, clips: Sequence[str], folder: str, sound: Sound | None = None) -> Player:
+def clip_player(store: Store, clips: Sequence[str], folder: str, sound: PageSound | None = None) -> Player:
     """Return the player of some clips; in window scope of the first window of each.
 
     Parameters
@@ -91,7 +90,7 @@ def clip_player(store: Store, clips: Sequence[str], folder: str, sound: Sound | 
     inline = {k: _payload(scenes, item, k) for k, item in enumerate(items[:INLINE])}
     side = {f"clip-{k:05d}.js": k for k in range(INLINE, len(items))}
     addresses = {k: f"{quote(folder)}/{name}" for name, k in side.items()}
-    document = page_data(scenes, items, clips=inline, side=addresses, sound=sound)
+    document = page_data(scenes, items, clips=inline, side=addresses, sound=sound or False)
     parts = page_parts()
     own = files("dancedata.report").joinpath("static", "report.js").read_text(encoding="utf-8")
     body = (
@@ -110,7 +109,7 @@ def _link(item: Item) -> Markup:
     return Markup(f'<a href="{escape(link(item), quote=True)}">{escaped(item.clip.id)}</a>')
 
 
-def embedded_sound(store: Store, clips: Sequence[str], source: Path | None, *, may_share: bool) -> Sound:
+def embedded_sound(store: Store, clips: Sequence[str], source: Path | None, *, may_share: bool) -> PageSound:
     """Return the music of clips as Opus, mono, each exactly as long as its clip.
 
     Raises
@@ -129,7 +128,7 @@ def embedded_sound(store: Store, clips: Sequence[str], source: Path | None, *, m
     files_of = {k: _opus(sound.signal) for k, sound in found.items() if sound is not None}
     if clips and not files_of:
         raise UsageError("the source has no music of these clips", where=source)
-    return Sound(files_of, notice)
+    return PageSound(files_of, notice)
 
 
 def _opus(signal: AudioSignal) -> bytes:

@@ -87,8 +87,8 @@ def hostile(relabelled: Relabel) -> Path:
 
     meta = {"name": HOSTILE[0], "licence": HOSTILE[1], "citation": HOSTILE[4]}
     quality = [
-        {"clip": f"{HOSTILE[k % 6]}{k}", "kind": HOSTILE[0], "joint": HOSTILE[4], "frame": 3, "rate": "60", "value": 1.0,
-         "unit": HOSTILE[1]}
+        {"clip": f"{HOSTILE[k % 6]}{k}", "kind": HOSTILE[0], "joint": HOSTILE[4], "frame": 3, "rate": "60",
+         "value": 1.0, "unit": HOSTILE[1]}
         for k in range(8)
     ]  # fmt: skip
     rejects = [Reject(HOSTILE[0], clip=HOSTILE[4], detail=HOSTILE[1])]

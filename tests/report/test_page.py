@@ -224,5 +224,5 @@ def test_a_page_that_is_too_large_is_an_error_that_says_what_to_lower(demo: Path
 
 def test_other_arguments(demo: Path, tmp_path: Path) -> None:
     for wrong in ({"clips": -1}, {"clips": "some"}, {"audio": "link"}):
-        with pytest.raises(UsageError, match="clips|audio"):
+        with pytest.raises(UsageError, match=r"clips|audio"):
             write_report(demo, tmp_path / "x.html", **wrong)
