@@ -17,6 +17,8 @@ __all__ = ["Drawing", "contents_figures", "movement_figures", "music_figures", "
 _BARS = 40
 #: Paths that are drawn.
 _PATHS = 12
+#: Share of standing still that is worth a word.
+_MUCH_STILL = 0.02
 
 
 @dataclass(frozen=True)
@@ -103,10 +105,11 @@ def contents_figures(d: Drawing) -> list[Figure]:
             legend=False,
         ),
         _bars(d, ("contents", "windows_by_genre"), "Windows by genre", genres, "genre"),
-        _bars(d, ("contents", "windows_by_dancer"), "Windows by dancer", "", "dancer"),
         _bars(d, ("contents", "windows_by_song"), "Windows by song", "two colours: a song that splits share", "song"),
         _histogram(d, ("contents", "length_s"), "Length of clips", f"source frame rates: {rates}", "seconds"),
     ]
+    if d.own["totals"]["dancers"]:
+        figures.insert(2, _bars(d, ("contents", "windows_by_dancer"), "Windows by dancer", "", "dancer"))
     if n:
         tempo = _histogram(
             d, ("contents", "tempo_bpm"), "Tempo", f"{n} of {clips} clips state one", "beats per minute"
@@ -132,9 +135,9 @@ def movement_figures(d: Drawing, chosen: Sequence[str]) -> list[Figure]:
     still = moves["still"]["p50"]
     floor = moves["floor_m"]
     sliding = moves["sliding_m_s"]
-    note = f"mean over {moves['joints']} joints; median {number(speed['p50'])} m/s; " + (
-        f"half of the clips stand still in more than {100 * still:.0f} % of their frames" if still is not None else ""
-    )
+    note = f"mean over {moves['joints']} joints; median {number(speed['p50'])} m/s"
+    if still is not None and still >= _MUCH_STILL:
+        note += f"; half of the clips stand still in more than {100 * still:.0f} % of their frames"
     figures = [
         _histogram(d, ("movement", "speed_m_s"), "Speed of the body", note, "metres per second", marks),
         _joint_speed(d),
@@ -272,6 +275,8 @@ def split_figures(d: Drawing) -> list[Figure]:
         "dancers": ("Dancers that splits share", "no leak by itself: many datasets split by song"),
         "clips": ("Clips that splits share", "copies of augmentations count as their clip"),
     }
+    if not d.own["totals"]["dancers"]:
+        del notes["dancers"]
     return [_matrix(d, key, *notes[key], shared[key]) for key in notes]
 
 

@@ -84,7 +84,8 @@ def _movement(d: Document) -> list[Finding]:
         found.append(Finding("look", text, "sliding_m_s"))
     floor = moves["floor_m"]
     if floor["n"] and max(abs(floor["min"]), abs(floor["max"])) > 0.1:
-        text = f"the floor is not at 0: the feet stand at {number(floor['min'])} to {number(floor['max'])} m"
+        low, high = number(floor["min"]), number(floor["max"])
+        text = f"the floor is not at 0: the feet stand at {low} m" + (f" to {high} m" if high != low else "")
         found.append(Finding("note", text, "floor_m"))
     return found
 

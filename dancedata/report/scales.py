@@ -11,8 +11,6 @@ from dancedata.report.tally import Tally, fine_edges, nice_edges
 
 __all__ = ["Scales"]
 
-#: Shares need no scale of their own.
-_SHARES = tuple(round(k * 0.05, 2) for k in range(21))
 #: Half the range of offsets, milliseconds; bins are one frame wide, as key motions lie between frames.
 _OFFSET_MS = 400
 
@@ -49,15 +47,15 @@ class Scales:
         lengths = [float(m.store.grid.seconds(c.n_frames)) for m, c in clips]
         gaps = [gap for m in datasets for gap in music_gaps(m).values()]
         return cls(
-            length_s=_of(lengths),
-            tempo_bpm=_of([c.tempo_bpm for _, c in clips if c.tempo_bpm is not None]),
-            music_minus_motion_s=_of(gaps),
+            length_s=_of(lengths, 0.1),
+            tempo_bpm=_of([c.tempo_bpm for _, c in clips if c.tempo_bpm is not None], 1),
+            music_minus_motion_s=_of(gaps, 0.1),
             speed=_fine([m.speed for m in datasets]),
             sliding=_fine([m.sliding for m in datasets]),
             offset_ms=_offsets(datasets),
-            root_extent_m=_of(_values(numbers, lambda n: n.root_extent_m), least=0.0),
-            turns=_of(_values(numbers, lambda n: n.turns), least=0.0),
-            floor_m=_of(_values(numbers, lambda n: n.floor_m)),
+            root_extent_m=_of(_values(numbers, lambda n: n.root_extent_m), 0.05, low=0.0),
+            turns=_of(_values(numbers, lambda n: n.turns), 0.05, low=0.0),
+            floor_m=_of(_values(numbers, lambda n: n.floor_m), 0.01),
         )
 
 
@@ -75,11 +73,12 @@ def _values(numbers: Sequence[ClipNumbers], value: Callable[[ClipNumbers], Any])
     return [v for v in map(value, numbers) if v is not None]
 
 
-def _of(values: Sequence[float], least: float | None = None) -> tuple[float, ...]:
+def _of(values: Sequence[float], smallest: float, low: float | None = None) -> tuple[float, ...]:
+    """Return borders from `low`, or the least value, in steps of `smallest` or more."""
     if not values:
         return (0.0, 1.0)
-    low = min(values) if least is None else min(least, *values)
-    return nice_edges(low, max(values))
+    first = min(values) if low is None else min(low, *values)
+    return nice_edges(first, max(values), least=smallest)
 
 
 def _fine(tallies: Sequence[Tally]) -> tuple[float, ...]:

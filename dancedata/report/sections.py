@@ -78,7 +78,7 @@ def _look(d: Drawing) -> str:
 
 
 def _percent(share: float | None) -> Markup:
-    return Markup("–" if share is None else f"{100 * share:.0f} %")
+    return Markup("–" if share is None else f"{100 * share:.0f} %")
 
 
 def _field_figures(d: Drawing, columns: Mapping[str, Columns], heat_maps: Mapping[str, Figure]) -> list[Figure]:

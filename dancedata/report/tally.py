@@ -91,13 +91,21 @@ def nice_step(span: float, n: int) -> float:
     return float(next(s * power for s in (*_STEPS, 10.0) if s * power >= exact * (1 - _SLACK)))
 
 
-def nice_edges(low: float, high: float, n: int = 24) -> tuple[float, ...]:
-    """Return the borders of at most about `n` bins of a round width that hold everything from `low` to `high`."""
+def nice_edges(low: float, high: float, n: int = 24, least: float = 0.0) -> tuple[float, ...]:
+    """Return the borders of bins that hold everything from `low` to `high`.
+
+    Parameters
+    ----------
+    n
+        Bins, about and at most.
+    least
+        Smallest width of a bin.
+    """
     if high - low <= _SLACK * max(1.0, abs(low)):  # a single value, with a bin of its own and some room
-        step = nice_step(max(abs(low), 1.0), 10)
+        step = least or nice_step(max(abs(low), 1.0), 10)
         first = int(np.floor(low / step + _SLACK)) - 2
         return tuple(round(k * step, 10) for k in range(first, first + 6))
-    step = nice_step(high - low, n)
+    step = max(nice_step(high - low, n), least)
     first = int(np.floor(low / step + _SLACK))
     last = max(int(np.ceil(high / step - _SLACK)), first + 1)
     return tuple(round(k * step, 10) for k in range(first, last + 1))

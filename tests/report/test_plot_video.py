@@ -46,7 +46,7 @@ def test_a_video_has_the_frames_and_the_sound_of_its_clip(demo: Path, tmp_path: 
     assert len(shown) == 60
     samples = sound(path)
     assert abs(len(samples) / 22050 - 2) < 0.06
-    # The music is that of the same time: the onsets of the demo's song, with the encoder's delay undone by the player.
+    # The music is that of the same time; players and ffmpeg undo the delay of the encoder.
     wav = dancedata.AudioSignal
     from dancedata.audio.signal import load_audio, resample
 
