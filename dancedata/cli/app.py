@@ -14,6 +14,7 @@ import typer
 from dancedata.cli.errors import errors_to_exit_codes as _errors_to_exit_codes
 from dancedata.cli.evaluate import evaluate
 from dancedata.cli.jukebox import app as jukebox
+from dancedata.cli.report import report
 from dancedata.cli.view import view
 from dancedata.core.errors import UsageError
 from dancedata.core.text import json_text
@@ -32,6 +33,7 @@ app.add_typer(caches, name="cache")
 app.add_typer(jukebox, name="jukebox")
 app.command("evaluate")(evaluate)
 app.command("view")(view)
+app.command("report")(report)
 
 RecipeName = Annotated[str, typer.Argument(metavar="RECIPE", help="A recipe's name (see list) or a YAML file.")]
 Source = Annotated[Path | None, typer.Option(help="Folder with the dataset's files; demo makes its own.")]

@@ -13,6 +13,7 @@ from dancedata.core.errors import UsageError
 SOURCE_HELP = "Folder that the dataset was built from: its music, and the original motion to compare with."
 COMPARE_HELP = "Another dataset, a folder of <clip>.npy or .npz, or one file; repeat it for several."
 AS_HELP = "What columns of --compare are: edge151, ...; default: joint positions, or the files' own rotations."
+VIDEO_HELP = "Write the clip as a video, and serve nothing; needs the extra video."
 EXPORT_HELP = "Write the clip as one HTML page, and serve nothing."
 SHARE_HELP = "You state to have the right to pass this music on."
 
@@ -34,15 +35,19 @@ def view(
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port on 127.0.0.1; 0: a free one.")] = 0,
     no_browser: Annotated[bool, typer.Option("--no-browser", help="Only print the address.")] = False,
     export: Annotated[Path | None, typer.Option(metavar="FILE.html", help=EXPORT_HELP)] = None,
-    audio: Annotated[str, typer.Option(help="With --export: none, or embed the clip's music.")] = "none",
+    video: Annotated[Path | None, typer.Option(metavar="FILE.mp4", help=VIDEO_HELP)] = None,
+    audio: Annotated[str, typer.Option(help="With --export or --video: none, or embed the clip's music.")] = "none",
     share: Annotated[bool, typer.Option("--i-may-share-this-music", help=SHARE_HELP)] = False,
-    overwrite: Annotated[bool, typer.Option(help="With --export: replace the file.")] = False,
+    overwrite: Annotated[bool, typer.Option(help="With --export or --video: replace the file.")] = False,
 ) -> None:
     """Look at a dataset in the browser: dancedata view OUT [CLIP]. Ctrl-C ends it."""
     from dancedata.viewer.view import ViewRequest, export_page, serve
 
     if audio not in ("none", "embed"):
         raise UsageError("invalid value for --audio", found=audio, allowed="none, embed")
+    if video is not None:
+        _write_video(store, clip, video, field, source, embed=audio == "embed", shared=share, overwrite=overwrite)
+        return
     request = ViewRequest(
         store, clip, field, source, tuple(compare or ()), compare_as, normalized, fps, up, unit, at, window
     )
@@ -51,5 +56,23 @@ def view(
         typer.echo(str(made))
         return
     if audio != "none":
-        raise UsageError("--audio goes with --export", fix="the page that is served plays the music of --source")
+        raise UsageError(
+            "--audio goes with --export or --video", fix="the page that is served plays the music of --source"
+        )
     serve(request, port=port, browser=not no_browser, say=typer.echo)
+
+
+def _write_video(
+    store: Path, clip: str, video: Path, field: str | None, source: Path | None, *, embed: bool, shared: bool,
+    overwrite: bool,
+) -> None:  # fmt: skip
+    from dancedata.plot.video import write_video
+
+    if not clip:
+        raise UsageError("a video shows one clip", fix="name it: dancedata view OUT CLIP --video FILE.mp4")
+    if embed and source is None:
+        raise UsageError("the music is needed", fix="name the folder with it: --source DIR")
+    music = source if embed else None
+    typer.echo(str(write_video(store, clip, video, source=music, field=field, may_share=shared, overwrite=overwrite)))
+    if not embed:
+        typer.echo("  without sound; with the clip's music: --source DIR --audio embed")

@@ -1,0 +1,215 @@
+"""Frames of a video: a dancer on the floor, and a timeline of music, speed and contacts below."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from dancedata.core.rotations import Float64Array
+from dancedata.core.text import shown
+from dancedata.plot.camera import Camera
+from dancedata.plot.optional import require
+from dancedata.plot.timeline import FINER, TIMELINE, Timeline, text_font
+from dancedata.scene import Figure, Scene
+
+if TYPE_CHECKING:
+    from PIL.Image import Image
+    from PIL.ImageDraw import ImageDraw
+
+__all__ = ["THEMES", "Frames", "Theme"]
+
+Theme = Literal["dark", "light"]
+#: Colours of the viewer, by theme.
+THEMES: dict[Theme, dict[str, str]] = {
+    "dark": {
+        "bg": "#14161a", "panel": "#1b1e24", "ink": "#e8eaed", "dim": "#98a1ad", "grid": "#2f3540",
+        "shadow": "#08090b",
+        "path": "#f2b84b", "contact": "#2fbf9b", "wave": "#7a8698", "sides": "#d5d9df #56b4e9 #e69f00",
+    },
+    "light": {
+        "bg": "#f6f7f8", "panel": "#ffffff", "ink": "#1c2126", "dim": "#5c6570", "grid": "#d3d8de",
+        "shadow": "#c3c9d1",
+        "path": "#8a5a00", "contact": "#00866a", "wave": "#77828f", "sides": "#4a525c #0072b2 #b85c00",
+    },
+}  # fmt: skip
+#: Seconds of the path that are drawn strongly.
+_RECENT_S = 1.5
+#: Width of bones, and radius of the head and of the ring of a contact, metres.
+_BONE, _HEAD, _RING = 0.05, 0.1, 0.085
+#: Of the camera: how much it follows the dancer in a second.
+_FOLLOW = 1.2
+
+
+@dataclass(frozen=True, eq=False)
+class Frames:
+    """Draws the frames of a clip.
+
+    Attributes
+    ----------
+    scene, figure
+        The clip, and its dancer.
+    size
+        Width and height, pixels.
+    times
+        (N,) instants of the frames, seconds.
+    """
+
+    scene: Scene
+    figure: Figure
+    size: tuple[int, int]
+    times: Float64Array
+    theme: Theme = "dark"
+
+    def __iter__(self) -> Iterator[bytes]:
+        """Yield every frame as bytes, RGB, row by row."""
+        for number in range(len(self.times)):
+            yield self.image(number).tobytes()
+
+    def image(self, number: int) -> Image:
+        """Return one frame."""
+        time = float(self.times[number])
+        picture = self._empty.copy()
+        at = min(round(time * self._rate), self.figure.n_frames - 1)
+        stage = require("PIL.Image", "video").new("RGB", self._stage_size, self._colours["bg"])
+        self._stage(_pen(stage), at, number)
+        picture.paste(stage)
+        self._cursor(_pen(picture), time)
+        small: Image = picture.reduce(FINER)
+        self._clock(_pen(small), time, at)
+        return small
+
+    @property
+    def _rate(self) -> float:
+        return float(self.figure.grid.rate)
+
+    @cached_property
+    def _colours(self) -> dict[str, str]:
+        return THEMES[self.theme]
+
+    @cached_property
+    def _sides(self) -> list[str]:
+        return self._colours["sides"].split()
+
+    @cached_property
+    def _timeline(self) -> Timeline:
+        return Timeline(self.scene, self.figure, self.size, self._colours)
+
+    @cached_property
+    def _stage_size(self) -> tuple[int, int]:
+        width, height = self.size
+        return width * FINER, round(height * (1 - TIMELINE)) * FINER
+
+    @cached_property
+    def _targets(self) -> Float64Array:
+        """Where the camera looks in each frame, (N, 3): the root, smoothed."""
+        from scipy.ndimage import gaussian_filter1d
+
+        smooth = gaussian_filter1d(self.figure.joints[:, 0], self._rate / _FOLLOW, axis=0, mode="nearest")
+        at = np.minimum((self.times * self._rate).round().astype(int), self.figure.n_frames - 1)
+        targets: Float64Array = smooth[at]
+        targets[:, 1] = self.figure.floor
+        return targets
+
+    @cached_property
+    def _empty(self) -> Image:
+        """A frame with the timeline and without the dancer."""
+        image: Image = require("PIL.Image", "video").new("RGB", [n * FINER for n in self.size], self._colours["bg"])
+        self._timeline.draw(_pen(image))
+        return image
+
+    def _stage(self, draw: ImageDraw, at: int, number: int) -> None:
+        width, height = self._stage_size
+        x, floor, z = self._targets[number].tolist()
+        camera = Camera(width, height, (x, floor, z))
+        self._floor(draw, camera)
+        self._path(draw, camera, at)
+        joints = self.figure.joints[at]
+        flat = joints.copy()
+        flat[:, 1] = floor
+        self._bones(draw, camera(flat), camera(flat)[:, 2], shadow=True)
+        self._rings(draw, camera, flat, at)
+        self._bones(draw, camera(joints), camera(joints)[:, 2], shadow=False)
+
+    def _floor(self, draw: ImageDraw, camera: Camera) -> None:
+        x, floor, z = camera.target
+        middle = np.round(np.array([x, z]) * 2) / 2
+        for k in np.arange(-3, 3.01, 0.5):
+            ends = [(middle[0] + k, middle[1] - 3), (middle[0] + k, middle[1] + 3)]
+            for a, b in (ends, [(middle[0] - 3, middle[1] + k), (middle[0] + 3, middle[1] + k)]):
+                self._line(
+                    draw, camera(np.array([[a[0], floor, a[1]], [b[0], floor, b[1]]])), self._colours["grid"], 2
+                )
+
+    def _path(self, draw: ImageDraw, camera: Camera, at: int) -> None:
+        way = self.figure.joints[:, 0].copy()
+        way[:, 1] = self.figure.floor
+        self._line(draw, camera(way[::2]), self._colours["dim"], 2)
+        recent = way[max(0, at - round(_RECENT_S * self._rate)) : at + 1]
+        self._line(draw, camera(recent), self._colours["path"], 5)
+
+    def _line(self, draw: ImageDraw, places: Float64Array, colour: str, width: int) -> None:
+        """Draw a line through places; it stops at those behind the camera."""
+        behind = np.flatnonzero(~np.isfinite(places).all(axis=1))
+        for part in np.split(places, behind):
+            points = [(x, y) for x, y, scale in part.tolist() if math.isfinite(scale)]
+            if len(points) > 1:
+                draw.line(points, fill=colour, width=width, joint="curve")
+
+    def _bones(self, draw: ImageDraw, places: Float64Array, scale: Float64Array, *, shadow: bool) -> None:
+        if not np.isfinite(places).all():
+            return
+        order = sorted(self.figure.bones, key=lambda bone: scale[list(bone)].sum())
+        for parent, joint in order:
+            width = max(2, round(_BONE * scale[[parent, joint]].mean()))
+            colour = self._colours["shadow"] if shadow else self._sides[self.figure.sides[joint]]
+            ends = places[parent, :2], places[joint, :2]
+            if not shadow:
+                _capsule(draw, *ends, width + 2 * FINER, self._colours["bg"])
+            _capsule(draw, *ends, width, colour)
+            if not shadow and self.figure.skeleton.joints[joint] == "head":
+                _disc(draw, places[joint, :2], _HEAD * scale[joint], self._sides[0])
+
+    def _rings(self, draw: ImageDraw, camera: Camera, flat: Float64Array, at: int) -> None:
+        for touches, joint in zip(self.figure.contacts[at], self.figure.contact_joints, strict=True):
+            x, y, scale = camera(flat[joint])
+            if touches and np.isfinite(scale):
+                a, b = _RING * scale, _RING * scale * max(0.2, camera.tilt)
+                draw.ellipse((x - a, y - b, x + a, y + b), outline=self._colours["contact"], width=3 * FINER)
+
+    def _cursor(self, draw: ImageDraw, time: float) -> None:
+        x = self._timeline.x(time)
+        top = self._stage_size[1]
+        draw.line([(x, top), (x, self.size[1] * FINER)], fill=self._colours["path"], width=2 * FINER)
+
+    def _clock(self, draw: ImageDraw, time: float, at: int) -> None:
+        font = text_font(max(12, self.size[1] // 42))
+        margin = self.size[1] // 36
+        draw.text((margin, margin), shown(self.scene.item.id, 80), fill=self._colours["ink"], font=font)
+        clock = f"{time:.2f} s   frame {at}"
+        draw.text((margin, self._stage_size[1] // FINER - 2 * margin), clock, fill=self._colours["dim"], font=font)
+        beats = self.scene.rhythm.beats
+        past = beats[beats <= time + 1e-9]
+        if len(past) and time - past[-1] < 0.12:
+            _disc(draw, np.array([self.size[0] - 2 * margin, 2 * margin]), margin * 0.6, self._colours["path"])
+
+
+def _pen(image: Image) -> ImageDraw:
+    pen: ImageDraw = require("PIL.ImageDraw", "video").Draw(image)
+    return pen
+
+
+def _capsule(draw: ImageDraw, a: Float64Array, b: Float64Array, width: float, colour: str) -> None:
+    """Draw a line with round ends."""
+    draw.line([tuple(a.tolist()), tuple(b.tolist())], fill=colour, width=round(width))
+    for end in (a, b):
+        _disc(draw, end, width / 2, colour)
+
+
+def _disc(draw: ImageDraw, centre: Float64Array, radius: float, colour: str) -> None:
+    x, y = centre.tolist()
+    draw.ellipse((x - radius, y - radius, x + radius, y + radius), fill=colour)

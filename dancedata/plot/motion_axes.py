@@ -1,0 +1,145 @@
+"""motion: poses of a dance side by side, as papers show them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dancedata.core.errors import UsageError
+from dancedata.core.motion import Motion
+from dancedata.core.rotations import Float64Array
+from dancedata.core.text import shown
+from dancedata.plot.optional import axes_or_new
+from dancedata.scene import Figure, Scenes
+from dancedata.store import Store, open_store
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+__all__ = ["motion"]
+
+#: Colours of the middle, the left and the right of a body: told apart with every kind of colour vision.
+_SIDES = ("#4a525c", "#0072b2", "#c96a00")
+#: Metres between two poses, and inches of a metre.
+_SPACING, _INCHES = 1.1, 1.15
+#: Height of a raised hand above the floor.
+_TALL = 2.1
+
+
+def motion(
+    source: Motion | Store | str | Path,
+    clip: str | None = None,
+    *,
+    field: str | None = None,
+    frame: int = 0,
+    poses: int = 8,
+    times: Sequence[float] | None = None,
+    turn_deg: float = 25.0,
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw poses of a dance side by side, at their times.
+
+    Parameters
+    ----------
+    source
+        A motion, or a built dataset, open or its folder.
+    clip
+        Id of a clip of the dataset.
+    field
+        Motion field of the dataset; default: the best one to draw.
+    frame
+        In window scope, the first frame of the window.
+    poses
+        Number of poses, evenly spaced over the clip.
+    times
+        Seconds of the poses instead, ascending.
+    turn_deg
+        The camera's turn about the vertical axis from the front, +Z, degrees.
+    ax
+        matplotlib axes to draw on; default: those of a new figure.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        Metres above the floor upwards; left limbs are blue, right ones orange, feet in contact ringed.
+
+    Raises
+    ------
+    UsageError
+        For an unknown clip or field, a time outside of the motion, and where matplotlib is not installed.
+
+    Examples
+    --------
+    >>> from dancedata import plot
+    >>> plot.motion("data/demo", "gBR_sBM_cAll_d04_mBR4_ch03", poses=6).figure.savefig("poses.pdf")
+    """
+    figure, title = _figure(source, clip, field, frame)
+    frames = _frames(figure, poses, times)
+    axes = axes_or_new(ax, _INCHES * (_SPACING * len(frames) + 0.6), _INCHES * (_TALL + 0.7))
+    for place, at in enumerate(frames):
+        points = _seen(figure.joints[at], turn_deg) + np.array([_SPACING * place, -figure.floor])
+        _draw(axes, figure, points, figure.contacts[at])
+    axes.axhline(0, color="#9aa4b1", linewidth=0.8, zorder=0)
+    labels = [f"{at / float(figure.grid.rate):.2f} s" for at in frames]
+    axes.set_xticks([_SPACING * k for k in range(len(frames))], labels)
+    axes.set_ylabel("metres")
+    axes.set_aspect("equal")
+    for side in ("top", "right", "bottom"):
+        axes.spines[side].set_visible(False)
+    axes.tick_params(axis="x", length=0)
+    axes.set_title(title, loc="left", fontsize="medium")
+    return axes
+
+
+def _figure(
+    source: Motion | Store | str | Path, clip: str | None, field: str | None, frame: int
+) -> tuple[Figure, str]:
+    if isinstance(source, Motion):
+        return Figure.of_joints(source.joints(), source.skeleton, source.grid), ""
+    store = source if isinstance(source, Store) else open_store(source)
+    if clip is None:
+        raise UsageError("a dataset has many clips", where=str(store.path), fix="name the clip: motion(store, CLIP)")
+    scenes = Scenes(store, field)
+    scene = scenes.scene(scenes.find(clip, frame))
+    if scene.figure is None:
+        raise UsageError("no field of this dataset can be drawn", where=str(store.path), found="; ".join(scene.notes))
+    return scene.figure, shown(clip)
+
+
+def _frames(figure: Figure, poses: int, times: Sequence[float] | None) -> list[int]:
+    if times is None:
+        if poses < 1:
+            raise UsageError("there is no pose to draw", found=f"poses={poses}", allowed="at least 1")
+        evenly = np.linspace(0, figure.n_frames - 1, min(poses, figure.n_frames))
+        return [round(at) for at in evenly.tolist()]
+    frames = [round(time * float(figure.grid.rate)) for time in times]
+    if not frames or min(frames) < 0 or max(frames) >= figure.n_frames:
+        end = float(figure.grid.seconds(figure.n_frames - 1))
+        raise UsageError(
+            "a time is not within the motion", found=shown(list(times)), allowed=f"seconds from 0 to {end:.3f}"
+        )
+    return frames
+
+
+def _seen(joints: Float64Array, turn_deg: float) -> Float64Array:
+    """Return joints (J, 3) from the camera's side, (J, 2): the root at 0 to the right, height upwards."""
+    angle = np.radians(turn_deg)
+    away = joints - joints[0]
+    return np.stack([away[:, 0] * np.cos(angle) - away[:, 2] * np.sin(angle), joints[:, 1]], axis=1)
+
+
+def _draw(
+    axes: Axes, figure: Figure, points: Float64Array, contacts: np.ndarray[tuple[int], np.dtype[np.bool_]]
+) -> None:
+    for parent, joint in figure.bones:
+        colour = _SIDES[figure.sides[joint]]
+        axes.plot(*points[[parent, joint]].T, color=colour, linewidth=2.4, solid_capstyle="round")
+    for touches, joint in zip(contacts, figure.contact_joints, strict=True):
+        if touches:
+            axes.plot(*points[joint], marker="o", markersize=7, markerfacecolor="none", markeredgecolor="#00866a")
+    if "head" in figure.skeleton.joints:
+        head = points[figure.skeleton.joints.index("head")]
+        axes.plot(*head, marker="o", markersize=9, color=_SIDES[0])

@@ -1,0 +1,121 @@
+"""ffmpeg: raw frames and a wav file become an mp4 file."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from collections.abc import Iterable
+from contextlib import suppress
+from fractions import Fraction
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import IO, cast
+
+from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.errors import StoreError, UsageError
+from dancedata.core.text import shown
+
+__all__ = ["find_ffmpeg", "write_mp4"]
+
+_FIX = "install ffmpeg with the packages of your system, or: pip install 'dancedata[video]', which brings one"
+
+
+def find_ffmpeg() -> str:
+    """Return the path of ffmpeg: that of the system, else that of the package imageio-ffmpeg.
+
+    Raises
+    ------
+    UsageError
+        If there is none.
+    """
+    own = shutil.which("ffmpeg")
+    if own is not None:
+        return own
+    try:
+        import imageio_ffmpeg
+    except ModuleNotFoundError:
+        raise UsageError("a video needs ffmpeg", found="neither ffmpeg nor imageio-ffmpeg", fix=_FIX) from None
+    try:
+        return str(imageio_ffmpeg.get_ffmpeg_exe())
+    except RuntimeError as error:
+        raise UsageError("a video needs ffmpeg", found=shown(error), fix=_FIX) from error
+
+
+def write_mp4(
+    path: Path,
+    frames: Iterable[bytes],
+    size: tuple[int, int],
+    rate: Fraction,
+    sound: AudioSignal | None,
+    *,
+    comment: str = "",
+) -> None:
+    """Write frames as H.264 and a sound as AAC; no date and no version is stored.
+
+    Parameters
+    ----------
+    frames
+        RGB bytes of each frame.
+    rate
+        Frames per second.
+    sound
+        Of the same length; None for a silent video.
+    comment
+        Text that is stored in the file.
+
+    Raises
+    ------
+    UsageError
+        If there is no ffmpeg.
+    StoreError
+        If ffmpeg fails, such as one without H.264.
+    """
+    program = find_ffmpeg()
+    with TemporaryDirectory(prefix="dancedata-video-") as folder:
+        command = [program, "-hide_banner", "-loglevel", "error", "-y",
+                   "-f", "rawvideo", "-pixel_format", "rgb24", "-video_size", f"{size[0]}x{size[1]}",
+                   "-framerate", f"{rate.numerator}/{rate.denominator}", "-i", "pipe:0"]  # fmt: skip
+        if sound is not None:
+            wav = Path(folder, "sound.wav")
+            _write_wav(wav, sound)
+            command += ["-i", str(wav), "-map", "0:v", "-map", "1:a", "-c:a", "aac", "-b:a", "160k"]
+        command += ["-c:v", "libx264", "-preset", "medium", "-crf", "20", "-pix_fmt", "yuv420p",
+                    "-movflags", "+faststart", "-fflags", "+bitexact", "-flags:v", "+bitexact",
+                    "-flags:a", "+bitexact", "-map_metadata", "-1", "-metadata", f"comment={comment}",
+                    "-f", "mp4", str(path)]  # fmt: skip
+        _run(command, frames, Path(folder, "messages"), path)
+
+
+def _write_wav(path: Path, sound: AudioSignal) -> None:
+    import soundfile
+
+    soundfile.write(path, sound.samples, sound.sample_rate, subtype="PCM_16")
+
+
+def _run(command: list[str], frames: Iterable[bytes], messages: Path, path: Path) -> None:
+    # The program is the one that was found, and no argument passes a shell. Its messages go to a file: a pipe that
+    # nothing reads would stop it once it is full.
+    with messages.open("wb") as errors:
+        process = subprocess.Popen(  # noqa: S603
+            command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=errors
+        )
+    with process:
+        try:
+            _feed(cast("IO[bytes]", process.stdin), frames)
+        except BaseException:
+            process.kill()
+            raise
+    if process.returncode:
+        raise StoreError(
+            "ffmpeg cannot write the video",
+            where=path,
+            found=shown(messages.read_bytes().decode(errors="replace").strip(), 600),
+            fix="use an ffmpeg with libx264 and aac, such as that of: pip install 'dancedata[video]'",
+        )
+
+
+def _feed(pipe: IO[bytes], frames: Iterable[bytes]) -> None:
+    with suppress(BrokenPipeError):  # it has ended with an error, which its exit code tells
+        for frame in frames:
+            pipe.write(frame)
+        pipe.close()

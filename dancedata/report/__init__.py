@@ -1,0 +1,16 @@
+"""Reports: a built dataset as one page that can be read, and every number of it as JSON."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from dancedata.core.lazy import lazy_names
+
+__all__ = ["Report", "write_report"]
+
+if TYPE_CHECKING:
+    from dancedata.report.write import Report, write_report
+else:
+    __getattr__, __dir__ = lazy_names(
+        __name__, {"Report": "dancedata.report.write", "write_report": "dancedata.report.write"}
+    )

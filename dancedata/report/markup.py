@@ -1,0 +1,97 @@
+"""HTML that nothing from a dataset can break out of, numbers as text, and figures with their tables."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from dancedata.core.text import shown
+
+__all__ = ["Figure", "escaped", "number", "table"]
+
+
+def escaped(value: object, limit: int = 200) -> str:
+    """Return text for HTML and attributes: printable, truncated, and without characters that mean something there."""
+    return html.escape(shown(value, limit), quote=True)
+
+
+def number(value: Any) -> str:
+    """Return a number with three or four digits: 1,408, 12.5, 0.0123; a dash for None, other values as text."""
+    if value is None:
+        return "–"
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return escaped(value)
+    if isinstance(value, int) or (abs(value) >= 1000 and value == round(value)):
+        return f"{int(value):,}"
+    text = f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.3g}" if abs(value) < 1 else f"{value:.4g}"
+    return text.replace("-", "−") if text != "-0" else "0"
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[Any]], kind: str = "") -> str:
+    """Return a table; cells that are `Markup` stay as they are, all others are escaped."""
+    top = "".join(f'<th scope="col">{escaped(cell)}</th>' for cell in head)
+    body = "".join(f"<tr>{''.join(_cell(cell, first=k == 0) for k, cell in enumerate(row))}</tr>" for row in rows)
+    about = f' class="{kind}"' if kind else ""
+    return f"<table{about}><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table>"
+
+
+class Markup(str):
+    """HTML that this package made."""
+
+
+def _cell(cell: Any, *, first: bool) -> str:
+    text = str(cell) if isinstance(cell, Markup) else number(cell)
+    return f'<th scope="row">{text}</th>' if first else f"<td>{text}</td>"
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure of the page.
+
+    Attributes
+    ----------
+    key
+        Its id in the page, without the prefix.
+    title, note
+        Above it: what is shown, and how to read it.
+    body
+        SVG or HTML.
+    head, rows
+        Its numbers, below it.
+    legend
+        Names of the groups that colours stand for, in order.
+    kind
+        "" for a column of the page, "wide" for the whole width.
+    """
+
+    key: str
+    title: str
+    note: str
+    body: str
+    head: tuple[str, ...] = ()
+    rows: tuple[tuple[Any, ...], ...] = ()
+    legend: tuple[str, ...] = ()
+    other: str = ""
+    kind: str = ""
+    open_table: bool = field(default=False)
+
+    def to_html(self) -> str:
+        """Return the figure with title, legend and numbers."""
+        note = f"<small>{escaped(self.note, 600)}</small>" if self.note else ""
+        caption = f"<figcaption>{escaped(self.title)}{note}</figcaption>"
+        kind = f' class="{self.kind}"' if self.kind else ""
+        return f'<figure id="r-{self.key}"{kind}>{caption}{self._legend()}{self.body}{self._numbers()}</figure>'
+
+    def _legend(self) -> str:
+        entries = [f'<span><i class="s{k % 6}"></i>{escaped(name)}</span>' for k, name in enumerate(self.legend)]
+        if self.other:
+            entries.append(f'<span><i class="other"></i>{escaped(self.other)}</span>')
+        return f'<p class="legend">{"".join(entries)}</p>' if len(self.legend) > 1 or self.other else ""
+
+    def _numbers(self) -> str:
+        if not self.rows:
+            return ""
+        rows = table(self.head, self.rows)
+        return f'<details><summary>numbers</summary><div class="scroll">{rows}</div></details>'

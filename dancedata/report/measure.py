@@ -1,0 +1,336 @@
+"""One pass over a dataset, clip by clip: the numbers of each clip, and counts over all frames."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.bodies import BODY_JOINTS
+from dancedata.core.clip import Window
+from dancedata.core.dance import Dance, Undefined
+from dancedata.core.grid import FrameGrid
+from dancedata.core.rotations import Float64Array
+from dancedata.metrics.beats import BeatAlignment
+from dancedata.report.pieces import ClipReader, Piece
+from dancedata.report.tally import Tally
+from dancedata.scene.figure import Figure
+from dancedata.store import ClipView, Store
+
+__all__ = ["ClipNumbers", "Measured", "measure"]
+
+#: A body whose joints move less than this on average, metres per second, stands still.
+STILL_M_S = 0.05
+#: A foot joint with a contact label that moves sideways faster than this slides.
+SLIDE_M_S = 0.15
+#: Quantile of the heights of the feet that is taken for the floor.
+FLOOR_QUANTILE = 0.02
+#: Points of a clip's path that are kept.
+_PATH_POINTS = 96
+#: Key motions are minima at least this deep, as a share of the clip's highest speed.
+PROMINENT = 0.03
+
+
+@dataclass(frozen=True)
+class ClipNumbers:
+    """What was measured of one clip; None where it has no value.
+
+    Attributes
+    ----------
+    seconds
+        Length of what was measured.
+    speed, speed_p95
+        Mean over joints of the speed of a joint, over frames: mean and 95 % quantile; metres per second.
+    still
+        Share of frames below STILL_M_S.
+    root_extent_m, root_path_m
+        Larger of the two horizontal extents of the root's path, and the length of the path.
+    floor_m, low_m, high_m
+        2 % quantile of the heights of the feet; lowest and highest joint.
+    turns
+        Largest difference between two directions that the hips face, in full turns.
+    sliding
+        Share of the frames of feet in contact in which they slide.
+    key_motions, key_beat_ms, key_shifted_ms
+        Number of key motions; their mean distance to the nearest beat, and to the nearest of the beats moved by half
+        a period, milliseconds.
+    bas, bas_chance
+        Beat alignment score and its chance level; see `BeatAlignment`.
+    tempo_found
+        60 / median distance of beats, beats per minute.
+    music_s
+        Length of the music from the first frame on.
+    path
+        (P, 2) root on the floor, metres, relative to its first position.
+    """
+
+    seconds: float = 0.0
+    speed: float | None = None
+    speed_p95: float | None = None
+    still: float | None = None
+    root_extent_m: float | None = None
+    root_path_m: float | None = None
+    floor_m: float | None = None
+    low_m: float | None = None
+    high_m: float | None = None
+    turns: float | None = None
+    sliding: float | None = None
+    key_motions: int = 0
+    key_beat_ms: float | None = None
+    key_shifted_ms: float | None = None
+    bas: float | None = None
+    bas_chance: float | None = None
+    tempo_found: float | None = None
+    music_s: float | None = None
+    path: tuple[tuple[float, float], ...] = ()
+
+
+@dataclass
+class Measured:
+    """A dataset's numbers: those of clips, and counts over the frames of all.
+
+    Attributes
+    ----------
+    windows
+        Number of windows of each clip.
+    clips
+        Numbers of each clip that is not a copy of another one.
+    joints
+        Names of the joints whose speed is counted.
+    feet
+        Names of the foot joints with stored contacts.
+    contact
+        Frames in contact and all frames, by foot joint, (F, 2).
+    """
+
+    reader: ClipReader
+    windows: Mapping[str, int]
+    clips: dict[str, ClipNumbers] = field(default_factory=dict)
+    joints: tuple[str, ...] = ()
+    feet: tuple[str, ...] = ()
+    speed: Tally = field(default_factory=lambda: Tally.of(0, 12, 0.01))
+    joint_speed: dict[str, Tally] = field(default_factory=dict)
+    sliding: Tally = field(default_factory=lambda: Tally.of(0, 6, 0.01))
+    offset_ms: Tally = field(default_factory=lambda: Tally.of(-400, 400, 0.5))
+    shifted_ms: Tally = field(default_factory=lambda: Tally.of(-400, 400, 0.5))
+    contact: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
+
+    @property
+    def store(self) -> Store:
+        """The dataset."""
+        return self.reader.store
+
+
+def measure(store: Store) -> Measured:
+    """Measure every clip of a dataset; copies that augmentations made are counted, but not measured again.
+
+    Frames before a clip's `trim_start` are left out. Memory does not depend on the number of frames.
+
+    Raises
+    ------
+    DataError, StoreError
+        If a clip cannot be read.
+    """
+    windows: dict[str, list[Window]] = {}
+    for split in store.splits:
+        for window in store.windows(split):
+            windows.setdefault(window.clip, []).append(window)
+    reader = ClipReader.of(store)
+    found = Measured(reader, {clip: len(own) for clip, own in windows.items()})
+    for clip in store.clips:
+        if not clip.source:
+            own = sorted(windows.get(clip.id, []), key=lambda w: w.start)
+            found.clips[clip.id] = _clip(found, clip, own)
+    return found
+
+
+def _clip(found: Measured, clip: ClipView, windows: Sequence[Window]) -> ClipNumbers:
+    trim = found.store.grid, clip.trim_start
+    parts = [_Part.of(piece, *trim) for piece in found.reader.pieces(clip, windows)]
+    parts = [part for part in parts if len(part.speed)]
+    for part in parts:
+        _count(found, part)
+    return _numbers(parts, whole=found.store.scope == "track") if parts else ClipNumbers()
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """A piece, measured.
+
+    Attributes
+    ----------
+    speed
+        (T - 1, J) metres per second.
+    sliding
+        Horizontal speeds of feet in contact in this frame and the next, (n,).
+    contact
+        (F, 2) frames in contact and all frames.
+    offsets, shifted
+        Seconds from the nearest beat to each key motion; the same with beats moved by half a period.
+    """
+
+    piece: Piece
+    root: Float64Array
+    heights: tuple[float, float, float]
+    names: tuple[str, ...]
+    speed: Float64Array
+    sliding: Float64Array
+    contact: npt.NDArray[np.int64]
+    facing: Float64Array
+    key_motions: int
+    offsets: Float64Array
+    shifted: Float64Array
+    alignment: tuple[float, float] | None
+
+    @classmethod
+    def of(cls, piece: Piece, grid: FrameGrid, trim_start: int) -> _Part:
+        """Measure a piece from frame `trim_start` of its clip on, counted on the grid of the store."""
+        figure = piece.figure
+        first = max(0, grid.rows_up(max(0, trim_start - piece.start), of=figure.grid))
+        joints, names = figure.joints[first:], figure.skeleton.joints
+        body = [j for j, name in enumerate(names) if name in BODY_JOINTS] or list(range(joints.shape[1]))
+        sliding, contact = _sliding(figure, first)
+        times = _key_times(piece, first)
+        beats = piece.beat_times
+        return cls(
+            piece=piece,
+            root=joints[:, 0],
+            heights=_heights(joints, figure.skeleton.feet),
+            names=tuple(names[j] for j in body),
+            speed=np.linalg.norm(np.diff(joints[:, body], axis=0), axis=2) * piece.rate,
+            sliding=sliding,
+            contact=contact,
+            facing=_facing(joints, names),
+            key_motions=len(times),
+            offsets=_offsets(times, beats),
+            shifted=_offsets(times, None if beats is None else _half_a_period_later(beats)),
+            alignment=_alignment(piece),
+        )
+
+
+def _heights(joints: Float64Array, feet: Sequence[int]) -> tuple[float, float, float]:
+    """Return the heights of the lowest and the highest joint, and of the floor."""
+    if not len(joints):
+        return 0.0, 0.0, 0.0
+    heights = joints[..., 1]
+    return float(heights.min()), float(heights.max()), float(np.quantile(heights[:, list(feet)], FLOOR_QUANTILE))
+
+
+def _sliding(figure: Figure, first: int) -> tuple[Float64Array, npt.NDArray[np.int64]]:
+    """Return horizontal speeds of feet that touch the ground in two frames, and counts of frames (F, 2)."""
+    if not figure.contacts_stored:
+        return np.zeros(0), np.zeros((0, 2), dtype=np.int64)
+    labels, feet = figure.contacts[first:], list(figure.contact_joints)
+    steps = np.diff(figure.joints[first:, feet][..., (0, 2)], axis=0)
+    speed = np.linalg.norm(steps, axis=2) * float(figure.grid.rate)
+    counts = np.stack([labels.sum(axis=0), np.full(len(feet), len(labels))], axis=1).astype(np.int64)
+    return speed[labels[:-1] & labels[1:]], counts
+
+
+def _key_times(piece: Piece, first: int) -> Float64Array:
+    """Return the instants of a piece's prominent key motions, seconds: a body is slowest between two frames."""
+    key = piece.key
+    deep = (key.prominence > PROMINENT * key.curve.max(initial=0.0)) & (key.minima >= first)
+    return np.asarray((key.minima[deep] + 0.5) / piece.rate, dtype=np.float64)
+
+
+def _half_a_period_later(beats: Float64Array) -> Float64Array:
+    """Return the middles between beats: where a dance that does not follow the beats is as often."""
+    return np.asarray((beats[:-1] + beats[1:]) / 2)
+
+
+def _offsets(times: Float64Array, beats: Float64Array | None) -> Float64Array:
+    """Return time - nearest beat for each of `times`; nothing without beats."""
+    if beats is None or not len(beats) or not len(times):
+        return np.zeros(0)
+    right = np.searchsorted(beats, times).clip(0, len(beats) - 1)
+    left = (right - 1).clip(0)
+    after, before = times - beats[right], times - beats[left]
+    return np.asarray(np.where(np.abs(after) < np.abs(before), after, before))
+
+
+def _facing(joints: Float64Array, names: Sequence[str]) -> Float64Array:
+    """Return the direction that the hips face about +Y, radians, unwrapped; nothing without hips."""
+    if "left_hip" not in names or "right_hip" not in names:
+        return np.zeros(0)
+    across = joints[:, names.index("left_hip")] - joints[:, names.index("right_hip")]
+    return np.unwrap(np.arctan2(across[:, 2], across[:, 0]))
+
+
+def _alignment(piece: Piece) -> tuple[float, float] | None:
+    """Return the beat alignment score and its chance level; None where it is undefined."""
+    joints = piece.figure.joints
+    if piece.beats is None or joints.shape[1] < len(BODY_JOINTS):
+        return None
+    metric = BeatAlignment(joints=len(BODY_JOINTS))
+    try:
+        score, chance = metric.measure(Dance(joints, piece.figure.grid, piece.beats)).tolist()
+    except Undefined:
+        return None
+    return score, chance
+
+
+def _count(found: Measured, part: _Part) -> None:
+    if not found.joint_speed:
+        figure = part.piece.figure
+        found.feet = tuple(figure.skeleton.joints[j] for j in figure.contact_joints) if len(part.contact) else ()
+        found.contact = np.zeros((len(found.feet), 2), dtype=np.int64)
+        found.joints = part.names
+        found.joint_speed = {name: Tally.of(0, 16, 0.01) for name in part.names}
+    found.speed.add(part.speed.mean(axis=1))
+    for k, name in enumerate(part.names):
+        found.joint_speed[name].add(part.speed[:, k])
+    found.sliding.add(part.sliding)
+    found.offset_ms.add(part.offsets * 1000)
+    found.shifted_ms.add(part.shifted * 1000)
+    found.contact += part.contact
+
+
+def _numbers(parts: Sequence[_Part], *, whole: bool) -> ClipNumbers:
+    speed = np.concatenate([part.speed.mean(axis=1) for part in parts])
+    roots = np.concatenate([part.root for part in parts])[:, (0, 2)]
+    sliding = np.concatenate([part.sliding for part in parts])
+    offsets = np.concatenate([part.offsets for part in parts])
+    shifted = np.concatenate([part.shifted for part in parts])
+    scores = [part.alignment for part in parts if part.alignment is not None]
+    periods = np.concatenate([_periods(part.piece) for part in parts])
+    turns = [float(np.ptp(part.facing)) / (2 * np.pi) for part in parts if len(part.facing)]
+    music = [part.piece.music_s for part in parts if part.piece.music_s is not None]
+    return ClipNumbers(
+        seconds=sum(len(part.root) / part.piece.rate for part in parts),
+        speed=float(speed.mean()),
+        speed_p95=float(np.quantile(speed, 0.95)),
+        still=float((speed < STILL_M_S).mean()),
+        root_extent_m=float(np.ptp(roots, axis=0).max()),
+        root_path_m=sum(_length(part.root[:, (0, 2)]) for part in parts),
+        floor_m=min(part.heights[2] for part in parts),
+        low_m=min(part.heights[0] for part in parts),
+        high_m=max(part.heights[1] for part in parts),
+        turns=max(turns, default=None),
+        sliding=float((sliding > SLIDE_M_S).mean()) if len(sliding) else None,
+        key_motions=sum(part.key_motions for part in parts),
+        key_beat_ms=float(np.abs(offsets).mean() * 1000) if len(offsets) else None,
+        key_shifted_ms=float(np.abs(shifted).mean() * 1000) if len(shifted) else None,
+        bas=float(np.mean([score for score, _ in scores])) if scores else None,
+        bas_chance=float(np.mean([chance for _, chance in scores])) if scores else None,
+        tempo_found=float(60 / np.median(periods)) if len(periods) else None,
+        music_s=music[0] if music and whole else None,
+        path=_thinned(roots - roots[0]),
+    )
+
+
+def _length(path: Float64Array) -> float:
+    return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
+
+
+def _periods(piece: Piece) -> Float64Array:
+    times = piece.beat_times
+    return np.zeros(0) if times is None else np.diff(times)
+
+
+def _thinned(path: Float64Array) -> tuple[tuple[float, float], ...]:
+    """Return at most _PATH_POINTS points of a path, first and last among them."""
+    kept = np.unique(np.linspace(0, len(path) - 1, min(len(path), _PATH_POINTS)).round().astype(int))
+    return tuple((round(float(x), 3), round(float(z), 3)) for x, z in path[kept])

@@ -1,0 +1,150 @@
+"""Clips of a dataset as what a report measures: joints, contacts, key motions and beats, in both scopes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dancedata.core.clip import Window
+from dancedata.core.dance import MusicBeats
+from dancedata.core.rotations import Float64Array
+from dancedata.evaluation.clip_music import BEAT
+from dancedata.evaluation.inputs.columns import ColumnsReader
+from dancedata.keymotion.minima import SIGMA_FRAMES, KeyMotion, key_motion
+from dancedata.scene.fields import drawable_fields, rhythm_fields
+from dancedata.scene.figure import Figure
+from dancedata.store import ClipView, Store
+from dancedata.store.schema import Field
+
+__all__ = ["ClipReader", "Piece"]
+
+#: Names of the groups of columns with contact labels.
+_CONTACTS = ("contact", "foot_contact")
+#: Rate for which Lodge's Gaussian is given.
+_SIGMA_RATE = 30
+#: Columns of a key motion field that `KeyMotion.from_rows` reads.
+_KEY_COLUMNS = ("speed", "minimum", "prominence")
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """A part of a clip that is stored in one piece: the whole clip, in window scope a window.
+
+    Attributes
+    ----------
+    start
+        First frame, at the store's rate.
+    figure
+        Joints and contacts.
+    key
+        Its key motions, frames of the figure's grid.
+    beats
+        Beats of the music from the first frame on; None without music.
+    music_s
+        Length of the music from the first frame on, seconds; None without music.
+    """
+
+    start: int
+    figure: Figure
+    key: KeyMotion
+    beats: MusicBeats | None
+    music_s: float | None
+
+    @property
+    def rate(self) -> float:
+        """Frames per second."""
+        return float(self.figure.grid.rate)
+
+    @property
+    def beat_times(self) -> Float64Array | None:
+        """Instants of the beats, seconds; None without music."""
+        return None if self.beats is None else self.beats.frames / float(self.beats.grid.rate)
+
+
+@dataclass(frozen=True)
+class ClipReader:
+    """Reads the clips of a store.
+
+    Attributes
+    ----------
+    motion
+        Motion field that joints and contacts are read from; None if no field has joints.
+    reader
+        Decodes the motion field.
+    keymotion, music
+        Field with key motions, and with beats; None if there is none.
+    """
+
+    store: Store
+    motion: Field | None
+    reader: ColumnsReader | None
+    keymotion: Field | None
+    music: Field | None
+
+    @classmethod
+    def of(cls, store: Store) -> ClipReader:
+        """Choose the fields: motion with contacts before other motion, and the first of the others that fit."""
+        readers = drawable_fields(store)
+        motion = min(readers, key=lambda name: not _has_contacts(readers[name]), default=None)
+        keys = [
+            f for f in map(store.field, store.fields) if f.kind == "keymotion" and f.columns.names == _KEY_COLUMNS
+        ]
+        music = rhythm_fields(store)
+        return cls(
+            store,
+            None if motion is None else store.field(motion),
+            None if motion is None else readers[motion],
+            keys[0] if keys else None,
+            store.field(music[0]) if music else None,
+        )
+
+    def pieces(self, clip: ClipView, windows: Sequence[Window]) -> Iterator[Piece]:
+        """Yield what is stored of a clip, each frame at most once.
+
+        Parameters
+        ----------
+        windows
+            The clip's windows, by start; they are read in window scope.
+
+        Raises
+        ------
+        DataError
+            If columns are not those of the representation.
+        """
+        if self.motion is None or self.reader is None:
+            return
+        if self.store.scope == "track":
+            yield self._piece(clip, None, self.motion, self.reader)
+            return
+        end = 0
+        for window in windows:
+            if window.start >= end:
+                yield self._piece(clip, window, self.motion, self.reader)
+                end = window.start + window.length
+
+    def _piece(self, clip: ClipView, window: Window | None, motion: Field, reader: ColumnsReader) -> Piece:
+        def rows(field: Field) -> Float64Array:
+            found = clip.read(field.name) if window is None else self.store.read(window, field.name)
+            return np.asarray(found)
+
+        figure = Figure.of_columns(rows(motion), reader)
+        if self.keymotion is not None and self.keymotion.grid == figure.grid:
+            key = KeyMotion.from_rows(rows(self.keymotion))
+        else:
+            key = key_motion(figure.joints, SIGMA_FRAMES * float(figure.grid.rate) / _SIGMA_RATE)
+        beats, music_s = self._beats(clip, window)
+        return Piece(0 if window is None else window.start, figure, key, beats, music_s)
+
+    def _beats(self, clip: ClipView, window: Window | None) -> tuple[MusicBeats | None, float | None]:
+        field = self.music
+        if field is None:
+            return None, None
+        rows = clip.read_song(field.name) if window is None else self.store.read(window, field.name)
+        frames = np.flatnonzero(rows[:, field.columns.slice(BEAT)].any(axis=1))
+        return MusicBeats.of(frames, field.grid), float(field.grid.seconds(len(rows)))
+
+
+def _has_contacts(reader: ColumnsReader) -> bool:
+    return any(name in reader.representation.columns.names for name in _CONTACTS)

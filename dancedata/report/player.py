@@ -1,0 +1,142 @@
+"""The clips of a report: the viewer's page inside the report's, started when a link to a clip is opened."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+
+from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.errors import UsageError
+from dancedata.exporting.sharing import require_shareable
+from dancedata.report.markup import Markup, escaped
+from dancedata.report.ogg import without_serial
+from dancedata.scene import Item, Scenes
+from dancedata.scene.page import PageSound, data_script, page_data, page_parts, source_hash
+from dancedata.scene.payload import link, page_json, scene_payload
+from dancedata.scene.source import ClipSource
+from dancedata.store import Store
+
+__all__ = ["INLINE", "NO_PLAYER", "Player", "clip_player", "embedded_sound"]
+
+#: Clips inside the page; those after them are files of their own.
+INLINE = 12
+#: Sample rate of the music in a page, of those that Opus has.
+_OPUS_RATE = 24_000
+
+
+@dataclass(frozen=True)
+class Player:
+    """Clips in a report.
+
+    Attributes
+    ----------
+    links
+        HTML of the link of each clip.
+    css, body, scripts
+        Texts for the page: style, HTML after the report, and the scripts that its policy allows.
+    side
+        Names of the files beside the page and the number of the clip in each; read one at a time.
+    """
+
+    links: Mapping[str, Markup] = field(default_factory=dict)
+    css: str = ""
+    body: str = ""
+    scripts: tuple[str, ...] = ()
+    side: Mapping[str, int] = field(default_factory=dict)
+    scenes: Scenes | None = None
+    items: Sequence[Item] = ()
+
+    @property
+    def script_sources(self) -> str:
+        """What the content security policy allows to run."""
+        hashes = " ".join(f"'{source_hash(script)}'" for script in self.scripts)
+        return f"{hashes} 'self'" if self.side else hashes or "'none'"
+
+    def side_file(self, number: int) -> str:
+        """Return the script with the data of a clip."""
+        if self.scenes is None:
+            return ""
+        return f"dancedataClip({number}, {page_json(_payload(self.scenes, self.items[number], number))});\n"
+
+
+#: A report without clips.
+NO_PLAYER = Player()
+
+
+def clip_player(store: Store, clips: Sequence[str], folder: str, sound: PageSound | None = None) -> Player:
+    """Return the player of some clips; in window scope of the first window of each.
+
+    Parameters
+    ----------
+    clips
+        Ids; the first INLINE of them are inside the page.
+    folder
+        Name of the folder with the others, beside the page.
+    sound
+        Music by the number of the clip in `clips`.
+    """
+    if not clips:
+        return NO_PLAYER
+    scenes = Scenes(store)
+    items = [scenes.find(clip) for clip in clips]
+    inline = {k: _payload(scenes, item, k) for k, item in enumerate(items[:INLINE])}
+    side = {f"clip-{k:05d}.js": k for k in range(INLINE, len(items))}
+    addresses = {k: f"{quote(folder)}/{name}" for name, k in side.items()}
+    document = page_data(scenes, items, clips=inline, side=addresses, sound=sound or False)
+    parts = page_parts()
+    own = files("dancedata.report").joinpath("static", "report.js").read_text(encoding="utf-8")
+    body = (
+        f'<template id="r-clips">{parts.html}{data_script(document)}</template>'
+        f'<script type="text/plain" id="r-script">{parts.script}</script><script>{own}</script>'
+    )
+    links = {item.clip.id: _link(item) for item in items}
+    return Player(links, parts.css, body, (own, parts.script), side, scenes, items)
+
+
+def _payload(scenes: Scenes, item: Item, number: int) -> dict[str, Any]:
+    return {**scene_payload(scenes.scene(item)), "number": number}
+
+
+def _link(item: Item) -> Markup:
+    return Markup(f'<a href="{escape(link(item), quote=True)}">{escaped(item.clip.id)}</a>')
+
+
+def embedded_sound(store: Store, clips: Sequence[str], source: Path | None, *, may_share: bool) -> PageSound:
+    """Return the music of clips as Opus, mono, each exactly as long as its clip.
+
+    Raises
+    ------
+    UsageError
+        If the licence does not allow it and the caller does not state the right, without a source, or if the source
+        has the music of none of the clips.
+    DataError, SourceError
+        If the music cannot be read.
+    """
+    notice = require_shareable(store, allowed_by_caller=may_share)
+    if source is None:
+        raise UsageError("the music is needed", fix="name the folder with it: --source DIR, or source=DIR")
+    scenes, music = Scenes(store), ClipSource(store, source.expanduser())
+    found = {k: music.sound(scenes.find(clip)) for k, clip in enumerate(clips[:INLINE])}
+    files_of = {k: _opus(sound.signal) for k, sound in found.items() if sound is not None}
+    if clips and not files_of:
+        raise UsageError("the source has no music of these clips", where=source)
+    return PageSound(files_of, notice)
+
+
+def _opus(signal: AudioSignal) -> bytes:
+    """Encode a signal; the same signal gives the same bytes."""
+    import soundfile
+    import soxr
+
+    samples = np.clip(soxr.resample(signal.samples, signal.sample_rate, _OPUS_RATE), -1, 1)
+    data = io.BytesIO()
+    soundfile.write(data, samples, _OPUS_RATE, format="OGG", subtype="OPUS")
+    return without_serial(data.getvalue())

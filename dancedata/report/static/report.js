@@ -1,0 +1,50 @@
+'use strict';
+// The report is shown, or the player of its clips: the address says which. The player starts with the first clip.
+(() => {
+  const html = document.documentElement, body = document.body;
+  let anchor = '#r-report';
+
+  function start() {
+    body.append(document.getElementById('r-clips').content.cloneNode(true));
+    const back = document.createElement('a');
+    back.id = 'r-back';
+    back.textContent = '← Report';
+    document.querySelector('[data-dd=root] .what').prepend(back);
+    const script = document.createElement('script');
+    script.textContent = document.getElementById('r-script').textContent;
+    body.append(script);
+  }
+
+  // A link that the player was about to write would replace the report's.
+  function keepAddress() {
+    if (body.dataset.page === 'report' && location.hash.startsWith('#clip=')) history.replaceState(null, '', anchor);
+  }
+
+  function show(event) {
+    const clip = location.hash.startsWith('#clip=');
+    const viewer = window.dancedataViewer;
+    body.dataset.page = clip ? 'clips' : 'report';
+    html.classList.toggle('dd-page', clip);
+    if (clip) {
+      if (!viewer) start();
+      document.getElementById('r-back').href = anchor;
+      return;
+    }
+    anchor = location.hash || '#r-report';
+    if (event) event.stopImmediatePropagation();
+    if (viewer && viewer.state.playing) viewer.play(false);
+    setTimeout(keepAddress, 400);
+    const place = document.getElementById(location.hash.slice(1));
+    if (place) place.scrollIntoView();
+  }
+
+  // Back from a clip to the place where its name was clicked.
+  document.getElementById('r-report').addEventListener('click', event => {
+    const link = event.target.closest('a[href^="#clip="]');
+    const section = link && link.closest('figure[id], section');
+    const heading = section && (section.id ? section : section.querySelector('h2'));
+    if (heading) anchor = '#' + heading.id;
+  });
+  window.addEventListener('hashchange', show);
+  show();
+})();

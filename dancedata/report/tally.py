@@ -1,0 +1,178 @@
+"""Counts of values in fine bins, so that a dataset of any size is summarised in constant memory; and histograms."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+Float64Array = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+#: Steps of axes: these times a power of ten.
+_STEPS = (1.0, 2.0, 2.5, 5.0)
+#: Slack in units of a bin, so that a value on a border is not put below it by rounding.
+_SLACK = 1e-9
+
+
+@dataclass
+class Tally:
+    """Values counted in bins of equal width; what lies outside is counted in the first or the last bin.
+
+    Attributes
+    ----------
+    low, width
+        Lower end of the first bin, and the width of each.
+    counts
+        (B,) numbers of values.
+    total
+        Sum of the values.
+    """
+
+    low: float
+    width: float
+    counts: IntArray
+    total: float = 0.0
+
+    @classmethod
+    def of(cls, low: float, high: float, width: float) -> Tally:
+        """Make an empty one for values from `low` to `high`."""
+        return cls(low, width, np.zeros(round((high - low) / width), dtype=np.int64))
+
+    def add(self, values: npt.NDArray[Any]) -> None:
+        """Count values (n,)."""
+        numbers = np.asarray(values, dtype=np.float64).reshape(-1)
+        bins = np.floor((numbers - self.low) / self.width + _SLACK).astype(np.int64)
+        self.counts += np.bincount(bins.clip(0, len(self.counts) - 1), minlength=len(self.counts))
+        self.total += float(numbers.sum())
+
+    @property
+    def n(self) -> int:
+        """Number of values."""
+        return int(self.counts.sum())
+
+    @property
+    def mean(self) -> float | None:
+        """Mean of the values; None without values."""
+        return self.total / self.n if self.n else None
+
+    def quantile(self, q: float) -> float | None:
+        """Return a quantile, exact to the width of a bin; None without values."""
+        if not self.n:
+            return None
+        wanted = min(max(q * self.n, _SLACK), self.n)
+        cumulated = np.cumsum(self.counts)
+        place = int(np.searchsorted(cumulated, wanted, "left"))
+        inside = (wanted - (cumulated[place] - self.counts[place])) / int(self.counts[place])
+        return self.low + self.width * (place + float(np.clip(inside, 0, 1)))
+
+    def share_above(self, limit: float) -> float | None:
+        """Return the share of values in the bins from `limit` on; None without values."""
+        first = round((limit - self.low) / self.width)
+        return float(self.counts[first:].sum() / self.n) if self.n else None
+
+    def histogram(self, edges: Sequence[float]) -> IntArray:
+        """Return the counts between edges that are borders of bins; values outside are in the first or last one."""
+        borders = [round((edge - self.low) / self.width) for edge in edges]
+        borders[0], borders[-1] = 0, len(self.counts)
+        sums = np.concatenate([[0], np.cumsum(self.counts)])
+        return np.asarray(np.diff(sums[np.clip(borders, 0, len(self.counts))]), dtype=np.int64)
+
+
+def nice_step(span: float, n: int) -> float:
+    """Return the least round step that divides a span into at most `n` parts."""
+    if not span > 0:
+        return 1.0
+    exact = span / n
+    power = 10.0 ** np.floor(np.log10(exact))
+    return float(next(s * power for s in (*_STEPS, 10.0) if s * power >= exact * (1 - _SLACK)))
+
+
+def nice_edges(low: float, high: float, n: int = 24, least: float = 0.0) -> tuple[float, ...]:
+    """Return the borders of bins that hold everything from `low` to `high`.
+
+    Parameters
+    ----------
+    n
+        Bins, about and at most.
+    least
+        Smallest width of a bin.
+    """
+    if high - low <= _SLACK * max(1.0, abs(low)):  # a single value, with a bin of its own and some room
+        step = least or nice_step(max(abs(low), 1.0), 10)
+        first = int(np.floor(low / step + _SLACK)) - 2
+        return tuple(round(k * step, 10) for k in range(first, first + 6))
+    step = max(nice_step(high - low, n), least)
+    first = int(np.floor(low / step + _SLACK))
+    last = max(int(np.ceil(high / step - _SLACK)), first + 1)
+    return tuple(round(k * step, 10) for k in range(first, last + 1))
+
+
+def fine_edges(tallies: Sequence[Tally], n: int = 30, keep: float = 0.995) -> tuple[float, ...]:
+    """Return borders of bins for tallies of equal bins, up to the quantile `keep` of the widest of them.
+
+    The last bin also counts what lies beyond it.
+    """
+    low, width = tallies[0].low, tallies[0].width
+    high = max((t.quantile(keep) or low + width for t in tallies), default=low + width)
+    bins = max(1, int(np.ceil((high - low) / width - _SLACK)))
+    group = next(g for g in _groups() if bins / g <= n)
+    last = int(np.ceil(bins / group))
+    return tuple(round(low + width * group * k, 10) for k in range(last + 1))
+
+
+def _groups() -> Any:
+    return (int(s * 10**p) for p in range(8) for s in (1, 2, 5))
+
+
+@dataclass(frozen=True)
+class Histogram:
+    """Counts in bins, of one or several groups.
+
+    Attributes
+    ----------
+    edges
+        (B + 1,) borders.
+    counts
+        (B,) counts of each group.
+    numbers
+        Further numbers, such as the median; None where there are no values.
+    """
+
+    edges: tuple[float, ...]
+    counts: Mapping[str, Sequence[int]]
+    numbers: Mapping[str, float | int | None] = field(default_factory=dict)
+
+    @classmethod
+    def of_values(cls, groups: Mapping[str, Sequence[float]], edges: Sequence[float]) -> Histogram:
+        """Count single values; each is within the edges."""
+        counts = {
+            name: np.histogram(np.asarray(values, dtype=np.float64), edges)[0].tolist()
+            for name, values in groups.items()
+        }
+        every = [v for values in groups.values() for v in values]
+        middle = {"n": len(every), **five_numbers(every)}
+        return cls(tuple(edges), counts, middle)
+
+    @classmethod
+    def of_tally(cls, tally: Tally, edges: Sequence[float]) -> Histogram:
+        """Count the values of a tally."""
+        quantiles = {f"p{round(100 * q)}": tally.quantile(q) for q in (0.05, 0.25, 0.5, 0.75, 0.95)}
+        numbers = {"n": tally.n, "mean": tally.mean, **quantiles}
+        return cls(tuple(edges), {"all": tally.histogram(edges).tolist()}, numbers)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain JSON data."""
+        counts = {name: list(values) for name, values in self.counts.items()}
+        return {"edges": list(self.edges), "counts": counts, **self.numbers}
+
+
+def five_numbers(values: Sequence[float]) -> dict[str, float | None]:
+    """Return min, p25, p50, p75 and max of values; None without values."""
+    names = ("min", "p25", "p50", "p75", "max")
+    if not len(values):
+        return dict.fromkeys(names)
+    return dict(zip(names, np.quantile(np.asarray(values), (0, 0.25, 0.5, 0.75, 1)).tolist(), strict=True))

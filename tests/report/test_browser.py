@@ -1,0 +1,53 @@
+"""A report in a browser: names lead to their clips and back, nothing runs that a dataset named, no requests."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from urllib.parse import unquote
+
+from dancedata.report import write_report
+from tests.viewer.helpers import Browser
+
+LINKS = "[...document.querySelectorAll('#r-report .paths a')]"
+SHOWN = """
+const v = window.dancedataViewer, root = document.querySelector('[data-dd=root]');
+return document.body.dataset.page === 'clips' && v && root.dataset.ready === '1' && v.state.clip && !v.state.dirty
+  && v.state.clip.id === arguments[0];
+"""
+DRAWN = """
+const c = document.querySelector("[data-dd=lanes]");
+const d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;
+return d.some((value, k) => k % 4 === 3 && value > 0);
+"""
+
+
+def test_names_lead_to_their_clips_and_back(browser: Browser, hostile: Path, tmp_path: Path) -> None:
+    write_report(hostile, tmp_path / "hostile.html", clips=8)
+    driver = browser.driver
+    driver.get((tmp_path / "hostile.html").as_uri())
+    browser.log()
+    assert driver.execute_script("return document.body.dataset.page") == "report"
+    assert driver.execute_script("return window.dancedataViewer") is None
+    hrefs = driver.execute_script(f"return {LINKS}.map(a => a.getAttribute('href'))")
+    assert len(hrefs) == 8
+    for number, href in enumerate(hrefs[:4]):
+        driver.execute_script(f"{LINKS}[{number}].click()")
+        browser.wait(SHOWN, unquote(href[len("#clip=") :]))
+        assert driver.execute_script(DRAWN)
+        driver.execute_script("document.getElementById('r-back').click()")
+        browser.wait("return document.body.dataset.page === 'report' && location.hash === '#r-paths'")
+    driver.back()
+    browser.wait("return document.body.dataset.page === 'clips'")
+    assert driver.execute_script("return window.PWN") is None
+    assert driver.execute_script("return performance.getEntriesByType('resource').length") == 0
+    assert browser.log() == []
+
+
+def test_a_link_opens_its_clip_at_once(browser: Browser, demo: Path, tmp_path: Path) -> None:
+    made = write_report(demo, tmp_path / "demo.html", clips=3)
+    page = (tmp_path / "demo.html").read_text()
+    clip = [row["clip"] for row in made.document["clips"] if f"#clip={row['clip']}" in page][-1]
+    browser.driver.get("about:blank")
+    browser.driver.get(f"{(tmp_path / 'demo.html').as_uri()}#clip={clip}&t=2.5")
+    browser.wait(SHOWN, clip)
+    assert abs(browser.driver.execute_script("return window.dancedataViewer.state.t") - 2.5) < 0.01

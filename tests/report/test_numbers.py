@@ -1,0 +1,158 @@
+"""Numbers of a report equal those that numpy computes from the store."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import dancedata
+from dancedata.core.clip import Reject
+from dancedata.report import write_report
+from dancedata.report.findings import findings
+from dancedata.store import open_store
+
+
+@pytest.fixture(scope="module")
+def document(demo: Path) -> Any:
+    return write_report(demo).document
+
+
+@pytest.fixture(scope="module")
+def joints(demo: Path) -> dict[str, np.ndarray]:
+    with open_store(demo) as ds:
+        return {c.id: dancedata.decode(c.read("edge151"), "edge151", fps=ds.fps).joints() for c in ds.clips}
+
+
+def test_windows_are_counted_by_split_and_name(demo: Path, document: Any) -> None:
+    with open_store(demo) as ds:
+        music = {c.id: c.music for c in ds.clips}
+        for split in ds.splits:
+            windows = ds.windows(split)
+            assert document["contents"]["windows_by_split"][split][split] == len(windows)
+            for song, own in document["contents"]["windows_by_song"].items():
+                assert own[split] == sum(music[w.clip] == song for w in windows)
+        assert document["totals"]["windows"] == sum(len(ds.windows(s)) for s in ds.splits)
+
+
+def test_speed_is_that_of_22_joints(document: Any, joints: dict[str, np.ndarray]) -> None:
+    speeds = {c: np.linalg.norm(np.diff(j[:, :22], axis=0), axis=2) * 30 for c, j in joints.items()}
+    found = document["movement"]["speed_m_s"]
+    every = np.concatenate([s.mean(axis=1) for s in speeds.values()])
+    assert found["n"] == len(every)
+    assert found["mean"] == pytest.approx(every.mean())
+    edges = np.array(found["edges"])
+    counts = np.histogram(np.minimum(every, edges[-1]), edges)[0]
+    np.testing.assert_array_equal(found["counts"]["all"], counts)
+    assert found["p50"] == pytest.approx(np.quantile(every, 0.5), abs=0.01)
+    wrist = np.concatenate([s[:, 20] for s in speeds.values()])
+    assert document["movement"]["joint_speed_m_s"]["left_wrist"]["p95"] == pytest.approx(
+        np.quantile(wrist, 0.95), abs=0.01
+    )
+    for row in document["clips"]:
+        assert row["speed"] == pytest.approx(speeds[row["clip"]].mean())
+
+
+def test_floor_path_and_contacts(demo: Path, document: Any, joints: dict[str, np.ndarray]) -> None:
+    with open_store(demo) as ds:
+        labels = {c.id: c.read("edge151")[:, :4] > 0.5 for c in ds.clips}
+    for row in document["clips"]:
+        j = joints[row["clip"]]
+        assert row["floor_m"] == pytest.approx(np.quantile(j[:, [7, 8, 10, 11], 1], 0.02))
+        assert row["root_extent_m"] == pytest.approx(np.ptp(j[:, 0][:, [0, 2]], axis=0).max())
+        own = labels[row["clip"]]
+        speed = np.linalg.norm(np.diff(j[:, [7, 8, 10, 11]][..., [0, 2]], axis=0), axis=2) * 30
+        standing = speed[own[:-1] & own[1:]]
+        assert row["sliding"] == pytest.approx((standing > 0.15).mean())
+    shares = np.concatenate(list(labels.values())).mean(axis=0)
+    found = document["movement"]["contact"]
+    assert list(found) == ["left_ankle", "right_ankle", "left_foot", "right_foot"]
+    np.testing.assert_allclose(list(found.values()), shares)
+
+
+def test_key_motions_lie_nearer_to_beats_than_chance(demo: Path, document: Any) -> None:
+    music = document["music"]
+    assert music["mean_distance_ms"] < 0.6 * music["mean_distance_shifted_ms"]
+    assert sum(music["offset_ms"]["counts"]["all"]) == music["key_motions"] > 20
+    edges = np.diff(music["offset_ms"]["edges"])
+    assert edges.min() == pytest.approx(1000 / 30, abs=0.5)
+    assert music["bas"] > 2 * music["bas_chance"]
+    with open_store(demo) as ds:
+        clip = ds.clips[0]
+        beats = np.flatnonzero(clip.read_song("librosa35")[:, -1])
+    row = next(r for r in document["clips"] if r["clip"] == clip.id)
+    assert row["tempo_found"] == pytest.approx(60 * 30 / np.median(np.diff(beats)))
+
+
+def test_columns_are_those_of_stats_json(demo: Path, document: Any) -> None:
+    with open_store(demo) as ds:
+        stats = ds.stats["fields"]["edge151"]
+        labels = ds.fields["edge151"].labels
+    own = document["fields"]["edge151"]
+    assert [row["label"] for row in own["columns"]] == list(labels)
+    assert [row["p50"] for row in own["columns"]] == stats["quantiles"]["0.5"]
+    constant = [label for label, a, b in zip(labels, stats["min"], stats["max"], strict=True) if b - a < 1e-6]
+    assert own["constant"] == constant
+    assert constant
+
+
+def test_val_and_test_may_share_a_song_and_train_may_not(demo: Path, relabelled: Any) -> None:
+    own = write_report(demo).document
+    assert own["splits"]["songs"]["counts"]["train"]["test"] == 0
+    assert [f.kind for f in findings(own) if f.figure == "shared_songs"] == ["note"]
+    leaky = write_report(relabelled(lambda k: {"music": "one"})).document
+    assert leaky["splits"]["songs"]["names"]["train and test"] == ["one"]
+    assert "bad" in [f.kind for f in findings(leaky) if f.figure == "shared_songs"]
+
+
+def test_genres_that_differ_in_case_are_named(relabelled: Any) -> None:
+    found = write_report(relabelled(lambda k: {"genre": ("Jazz", "jazz", "Hip hop")[k % 3]})).document
+    assert found["contents"]["alike"] == [["Jazz", "jazz"]]
+    assert any("Jazz and jazz" in f.text for f in findings(found))
+
+
+def test_the_worst_clips_come_first_and_each_once(relabelled: Any) -> None:
+    path = relabelled(
+        lambda k: {"n_flags": {1: 5, 2: 9}.get(k, 0)}, rejects=[Reject("nan", clip="x", detail="NaN in frame 3")]
+    )
+    found = write_report(path).document
+    with open_store(path) as ds:
+        ids = [c.id for c in ds.clips]
+    flagged = [row["clip"] for row in found["ranking"] if row["why"] == "flags"]
+    assert flagged == [ids[2], ids[1]]
+    assert found["ranking"][0]["clip"] == ids[2]
+    assert len({row["clip"] for row in found["ranking"]}) == len(found["ranking"])
+    assert found["left_out"] == {"nan": {"n": 1, "names": ["x"], "detail": "NaN in frame 3"}}
+
+
+def test_window_scope_measures_each_frame_once(windows: Path) -> None:
+    found = write_report(windows).document
+    with open_store(windows) as ds:
+        for row in found["clips"]:
+            own = sorted(w.start for s in ds.splits for w in ds.windows(s) if w.clip == row["clip"])
+            apart = [own[0]]
+            for start in own:
+                if start >= apart[-1] + 150:
+                    apart.append(start)
+            assert row["seconds"] == pytest.approx(5.0 * len(apart))
+            assert row["music_s"] is None
+    assert found["music"]["key_motions"] > 0
+
+
+def test_copies_are_counted_and_not_measured_again(tmp_path: Path, demo: Path) -> None:
+    small = {"dataset.synthetic": {"songs": 4, "clips_per_song": 2, "clip_s": 6}, "audio": {}}
+    out = tmp_path / "mirrored"
+    dancedata.build(
+        "demo", out=out, source=None, overrides={**small, "augment.mirror": True}, jobs=1,
+        cache=demo.parent / "cache", progress=False,
+    )  # fmt: skip
+    found = write_report(out).document
+    with open_store(out) as ds:
+        copies = sum(bool(c.source) for c in ds.clips)
+        assert found["totals"]["copies"] == copies > 0
+        assert found["totals"]["clips"] == len(ds.clips) - copies == len(found["clips"])
+        assert found["totals"]["windows"] == sum(len(ds.windows(s)) for s in ds.splits)
+    assert found["music"]["beats_from"] is None
+    assert found["music"]["bas"] is None

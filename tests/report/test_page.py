@@ -1,0 +1,228 @@
+"""The page: its tables hold the numbers of the document, nothing in it runs or is fetched, equal bytes every time."""
+
+from __future__ import annotations
+
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+from urllib.parse import unquote
+
+import pytest
+
+from dancedata.core.errors import UsageError
+from dancedata.report import write_report
+from dancedata.report.markup import number
+from dancedata.scene.page import source_hash
+from dancedata.store import open_store
+
+VOID = {"meta", "link", "img", "br", "input", "hr"}
+
+
+class Page(HTMLParser):
+    """Elements of a page: attributes, texts of scripts, tables of figures; tags have to match."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.elements: list[tuple[str, dict[str, str]]] = []
+        self.scripts: list[tuple[dict[str, str], str]] = []
+        self.tables: dict[str, list[list[str]]] = {}
+        self.stack: list[str] = []
+        self.figure = ""
+        self.text = path.read_text(encoding="utf-8")
+        self.feed(self.text)
+        self.close()
+        assert self.stack == []
+
+    def handle_starttag(self, tag, attrs):
+        about = {k: v or "" for k, v in attrs}
+        self.elements.append((tag, about))
+        if tag not in VOID:
+            self.stack.append(tag)
+        if tag == "script":
+            self.scripts.append((about, ""))
+        if tag == "figure":
+            self.figure = about["id"]
+        if tag == "tr":
+            self.tables.setdefault(self.figure, []).append([])
+        if tag in ("td", "th"):
+            self.tables[self.figure][-1].append("")
+
+    def handle_startendtag(self, tag, attrs):
+        self.elements.append((tag, {k: v or "" for k, v in attrs}))
+
+    def handle_endtag(self, tag):
+        assert self.stack.pop() == tag
+
+    def handle_data(self, data):
+        if self.stack and self.stack[-1] == "script":
+            about, text = self.scripts[-1]
+            self.scripts[-1] = about, text + data
+        elif {"td", "th"} & set(self.stack) and self.figure in self.tables:
+            self.tables[self.figure][-1][-1] += data
+
+    def policy(self) -> str:
+        return next(a["content"] for t, a in self.elements if t == "meta" and "Content-Security" in str(a))
+
+
+def check_safe(page: Page) -> None:
+    """Nothing is fetched, and no script runs but those whose hash the policy has."""
+    for tag, about in page.elements:
+        assert not [name for name in about if name.startswith("on")], (tag, about)
+        for name in ("src", "href", "action", "data", "srcset", "poster", "formaction", "xlink:href"):
+            value = about.get(name, "#")
+            assert value.startswith(("#", "data:image/png;base64,")) or value == "data:,", (tag, name, value[:80])
+        assert tag not in ("iframe", "object", "embed", "base", "form") or about.get("method") == "dialog"
+        assert "refresh" not in about.get("http-equiv", "")
+    assert "url(" not in page.text.split("</style>")[0]
+    policy = page.policy()
+    assert policy.startswith("default-src 'none'; ")
+    assert "unsafe-inline" not in policy.split("script-src")[1].split(";")[0]
+    assert "unsafe-eval" not in policy
+    for about, text in page.scripts:
+        if not about.get("type"):
+            assert source_hash(text) in policy
+    assert "data:audio" not in page.text
+
+
+@pytest.fixture(scope="module")
+def made(demo: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("page") / "demo.html"
+    write_report(demo, path)
+    return path
+
+
+def test_the_page_is_whole_and_asks_nothing_of_the_net(made: Path) -> None:
+    page = Page(made)
+    check_safe(page)
+    assert made.stat().st_size < 1_500_000
+    ids = [a["id"] for _, a in page.elements if "id" in a]
+    assert len(ids) == len(set(ids))
+    links = [a["href"] for t, a in page.elements if t == "a"]
+    assert [h for h in links if not h.startswith("#clip=") and h[1:] not in ids] == []
+    for tag, about in page.elements:
+        if tag == "svg" and "aria-hidden" not in about:
+            assert about["role"] == "img"
+            assert about["aria-label"]
+
+
+def test_tables_have_the_numbers_of_the_document(made: Path, demo: Path) -> None:
+    page, document = Page(made), json.loads(json.dumps(write_report(demo).document))
+    genres = document["contents"]["windows_by_genre"]
+    rows = page.tables["r-windows_by_genre"]
+    splits = document["contents"]["splits"]
+    assert rows == [["genre", *splits], *([g, *(number(own[s]) for s in splits)] for g, own in genres.items())]
+    speed = document["movement"]["speed_m_s"]
+    assert [row[2] for row in page.tables["r-speed_m_s"][1:]] == [number(n) for n in speed["counts"]["all"]]
+    assert [row[0] for row in page.tables["r-speed_m_s"][1:]] == [number(e) for e in speed["edges"][:-1]]
+    columns = document["fields"]["librosa35"]["columns"]
+    assert [row[0] for row in page.tables["r-columns_librosa35"][1:]] == [c["label"] for c in columns]
+    assert [row[4] for row in page.tables["r-columns_librosa35"][1:]] == [number(c["p50"]) for c in columns]
+    offsets = document["music"]["offset_ms"]["counts"]["all"]
+    assert [row[2] for row in page.tables["r-key_beats"][1:]] == [number(n) for n in offsets]
+    matrix = page.tables["r-shared_songs"]
+    counts = document["splits"]["songs"]["counts"]
+    assert matrix[1 : len(splits) + 1] == [[a, *(number(counts[a][b]) for b in splits)] for a in splits]
+
+
+def test_two_runs_give_equal_bytes(made: Path, demo: Path, tmp_path: Path) -> None:
+    write_report(demo, tmp_path / "demo.html")
+    assert (tmp_path / "demo.html").read_bytes() == made.read_bytes()
+    assert str(demo.parent).encode() not in made.read_bytes()
+
+
+def test_names_of_others_stay_text(hostile: Path, tmp_path: Path) -> None:
+    path = tmp_path / "hostile.html"
+    write_report(hostile, path, clips=8)
+    page = Page(path)
+    check_safe(page)
+    assert len([about for about, _ in page.scripts if not about.get("type")]) == 1
+    assert "\u202e" not in page.text
+    with open_store(hostile) as store:
+        ids = {c.id for c in store.clips}
+    linked = {
+        unquote(a["href"][6:].split("&")[0]) for t, a in page.elements if a.get("href", "").startswith("#clip=")
+    }
+    assert linked == ids
+    data = next(text for about, text in page.scripts if about.get("id") == "dd-data")
+    assert {clip[0] for clip in json.loads(data)["list"]["clips"]} == ids
+
+
+def test_against_another_dataset(demo: Path, hostile: Path, tmp_path: Path) -> None:
+    path = tmp_path / "both.html"
+    made = write_report(hostile, path, clips="none", against=demo)
+    page = Page(path)
+    check_safe(page)
+    assert not [a for t, a in page.elements if t == "script"]
+    assert made.other is not None
+    assert made.document["movement"]["speed_m_s"]["edges"] == made.other["movement"]["speed_m_s"]["edges"]
+    assert "clips" in {d.kind for d in made.differences}
+    assert page.tables["r-speed_m_s"][0][3] == "demo"
+    assert [row[3] for row in page.tables["r-speed_m_s"][1:]] == [
+        number(n) for n in made.other["movement"]["speed_m_s"]["counts"]["all"]
+    ]
+    assert json.loads(json.dumps(made.to_json()))["schema"] == 1
+
+
+def test_a_dataset_is_the_same_as_itself(demo: Path, tmp_path: Path) -> None:
+    made = write_report(demo, tmp_path / "same.html", clips="none", against=demo)
+    assert made.differences == ()
+    assert made.document == made.other
+    assert "the same data" in (tmp_path / "same.html").read_text()
+
+
+def test_window_scope_makes_a_page(windows: Path, tmp_path: Path) -> None:
+    write_report(windows, tmp_path / "w.html", clips=3)
+    page = Page(tmp_path / "w.html")
+    check_safe(page)
+    assert all("&window=" in a["href"] for t, a in page.elements if a.get("href", "").startswith("#clip="))
+
+
+def test_more_clips_than_twelve_are_files_beside_the_page(relabelled, tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr("dancedata.report.player.INLINE", 3)
+    path = relabelled(lambda k: {})
+    page_path = tmp_path / "all report.html"
+    write_report(path, page_path, clips="all")
+    folder = tmp_path / "all report_files"
+    assert sorted(p.name for p in folder.iterdir()) == [f"clip-{k:05d}.js" for k in range(3, 8)]
+    page = Page(page_path)
+    assert "'self'" in page.policy()
+    data = json.loads(next(text for about, text in page.scripts if about.get("id") == "dd-data"))
+    assert data["side"]["3"] == "all%20report_files/clip-00003.js"
+    assert set(data["clips"]) == {"0", "1", "2"}
+    text = (folder / "clip-00003.js").read_text()
+    number_of, payload = re.fullmatch(r"dancedataClip\((\d+), (.*)\);\n", text, flags=re.DOTALL).groups()
+    assert json.loads(payload)["id"] == data["list"]["clips"][int(number_of)][0]
+    with pytest.raises(UsageError, match="already there"):
+        write_report(path, page_path)
+    write_report(path, page_path, clips=4, overwrite=True)
+    assert [p.name for p in folder.iterdir()] == ["clip-00003.js"]
+    write_report(path, page_path, clips="none", overwrite=True)
+    assert not folder.exists()
+    folder.mkdir()
+    (folder / "mine.txt").write_text("x")
+    with pytest.raises(UsageError, match=r"other files in it.*mine\.txt"):
+        write_report(path, page_path, overwrite=True)
+
+
+@pytest.mark.parametrize(
+    ("to", "words"),
+    [("inside/demo.html", "not written into a dataset"), ("nowhere/x.html", "does not exist"), (".", "a folder")],
+)
+def test_where_a_report_is_not_written(demo: Path, tmp_path: Path, monkeypatch, to: str, words: str) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "inside").symlink_to(demo)
+    with pytest.raises(UsageError, match=words):
+        write_report(demo, to)
+
+
+def test_a_page_that_is_too_large_is_an_error_that_says_what_to_lower(demo: Path, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=r"allowed: 0\.1 MB .*--clips 4"):
+        write_report(demo, tmp_path / "x.html", max_mb=0.1)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_other_arguments(demo: Path, tmp_path: Path) -> None:
+    for wrong in ({"clips": -1}, {"clips": "some"}, {"audio": "link"}):
+        with pytest.raises(UsageError, match=r"clips|audio"):
+            write_report(demo, tmp_path / "x.html", **wrong)

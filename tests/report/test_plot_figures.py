@@ -1,0 +1,87 @@
+"""Figures for papers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dancedata
+from dancedata import plot
+from dancedata.core.errors import UsageError
+
+pytest.importorskip("matplotlib")
+
+
+def test_features_are_rows_of_the_clip(demo: Path) -> None:
+    ds = dancedata.open(demo)
+    clip = ds.clips[0]
+    axes = plot.features(demo, clip.id)
+    (image,) = axes.get_images()
+    rows = clip.read("librosa35")
+    assert image.get_array().shape == rows.T.shape
+    assert image.get_extent() == [0.0, len(rows) / 30, 35.0, 0.0]
+    assert 0 <= image.get_array().min() <= image.get_array().max() <= 1
+    names = [t.get_text() for t in axes.get_yticklabels()]
+    assert names == ["onset envelope", "mfcc", "chroma cens", "onset peak", "beat"]
+    places = axes.get_yticks()
+    assert np.all(np.diff(places) > 1)
+    (beats,) = axes.collections
+    assert len(beats.get_segments()) == int(rows[:, -1].sum())
+    assert plot.features(ds, clip.id, "edge151").get_images()[0].get_array().shape[0] == 151
+
+
+def test_features_are_drawn_on_given_axes(demo: Path, tmp_path: Path) -> None:
+    from matplotlib.figure import Figure
+
+    axes = Figure().subplots()
+    ds = dancedata.open(demo)
+    assert plot.features(ds, ds.clips[0].id, ax=axes) is axes
+    axes.figure.savefig(tmp_path / "features.pdf")
+
+
+def test_motion_draws_every_bone_of_every_pose(demo: Path, tmp_path: Path) -> None:
+    ds = dancedata.open(demo)
+    clip = ds.clips[0]
+    axes = plot.motion(ds, clip.id, times=[0, 1, 2.5])
+    joints = dancedata.decode(clip.read("edge151"), "edge151", fps=30).joints()
+    lines = [line for line in axes.lines if len(line.get_xdata()) == 2 and line.get_linestyle() == "-"]
+    assert len(lines) == 3 * 23 + 1
+    floor = np.quantile(joints[:, [7, 8, 10, 11], 1], 0.02)
+    np.testing.assert_allclose(lines[0].get_ydata(), joints[0, [0, 1], 1] - floor, atol=1e-6)
+    lengths = [np.hypot(*(np.diff(line.get_data()[k])[0] for k in (0, 1))) for line in lines[:23]]
+    bones = np.linalg.norm(joints[0, 1:] - joints[0, list(ds.skeleton.parents[1:])], axis=1)
+    assert np.all(lengths <= bones + 1e-6)
+    assert [t.get_text() for t in axes.get_xticklabels()] == ["0.00 s", "1.00 s", "2.50 s"]
+    axes.figure.savefig(tmp_path / "poses.png", dpi=40)
+    assert len(plot.motion(demo, clip.id, poses=4).get_xticks()) == 4
+
+
+def test_a_motion_needs_no_dataset(demo: Path) -> None:
+    ds = dancedata.open(demo)
+    motion = dancedata.decode(ds.clips[0].read("edge151"), "edge151", fps=30)
+    assert len(plot.motion(motion, poses=5).get_xticks()) == 5
+
+
+def test_window_scope(windows: Path) -> None:
+    ds = dancedata.open(windows)
+    clip = ds.clips[0].id
+    assert plot.features(ds, clip, frame=0).get_images()[0].get_array().shape == (35, 150)
+    assert len(plot.motion(ds, clip, poses=2).get_xticks()) == 2
+
+
+def test_errors_say_what_is_allowed(demo: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    ds = dancedata.open(demo)
+    clip = ds.clips[0].id
+    with pytest.raises(UsageError, match="seconds from 0 to"):
+        plot.motion(ds, clip, times=[99])
+    with pytest.raises(UsageError, match="at least 1"):
+        plot.motion(ds, clip, poses=0)
+    with pytest.raises(UsageError, match="Name the clip"):
+        plot.motion(ds)
+    with pytest.raises(UsageError, match="Did you mean"):
+        plot.features(ds, clip + "x")
+    monkeypatch.setitem(__import__("sys").modules, "matplotlib.figure", None)
+    with pytest.raises(UsageError, match=r"dancedata\[report\]"):
+        plot.motion(ds, clip)

@@ -1,0 +1,151 @@
+"""Videos: as many pictures as frames, as much sound as pictures, and only music that may be shared."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dancedata
+from dancedata import plot
+from dancedata.core.errors import StoreError, UsageError
+from dancedata.plot import mux
+from dancedata.plot.frames import Frames
+from dancedata.plot.mux import find_ffmpeg
+from dancedata.scene import Scenes
+
+pytest.importorskip("PIL")
+pytest.importorskip("imageio_ffmpeg")
+SIZE = (192, 160)
+
+
+def decoded(path: Path, *options: str) -> bytes:
+    command = [find_ffmpeg(), "-loglevel", "error", "-i", str(path), *options, "pipe:1"]
+    return subprocess.run(command, check=True, capture_output=True).stdout
+
+
+def pictures(path: Path) -> np.ndarray:
+    data = decoded(path, "-f", "rawvideo", "-pix_fmt", "rgb24", "-fps_mode", "passthrough")
+    return np.frombuffer(data, np.uint8).reshape(-1, SIZE[1], SIZE[0], 3)
+
+
+def sound(path: Path) -> np.ndarray:
+    return np.frombuffer(decoded(path, "-f", "f32le", "-ac", "1", "-ar", "22050"), np.float32)
+
+
+def test_a_video_has_the_frames_and_the_sound_of_its_clip(demo: Path, tmp_path: Path) -> None:
+    ds = dancedata.open(demo)
+    clip = ds.clips[0]
+    source = demo.parent / "demo-source"
+    path = plot.write_video(
+        ds, clip.id, tmp_path / "a.mp4", source=source, start_s=1, length_s=2, size=SIZE, theme="light"
+    )
+    shown = pictures(path)
+    assert len(shown) == 60
+    samples = sound(path)
+    assert abs(len(samples) / 22050 - 2) < 0.06
+    # The music is that of the same time; players and ffmpeg undo the delay of the encoder.
+    wav = dancedata.AudioSignal
+    from dancedata.audio.signal import load_audio, resample
+
+    signal = load_audio(source / "wavs" / f"{clip.music}.wav")
+    assert isinstance(signal, wav)
+    there = resample(signal.samples, signal.sample_rate, 22050)[22050 : 3 * 22050]
+    lags = range(-400, 401, 10)
+    fits = [float(np.dot(samples[1000:40000], there[1000 + k : 40000 + k])) for k in lags]
+    assert abs(list(lags)[int(np.argmax(fits))]) <= 30
+    # The picture of a frame is the drawing of that frame, as far as the encoder keeps it.
+    scenes = Scenes(ds)
+    scene = scenes.scene(scenes.find(clip.id))
+    frames = Frames(scene, scene.figure, SIZE, np.arange(30, 90) / 30, "light")
+    wanted = np.asarray(frames.image(45)).astype(int)
+    gaps = [np.abs(wanted - picture).mean() for picture in shown]
+    assert int(np.argmin(gaps)) == 45
+    assert min(gaps) < 4
+
+
+def test_the_dancer_is_drawn_where_the_joints_are(demo: Path) -> None:
+    scenes = Scenes(dancedata.open(demo))
+    scene = scenes.scene(scenes.items[0])
+    frames = Frames(scene, scene.figure, (640, 480), np.arange(scene.figure.n_frames) / 30, "dark")
+    picture = np.asarray(frames.image(20))[:390]
+    left, right = (
+        (np.abs(picture.astype(int) - rgb).sum(axis=2) < 12).sum() for rgb in ((86, 180, 233), (230, 159, 0))
+    )
+    assert left > 300
+    assert right > 300
+    moved = np.asarray(frames.image(60))[:390]
+    assert (picture != moved).any()
+    np.testing.assert_array_equal(np.asarray(frames.image(20))[:390], picture)
+
+
+def test_music_needs_the_right(demo: Path, relabelled, tmp_path: Path) -> None:
+    path = relabelled(lambda k: {}, {"dataset": "aist++", "licence": "no redistribution"})
+    clip = dancedata.open(path).clips[0].id
+    options = {"source": demo.parent / "demo-source", "length_s": 0.2, "size": SIZE}
+    with pytest.raises(UsageError, match=r"no redistribution.*--i-may-share-this-music"):
+        plot.write_video(path, clip, tmp_path / "a.mp4", **options)
+    assert not (tmp_path / "a.mp4").exists()
+    plot.write_video(path, clip, tmp_path / "a.mp4", may_share=True, **options)
+    assert b"on the statement of the maker of this file" in (tmp_path / "a.mp4").read_bytes()
+    plot.write_video(path, clip, tmp_path / "silent.mp4", length_s=0.2, size=SIZE)
+    assert len(pictures(tmp_path / "silent.mp4")) == 6
+
+
+def test_equal_bytes(demo: Path, tmp_path: Path) -> None:
+    clip = dancedata.open(demo).clips[0].id
+    files = [plot.write_video(demo, clip, tmp_path / f"{k}.mp4", length_s=0.3, size=SIZE) for k in "ab"]
+    assert files[0].read_bytes() == files[1].read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "words"),
+    [
+        ("a.avi", {}, "ends in .mp4"),
+        ("no/a.mp4", {}, "cannot be written"),
+        ("a.mp4", {"size": (101, 100)}, "even numbers"),
+        ("a.mp4", {"theme": "red"}, "dark or light"),
+        ("a.mp4", {"start_s": 99}, "no frames"),
+        ("a.mp4", {"length_s": 0}, "no frames"),
+    ],
+)
+def test_errors_say_what_is_allowed(demo: Path, tmp_path: Path, name: str, options: dict, words: str) -> None:
+    clip = dancedata.open(demo).clips[0].id
+    with pytest.raises(UsageError, match=words):
+        plot.write_video(demo, clip, tmp_path / name, **options)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_that_is_there_stays(demo: Path, tmp_path: Path) -> None:
+    clip = dancedata.open(demo).clips[0].id
+    (tmp_path / "a.mp4").write_bytes(b"mine")
+    with pytest.raises(UsageError, match="already there"):
+        plot.write_video(demo, clip, tmp_path / "a.mp4")
+    plot.write_video(demo, clip, tmp_path / "a.mp4", length_s=0.1, size=SIZE, overwrite=True)
+    assert len(pictures(tmp_path / "a.mp4")) == 3
+
+
+def test_without_ffmpeg_there_is_an_error_that_says_how_to_get_it(
+    demo: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clip = dancedata.open(demo).clips[0].id
+    monkeypatch.setattr(mux.shutil, "which", lambda name: None)
+    monkeypatch.setitem(__import__("sys").modules, "imageio_ffmpeg", None)
+    with pytest.raises(UsageError, match=r"neither ffmpeg nor imageio-ffmpeg.*dancedata\[video\]"):
+        plot.write_video(demo, clip, tmp_path / "a.mp4")
+
+
+def test_an_ffmpeg_that_fails_leaves_nothing(demo: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    program = tmp_path / "bin" / "ffmpeg"
+    program.parent.mkdir()
+    program.write_text("#!/bin/sh\necho 'Unknown encoder libx264' >&2\nexit 3\n")
+    program.chmod(0o755)
+    monkeypatch.setattr(mux.shutil, "which", lambda name: str(program))
+    clip = dancedata.open(demo).clips[0].id
+    out = tmp_path / "out"
+    out.mkdir()
+    with pytest.raises(StoreError, match="Unknown encoder libx264"):
+        plot.write_video(demo, clip, out / "a.mp4", length_s=1, size=SIZE)
+    assert list(out.iterdir()) == []
