@@ -20,7 +20,6 @@ import torch
 
 from dancedata.audio.jukebox import feature as jukebox_feature
 from dancedata.audio.jukebox.feature import Jukebox
-from dancedata.audio.jukebox.network import memory
 from dancedata.audio.librosa35.feature import Librosa35
 from dancedata.audio.networks import devices as _devices
 from dancedata.core.audio_signal import AudioSignal

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import pairwise
 
 
 @dataclass(frozen=True)
@@ -52,8 +53,8 @@ def chunks_of(n_samples: int, *, length: int, overlap: int, unit: int, timing: T
     """Cut a signal into chunks of `length` samples that overlap by at least `overlap`.
 
     All begin at a multiple of `unit` samples. The last one ends with the signal and has as much before it as the
-    others, so that all of its frames see enough of their past; it is up to `unit` - 1 samples shorter than the others.
-    In the middle of an overlap the earlier chunk's frames end and the later one's begin, at the border of two frames.
+    others, so that all of its frames see enough of their past; it is up to `unit` - 1 samples shorter. In the
+    middle of an overlap the earlier chunk's frames end and the later one's begin, at the border of two frames.
 
     Parameters
     ----------
@@ -66,10 +67,7 @@ def chunks_of(n_samples: int, *, length: int, overlap: int, unit: int, timing: T
         return [Chunk(0, n_samples, None, None)]
     last = -(-(n_samples - length) // unit) * unit
     starts = [*range(0, last, length - overlap), last]
-    borders = [
-        _border(timing, later, Fraction(later + earlier + length, 2))
-        for earlier, later in zip(starts, starts[1:], strict=False)
-    ]
+    borders = [_border(timing, later, Fraction(later + earlier + length, 2)) for earlier, later in pairwise(starts)]
     return [
         Chunk(start, min(length, n_samples - start), keep_from, keep_to)
         for start, keep_from, keep_to in zip(starts, [None, *borders], [*borders, None], strict=True)

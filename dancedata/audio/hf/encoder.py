@@ -34,10 +34,10 @@ Finish = Callable[[npt.NDArray[np.float32]], npt.NDArray[Any]]
 
 
 class _Item(NamedTuple):
-    """A chunk of one of several signals."""
+    """A chunk of one of several signals, and its number there."""
 
     signal: int
-    index: int
+    number: int
     chunk: Chunk
 
 
@@ -157,7 +157,7 @@ class HuggingFaceEncoder:
         weights: RowMap = row_map(kept, n_rows, method)
         sums = [RowSum(weights, self.settings.width, finish) for _ in own]
         for item, values in self._run(own, [chunks] * len(own), batch_size):
-            sums[item.signal].add(item.index, values)
+            sums[item.signal].add(item.number, values)
         return [one.result() for one in sums]
 
     def _chunks(self, n_samples: int) -> list[Chunk]:
@@ -189,9 +189,9 @@ class HuggingFaceEncoder:
         """Yield the frames (K, D) of every chunk; those of one signal in order. Equal chunks are batched."""
         normalize = self.settings.normalize == "extractor"
         prepared = [self.settings.family.prepared(samples, normalize=normalize) for samples in signals]
-        items = [_Item(k, index, c) for k, own in enumerate(chunks) for index, c in enumerate(own)]
+        items = [_Item(k, number, c) for k, own in enumerate(chunks) for number, c in enumerate(own)]
         # The first chunks of all signals, then the second ones: those are equally long.
-        items.sort(key=lambda item: item.index)
+        items.sort(key=lambda item: item.number)
         size = batch_size or (_BATCH if self.device.type == "cuda" else 1)
         for _, equal in groupby(items, key=lambda item: item.chunk.n_samples):
             some = list(equal)

@@ -183,8 +183,8 @@ class HuggingFace(AudioFeature):
             )
         return replace(
             self,
-            model=str(folder.path) if not folder.revision else folder.source,
-            revision=folder.revision or None,
+            model=self.model if folder.from_hub else str(folder.path),
+            revision=folder.revision if folder.from_hub else None,
             model_sha256=sha256,
             output=settings.output,
             chunk_s=settings.chunk_s,
@@ -279,9 +279,8 @@ class HuggingFace(AudioFeature):
         if self.precision == "auto":
             return "fp16" if device.startswith("cuda") else "fp32"
         if self.precision == "fp16" and not device.startswith("cuda"):
-            raise UsageError(
-                "hf: fp16 on a CPU takes many times as long as fp32", found="precision fp16", allowed="auto, fp32, bf16"
-            )
+            slow = "hf: fp16 on a CPU takes many times as long as fp32"
+            raise UsageError(slow, found="precision fp16", allowed="auto, fp32, bf16")
         return self.precision
 
     def _folder(self) -> ModelFolder:
@@ -306,9 +305,7 @@ class HuggingFace(AudioFeature):
         device = device_of_process(self.device)
         precision = self._precision(device)
         key = (self.model, self.revision, self.model_sha256, self._how(), precision, device)
-        return held(
-            _networks, key, lambda: HuggingFaceEncoder(self._settings(), device=device, precision=precision)
-        )
+        return held(_networks, key, lambda: HuggingFaceEncoder(self._settings(), device=device, precision=precision))
 
     def _how(self) -> tuple[Any, ...]:
         return (
@@ -317,4 +314,4 @@ class HuggingFace(AudioFeature):
 
 
 #: The network of this process, by what it was loaded from and how.
-_networks: dict[Any, Any] = {}
+_networks: dict[Any, HuggingFaceEncoder] = {}

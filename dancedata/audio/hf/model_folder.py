@@ -1,11 +1,11 @@
-"""A folder with a model: where it is, its config, its weights and their hash. Needs neither torch nor transformers."""
+"""A folder with a model: where it is, its config, its weights and their hash. Needs no torch."""
 
 from __future__ import annotations
 
 import os
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -30,10 +30,20 @@ FILES = (
     "pytorch_model.bin.index.json",
     "README.md",
 )
+#: What `dancedata hf fetch` writes of where a folder came from: id, revision, licence.
+PROVENANCE = "dancedata-hf.json"
 #: Configs with lists of labels and mel filters have a few MB.
 _MAX_JSON = 1 << 25
 #: Keys of config.json that shape no number.
-_IDLE_KEYS = ("_name_or_path", "_commit_hash", "architectures", "auto_map", "dtype", "torch_dtype", "transformers_version")
+_IDLE_KEYS = (
+    "_name_or_path",
+    "_commit_hash",
+    "architectures",
+    "auto_map",
+    "dtype",
+    "torch_dtype",
+    "transformers_version",
+)
 _COMMIT = re.compile(r"[0-9a-f]{40}")
 _HUB_ID = re.compile(r"[A-Za-z0-9][\w.-]*/[A-Za-z0-9][\w.-]*")
 _PLAIN_NAME = re.compile(r"[\w][\w.-]*")
@@ -52,9 +62,11 @@ class ModelFolder:
     extractor
         preprocessor_config.json, or the feature extractor of processor_config.json; empty where there is neither.
     source
-        The hub id, or the folder's name.
+        The hub id, or the folder's name where that is not known.
     revision
         The commit on the hub; "" where it is not known.
+    from_hub
+        Whether it was named by its id, and found in the cache of the hub.
     """
 
     path: Path
@@ -62,6 +74,7 @@ class ModelFolder:
     extractor: Mapping[str, Any]
     source: str
     revision: str = ""
+    from_hub: bool = False
 
     def weight_files(self) -> tuple[Path, ...]:
         """Return the files of the weights: safetensors where there are any, or else pickles of torch.
@@ -148,13 +161,14 @@ def open_model(model: str, revision: str | None = None) -> ModelFolder:
                 found=revision,
                 fix="omit revision; the weights are identified by their hash",
             )
-        return _read(folder.absolute(), folder.absolute().name, "")
+        about = provenance_of(folder)
+        return _read(folder.absolute(), about.get("id") or folder.absolute().name, about.get("revision", ""))
     if not _HUB_ID.fullmatch(named) or named.startswith((".", "/")):
         raise UsageError(
             "hf: the folder of the model does not exist", where=folder, fix="check the path, or give an id OWNER/NAME"
         )
     commit = _commit(named, revision)
-    return _read(_snapshot(named, commit), named, commit)
+    return replace(_read(_snapshot(named, commit), named, commit), from_hub=True)
 
 
 def _commit(name: str, revision: str | None) -> str:
@@ -219,6 +233,14 @@ def read_document(path: Path) -> dict[str, Any]:
     except OSError as error:
         raise SourceError("hf: the file does not exist", where=path) from error
     return _parsed(path, (about.st_mtime_ns, about.st_size))
+
+
+def provenance_of(folder: Path) -> dict[str, str]:
+    """Return what PROVENANCE says: id, revision and licence, texts; empty without such a file."""
+    if not (folder / PROVENANCE).is_file():
+        return {}
+    found = read_document(folder / PROVENANCE)
+    return {key: shown(value) for key, value in found.items() if isinstance(value, str)}
 
 
 def _read(folder: Path, source: str, revision: str) -> ModelFolder:

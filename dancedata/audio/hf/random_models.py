@@ -59,6 +59,10 @@ def _enliven(network: torch.nn.Module) -> None:
         if parameter.dim() >= 2 and "original" not in name:
             fan_in = math.prod(parameter.shape[1:])
             torch.nn.init.normal_(parameter, std=1 / math.sqrt(fan_in))
+    for name, buffer in network.named_buffers():
+        # Code vectors that are averages of training: all 0 before it.
+        if name.endswith(("codebook.embed", "codebook.embed_sum")):
+            buffer.normal_(std=0.3)
 
 
 def _speech(model: str, **own: Any) -> Callable[[Path, dict[str, Any]], None]:
@@ -140,7 +144,11 @@ def _whisper(folder: Path, changes: dict[str, Any]) -> None:
 
 def _ast(folder: Path, changes: dict[str, Any]) -> None:
     keys = {**_BLOCKS, "max_length": 128, "num_mel_bins": 32, **changes}
-    extractor = {"sampling_rate": 16_000, "num_mel_bins": keys["num_mel_bins"], "max_length": keys["max_length"]}
+    extractor: dict[str, Any] = {
+        "sampling_rate": 16_000,
+        "num_mel_bins": keys["num_mel_bins"],
+        "max_length": keys["max_length"],
+    }
     extractor |= {"mean": -4.2677393, "std": 4.5689974, "do_normalize": True}
     _native(folder, "ASTModel", "ASTConfig", keys, extractor)
 
@@ -152,7 +160,12 @@ def _clap(folder: Path, changes: dict[str, Any]) -> None:
     }  # fmt: skip
     text = {"hidden_size": 16, "num_hidden_layers": 1, "num_attention_heads": 2, "intermediate_size": 16}
     keys = {"audio_config": audio, "text_config": {**text, "vocab_size": 20}, "projection_dim": 8}
-    extractor = {"sampling_rate": 48_000, "feature_size": 16, "hop_length": 480, "fft_window_size": 1024}
+    extractor: dict[str, Any] = {
+        "sampling_rate": 48_000,
+        "feature_size": 16,
+        "hop_length": 480,
+        "fft_window_size": 1024,
+    }
     extractor |= {"max_length_s": 2, "frequency_min": 50, "frequency_max": 14_000, "truncation": "rand_trunc"}
     extractor |= {"padding": "repeatpad"}
     _native(folder, "ClapModel", "ClapConfig", keys, extractor)
@@ -166,8 +179,9 @@ def _pe_audio(folder: Path, changes: dict[str, Any]) -> None:
         **changes,
     }  # fmt: skip
     text = {
-        "hidden_size": 16, "intermediate_size": 16, "num_hidden_layers": 1, "num_attention_heads": 2, "vocab_size": 20,
-        "pad_token_id": 0, "bos_token_id": 1, "eos_token_id": 2, "cls_token_id": 1, "sep_token_id": 2,
+        "hidden_size": 16, "intermediate_size": 16, "num_hidden_layers": 1, "num_attention_heads": 2,
+        "vocab_size": 20, "pad_token_id": 0, "bos_token_id": 1, "eos_token_id": 2, "cls_token_id": 1,
+        "sep_token_id": 2,
     }  # fmt: skip
     keys = {"audio_config": audio, "text_config": text}
     extractor = {"sampling_rate": 48_000, "feature_size": 1, "hop_length": 1920}
@@ -211,13 +225,22 @@ _MAKERS: dict[str, Callable[[Path, dict[str, Any]], None]] = {
     "w2v-bert": _w2v_bert,
     "encodec24": _encodec(sampling_rate=24_000, norm_type="weight_norm", upsampling_ratios=[8, 5, 4, 2]),
     "encodec32": _encodec(
-        sampling_rate=32_000, use_causal_conv=False, upsampling_ratios=[8, 5, 4, 4], target_bandwidths=[2.2],
+        sampling_rate=32_000,
+        use_causal_conv=False,
+        upsampling_ratios=[8, 5, 4, 4],
+        target_bandwidths=[2.2],
         codebook_size=2048,
-    ),  # fmt: skip
+    ),
     "encodec48": _encodec(
-        sampling_rate=48_000, audio_channels=2, normalize=True, chunk_length_s=1.0, overlap=0.01,
-        norm_type="time_group_norm", use_causal_conv=False, upsampling_ratios=[8, 5, 4, 2],
-    ),  # fmt: skip
+        sampling_rate=48_000,
+        audio_channels=2,
+        normalize=True,
+        chunk_length_s=1.0,
+        overlap=0.01,
+        norm_type="time_group_norm",
+        use_causal_conv=False,
+        upsampling_ratios=[8, 5, 4, 2],
+    ),
     "dac": _dac,
     "mimi": _mimi,
     "whisper": _whisper,

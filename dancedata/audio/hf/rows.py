@@ -105,8 +105,9 @@ def frames_of(chunks: Sequence[Chunk], counts: Sequence[int], timing: Timing, gr
             end = np.minimum(end, int(chunk.keep_to * sample))
         kept = (end > begin).astype(bool)
         found.append([a[kept] for a in (np.full(count, index), number, stamp, begin, end)])
-    columns = [np.concatenate(column) for column in zip(*found, strict=True)]
-    return Frames(ticks, *columns, row_half=ticks * grid.rate.denominator // (2 * grid.rate.numerator))
+    of_chunk, number, stamp, begin, end = (np.concatenate(column) for column in zip(*found, strict=True))
+    row_half = ticks * grid.rate.denominator // (2 * grid.rate.numerator)
+    return Frames(ticks, of_chunk, number, stamp, begin, end, row_half)
 
 
 def area_overlaps(frames: Frames, n_rows: int) -> tuple[Ints, Ints, Ints]:

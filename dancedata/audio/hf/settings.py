@@ -104,7 +104,8 @@ def _output(family: Family, output: str) -> Output:
     for offered in family.outputs:
         if output == offered:
             return offered
-    raise UsageError(f"hf: {family.name} models do not have this output", found=output, allowed=", ".join(family.outputs))
+    problem = f"hf: {family.name} models do not have this output"
+    raise UsageError(problem, found=output, allowed=", ".join(family.outputs))
 
 
 def _layers(family: Family, layers: Layers) -> tuple[int, ...]:
@@ -140,9 +141,8 @@ def _layers(family: Family, layers: Layers) -> tuple[int, ...]:
 
 def _no_layers(family: Family, output: Output, layers: Layers) -> tuple[int, ...]:
     if layers != "last":
-        raise UsageError(
-            f"hf: {family.name} models have no layers to choose from", found=str(layers), fix=f"omit layers for {output}"
-        )
+        problem = f"hf: {family.name} models have no layers to choose from"
+        raise UsageError(problem, found=str(layers), fix=f"omit layers for {output}")
     return (0,)
 
 

@@ -40,7 +40,8 @@ def all_cores(device: str) -> AbstractContextManager[Any]:
     from threadpoolctl import threadpool_limits
 
     # The cores that this process may use: a batch system assigns a part of the machine.
-    return threadpool_limits(limits=cpu_count())
+    limits: AbstractContextManager[Any] = threadpool_limits(limits=cpu_count())
+    return limits
 
 
 def held(networks: dict[Any, N], key: Hashable, load: Callable[[], N]) -> N:

@@ -178,6 +178,17 @@ class Family(ABC):
             )
         return value
 
+    def sizes(self, key: str, default: tuple[int, ...]) -> tuple[int, ...]:
+        """Return a list of whole numbers above 0 of the config; SourceError if it is something else."""
+        value = self.config.get(key, default)
+        if not isinstance(value, list | tuple) or not value or not all(isinstance(v, int) and v > 0 for v in value):
+            raise SourceError(
+                f"hf: the config of a {self.name} model has no valid {key}",
+                found=quoted(value),
+                allowed="whole numbers above 0",
+            )
+        return tuple(value)
+
     def rate_of_extractor(self) -> int:
         """Return the sampling rate that preprocessor_config.json states."""
         if "sampling_rate" not in self.extractor:

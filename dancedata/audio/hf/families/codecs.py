@@ -63,13 +63,6 @@ class _Codec(Family):
         network.decoder = None
         return network
 
-    def ratios(self, key: str, default: tuple[int, ...]) -> tuple[int, ...]:
-        """Return the strides of the encoder's blocks."""
-        value = self.config.get(key, default)
-        if not isinstance(value, list | tuple) or not value or not all(isinstance(v, int) and v > 0 for v in value):
-            raise SourceError(f"hf: the config has no valid {key}", found=quoted(value), allowed="whole numbers above 0")
-        return tuple(value)
-
 
 @dataclass(frozen=True)
 class _Scaled(Prepared):
@@ -98,7 +91,7 @@ class Encodec(_Codec):
     @property
     def hop(self) -> int:
         """Samples of a frame: 320 at 24 and 48 kHz, 640 at 32 kHz."""
-        return math.prod(self.ratios("upsampling_ratios", (8, 5, 4, 2)))
+        return math.prod(self.sizes("upsampling_ratios", (8, 5, 4, 2)))
 
     @property
     def max_chunk(self) -> int | None:
@@ -149,13 +142,13 @@ class Dac(_Codec):
     @property
     def hop(self) -> int:
         """Samples of a frame: 512 at 44.1 kHz."""
-        return math.prod(self.ratios("downsampling_ratios", (2, 4, 8, 8)))
+        return math.prod(self.sizes("downsampling_ratios", (2, 4, 8, 8)))
 
     def width(self, output: Output) -> int:
         """Return the width of the encoder's last convolution, 1024, or the number of codebooks."""
         if output == "codes":
             return self.number("n_codebooks", default=9)
-        blocks = len(self.ratios("downsampling_ratios", (2, 4, 8, 8)))
+        blocks = len(self.sizes("downsampling_ratios", (2, 4, 8, 8)))
         return self.number("hidden_size", default=self.number("encoder_hidden_size", default=64) * 2**blocks)
 
     def prepared(self, samples: Samples, *, normalize: bool) -> Prepared:
@@ -183,7 +176,7 @@ class Mimi(_Codec):
     @property
     def hop(self) -> int:
         """Samples of a frame: 1,920."""
-        stride = 2 * math.prod(self.ratios("upsampling_ratios", (8, 6, 5, 4)))
+        stride = 2 * math.prod(self.sizes("upsampling_ratios", (8, 6, 5, 4)))
         rate = self.config.get("frame_rate") or self.config.get("_frame_rate")
         if isinstance(rate, int | float) and rate * stride != self.sample_rate:
             raise SourceError(

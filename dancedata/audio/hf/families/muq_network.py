@@ -29,7 +29,7 @@ class Residual(nn.Module):
         self.bn3 = nn.BatchNorm2d(channels)
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
-        """(B, C, bins, frames) to fewer bins and frames."""
+        """Compute fewer bins and frames of (B, C, bins, frames)."""
         inner = self.bn2(self.conv2(torch.relu(self.bn1(self.conv1(x)))))
         return torch.relu(self.bn3(self.conv3(x)) + inner)
 
@@ -44,7 +44,7 @@ class Subsampling(nn.Module):
         self.linear = nn.Linear(channels * (n_bins // 4), width)
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
-        """(B, bins, frames) to (B, K, width)."""
+        """Compute (B, K, width) of (B, bins, frames)."""
         found: torch.Tensor = self.linear(self.conv(x[:, None]).permute(0, 3, 1, 2).flatten(2))
         return found
 
@@ -87,7 +87,7 @@ class MuQNetwork(nn.Module):
         self.register_buffer("window", torch.hann_window(N_FFT), persistent=False)
 
     def log_mel(self, samples: torch.Tensor) -> torch.Tensor:
-        """Samples (B, n) to normalised decibels (B, bins, n // hop), in float32."""
+        """Compute normalised decibels (B, bins, n // hop) of samples (B, n), in float32."""
         spectrum = torch.stft(
             samples.float(), N_FFT, self.hop, window=self.window.float(), center=True, pad_mode="reflect",
             return_complex=True,
@@ -98,7 +98,7 @@ class MuQNetwork(nn.Module):
         return (frames - self.mean) / self.std
 
     def forward(self, samples: torch.Tensor) -> torch.Tensor:
-        """Samples (B, n) to the last hidden state (B, K, width)."""
+        """Compute the last hidden state (B, K, width) of samples (B, n)."""
         entering = self.conv(self.log_mel(samples).to(self.conv.linear.weight.dtype))
         last: torch.Tensor = self.conformer(entering).last_hidden_state
         return last

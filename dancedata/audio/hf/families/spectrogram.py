@@ -221,7 +221,7 @@ class Ast(SpectrogramEncoder):
         found = hidden_states(run, blocks, layers, self.n_layers)
         times = self.n_frames(0)
         # The first two tokens belong to no patch.
-        return {k: v[:, 2:].unflatten(1, (-1, times)).mean(dim=1) for k, v in found.items()}
+        return {k: v[:, 2:].reshape(len(v), -1, times, v.shape[-1]).mean(dim=1) for k, v in found.items()}
 
 
 @dataclass(frozen=True)
@@ -253,7 +253,8 @@ class Clap(SpectrogramEncoder):
         size = self.number("spec_size", of=self._audio, default=256)
         ratio = size // self.number("num_mel_bins", of=self._audio, default=64)
         stride = self._audio.get("patch_stride", (4, 4))
-        return size * ratio, (stride[1] if isinstance(stride, list | tuple) else int(stride)) * 2 ** (self._stages - 1)
+        step = stride[1] if isinstance(stride, list | tuple) else int(stride)
+        return size * ratio, step * 2 ** (self._stages - 1)
 
     @property
     def window(self) -> int:
@@ -289,7 +290,7 @@ class Clap(SpectrogramEncoder):
         return int(first * 2 ** (self._stages - 1))
 
     def spectrogram(self, samples: Samples, *, normalize: bool) -> npt.NDArray[np.float32]:
-        """Compute (channels, frames, bins) by transformers' extractor, which repeats what is shorter than a window."""
+        """Compute (channels, frames, bins) by transformers' extractor, which repeats shorter music."""
         from transformers import ClapFeatureExtractor
 
         own = {k: v for k, v in self.extractor.items() if k in _CLAP_KEYS}

@@ -85,8 +85,10 @@ class W2vBert(Family):
             window="povey",
         )
         if normalize and len(mel) > 1:
-            mel = (mel - mel.mean(axis=0)) / np.sqrt(mel.var(axis=0, ddof=1) + 1e-7)
-        return _MelPairs(mel.astype(np.float32, copy=False), self._stride)
+            # Bins in one piece each, as in the extractor: numpy then adds in its order, and far more exactly.
+            mel = np.asfortranarray(mel)
+            mel = (mel - mel.mean(axis=0)) / np.sqrt(mel.var(axis=0, ddof=1) + np.float32(1e-7))
+        return _MelPairs(np.ascontiguousarray(mel), self._stride)
 
     def network(self, top: int) -> NetworkSpec:
         """Name the model class without a head or adapter."""

@@ -131,14 +131,8 @@ class WaveformEncoder(Family):
 
     @property
     def _kernels(self) -> tuple[int, ...]:
-        return self._sizes("conv_kernel", (10, 3, 3, 3, 3, 2, 2))
+        return self.sizes("conv_kernel", (10, 3, 3, 3, 3, 2, 2))
 
     @property
     def _strides(self) -> tuple[int, ...]:
-        return self._sizes("conv_stride", (5, 2, 2, 2, 2, 2, 2))
-
-    def _sizes(self, key: str, default: tuple[int, ...]) -> tuple[int, ...]:
-        value = self.config.get(key, default)
-        if not isinstance(value, list | tuple) or not value or not all(isinstance(v, int) and v > 0 for v in value):
-            raise SourceError(f"hf: the config has no valid {key}", found=quoted(value), allowed="whole numbers above 0")
-        return tuple(value)
+        return self.sizes("conv_stride", (5, 2, 2, 2, 2, 2, 2))
