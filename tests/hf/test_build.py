@@ -28,7 +28,7 @@ from dancedata.testing.jukebox import random_checkpoint
 
 @pytest.fixture(scope="module")
 def corpus(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_synthetic(tmp_path_factory.mktemp("corpus") / "source", songs=1, clips_per_song=1, clip_s=6)
+    return write_synthetic(tmp_path_factory.mktemp("corpus") / "source", songs=2, clips_per_song=1, clip_s=6)
 
 
 def _recipe(mert: Path, dac: Path, jukebox: Path, **mert_keys: Any) -> Any:
@@ -78,7 +78,7 @@ def test_two_encoders_jukebox_and_librosa_in_one_dataset(
     changed[-4_000] ^= 1
     weights.write_bytes(changed)
     build(again, corpus, tmp_path / "three", cache=cache)
-    assert computed == ["renamed"]
+    assert computed == ["renamed"] * 2  # two songs
 
     # One's own song, as in the dataset.
     song = next((corpus / "wavs").glob("*.wav"))
