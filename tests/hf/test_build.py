@@ -28,7 +28,7 @@ from dancedata.testing.jukebox import random_checkpoint
 
 @pytest.fixture(scope="module")
 def corpus(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_synthetic(tmp_path_factory.mktemp("corpus") / "source", songs=2, clips_per_song=1, clip_s=6)
+    return write_synthetic(tmp_path_factory.mktemp("corpus") / "source", songs=2, clips_per_song=2, clip_s=6)
 
 
 def _recipe(mert: Path, dac: Path, jukebox: Path, **mert_keys: Any) -> Any:
