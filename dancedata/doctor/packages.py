@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 EXTRAS = {
     "torch": "torch datasets",
     "jukebox": "Jukebox's embeddings",
+    "hf": "encoders of the Hugging Face layout",
     "dask": "builds on a cluster",
     "smpl": "body models by smplx",
     "report": "reports",

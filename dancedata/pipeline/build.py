@@ -198,8 +198,16 @@ def _meta(recipe: Recipe, sources: Sources, source_sha256: str, record: SourceRe
         "genre_ids": dict(recipe.dataset.genre_ids),
         "content": sources.content,
         "arithmetic": expected(),
+        **_networks(recipe),
         "packages": {**versions, **{name: package_version(name) for name in sorted(packages)}},
     }
+
+
+def _networks(recipe: Recipe) -> dict[str, Any]:
+    """Return what audio fields state of their networks, by field; nothing where none has one."""
+    about = {job.name: dict(job.feature.about) for job in recipe.audio}
+    stated = {name: own for name, own in about.items() if own}
+    return {"encoders": stated} if stated else {}
 
 
 def _require_same(out: Path, recipe: Recipe, source_sha256: str, record: SourceRecord) -> None:

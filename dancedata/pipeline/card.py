@@ -59,7 +59,10 @@ def _fields_list(recipe: Recipe) -> str:
         lines.append(f"- `{own.name}`: {own.columns.width} columns, {own.representation.axes}{rule}")
     for finder in recipe.keymotion:
         lines.append(f"- `{finder.name}`: key motions, {', '.join(finder.columns.labels)}")
-    lines += [f"- `{job.name}`: {job.columns.width} columns" for job in recipe.audio]
+    for job in recipe.audio:
+        about = job.feature.about
+        made = f", by {about['model']}, licence of its weights: {about['licence']}" if "licence" in about else ""
+        lines.append(f"- `{job.name}`: {job.columns.width} columns{made}")
     return "\n".join([*lines, ""])
 
 

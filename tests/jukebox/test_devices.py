@@ -18,11 +18,10 @@ pytest.importorskip("accelerate")
 
 import torch
 
-from dancedata.audio.jukebox import devices as _devices
 from dancedata.audio.jukebox import feature as jukebox_feature
 from dancedata.audio.jukebox.feature import Jukebox
-from dancedata.audio.jukebox.network import memory
 from dancedata.audio.librosa35.feature import Librosa35
+from dancedata.audio.networks import devices as _devices
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.grid import FrameGrid
@@ -80,8 +79,8 @@ def test_memory_that_torch_keeps_counts_as_free(monkeypatch: pytest.MonkeyPatch)
     kept = [3 << 30]
     monkeypatch.setattr(torch.cuda, "empty_cache", kept.clear)
     monkeypatch.setattr(torch.cuda, "mem_get_info", lambda _device: ((8 << 30) - sum(kept), 8 << 30))
-    assert memory.free_memory(torch.device("cuda:0")) == (8 << 30) - memory.RESERVE_BYTES
-    assert memory.free_memory(torch.device("cpu")) is None
+    assert _devices.free_memory(torch.device("cuda:0")) == (8 << 30) - _devices.RESERVE_BYTES
+    assert _devices.free_memory(torch.device("cpu")) is None
 
 
 def test_what_cannot_be_is_said_before_a_build(tiny: SimpleNamespace, tmp_path: Path) -> None:

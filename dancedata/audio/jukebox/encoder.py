@@ -21,14 +21,14 @@ from dancedata.audio.jukebox.clips import (
 )
 from dancedata.audio.jukebox.config import JukeboxConfig, require_layers
 from dancedata.audio.jukebox.conversion import open_converted
-from dancedata.audio.jukebox.devices import require_device
 from dancedata.audio.jukebox.network import memory
-from dancedata.audio.jukebox.network.batches import Batches
 from dancedata.audio.jukebox.network.overflow import overflow
-from dancedata.audio.jukebox.network.precision import compute_dtype, exact_float32, resolve_precision
 from dancedata.audio.jukebox.network.resampling import n_frames, resampling_matrix
 from dancedata.audio.jukebox.weights.folder import read_description
 from dancedata.audio.jukebox.weights.loading import Checkpoint, load_encoder, load_prior, open_openai
+from dancedata.audio.networks.batches import Batches
+from dancedata.audio.networks.devices import free_memory, require_device
+from dancedata.audio.networks.precision import compute_dtype, exact_float32, resolve_precision
 from dancedata.core.errors import UsageError
 
 Features = dict[int, NDArray[np.float32]]
@@ -69,7 +69,7 @@ class JukeboxEncoder:
             self.device = require_device(device)
             self.precision = resolve_precision(precision, self.device)
             self.max_codes = require_max_codes(max_codes, config)
-            self._budget = memory.free_memory(self.device) if memory_budget is None else memory_budget
+            self._budget = free_memory(self.device) if memory_budget is None else memory_budget
             dtype = compute_dtype(self.precision)
             self.placement = memory.place(config, max(layers), dtype, self.max_codes, self._budget)
             self._vqvae = load_encoder(checkpoint, config, self.device)
@@ -78,7 +78,9 @@ class JukeboxEncoder:
             )
         finally:
             checkpoint.close()
-        self._batches = Batches()
+        self._batches = Batches(
+            "end other programs on the device, or load with a smaller memory_budget, which keeps blocks on the host"
+        )
         self._matrices: dict[tuple[int, int], torch.Tensor] = {}
 
     def __repr__(self) -> str:

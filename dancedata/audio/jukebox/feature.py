@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from pathlib import Path
@@ -16,6 +15,7 @@ import numpy.typing as npt
 from dancedata.audio.jukebox.config import JukeboxConfig, require_layers
 from dancedata.audio.jukebox.contexts import contexts_of
 from dancedata.audio.jukebox.weights.folder import checkpoint_sha256, config_of, highest_layer, is_converted
+from dancedata.audio.networks.running import all_cores, cards_of, device_of_process, held, stored
 from dancedata.audio.signal import pcm16, resampled_length
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.columns import Columns, Group
@@ -114,7 +114,7 @@ class Jukebox(AudioFeature):
     @property
     def windows_a_call(self) -> int:
         """Windows per call, which are published together: a killed build loses at most this many."""
-        return self.batch_size or (32 if self._devices() else 1)
+        return self.batch_size or (32 if cards_of(self.device) else 1)
 
     def resolved(self, hash_file: Callable[[Path], str]) -> Jukebox:
         """Return the feature with the precision and the hash of the weights resolved.
@@ -126,11 +126,11 @@ class Jukebox(AudioFeature):
         UsageError
             The weights do not match `weights_sha256` or lack the layer, or the device does not exist.
         """
-        from dancedata.audio.jukebox.devices import require_device
-        from dancedata.audio.jukebox.network.precision import resolve_precision
+        from dancedata.audio.networks.devices import require_device
+        from dancedata.audio.networks.precision import resolve_precision
 
         folder = self._folder()
-        cards = self._devices() or ["cpu" if self.device == "auto" else self.device]
+        cards = cards_of(self.device) or ["cpu" if self.device == "auto" else self.device]
         device = require_device(cards[0])
         sha256 = json_sha256({"files": checkpoint_sha256(folder, hash_file), "config": self._config.to_json()})
         if self.weights_sha256 not in ("", sha256):
@@ -147,7 +147,7 @@ class Jukebox(AudioFeature):
 
     def workers(self, jobs: int) -> int:
         """Return the number of processes: one per card, or one on a CPU."""
-        return max(1, len(self._devices()))
+        return max(1, len(cards_of(self.device)))
 
     def n_rows(self, n_samples: int, sample_rate: int, grid: FrameGrid) -> int:
         """Return the number of rows of a song: one for every frame that begins before its last code ends."""
@@ -186,7 +186,7 @@ class Jukebox(AudioFeature):
         clips = [audio[p.first_code * config.hop : (p.first_code + p.n_codes) * config.hop] for p in parts[:-1]]
         # The last one includes the samples after the last whole code, as a clip does.
         clips.append(audio[parts[-1].first_code * config.hop :])
-        with self._threads():
+        with all_cores(self.device):
             found = encoder.embed_prepared(clips, float(grid.rate), batch_size=self.batch_size or None)
         rows = [one[self.layer][p.keep_from : p.keep_to] for p, one in zip(parts, found, strict=True)]
         return self._stored(np.concatenate(rows))
@@ -221,7 +221,7 @@ class Jukebox(AudioFeature):
             )
         clips = [pcm16(signal.samples[start : start + n_samples]) for start in starts]
         codes = resampled_length(n_samples, signal.sample_rate, self._config.sample_rate) // self._config.hop
-        with self._threads():
+        with all_cores(self.device):
             found = self._encoder(codes).embed_batch(
                 clips, signal.sample_rate, float(grid.rate), batch_size=self.batch_size or None
             )
@@ -257,47 +257,17 @@ class Jukebox(AudioFeature):
             raise SourceError("the folder of Jukebox's weights does not exist", where=folder)
         return folder.absolute()
 
-    def _devices(self) -> list[str]:
-        """Return the cards to compute on; empty on a CPU."""
-        if self.device != "auto":
-            return [self.device] if self.device.startswith("cuda") else []
-        import torch
-
-        return [f"cuda:{k}" for k in range(torch.cuda.device_count())]
-
     def _encoder(self, n_codes: int) -> JukeboxEncoder:
         """Return the network, with tables for clips of up to `n_codes` codes."""
         from dancedata.audio.jukebox.network.memory import padded_length
 
-        device = self.device
-        if device == "auto":
-            from dancedata.audio.jukebox.devices import claimed
-
-            device = claimed(tuple(self._devices())) or "cpu"
+        device = device_of_process(self.device)
         # Rounded up to whole rows: the same length for songs of all sample rates.
         longest = min(padded_length(self._config, max(n_codes, 1)), self._config.n_ctx)
         return _loaded(self._folder(), self.weights_sha256, self.layer, self.precision, device, longest)
 
-    def _threads(self) -> Any:
-        """Use all cores on a CPU: a build runs one process of this feature there."""
-        if self._devices():
-            return nullcontext()
-        from loky import cpu_count
-        from threadpoolctl import threadpool_limits
-
-        # The cores that this process may use: a batch system assigns a part of the machine.
-        return threadpool_limits(limits=cpu_count())
-
     def _stored(self, rows: npt.NDArray[np.float32]) -> npt.NDArray[np.float16]:
-        largest = float(np.abs(rows).max(initial=0))
-        if not largest <= float(np.finfo(np.float16).max):
-            raise DataError(
-                "jukebox: an activation exceeds the range of float16",
-                reason="overflow",
-                found=largest,
-                fix="choose another layer",
-            )
-        return rows.astype(np.float16)
+        return stored("jukebox", rows, "float16", "choose another layer")
 
 
 def _named_folder() -> Path | None:
@@ -318,13 +288,10 @@ def _loaded(
     """
     from dancedata.audio.jukebox import JukeboxEncoder
 
-    key = (folder, weights_sha256, layer, precision, device, max_codes)
-    if key not in _network:
-        # The previous one is released first: few devices have memory for two.
-        _network.clear()
+    def load() -> JukeboxEncoder:
         how: Any = {"layers": (layer,), "device": device, "precision": precision, "max_codes": max_codes}
         if is_converted(folder):
-            _network[key] = JukeboxEncoder.from_converted(folder, **how)
-        else:
-            _network[key] = JukeboxEncoder.from_openai(folder, config=config_of(folder), **how)
-    return _network[key]
+            return JukeboxEncoder.from_converted(folder, **how)
+        return JukeboxEncoder.from_openai(folder, config=config_of(folder), **how)
+
+    return held(_network, (folder, weights_sha256, layer, precision, device, max_codes), load)

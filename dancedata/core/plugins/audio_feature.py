@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Literal, Self
 
@@ -51,6 +51,11 @@ class AudioFeature(Plugin):
     def windows_a_call(self) -> int | None:
         """Windows that `extract_windows` takes at once, after which they are published; None: all of a song."""
         return None
+
+    @property
+    def about(self) -> Mapping[str, Any]:
+        """What dataset.json says of a network: its source, licence and the like, as JSON; not part of any key."""
+        return {}
 
     @abstractmethod
     def n_rows(self, n_samples: int, sample_rate: int, grid: FrameGrid) -> int:

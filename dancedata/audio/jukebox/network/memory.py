@@ -11,8 +11,6 @@ from dancedata.audio.jukebox.config import JukeboxConfig
 from dancedata.audio.jukebox.network.tensors import TensorSpec, block_tensors, vqvae_tensors
 from dancedata.core.errors import UsageError
 
-# This much of the free memory is left for the allocator's rounding and the libraries' work space.
-RESERVE_BYTES = 512 << 20
 # Blocks on the host are copied into these on the device: one is in use while the other is filled.
 N_SLOTS = 2
 MAX_BATCH = 32
@@ -107,16 +105,6 @@ def place(
     away = {(2 * i + 1) * n_blocks // (2 * n_away) for i in range(n_away)}
     resident = tuple(index not in away for index in range(n_blocks))
     return Placement(resident, fixed + (n_resident + N_SLOTS) * block)
-
-
-def free_memory(device: torch.device) -> int | None:
-    """Bytes that may be used on a CUDA device; None for other devices, whose memory is not accounted for."""
-    if device.type != "cuda":
-        return None
-    # The driver does not count memory that torch caches, such as that of an earlier encoder, as free.
-    torch.cuda.empty_cache()
-    free, _total = torch.cuda.mem_get_info(device)
-    return max(0, free - RESERVE_BYTES)
 
 
 def batch_size(config: JukeboxConfig, precision: torch.dtype, n_codes: int, free: int | None) -> int:

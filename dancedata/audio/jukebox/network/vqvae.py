@@ -8,8 +8,8 @@ import torch
 from torch.nn.functional import conv1d, relu
 
 from dancedata.audio.jukebox.config import JukeboxConfig
-from dancedata.audio.jukebox.network.precision import exact_float32
 from dancedata.audio.jukebox.network.tensors import CODEBOOK, ENCODER
+from dancedata.audio.networks.precision import exact_float32
 
 # Codes at once whose distances to all code vectors are computed: 17 MB at 2048 code vectors.
 _CHUNK = 1024

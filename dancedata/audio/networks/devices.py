@@ -14,6 +14,8 @@ from dancedata.core.locks import open_locked
 if TYPE_CHECKING:
     import torch
 
+#: This much of the free memory is left for the allocator's rounding and the libraries' work space.
+RESERVE_BYTES = 512 << 20
 #: Descriptors of the locks that this process holds.
 _held: list[int] = []
 
@@ -27,16 +29,28 @@ def require_device(device: str | torch.device | None) -> torch.device:
     try:
         target = torch.device(device)
     except RuntimeError as error:
-        raise UsageError("jukebox: unknown device", found=device, allowed="cpu, cuda, cuda:1, ...") from error
+        raise UsageError("unknown device", found=device, allowed="cpu, cuda, cuda:1, ...") from error
     if target.type not in ("cpu", "cuda"):
-        raise UsageError("jukebox: unsupported device", found=device, allowed="cpu, cuda, cuda:1, ...")
+        raise UsageError("unsupported device", found=device, allowed="cpu, cuda, cuda:1, ...")
     if target.type == "cuda" and (target.index or 0) >= torch.cuda.device_count():
         raise UsageError(
-            "jukebox: the device does not exist",
+            "the device does not exist",
             found=str(device),
             allowed=f"cpu, or {torch.cuda.device_count()} cards",
         )
     return target
+
+
+def free_memory(device: torch.device) -> int | None:
+    """Bytes that may be used on a CUDA device; None for other devices, whose memory is not accounted for."""
+    if device.type != "cuda":
+        return None
+    import torch
+
+    # The driver does not count memory that torch caches, such as that of an earlier encoder, as free.
+    torch.cuda.empty_cache()
+    free, _total = torch.cuda.mem_get_info(device)
+    return max(0, free - RESERVE_BYTES)
 
 
 @lru_cache(maxsize=1)

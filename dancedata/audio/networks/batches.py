@@ -15,10 +15,17 @@ Result = TypeVar("Result")
 
 
 class Batches:
-    """Runs batches; keeps the largest size that the device has memory for."""
+    """Runs batches; keeps the largest size that the device has memory for.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    fix
+        What to do where a single item is too large, for the message.
+    """
+
+    def __init__(self, fix: str = "end other programs on the device") -> None:
         self.limit = sys.maxsize
+        self.fix = fix
 
     def run(
         self, items: Sequence[Item], size: int, compute: Callable[[Sequence[Item]], list[Result]]
@@ -38,7 +45,7 @@ class Batches:
             The memory is too small for a single item.
         """
         if size < 1:
-            raise UsageError("jukebox: invalid value for batch_size", found=size, allowed="1 or more")
+            raise UsageError("invalid value for batch_size", found=size, allowed="1 or more")
         start = 0
         while start < len(items):
             part = items[start : start + min(size, self.limit)]
@@ -63,10 +70,9 @@ class Batches:
                 self.limit = len(part) // 2
                 return None
             raise DanceDataError(
-                "jukebox: the device has too little free memory for a single clip",
+                "the device has too little free memory for a single clip",
                 found=str(error).split(". ")[0],
-                fix="end other programs on the device, or load with a smaller memory_budget, which keeps blocks on "
-                "the host",
+                fix=self.fix,
             ) from error
 
 

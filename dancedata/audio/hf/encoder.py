@@ -1,0 +1,222 @@
+"""Frames and rows of signals from a network: chunks, equal ones batched, their frames brought to a recipe's rows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import groupby
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import torch
+
+from dancedata.audio.hf.chunks import Chunk, chunks_of
+from dancedata.audio.hf.families.base import Prepared
+from dancedata.audio.hf.loading import load_network
+from dancedata.audio.hf.placing import place
+from dancedata.audio.hf.rows import RowMap, RowSum, frames_of, method_of, row_map
+from dancedata.audio.hf.settings import Settings
+from dancedata.audio.networks.batches import Batches
+from dancedata.audio.networks.devices import require_device
+from dancedata.audio.networks.precision import compute_dtype, exact_float32
+from dancedata.audio.signal import resample
+from dancedata.core.errors import DataError
+from dancedata.core.grid import FrameGrid
+
+#: Chunks at once on a card, where a recipe does not say; halved where its memory runs out.
+_BATCH = 16
+_SMALLER = "set a smaller chunk_s, or compute on the CPU (device: cpu)"
+
+Finish = Callable[[npt.NDArray[np.float32]], npt.NDArray[Any]]
+
+
+class _Item(NamedTuple):
+    """A chunk of one of several signals, and its number there."""
+
+    signal: int
+    number: int
+    chunk: Chunk
+
+
+@dataclass(frozen=True)
+class FramesOfSignal:
+    """Frames at an encoder's own rate.
+
+    Attributes
+    ----------
+    values
+        (K, D) float32.
+    stamps_s
+        (K,) the time of each frame, in seconds.
+    """
+
+    values: npt.NDArray[np.float32]
+    stamps_s: npt.NDArray[np.float64]
+
+
+class HuggingFaceEncoder:
+    """An encoder of the Hugging Face layout, on a device.
+
+    Parameters
+    ----------
+    settings
+        The model, and what of it is taken.
+    device
+        Such as "cuda:1"; None: CUDA if there is a card, else the CPU.
+    precision
+        "fp32", "fp16" or "bf16".
+    weight_budget
+        Bytes that the weights may take on the device; the rest stays on the host. None: what is free.
+    """
+
+    def __init__(
+        self,
+        settings: Settings,
+        *,
+        device: str | None = None,
+        precision: str = "fp32",
+        weight_budget: int | None = None,
+    ) -> None:
+        self.settings = settings
+        self.device = require_device(device)
+        self.precision = precision
+        self._dtype = compute_dtype(precision)
+        network = load_network(settings.folder, settings.family, max(settings.layers), settings.output, self._dtype)
+        self._network = place(network, self.device, weight_budget)
+        self._batches = Batches(_SMALLER)
+
+    def __repr__(self) -> str:
+        """Show model, layers and device."""
+        return f"HuggingFaceEncoder({Path(self.settings.folder.source).name!r}, {self.precision} on {self.device})"
+
+    def frames(self, samples: npt.NDArray[np.float32], sample_rate: int) -> FramesOfSignal:
+        """Compute the frames of a signal at the encoder's own rate.
+
+        Parameters
+        ----------
+        samples
+            (n,) float32.
+        sample_rate
+            In Hz.
+
+        Raises
+        ------
+        DataError
+            "short_audio" for a signal that is shorter than a frame, "overflow" for numbers that are not finite.
+        """
+        own = resample(samples, sample_rate, self.settings.family.sample_rate)
+        chunks = self._chunks(len(own))
+        grid = FrameGrid(Fraction(1))  # the frames alone are used, not the rows
+        kept = frames_of(chunks, self._counts(chunks), self.settings.family.timing, grid)
+        found = [values for _, values in self._run([own], [chunks], None)]
+        values = np.concatenate([v[kept.number[kept.chunk == k].astype(int)] for k, v in enumerate(found)])
+        return FramesOfSignal(values, np.asarray(kept.stamp / kept.ticks, dtype=np.float64))
+
+    def rows(
+        self,
+        signals: Sequence[npt.NDArray[np.float32]],
+        sample_rate: int,
+        grid: FrameGrid,
+        n_rows: int,
+        *,
+        finish: Finish,
+        batch_size: int | None = None,
+    ) -> list[npt.NDArray[Any]]:
+        """Compute rows of several signals of equal length, each by itself.
+
+        Parameters
+        ----------
+        signals
+            (n,) float32 each.
+        sample_rate
+            In Hz.
+        grid, n_rows
+            The rate and number of rows.
+        finish
+            Turns float32 rows into the type that is stored.
+        batch_size
+            Most chunks at once; None: 1 on a CPU, 16 on a card.
+
+        Returns
+        -------
+        list of (n_rows, D)
+
+        Raises
+        ------
+        DataError
+            As `frames`.
+        """
+        family = self.settings.family
+        own = [resample(samples, sample_rate, family.sample_rate) for samples in signals]
+        chunks = self._chunks(len(own[0]))
+        kept = frames_of(chunks, self._counts(chunks), family.timing, grid)
+        method = method_of(self.settings.resample, family.timing, grid, codes=self.settings.output == "codes")
+        weights: RowMap = row_map(kept, n_rows, method)
+        sums = [RowSum(weights, self.settings.width, finish) for _ in own]
+        for item, values in self._run(own, [chunks] * len(own), batch_size):
+            sums[item.signal].add(item.number, values)
+        return [one.result() for one in sums]
+
+    def _chunks(self, n_samples: int) -> list[Chunk]:
+        settings = self.settings
+        if n_samples < settings.family.min_samples:
+            raise DataError(
+                "hf: the signal is shorter than a frame of the encoder",
+                reason="short_audio",
+                found=f"{n_samples} samples at {settings.family.sample_rate} Hz",
+                allowed=f"at least {settings.family.min_samples}",
+            )
+        return chunks_of(
+            n_samples,
+            length=settings.chunk_samples,
+            overlap=settings.overlap_samples,
+            unit=settings.family.unit,
+            timing=settings.family.timing,
+        )
+
+    def _counts(self, chunks: Sequence[Chunk]) -> list[int]:
+        return [self.settings.family.n_frames(chunk.n_samples) for chunk in chunks]
+
+    def _run(
+        self,
+        signals: Sequence[npt.NDArray[np.float32]],
+        chunks: Sequence[Sequence[Chunk]],
+        batch_size: int | None,
+    ) -> Iterator[tuple[_Item, npt.NDArray[np.float32]]]:
+        """Yield the frames (K, D) of every chunk; those of one signal in order. Equal chunks are batched."""
+        normalize = self.settings.normalize == "extractor"
+        prepared = [self.settings.family.prepared(samples, normalize=normalize) for samples in signals]
+        items = [_Item(k, number, c) for k, own in enumerate(chunks) for number, c in enumerate(own)]
+        # The first chunks of all signals, then the second ones: those are equally long.
+        items.sort(key=lambda item: item.number)
+        size = batch_size or (_BATCH if self.device.type == "cuda" else 1)
+        for _, equal in groupby(items, key=lambda item: item.chunk.n_samples):
+            some = list(equal)
+            begin = 0
+            for values in self._batches.run(some, size, lambda part: self._compute(prepared, part)):
+                yield from zip(some[begin : begin + len(values)], values, strict=True)
+                begin += len(values)
+
+    @torch.inference_mode()
+    def _compute(self, prepared: Sequence[Prepared], items: Sequence[_Item]) -> list[npt.NDArray[np.float32]]:
+        """Run the network over chunks of equal length."""
+        settings = self.settings
+        arrays = [prepared[item.signal].inputs(item.chunk.start, item.chunk.n_samples) for item in items]
+        inputs = torch.from_numpy(np.stack(arrays)).to(self.device, self._dtype)
+        with exact_float32():
+            found = settings.family.frames(self._network, inputs, settings.output, settings.layers)
+        layers = [found[layer].float() for layer in settings.layers]
+        joined = torch.stack(layers).mean(dim=0) if settings.reduce == "mean" else torch.cat(layers, dim=-1)
+        if not bool(torch.isfinite(joined).all()):
+            raise DataError(
+                "hf: the network's numbers are not finite",
+                reason="overflow",
+                found=f"infinity or NaN, in precision {self.precision}",
+                fix="start again with precision fp32 for all songs: a dataset should have one precision only"
+                if self.precision != "fp32"
+                else "check the weights: numbers within float32 do not overflow in this precision",
+            )
+        return list(joined.cpu().numpy())

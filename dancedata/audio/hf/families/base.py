@@ -1,0 +1,222 @@
+"""What a family of encoders is: arithmetic on its config, and how its network is loaded and called."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.audio.hf.chunks import Timing
+from dancedata.core.errors import SourceError
+from dancedata.core.text import quoted
+
+if TYPE_CHECKING:
+    import torch
+
+Output = Literal["hidden", "embedding", "codes"]
+Samples = npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class NetworkSpec:
+    """Which class of transformers loads a folder, and what of the weights may differ.
+
+    Attributes
+    ----------
+    model
+        Name of the model class in transformers.
+    config
+        Name of its config class, and the keys for it.
+    missing, unexpected
+        Regular expressions of weights that the features do not need: those may lack, or be there beside.
+    renamed
+        Regular expressions of names in the files, with what they are in the class.
+    """
+
+    model: str
+    config: tuple[str, dict[str, Any]]
+    missing: tuple[str, ...] = ()
+    unexpected: tuple[str, ...] = ()
+    renamed: Mapping[str, str] = field(default_factory=dict)
+
+
+class Prepared(ABC):
+    """A signal that chunks are cut from, normalised as a whole."""
+
+    @abstractmethod
+    def inputs(self, start: int, n_samples: int) -> npt.NDArray[np.float32]:
+        """Return what the network is given for a chunk: an array without a batch axis."""
+
+
+@dataclass(frozen=True)
+class Waveform(Prepared):
+    """A signal that the network is given as it is.
+
+    Attributes
+    ----------
+    samples
+        (n,) or (channels, n), normalised.
+    """
+
+    samples: Samples
+
+    def inputs(self, start: int, n_samples: int) -> npt.NDArray[np.float32]:
+        """Return samples of a chunk."""
+        return self.samples[..., start : start + n_samples]
+
+
+@dataclass(frozen=True)
+class Family(ABC):
+    """Encoders of one kind. All but `prepared` and `frames` is arithmetic on the config.
+
+    Attributes
+    ----------
+    config
+        config.json.
+    extractor
+        preprocessor_config.json.
+    outputs
+        What it offers, the default first.
+    chunk_s, overlap_s
+        Defaults of a recipe's keys.
+    half
+        Whether half precision is possible.
+    """
+
+    name: ClassVar[str]
+    version: ClassVar[int] = 1
+    model_types: ClassVar[tuple[str, ...]]
+    outputs: ClassVar[tuple[Output, ...]] = ("hidden",)
+    chunk_s: ClassVar[float] = 30.0
+    overlap_s: ClassVar[float] = 4.0
+
+    config: Mapping[str, Any]
+    extractor: Mapping[str, Any]
+
+    @property
+    @abstractmethod
+    def sample_rate(self) -> int:
+        """Samples per second that the network is given."""
+
+    @property
+    @abstractmethod
+    def timing(self) -> Timing:
+        """When its frames are."""
+
+    @property
+    @abstractmethod
+    def n_layers(self) -> int:
+        """Number of blocks L: layer 0 is what enters the first one, layer L what leaves the network."""
+
+    @abstractmethod
+    def n_frames(self, n_samples: int) -> int:
+        """Return how many frames a chunk of `n_samples` samples has."""
+
+    @abstractmethod
+    def width(self, output: Output) -> int:
+        """Return the columns of one layer, or of an output without layers."""
+
+    @property
+    def min_samples(self) -> int:
+        """The fewest samples that give a frame."""
+        return int(self.timing.hop)
+
+    @property
+    def unit(self) -> int:
+        """Chunks begin at multiples of this many samples."""
+        return int(self.timing.hop) if self.timing.hop.denominator == 1 else 1
+
+    @property
+    def max_chunk(self) -> int | None:
+        """The most samples of a chunk; None: any number."""
+        return None
+
+    @property
+    def fixed_chunk(self) -> int | None:
+        """Samples of every chunk, where the network takes no other number; None where it does."""
+        return None
+
+    @property
+    def layers(self) -> range:
+        """Layers that may be asked for."""
+        return range(self.n_layers + 1)
+
+    def prepared(self, samples: Samples, *, normalize: bool) -> Prepared:
+        """Return a signal (n,) at `sample_rate`, normalised as the extractor does, for chunks to be cut from."""
+        return Waveform(samples)
+
+    @abstractmethod
+    def network(self, top: int) -> NetworkSpec:
+        """Return what loads the network with its blocks up to layer `top`."""
+
+    def slimmed(self, network: Any, output: Output) -> Any:
+        """Return the loaded network without the parts that the features do not need."""
+        return network
+
+    @abstractmethod
+    def frames(
+        self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]
+    ) -> dict[int, torch.Tensor]:
+        """Return frames (B, K, D) by layer, of inputs that are stacked to a batch; of an output without layers by 0.
+
+        The network is never given a mask.
+        """
+
+    def number(self, key: str, *, of: Mapping[str, Any] | None = None, default: int | None = None) -> int:
+        """Return a whole number above 0 of the config; SourceError if it has another value."""
+        value = (self.config if of is None else of).get(key, default)
+        if not isinstance(value, int) or isinstance(value, bool) or value < 1:
+            raise SourceError(
+                f"hf: the config of a {self.name} model has no valid {key}",
+                found=quoted(value),
+                allowed="a whole number above 0",
+            )
+        return value
+
+    def sizes(self, key: str, default: tuple[int, ...]) -> tuple[int, ...]:
+        """Return a list of whole numbers above 0 of the config; SourceError if it is something else."""
+        value = self.config.get(key, default)
+        if not isinstance(value, list | tuple) or not value or not all(isinstance(v, int) and v > 0 for v in value):
+            raise SourceError(
+                f"hf: the config of a {self.name} model has no valid {key}",
+                found=quoted(value),
+                allowed="whole numbers above 0",
+            )
+        return tuple(value)
+
+    def rate_of_extractor(self) -> int:
+        """Return the sampling rate that preprocessor_config.json states."""
+        if "sampling_rate" not in self.extractor:
+            raise SourceError(
+                "hf: the sampling rate of the model is unknown",
+                found="no preprocessor_config.json with sampling_rate",
+                fix='copy that file from the model\'s page, or write one: {"sampling_rate": 16000, "do_normalize": '
+                "true} with the model's values",
+            )
+        return self.number("sampling_rate", of=self.extractor)
+
+
+def conv_length(n: int, kernels: tuple[int, ...], strides: tuple[int, ...]) -> int:
+    """Return how many positions a stack of convolutions without padding has for `n` samples."""
+    for kernel, stride in zip(kernels, strides, strict=True):
+        n = (n - kernel) // stride + 1 if n >= kernel else 0
+    return n
+
+
+def conv_field(kernels: tuple[int, ...], strides: tuple[int, ...]) -> tuple[int, int]:
+    """Return the samples that one position of a stack of convolutions depends on, and those to the next one."""
+    field_size, hop = 1, 1
+    for kernel, stride in zip(kernels, strides, strict=True):
+        field_size += (kernel - 1) * hop
+        hop *= stride
+    return field_size, hop
+
+
+def uniform(sample_rate: int, hop: int, first_centre: Fraction | int) -> Timing:
+    """Return the timing of frames that are a whole number of samples apart."""
+    return Timing(sample_rate, Fraction(hop), Fraction(first_centre))

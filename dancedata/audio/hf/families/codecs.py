@@ -1,0 +1,232 @@
+"""Neural codecs: what enters the quantiser, or the codes that leave it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.audio.hf.chunks import Timing
+from dancedata.audio.hf.families.base import Family, NetworkSpec, Output, Prepared, Samples, Waveform, uniform
+from dancedata.core.errors import SourceError
+from dancedata.core.text import quoted
+
+if TYPE_CHECKING:
+    import torch
+
+
+@dataclass(frozen=True)
+class _Codec(Family):
+    """A codec: one frame for each hop of samples, stamped with the hop's middle, as it is what rebuilds the hop."""
+
+    outputs: ClassVar[tuple[Output, ...]] = ("embedding", "codes")
+    overlap_s: ClassVar[float] = 2.0
+    #: Names of the model and config classes.
+    classes: ClassVar[tuple[str, str]]
+
+    @property
+    def sample_rate(self) -> int:
+        """Of the config."""
+        return self.number("sampling_rate", default=24_000)
+
+    @property
+    def hop(self) -> int:
+        """Samples of a frame."""
+        raise NotImplementedError
+
+    @property
+    def timing(self) -> Timing:
+        """The middles of hops."""
+        return uniform(self.sample_rate, self.hop, Fraction(self.hop, 2))
+
+    @property
+    def n_layers(self) -> int:
+        """None: a codec offers its last frames only."""
+        return 0
+
+    def n_frames(self, n_samples: int) -> int:
+        """Count hops, the last of which may be cut off."""
+        return -(-n_samples // self.hop)
+
+    def network(self, top: int) -> NetworkSpec:
+        """Name the model class; the decoder's weights may lack."""
+        rest = {k: v for k, v in self.config.items() if k != "model_type"}
+        model, config = self.classes
+        return NetworkSpec(model, (config, rest), missing=(r"decoder\..*",))
+
+    def slimmed(self, network: Any, output: Output) -> Any:
+        """Drop the decoder."""
+        network.decoder = None
+        return network
+
+
+@dataclass(frozen=True)
+class _Scaled(Prepared):
+    """A signal of which each chunk is divided by its own level (EnCodec at 48 kHz)."""
+
+    samples: Samples
+    channels: int
+    scale: bool
+
+    def inputs(self, start: int, n_samples: int) -> npt.NDArray[np.float32]:
+        """Return (channels, n)."""
+        part = self.samples[start : start + n_samples]
+        if self.scale:
+            part = part / (np.sqrt(np.mean(part * part, dtype=np.float32)) + np.float32(1e-8))
+        return np.repeat(part[None], self.channels, axis=0)
+
+
+@dataclass(frozen=True)
+class Encodec(_Codec):
+    """EnCodec (Défossez et al. 2022) at 24, 32 and 48 kHz."""
+
+    name: ClassVar[str] = "encodec"
+    model_types: ClassVar[tuple[str, ...]] = ("encodec",)
+    classes: ClassVar[tuple[str, str]] = ("EncodecModel", "EncodecConfig")
+
+    @property
+    def hop(self) -> int:
+        """Samples of a frame: 320 at 24 and 48 kHz, 640 at 32 kHz."""
+        return math.prod(self.sizes("upsampling_ratios", (8, 5, 4, 2)))
+
+    @property
+    def max_chunk(self) -> int | None:
+        """At 48 kHz 1 s: what it normalises over."""
+        seconds = self.config.get("chunk_length_s")
+        return None if not isinstance(seconds, int | float) else int(seconds * self.sample_rate)
+
+    def width(self, output: Output) -> int:
+        """Return 128, or the number of codebooks at the highest bandwidth."""
+        if output == "embedding":
+            return self.number("hidden_size", default=128)
+        bits = math.ceil(math.log2(self.number("codebook_size", default=1024)))
+        return int(1000 * self._bandwidth // (math.ceil(self.sample_rate / self.hop) * bits))
+
+    def prepared(self, samples: Samples, *, normalize: bool) -> Prepared:
+        """Give mono music to all channels; where the config says so, each chunk is divided by its level."""
+        scale = normalize and bool(self.config.get("normalize", False))
+        return _Scaled(samples, self.number("audio_channels", default=1), scale)
+
+    def frames(
+        self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]
+    ) -> dict[int, torch.Tensor]:
+        """Encode (B, channels, n)."""
+        embedding = network.encoder(inputs)
+        if output == "embedding":
+            return {0: embedding.transpose(1, 2)}
+        return {0: network.quantizer.encode(embedding, self._bandwidth).permute(1, 2, 0)}
+
+    @property
+    def _bandwidth(self) -> float:
+        found = self.config.get("target_bandwidths", (1.5, 3.0, 6.0, 12.0, 24.0))
+        return float(max(found))
+
+
+@dataclass(frozen=True)
+class Dac(_Codec):
+    """The Descript audio codec (Kumar et al. 2023)."""
+
+    name: ClassVar[str] = "dac"
+    model_types: ClassVar[tuple[str, ...]] = ("dac",)
+    classes: ClassVar[tuple[str, str]] = ("DacModel", "DacConfig")
+
+    @property
+    def sample_rate(self) -> int:
+        """Of the config: 44,100, 24,000 or 16,000."""
+        return self.number("sampling_rate", default=16_000)
+
+    @property
+    def hop(self) -> int:
+        """Samples of a frame: 512 at 44.1 kHz."""
+        return math.prod(self.sizes("downsampling_ratios", (2, 4, 8, 8)))
+
+    def width(self, output: Output) -> int:
+        """Return the width of the encoder's last convolution, 1024, or the number of codebooks."""
+        if output == "codes":
+            return self.number("n_codebooks", default=9)
+        blocks = len(self.sizes("downsampling_ratios", (2, 4, 8, 8)))
+        return self.number("hidden_size", default=self.number("encoder_hidden_size", default=64) * 2**blocks)
+
+    def prepared(self, samples: Samples, *, normalize: bool) -> Prepared:
+        """Fill the last hop with zeros, as the extractor does."""
+        return Waveform(np.pad(samples, (0, -len(samples) % self.hop)))
+
+    def frames(
+        self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]
+    ) -> dict[int, torch.Tensor]:
+        """Encode (B, n)."""
+        filled = _whole_hops(inputs, self.hop)
+        if output == "embedding":
+            return {0: network.encoder(filled[:, None]).transpose(1, 2)}
+        return {0: network.encode(filled[:, None]).audio_codes.transpose(1, 2)}
+
+
+@dataclass(frozen=True)
+class Mimi(_Codec):
+    """Mimi (Défossez et al. 2024)."""
+
+    name: ClassVar[str] = "mimi"
+    model_types: ClassVar[tuple[str, ...]] = ("mimi",)
+    classes: ClassVar[tuple[str, str]] = ("MimiModel", "MimiConfig")
+
+    @property
+    def hop(self) -> int:
+        """Samples of a frame: 1,920."""
+        stride = 2 * math.prod(self.sizes("upsampling_ratios", (8, 6, 5, 4)))
+        rate = self.config.get("frame_rate") or self.config.get("_frame_rate")
+        if isinstance(rate, int | float) and rate * stride != self.sample_rate:
+            raise SourceError(
+                "hf: the config of a mimi model has another frame_rate than its strides give",
+                found=quoted(rate),
+                allowed=f"{self.sample_rate / stride:g}",
+            )
+        return stride
+
+    def width(self, output: Output) -> int:
+        """Return the hidden size, 512, or the number of codebooks."""
+        if output == "codes":
+            return self.number("num_quantizers", default=32)
+        return self.number("hidden_size", default=512)
+
+    def slimmed(self, network: Any, output: Output) -> Any:
+        """Drop the decoder, under the names that it has in versions of transformers."""
+        for part in ("decoder", "decoder_transformer", "upsample"):
+            if part in network._modules:
+                setattr(network, part, None)
+        return network
+
+    def network(self, top: int) -> NetworkSpec:
+        """Name the model class; the decoder's weights may lack."""
+        spec = super().network(top)
+        return NetworkSpec(spec.model, spec.config, missing=(r"(decoder|decoder_transformer|upsample)\..*",))
+
+    def frames(
+        self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]
+    ) -> dict[int, torch.Tensor]:
+        """Encode (B, n); the embedding is what the quantiser is given."""
+        found = []
+        quantizer = network.quantizer
+        plain = quantizer.encode
+
+        def watched(embedding: torch.Tensor, *rest: Any, **named: Any) -> torch.Tensor:
+            found.append(embedding)
+            codes: torch.Tensor = plain(embedding, *rest, **named)
+            return codes
+
+        # The parts before the quantiser have other names and shapes in each version of transformers.
+        quantizer.encode = watched
+        try:
+            codes = network.encode(inputs[:, None]).audio_codes
+        finally:
+            del quantizer.encode
+        return {0: (found[0] if output == "embedding" else codes).transpose(1, 2)}
+
+
+def _whole_hops(inputs: torch.Tensor, hop: int) -> torch.Tensor:
+    from torch.nn.functional import pad
+
+    return pad(inputs, (0, -inputs.shape[-1] % hop))

@@ -1,0 +1,91 @@
+"""MuQ: a conformer over a log-mel spectrogram, 25 frames per second. Its front end is written anew here.
+
+Zhu et al. 2025, "MuQ: Self-Supervised Music Representation Learning with Mel Residual Vector Quantization". The
+package ``muq`` needs torchaudio, einops, nnAudio, easydict and x_clip; this needs what transformers needs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from dancedata.audio.hf.chunks import Timing
+from dancedata.audio.hf.families.base import Family, NetworkSpec, Output, uniform
+
+if TYPE_CHECKING:
+    import torch
+
+SAMPLE_RATE, N_FFT = 24_000, 2048
+
+
+@dataclass(frozen=True)
+class MuQ(Family):
+    """MuQ (Zhu et al. 2025), MuQ-large-msd-iter among others."""
+
+    name: ClassVar[str] = "muq"
+    model_types: ClassVar[tuple[str, ...]] = ("muq",)
+
+    @property
+    def sample_rate(self) -> int:
+        """24,000: its config does not state it."""
+        return SAMPLE_RATE
+
+    @property
+    def mel_hop(self) -> int:
+        """Samples from one log-mel frame to the next."""
+        return self.number("hop_length", default=240)
+
+    @property
+    def strides(self) -> tuple[int, int]:
+        """Strides in time of the two convolutional modules: 25 or 50 frames per second."""
+        return (2, 2) if self.number("label_rate", default=25) <= 25 else (2, 1)
+
+    @property
+    def timing(self) -> Timing:
+        """Frame k is centred on its sample."""
+        first, second = self.strides
+        return uniform(SAMPLE_RATE, self.mel_hop * first * second, 0)
+
+    @property
+    def n_layers(self) -> int:
+        """Number of conformer blocks."""
+        return self.number("encoder_depth", default=12)
+
+    @property
+    def min_samples(self) -> int:
+        """More than half a Fourier transform, which is mirrored at the ends."""
+        return max(N_FFT // 2 + 1, int(self.timing.hop))
+
+    def n_frames(self, n_samples: int) -> int:
+        """Count log-mel frames, halved and rounded up by each convolutional module."""
+        n = n_samples // self.mel_hop
+        for stride in self.strides:
+            n = -(-n // stride)
+        return n
+
+    def width(self, output: Output) -> int:
+        """Return the conformer's width."""
+        return self.number("encoder_dim", default=1024)
+
+    def network(self, top: int) -> NetworkSpec:
+        """Name the class of `muq_network`, which is not one of transformers."""
+        parts = r"(linear|cls_token|recon_proj|rvq|quantizer_\w+|preprocessor_\w+)\b.*"
+        cut = tuple(rf"conformer\.layers\.{k}\..*" for k in range(max(top, 1), self.n_layers))
+        return NetworkSpec(
+            "MuQ",
+            ("", {**self.config, "encoder_depth": max(top, 1)}),
+            unexpected=(parts, r".*num_batches_tracked", *cut),
+            renamed={r"^model\.": ""},
+        )
+
+    def frames(
+        self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]
+    ) -> dict[int, torch.Tensor]:
+        """Run the network over samples (B, n)."""
+        from dancedata.audio.hf.families.hidden import hidden_states
+
+        def run() -> torch.Tensor:
+            last: torch.Tensor = network(inputs)
+            return last
+
+        return hidden_states(run, network.conformer.layers, layers, self.n_layers)

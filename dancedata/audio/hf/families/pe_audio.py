@@ -1,0 +1,96 @@
+"""Perception Encoder Audio: a codec's encoder and a transformer, 25 frames per second."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from dancedata.audio.hf.chunks import Timing
+from dancedata.audio.hf.families.base import Family, NetworkSpec, Output, Prepared, Samples, Waveform, uniform
+
+if TYPE_CHECKING:
+    import torch
+
+
+@dataclass(frozen=True)
+class PeAudio(Family):
+    """The audio encoder of PE-AV (Meta 2025), aligned with text by frames; transformers 5 has it."""
+
+    name: ClassVar[str] = "pe-audio"
+    model_types: ClassVar[tuple[str, ...]] = ("pe_audio", "pe_audio_encoder")
+
+    @property
+    def _audio(self) -> Mapping[str, Any]:
+        inner = self.config.get("audio_config")
+        return inner if isinstance(inner, Mapping) else self.config
+
+    @property
+    def sample_rate(self) -> int:
+        """Of the extractor: 48,000."""
+        return self.rate_of_extractor()
+
+    @property
+    def _hop(self) -> int:
+        dac = self._audio.get("dac_config")
+        ratios = dac.get("downsampling_ratios") if isinstance(dac, Mapping) else None
+        return math.prod(ratios or (2, 8, 10, 12))
+
+    @property
+    def timing(self) -> Timing:
+        """The middles of hops."""
+        return uniform(self.sample_rate, self._hop, Fraction(self._hop, 2))
+
+    @property
+    def n_layers(self) -> int:
+        """Number of transformer blocks."""
+        return self.number("num_hidden_layers", of=self._audio, default=6)
+
+    def n_frames(self, n_samples: int) -> int:
+        """Count hops, the last of which may be cut off."""
+        return -(-n_samples // self._hop)
+
+    def width(self, output: Output) -> int:
+        """Return the hidden size."""
+        return self.number("hidden_size", of=self._audio, default=1792)
+
+    def prepared(self, samples: Samples, *, normalize: bool) -> Prepared:
+        """Fill the last hop with the mirrored signal, as the extractor does."""
+        return Waveform(np.pad(samples, (0, -len(samples) % self._hop), "reflect"))
+
+    def network(self, top: int) -> NetworkSpec:
+        """Load the audio encoder of a whole model, or one alone."""
+        rest = {k: v for k, v in self._audio.items() if k != "model_type"}
+        rest["num_hidden_layers"] = max(top, 1)
+        cut = tuple(rf"(\w+\.)?layers\.{k}\..*" for k in range(max(top, 1), self.n_layers))
+        other = r"(text_model|text_audio_head|audio_head|text_audio_logit_scale|text_audio_logit_bias)\b.*"
+        return NetworkSpec(
+            "PeAudioEncoder",
+            ("PeAudioEncoderConfig", rest),
+            unexpected=(other, *cut),
+            renamed={r"^audio_encoder\.": ""},
+        )
+
+    def frames(
+        self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]
+    ) -> dict[int, torch.Tensor]:
+        """Run the encoder over (B, n)."""
+        import torch
+
+        from dancedata.audio.hf.families.hidden import hidden_states
+
+        missing = -inputs.shape[-1] % self._hop
+        if missing:
+            inputs = torch.nn.functional.pad(inputs[:, None], (0, missing), "reflect")[:, 0]
+
+        def run() -> torch.Tensor:
+            last: torch.Tensor = network(inputs[:, None]).last_hidden_state
+            return last
+
+        found = hidden_states(run, network.layers, layers, self.n_layers)
+        # Blocks see a class token before the frames.
+        return {k: v if k == self.n_layers else v[:, 1:] for k, v in found.items()}

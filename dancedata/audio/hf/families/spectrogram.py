@@ -1,0 +1,342 @@
+"""Encoders of spectrograms, in windows of their own length: Whisper, AST, the audio tower of CLAP."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.audio.hf.chunks import Timing
+from dancedata.audio.hf.families.base import Family, NetworkSpec, Output, Prepared, Samples, uniform
+
+if TYPE_CHECKING:
+    import torch
+
+
+@dataclass(frozen=True)
+class _Windows(Prepared):
+    """A signal whose windows become spectrograms; each is normalised by itself, as in the networks' training."""
+
+    samples: Samples
+    family: SpectrogramEncoder = field(repr=False)
+    normalize: bool = True
+
+    def inputs(self, start: int, n_samples: int) -> npt.NDArray[np.float32]:
+        """Return the spectrogram of a window; what a window lacks at the end is filled as the extractor does."""
+        return self.family.spectrogram(self.samples[start : start + n_samples], normalize=self.normalize)
+
+
+@dataclass(frozen=True)
+class SpectrogramEncoder(Family):
+    """An encoder that takes spectrograms of one length."""
+
+    overlap_s: ClassVar[float] = 2.0
+
+    @property
+    def sample_rate(self) -> int:
+        """Of the extractor."""
+        return self.rate_of_extractor()
+
+    @property
+    def fixed_chunk(self) -> int | None:
+        """Samples of a window."""
+        return self.window
+
+    @property
+    def window(self) -> int:
+        """Samples of a window."""
+        raise NotImplementedError
+
+    def spectrogram(self, samples: Samples, *, normalize: bool) -> npt.NDArray[np.float32]:
+        """Return what the network is given of at most `window` samples."""
+        raise NotImplementedError
+
+    def prepared(self, samples: Samples, *, normalize: bool) -> Prepared:
+        """Keep the samples: each window is normalised by itself."""
+        return _Windows(samples, self, normalize)
+
+
+@dataclass(frozen=True)
+class Whisper(SpectrogramEncoder):
+    """The encoder of Whisper (Radford et al. 2022): windows of 30 s, 50 frames per second."""
+
+    name: ClassVar[str] = "whisper"
+    model_types: ClassVar[tuple[str, ...]] = ("whisper",)
+
+    @property
+    def _mel_hop(self) -> int:
+        return self.number("hop_length", of=self.extractor, default=160)
+
+    @property
+    def window(self) -> int:
+        """Two log-mel frames for each position of the encoder."""
+        return 2 * self._mel_hop * self.number("max_source_positions", default=1500)
+
+    @property
+    def timing(self) -> Timing:
+        """Frame k is centred on log-mel frame 2k, which is centred on its sample."""
+        return uniform(self.sample_rate, 2 * self._mel_hop, 0)
+
+    @property
+    def n_layers(self) -> int:
+        """Number of the encoder's blocks."""
+        return self.number("encoder_layers", default=4)
+
+    def n_frames(self, n_samples: int) -> int:
+        """Return the positions of the encoder."""
+        return self.number("max_source_positions", default=1500)
+
+    def width(self, output: Output) -> int:
+        """Return the encoder's width."""
+        return self.number("d_model", default=384)
+
+    def spectrogram(self, samples: Samples, *, normalize: bool) -> npt.NDArray[np.float32]:
+        """Compute (bins, frames) by transformers' extractor, which fills a window with zeros."""
+        from transformers import WhisperFeatureExtractor
+
+        n_fft = self.number("n_fft", of=self.extractor, default=400)
+        made = WhisperFeatureExtractor(
+            feature_size=self.number("num_mel_bins", default=80),
+            sampling_rate=self.sample_rate,
+            hop_length=self._mel_hop,
+            n_fft=n_fft,
+            chunk_length=1,
+        )
+        # Its own lengths are whole seconds.
+        filled = np.pad(samples, (0, self.window - len(samples)))
+        found = made(
+            filled, sampling_rate=self.sample_rate, return_tensors="np", padding=False, do_normalize=False,
+            truncation=False,
+        )  # fmt: skip
+        return np.asarray(found.input_features[0], dtype=np.float32)
+
+    def network(self, top: int) -> NetworkSpec:
+        """Load the encoder, and of the decoder no block."""
+        rest = {k: v for k, v in self.config.items() if k != "model_type"}
+        rest |= {"encoder_layers": max(top, 1), "decoder_layers": 0}
+        cut = tuple(rf"(\w+\.)?encoder\.layers\.{k}\..*" for k in range(max(top, 1), self.n_layers))
+        decoder = r"(model\.)?decoder\..*"
+        heads = r"(proj_out|classifier|projector|layer_weights)\b.*"
+        return NetworkSpec(
+            "WhisperModel", ("WhisperConfig", rest), missing=(decoder,), unexpected=(decoder, heads, *cut)
+        )
+
+    def slimmed(self, network: Any, output: Output) -> Any:
+        """Keep the encoder."""
+        return network.encoder
+
+    def frames(
+        self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]
+    ) -> dict[int, torch.Tensor]:
+        """Run the encoder over (B, bins, frames)."""
+        from dancedata.audio.hf.families.hidden import hidden_states
+
+        def run() -> torch.Tensor:
+            last: torch.Tensor = network(inputs).last_hidden_state
+            return last
+
+        return hidden_states(run, network.layers, layers, self.n_layers)
+
+
+@dataclass(frozen=True)
+class Ast(SpectrogramEncoder):
+    """The audio spectrogram transformer (Gong et al. 2021): windows of 10.24 s, patches every 100 ms.
+
+    A frame is the mean of the patches of all frequencies at one time.
+    """
+
+    name: ClassVar[str] = "ast"
+    model_types: ClassVar[tuple[str, ...]] = ("audio-spectrogram-transformer",)
+
+    @property
+    def _patch(self) -> int:
+        return self.number("patch_size", default=16)
+
+    @property
+    def _step(self) -> int:
+        return self.number("time_stride", default=10)
+
+    @property
+    def _mel_frames(self) -> int:
+        return self.number("max_length", default=1024)
+
+    @property
+    def window(self) -> int:
+        """The samples of max_length log-mel frames."""
+        return (self._mel_frames - 1) * 160 + 400
+
+    @property
+    def timing(self) -> Timing:
+        """A patch is stamped with the middle of the samples that it sees."""
+        return uniform(self.sample_rate, self._step * 160, Fraction((self._patch - 1) * 160 + 400, 2))
+
+    @property
+    def n_layers(self) -> int:
+        """Number of transformer blocks."""
+        return self.number("num_hidden_layers", default=12)
+
+    def n_frames(self, n_samples: int) -> int:
+        """Return the patches along time."""
+        return (self._mel_frames - self._patch) // self._step + 1
+
+    def width(self, output: Output) -> int:
+        """Return the hidden size."""
+        return self.number("hidden_size", default=768)
+
+    def spectrogram(self, samples: Samples, *, normalize: bool) -> npt.NDArray[np.float32]:
+        """Compute (frames, bins) as the extractor without torchaudio: filled with zeros, then normalised."""
+        from dancedata.audio.hf.mel import kaldi_log_mel
+
+        bins = self.number("num_mel_bins", default=128)
+        mel = np.zeros((self._mel_frames, bins), np.float32)
+        found = kaldi_log_mel(samples, self.sample_rate, n_bins=bins, window="hann")
+        mel[: len(found)] = found
+        if normalize and self.extractor.get("do_normalize", True):
+            mean, std = self.extractor.get("mean", -4.2677393), self.extractor.get("std", 4.5689974)
+            mel = (mel - np.float32(mean)) / np.float32(2 * std)
+        return mel
+
+    def network(self, top: int) -> NetworkSpec:
+        """Name the model class without a head."""
+        rest = {k: v for k, v in self.config.items() if k != "model_type"}
+        rest["num_hidden_layers"] = max(top, 1)
+        cut = tuple(rf"(\w+\.)?(encoder\.)?layers?\.{k}\..*" for k in range(max(top, 1), self.n_layers))
+        return NetworkSpec("ASTModel", ("ASTConfig", rest), unexpected=(r"classifier\..*", *cut))
+
+    def frames(
+        self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]
+    ) -> dict[int, torch.Tensor]:
+        """Run the network over (B, frames, bins)."""
+        from dancedata.audio.hf.families.hidden import hidden_states
+
+        def run() -> torch.Tensor:
+            last: torch.Tensor = network(inputs).last_hidden_state
+            return last
+
+        # transformers 4 has them in an encoder.
+        blocks = network.layers if hasattr(network, "layers") else network.encoder.layer
+        found = hidden_states(run, blocks, layers, self.n_layers)
+        times = self.n_frames(0)
+        # The first two tokens belong to no patch.
+        return {k: v[:, 2:].reshape(len(v), -1, times, v.shape[-1]).mean(dim=1) for k, v in found.items()}
+
+
+@dataclass(frozen=True)
+class Clap(SpectrogramEncoder):
+    """The audio tower of CLAP (Wu et al. 2023): windows of 10 s, 3.2 frames per second.
+
+    A frame is the mean over frequency of the last stage's map. Earlier stages have other rates and are not offered.
+    """
+
+    name: ClassVar[str] = "clap"
+    model_types: ClassVar[tuple[str, ...]] = ("clap", "clap_audio_model")
+
+    @property
+    def _audio(self) -> dict[str, Any]:
+        inner = self.config.get("audio_config")
+        return {**inner} if isinstance(inner, dict) else dict(self.config)
+
+    @property
+    def _mel_hop(self) -> int:
+        return self.number("hop_length", of=self.extractor, default=480)
+
+    @property
+    def _stages(self) -> int:
+        return len(self._audio.get("depths", (2, 2, 6, 2)))
+
+    @property
+    def _image(self) -> tuple[int, int]:
+        """Log-mel frames of the image that the network sees, and of one frame of its last stage."""
+        size = self.number("spec_size", of=self._audio, default=256)
+        ratio = size // self.number("num_mel_bins", of=self._audio, default=64)
+        stride = self._audio.get("patch_stride", (4, 4))
+        step = stride[1] if isinstance(stride, list | tuple) else int(stride)
+        return size * ratio, step * 2 ** (self._stages - 1)
+
+    @property
+    def window(self) -> int:
+        """Samples of max_length_s."""
+        return self.number("max_length_s", of=self.extractor, default=10) * self.sample_rate
+
+    @property
+    def timing(self) -> Timing:
+        """Frames of the image, which is the spectrogram stretched from its first to its last frame."""
+        width, span = self._image
+        n_mel = self.window // self._mel_hop + 1
+        scale = Fraction((n_mel - 1) * self._mel_hop, width - 1) if n_mel < width else Fraction(self._mel_hop)
+        return Timing(self.sample_rate, span * scale, Fraction(span - 1, 2) * scale)
+
+    @property
+    def n_layers(self) -> int:
+        """Number of stages."""
+        return self._stages
+
+    @property
+    def layers(self) -> range:
+        """The last stage."""
+        return range(self._stages, self._stages + 1)
+
+    def n_frames(self, n_samples: int) -> int:
+        """Return the frames of the last stage."""
+        width, span = self._image
+        return width // span
+
+    def width(self, output: Output) -> int:
+        """Return the channels of the last stage."""
+        first = self.number("patch_embeds_hidden_size", of=self._audio, default=96)
+        return int(first * 2 ** (self._stages - 1))
+
+    def spectrogram(self, samples: Samples, *, normalize: bool) -> npt.NDArray[np.float32]:
+        """Compute (channels, frames, bins) by transformers' extractor, which repeats shorter music."""
+        from transformers import ClapFeatureExtractor
+
+        own = {k: v for k, v in self.extractor.items() if k in _CLAP_KEYS}
+        made = ClapFeatureExtractor(**own)
+        found = made(samples, sampling_rate=self.sample_rate, return_tensors="np")
+        return np.asarray(found["input_features"][0], dtype=np.float32)
+
+    def network(self, top: int) -> NetworkSpec:
+        """Load the audio tower."""
+        rest = {k: v for k, v in self._audio.items() if k != "model_type"}
+        other = r"(text_model|text_projection|logit_scale_a|logit_scale_t|audio_projection)\b.*"
+        # Buffers of batch normalisation in training, and of attention: integers that are computed.
+        counted = r".*(num_batches_tracked|relative_position_index)"
+        return NetworkSpec(
+            "ClapAudioModelWithProjection",
+            ("ClapAudioConfig", rest),
+            missing=(r"audio_projection\..*", counted),
+            unexpected=(other, counted),
+        )
+
+    def slimmed(self, network: Any, output: Output) -> Any:
+        """Keep the audio tower."""
+        return network.audio_model
+
+    def frames(
+        self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]
+    ) -> dict[int, torch.Tensor]:
+        """Run the tower over (B, channels, frames, bins)."""
+        import torch
+
+        # Of a song alone the extractor says that it is longer than a window, whether it is or not.
+        longer = torch.ones((len(inputs), 1), dtype=torch.bool, device=inputs.device)
+        found = network(input_features=inputs, is_longer=longer).last_hidden_state
+        return {self.n_layers: found.mean(dim=2).transpose(1, 2)}
+
+
+_CLAP_KEYS = (
+    "feature_size",
+    "sampling_rate",
+    "hop_length",
+    "max_length_s",
+    "fft_window_size",
+    "padding_value",
+    "frequency_min",
+    "frequency_max",
+    "top_db",
+    "truncation",
+    "padding",
+)

@@ -1,0 +1,117 @@
+"""w2v-BERT 2.0: a conformer over pairs of log-mel frames."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.audio.hf.chunks import Timing
+from dancedata.audio.hf.families.base import Family, NetworkSpec, Output, Prepared, Samples, uniform
+
+if TYPE_CHECKING:
+    import torch
+
+_MEL_HOP, _MEL_FIELD = 160, 400
+#: Kaldi's scale: 16-bit integers.
+_FULL_SCALE = 1 << 15
+
+
+@dataclass(frozen=True)
+class _MelPairs(Prepared):
+    """Normalised log-mel frames of a signal (M, bins), a frame every `_MEL_HOP` samples."""
+
+    mel: npt.NDArray[np.float32]
+    stride: int
+
+    def inputs(self, start: int, n_samples: int) -> npt.NDArray[np.float32]:
+        """Return (K, stride * bins): `stride` frames side by side."""
+        first = start // _MEL_HOP
+        n_mel = (n_samples - _MEL_FIELD) // _MEL_HOP + 1
+        n_frames = n_mel // self.stride
+        return self.mel[first : first + n_frames * self.stride].reshape(n_frames, -1)
+
+
+@dataclass(frozen=True)
+class W2vBert(Family):
+    """w2v-BERT 2.0 (Chung et al. 2021; Seamless Communication 2023)."""
+
+    name: ClassVar[str] = "w2v-bert"
+    model_types: ClassVar[tuple[str, ...]] = ("wav2vec2-bert",)
+
+    @property
+    def sample_rate(self) -> int:
+        """Of the extractor: 16,000."""
+        return self.rate_of_extractor()
+
+    @property
+    def _stride(self) -> int:
+        return self.number("stride", of=self.extractor, default=2)
+
+    @property
+    def timing(self) -> Timing:
+        """A frame is stamped with the middle of the samples that its log-mel frames see: 280 of 560."""
+        field = (self._stride - 1) * _MEL_HOP + _MEL_FIELD
+        return uniform(self.sample_rate, self._stride * _MEL_HOP, field // 2)
+
+    @property
+    def n_layers(self) -> int:
+        """Number of conformer blocks."""
+        return self.number("num_hidden_layers", default=24)
+
+    @property
+    def min_samples(self) -> int:
+        """The samples that one frame sees."""
+        return (self._stride - 1) * _MEL_HOP + _MEL_FIELD
+
+    def n_frames(self, n_samples: int) -> int:
+        """Count whole groups of log-mel frames; the extractor would fill an odd one with zeros and mask it."""
+        return max(0, (n_samples - _MEL_FIELD) // _MEL_HOP + 1) // self._stride
+
+    def width(self, output: Output) -> int:
+        """Return the hidden size."""
+        return self.number("hidden_size", default=1024)
+
+    def prepared(self, samples: Samples, *, normalize: bool) -> Prepared:
+        """Compute log-mel frames, and normalise each bin over the signal."""
+        from dancedata.audio.hf.mel import kaldi_log_mel
+
+        mel = kaldi_log_mel(
+            samples * np.float32(_FULL_SCALE),
+            self.sample_rate,
+            n_bins=self.number("num_mel_bins", of=self.extractor, default=80),
+            window="povey",
+        )
+        if normalize and len(mel) > 1:
+            # Bins in one piece each, as in the extractor: numpy then adds in its order, and far more exactly.
+            mel = np.asfortranarray(mel)
+            mel = (mel - mel.mean(axis=0)) / np.sqrt(mel.var(axis=0, ddof=1) + np.float32(1e-7))
+        return _MelPairs(np.ascontiguousarray(mel), self._stride)
+
+    def network(self, top: int) -> NetworkSpec:
+        """Name the model class without a head or adapter."""
+        rest = {k: v for k, v in self.config.items() if k != "model_type"}
+        rest |= {
+            "num_hidden_layers": max(top, 1),
+            "mask_time_prob": 0.0,
+            "mask_feature_prob": 0.0,
+            "add_adapter": False,
+            "use_intermediate_ffn_before_adapter": False,
+        }
+        cut = tuple(rf"(\w+\.)?encoder\.layers\.{k}\..*" for k in range(max(top, 1), self.n_layers))
+        heads = r"(\w+\.)?(lm_head|classifier|projector|adapter|intermediate_ffn|masked_spec_embed)\b.*"
+        return NetworkSpec("Wav2Vec2BertModel", ("Wav2Vec2BertConfig", rest), unexpected=(heads, *cut))
+
+    def frames(
+        self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]
+    ) -> dict[int, torch.Tensor]:
+        """Run the network over (B, K, stride * bins)."""
+        from dancedata.audio.hf.families.hidden import hidden_states
+
+        def run() -> torch.Tensor:
+            last: torch.Tensor = network(inputs).last_hidden_state
+            return last
+
+        return hidden_states(run, network.encoder.layers, layers, self.n_layers)

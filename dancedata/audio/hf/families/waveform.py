@@ -1,0 +1,138 @@
+"""wav2vec2 and what is built like it: convolutions over samples, then a transformer. MERT is one of them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from dancedata.audio.hf.chunks import Timing
+from dancedata.audio.hf.families.base import (
+    Family,
+    NetworkSpec,
+    Output,
+    Prepared,
+    Samples,
+    Waveform,
+    conv_field,
+    conv_length,
+    uniform,
+)
+from dancedata.core.errors import SourceError
+from dancedata.core.text import quoted
+
+if TYPE_CHECKING:
+    import torch
+
+#: Heads and quantisers of training, which features do not need.
+_HEADS = (
+    r"(lm_head|classifier|projector|quantizer|project_hid|project_q|final_proj|label_embs_concat|adapter)\b.*",
+    r"(.*\.)?masked_spec_embed",
+)
+#: Stems of class names by model type.
+_STEMS = {
+    "wav2vec2": "Wav2Vec2",
+    "wav2vec2-conformer": "Wav2Vec2Conformer",
+    "hubert": "Hubert",
+    "wavlm": "WavLM",
+    "data2vec-audio": "Data2VecAudio",
+    "unispeech": "UniSpeech",
+    "unispeech-sat": "UniSpeechSat",
+    "mert_model": "Hubert",
+}
+#: Keys of MERT's published config that HuBERT has not, and the only value with which the two are the same network.
+_MERT_OFF = ("feature_extractor_cqt", "deepnorm")
+
+
+@dataclass(frozen=True)
+class WaveformEncoder(Family):
+    """wav2vec 2.0 (Baevski et al. 2020), HuBERT, WavLM, data2vec, UniSpeech; MERT (Li et al. 2024) as HuBERT."""
+
+    name: ClassVar[str] = "wav2vec2-like"
+    model_types: ClassVar[tuple[str, ...]] = tuple(_STEMS)
+
+    @property
+    def sample_rate(self) -> int:
+        """Of the extractor: 16,000, of MERT v1 24,000."""
+        return self.rate_of_extractor()
+
+    @property
+    def timing(self) -> Timing:
+        """Each frame is stamped with the middle of the samples that its convolutions see: 199.5 of 400."""
+        field, hop = conv_field(self._kernels, self._strides)
+        return uniform(self.sample_rate, hop, Fraction(field - 1, 2))
+
+    @property
+    def n_layers(self) -> int:
+        """Number of transformer blocks."""
+        return self.number("num_hidden_layers", default=12)
+
+    @property
+    def min_samples(self) -> int:
+        """The samples that one frame sees."""
+        return conv_field(self._kernels, self._strides)[0]
+
+    def n_frames(self, n_samples: int) -> int:
+        """Count the positions of the convolutions."""
+        return conv_length(n_samples, self._kernels, self._strides)
+
+    def width(self, output: Output) -> int:
+        """Return the hidden size."""
+        return self.number("hidden_size", default=768)
+
+    def prepared(self, samples: Samples, *, normalize: bool) -> Prepared:
+        """Normalise to zero mean and unit variance, if the extractor says so."""
+        if normalize and self.extractor.get("do_normalize", True):
+            samples = (samples - samples.mean()) / np.sqrt(samples.var() + np.float32(1e-7))
+        return Waveform(samples.astype(np.float32, copy=False))
+
+    def network(self, top: int) -> NetworkSpec:
+        """Name the model class without a head; MERT's is HuBERT's."""
+        kind = str(self.config["model_type"])
+        rest = dict(self.config)
+        if kind == "mert_model":
+            rest = {k: v for k, v in rest.items() if k not in _MERT_OFF and not k.startswith("feature_extractor_cqt")}
+            rest.pop("attention_relax", None)  # of deepnorm's branch only
+        # Masking belongs to training; without it the model has no vector for it.
+        rest |= {"num_hidden_layers": max(top, 1), "mask_time_prob": 0.0, "mask_feature_prob": 0.0}
+        rest.pop("model_type")
+        cut = tuple(rf"(\w+\.)?encoder\.layers\.{k}\..*" for k in range(max(top, 1), self.n_layers))
+        stem = _STEMS[kind]
+        prefix = tuple(rf"(\w+\.)?{head}" for head in _HEADS)
+        return NetworkSpec(f"{stem}Model", (f"{stem}Config", rest), unexpected=(*prefix, *cut))
+
+    def frames(
+        self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]
+    ) -> dict[int, torch.Tensor]:
+        """Run the network over samples (B, n)."""
+        from dancedata.audio.hf.families.hidden import hidden_states
+
+        def run() -> torch.Tensor:
+            last: torch.Tensor = network(inputs).last_hidden_state
+            return last
+
+        return hidden_states(run, network.encoder.layers, layers, self.n_layers)
+
+    def __post_init__(self) -> None:
+        """Refuse configs of other networks than the native one."""
+        on = [key for key in _MERT_OFF if self.config.get(key)]
+        if self.config.get("model_type") == "mert_model" and on:
+            raise SourceError(
+                "hf: this MERT differs from HuBERT, so transformers has no class for it",
+                found=", ".join(f"{key}: {quoted(self.config[key])}" for key in on),
+                allowed="MERT v0 and v1, whose configs have false there",
+                fix="remote code is never run; another network is a plug-in of its own (docs/add-a-feature.md)",
+            )
+        if len(self._kernels) != len(self._strides) or math.prod(self._strides) < 1:
+            raise SourceError("hf: conv_kernel and conv_stride of the config do not fit together")
+
+    @property
+    def _kernels(self) -> tuple[int, ...]:
+        return self.sizes("conv_kernel", (10, 3, 3, 3, 3, 2, 2))
+
+    @property
+    def _strides(self) -> tuple[int, ...]:
+        return self.sizes("conv_stride", (5, 2, 2, 2, 2, 2, 2))

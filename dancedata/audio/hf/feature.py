@@ -1,0 +1,317 @@
+"""Learned music features of any encoder in the Hugging Face layout, as an audio feature of recipes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.audio.checks import require_rows, require_samples, require_windows
+from dancedata.audio.hf.model_card import licence_of
+from dancedata.audio.hf.model_folder import ENVIRONMENT, ModelFolder, open_model
+from dancedata.audio.hf.settings import Settings, settings_of
+from dancedata.audio.networks.running import all_cores, cards_of, device_of_process, held, stored
+from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.columns import Columns
+from dancedata.core.errors import UsageError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.plugins import AudioFeature
+from dancedata.core.registry import FEATURES
+
+if TYPE_CHECKING:
+    from dancedata.audio.hf.encoder import HuggingFaceEncoder
+
+__all__ = ["ENVIRONMENT", "HuggingFace"]
+
+Precision = Literal["auto", "fp32", "fp16", "bf16"]
+
+#: Windows of a call on a card, which are published together.
+_WINDOWS = 32
+
+
+@FEATURES.register("hf")
+@dataclass(frozen=True)
+class HuggingFace(AudioFeature):
+    """Learned features of an encoder in the Hugging Face layout: MERT, MuQ, HuBERT, EnCodec, Whisper and others.
+
+    A recipe may have several: `hf.mert`, `hf.encodec`. Only network classes of transformers itself are used, never
+    code of a model's folder. Each frame has an exact time stamp; row j lies at j / fps. Scope track covers a song
+    with overlapping chunks whose middles are kept, and normalises the song as a whole; scope window takes each window
+    by itself.
+
+    Attributes
+    ----------
+    model
+        Folder with config.json and weights, or an id on the Hugging Face hub that is in this machine's cache. Nothing
+        is downloaded. Default: $DANCEDATA_HF_MODEL.
+    revision
+        Commit of a hub id, 40 hex digits. Default: the one that the cache has.
+    model_sha256
+        Hash that identifies weights and config. A build fills it in; if it is given, the model must match.
+    output
+        "hidden": activations of `layers`; "embedding": what enters a codec's quantiser; "codes": a codec's codes.
+        "auto": hidden, or embedding of a codec; a build records which.
+    layers
+        A number, a list of numbers, a range such as "4..8", "last", "all", or "mean" of all. Layer 0 is what enters
+        the first block, the last one what leaves the network.
+    reduce
+        "concat": several layers lie side by side; "mean": they are averaged.
+    chunk_s
+        Scope track: length of chunks in seconds. Default: 30; 1 of EnCodec at 48 kHz; of encoders of spectrograms the
+        length of their windows.
+    overlap_s
+        Scope track: least overlap of adjacent chunks in seconds. Default: 4, or 2 of codecs and of encoders of
+        spectrograms, and a fifth of shorter chunks.
+    resample
+        How frames become rows. "area": each frame counts for as long as its hop overlaps with the row's; "linear"
+        between the two frames around a row; "nearest". "auto": area if the encoder is faster than the recipe, else
+        linear; nearest for codes.
+    normalize
+        "extractor": as preprocessor_config.json says, over the song or window; "none": not at all.
+    precision
+        Type of weights and products. "auto": fp16 on CUDA, fp32 on a CPU; a build records the resolved value.
+    store
+        Type of the rows. What exceeds the range of float16 is an error.
+    device
+        Such as "cuda:1" or "cpu"; "auto": every card, one process each, else the CPU. It affects the numbers only
+        through the precision.
+    batch_size
+        Chunks or windows at once, all of equal length; 0: 16 on a card, halved where memory runs out, 1 on a CPU.
+    """
+
+    version: ClassVar[int] = 1
+    #: Not transformers: its releases leave these numbers as they are, which the golden test holds it to.
+    packages: ClassVar[tuple[str, ...]] = ("torch", "soxr")
+    #: The next song is decoded while the device computes.
+    reads_ahead: ClassVar[bool] = True
+    exact: ClassVar[bool] = False
+    uses_tempo: ClassVar[bool] = False
+
+    model: str = field(default="", metadata={"path": True})
+    revision: str | None = field(default=None, metadata={"path": True})
+    model_sha256: str = ""
+    output: Literal["auto", "hidden", "embedding", "codes"] = "auto"
+    layers: int | tuple[int, ...] | str = "last"
+    reduce: Literal["concat", "mean"] = "concat"
+    chunk_s: float | None = None
+    overlap_s: float | None = None
+    resample: Literal["auto", "area", "linear", "nearest"] = "auto"
+    normalize: Literal["extractor", "none"] = "extractor"
+    precision: Precision = "auto"
+    store: Literal["float16", "float32"] = "float16"
+    device: str = field(default="auto", metadata={"path": True})
+    batch_size: int = field(default=0, metadata={"path": True})
+
+    def __post_init__(self) -> None:
+        """Check the values that do not depend on the model."""
+        if isinstance(self.layers, list):
+            object.__setattr__(self, "layers", tuple(self.layers))
+        if self.batch_size < 0:
+            raise UsageError("hf: invalid value for batch_size", found=self.batch_size, allowed="0 or more")
+        wrong = [f"{key} {value:g}" for key, value in self._seconds() if not 0 <= value < 1e6]
+        if wrong:
+            raise UsageError("hf: invalid value", found=", ".join(wrong), allowed="seconds, 0 or more")
+
+    @classmethod
+    def make_example(cls, folder: Path) -> HuggingFace:
+        """Write a tiny random model in MERT's published layout, and return the feature that uses it. For tests."""
+        from dancedata.audio.hf.random_models import write_random_model
+        from dancedata.core.hashing import sha256_file
+
+        write_random_model("mert", folder)
+        return cls(model=str(folder), layers=(2,), device="cpu").resolved(sha256_file)
+
+    def with_weights(self, folder: Path) -> HuggingFace:
+        """Return the feature with the model in a folder."""
+        return replace(self, model=str(folder), revision=None)
+
+    @property
+    def columns(self) -> Columns:
+        """One column per unit of a layer; a group for each layer."""
+        return self._settings().columns
+
+    @property
+    def dtype(self) -> Literal["float32", "float16"]:
+        """The key `store`."""
+        return self.store
+
+    @property
+    def windows_a_call(self) -> int:
+        """Windows per call, which are published together: a killed build loses at most this many."""
+        return self.batch_size or (_WINDOWS if cards_of(self.device) else 1)
+
+    @property
+    def about(self) -> Mapping[str, Any]:
+        """The model's source, commit, hash, family, the rate and first stamp of its frames, its licence."""
+        settings = self._settings()
+        folder, timing = settings.folder, settings.family.timing
+        return {
+            "model": folder.source,
+            "revision": folder.revision,
+            "sha256": self.model_sha256,
+            "family": f"{settings.family.name} {settings.family.version}",
+            "frames_per_s": str(timing.rate),
+            "first_frame_s": str(timing.first_centre / timing.sample_rate),
+            "licence": licence_of(folder.path),
+        }
+
+    def resolved(self, hash_file: Callable[[Path], str]) -> HuggingFace:
+        """Return the feature with output, chunks, precision and the hash of the model resolved.
+
+        Raises
+        ------
+        UsageError
+            The model is not on this machine or does not match `model_sha256`, or a key does not fit to it.
+        SourceError
+            The model cannot be used.
+        """
+        device = self._checked_device()
+        folder = self._folder()
+        settings = self._settings(folder)
+        sha256 = folder.sha256(hash_file)
+        if self.model_sha256 not in ("", sha256):
+            raise UsageError(
+                "hf: the model does not match the recipe",
+                where=folder.path,
+                found=sha256,
+                allowed=self.model_sha256,
+                fix="set model to the folder that has it, or omit model_sha256",
+            )
+        return replace(
+            self,
+            model=self.model if folder.from_hub else str(folder.path),
+            revision=folder.revision if folder.from_hub else None,
+            model_sha256=sha256,
+            output=settings.output,
+            chunk_s=settings.chunk_s,
+            overlap_s=settings.overlap_s,
+            precision=self._precision(device),
+        )
+
+    def workers(self, jobs: int) -> int:
+        """Return the number of processes: one per card, or one on a CPU."""
+        return max(1, len(cards_of(self.device)))
+
+    def n_rows(self, n_samples: int, sample_rate: int, grid: FrameGrid) -> int:
+        """Return the number of rows of a song: instants 0, 1 / fps, ... within the signal."""
+        return FrameGrid.of(sample_rate).resampled_length(n_samples, grid)
+
+    def extract(self, signal: AudioSignal, grid: FrameGrid, *, start_bpm: float | None = None) -> npt.NDArray[Any]:
+        """Embed a whole song (scope: track).
+
+        Parameters
+        ----------
+        start_bpm
+            Not used.
+
+        Returns
+        -------
+        (T, D) in the type of `store`
+
+        Raises
+        ------
+        DataError
+            "short_audio" for a song that is shorter than a frame of the encoder, "overflow" for numbers that are not
+            finite or exceed the range of the type.
+        """
+        require_samples("hf", signal)
+        n_rows = self.n_rows(signal.n_samples, signal.sample_rate, grid)
+        return self._rows([signal.samples], signal.sample_rate, grid, n_rows)[0]
+
+    def extract_windows(
+        self,
+        signal: AudioSignal,
+        starts: npt.NDArray[np.int64],
+        n_samples: int,
+        grid: FrameGrid,
+        n_rows: int,
+        *,
+        start_bpm: float | None = None,
+    ) -> npt.NDArray[Any]:
+        """Embed windows, each by itself (scope: window).
+
+        Returns
+        -------
+        (W, n_rows, D) in the type of `store`
+
+        Raises
+        ------
+        DataError
+            As `extract`; "short_audio" for a window beyond the end of the signal.
+        """
+        require_samples("hf", signal)
+        require_windows("hf", signal, starts, n_samples)
+        require_rows("hf", self.n_rows(n_samples, signal.sample_rate, grid), n_rows, grid)
+        if not len(starts):
+            return np.empty((0, n_rows, self.columns.width), self.store)
+        windows = [signal.samples[int(start) : int(start) + n_samples] for start in starts]
+        return np.stack(self._rows(windows, signal.sample_rate, grid, n_rows))
+
+    def _rows(
+        self, signals: Sequence[npt.NDArray[np.float32]], sample_rate: int, grid: FrameGrid, n_rows: int
+    ) -> list[npt.NDArray[Any]]:
+        with all_cores(self.device):
+            return self._encoder().rows(
+                signals, sample_rate, grid, n_rows, finish=self._stored, batch_size=self.batch_size or None
+            )
+
+    def _stored(self, rows: npt.NDArray[np.float32]) -> npt.NDArray[Any]:
+        return stored("hf", rows, self.store, "set store: float32, or choose another layer")
+
+    def _seconds(self) -> list[tuple[str, float]]:
+        given = {"chunk_s": self.chunk_s, "overlap_s": self.overlap_s}
+        return [(key, value) for key, value in given.items() if value is not None]
+
+    def _checked_device(self) -> str:
+        from dancedata.audio.hf.loading import require_packages
+
+        require_packages()
+        from dancedata.audio.networks.devices import require_device
+
+        cards = cards_of(self.device)
+        return str(require_device((cards or ["cpu" if self.device == "auto" else self.device])[0]))
+
+    def _precision(self, device: str) -> Precision:
+        if self.precision == "auto":
+            return "fp16" if device.startswith("cuda") else "fp32"
+        if self.precision == "fp16" and not device.startswith("cuda"):
+            slow = "hf: fp16 on a CPU takes many times as long as fp32"
+            raise UsageError(slow, found="precision fp16", allowed="auto, fp32, bf16")
+        return self.precision
+
+    def _folder(self) -> ModelFolder:
+        return open_model(self.model, self.revision)
+
+    def _settings(self, folder: ModelFolder | None = None) -> Settings:
+        return settings_of(
+            folder or self._folder(),
+            output=self.output,
+            layers=self.layers,
+            reduce=self.reduce,
+            chunk_s=self.chunk_s,
+            overlap_s=self.overlap_s,
+            resample=self.resample,
+            normalize=self.normalize,
+        )
+
+    def _encoder(self) -> HuggingFaceEncoder:
+        """Return the network of this process, loaded once. The hash is part of the key: files may have changed."""
+        from dancedata.audio.hf.encoder import HuggingFaceEncoder
+
+        device = device_of_process(self.device)
+        precision = self._precision(device)
+        key = (self.model, self.revision, self.model_sha256, self._how(), precision, device)
+        return held(_networks, key, lambda: HuggingFaceEncoder(self._settings(), device=device, precision=precision))
+
+    def _how(self) -> tuple[Any, ...]:
+        return (
+            self.output, self.layers, self.reduce, self.chunk_s, self.overlap_s, self.resample, self.normalize,
+        )  # fmt: skip
+
+
+#: The network of this process, by what it was loaded from and how.
+_networks: dict[Any, HuggingFaceEncoder] = {}

@@ -1,0 +1,201 @@
+"""Weights become a network: all of them are there, none is random, no code is run."""
+
+from __future__ import annotations
+
+import pickle  # for the name of an error; nothing is unpickled here
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from dancedata.audio.hf.families.base import Family, NetworkSpec, Output
+from dancedata.audio.hf.model_folder import ModelFolder
+from dancedata.core.errors import SourceError, UsageError
+from dancedata.core.text import listed, shown
+
+#: The first torch whose weights_only refuses everything but tensors and plain containers.
+_SAFE_TORCH = (2, 6)
+_INSTALL = 'pip install "dancedata[hf]"'
+
+
+def load_network(folder: ModelFolder, family: Family, top: int, output: Output, dtype: torch.dtype) -> Any:
+    """Load a model's blocks up to layer `top`, on the CPU, for inference.
+
+    Raises
+    ------
+    SourceError
+        A file is damaged, or weights are missing, unexpected or of another shape. transformers fills missing ones
+        with random numbers.
+    UsageError
+        transformers is missing or has no class for the model.
+    """
+    files = folder.weight_files()
+    safe = files[0].suffix == ".safetensors"
+    if safe:
+        _check_headers(files)
+    elif _torch_version() < _SAFE_TORCH:
+        raise UsageError(
+            "hf: pickled weights need a newer torch, as older ones may run code that is in them",
+            where=files[0],
+            found=f"torch {torch.__version__}",
+            allowed="torch 2.6 or newer, or a model in safetensors",
+        )
+    spec = family.network(top)
+    with _errors_of(folder, files):
+        if spec.model == "MuQ":
+            network, missing, unexpected = _load_muq(family, spec, files)
+        else:
+            network, missing, unexpected = _load_native(folder, spec, safe=safe, dtype=dtype)
+    _require_whole(folder, missing, spec.missing, "lack weights, which would be random")
+    _require_whole(folder, unexpected, spec.unexpected, "have weights that the config has no place for")
+    network = family.slimmed(network, output).eval().to(dtype)
+    return network.requires_grad_(False)
+
+
+def require_packages() -> Any:
+    """Return transformers; UsageError where it is not installed."""
+    try:
+        import transformers
+    except ImportError as error:
+        raise UsageError("hf: transformers is not installed", found=shown(error), fix=_INSTALL) from error
+    return transformers
+
+
+def _load_native(
+    folder: ModelFolder, spec: NetworkSpec, *, safe: bool, dtype: torch.dtype
+) -> tuple[Any, list[str], list[str]]:
+    package = require_packages()
+    config_name, keys = spec.config
+    if not hasattr(package, spec.model):
+        raise UsageError(
+            "hf: this version of transformers does not have the model",
+            where=folder.path,
+            found=f"transformers {package.__version__}, without {spec.model}",
+            fix="pip install -U transformers",
+        )
+    config = getattr(package, config_name)(**_plain(keys))
+    mapping = {"key_mapping": dict(spec.renamed)} if spec.renamed else {}
+    with _quiet(package):
+        network, info = getattr(package, spec.model).from_pretrained(
+            str(folder.path),
+            config=config,
+            dtype=dtype,
+            use_safetensors=safe,
+            weights_only=True,
+            local_files_only=True,
+            trust_remote_code=False,
+            output_loading_info=True,
+            **mapping,
+        )
+    wrong = [str(key[0] if isinstance(key, tuple) else key) for key in info.get("mismatched_keys", ())]
+    if wrong:
+        raise ValueError(f"weights of another shape: {listed(sorted(wrong))}")
+    return network, sorted(map(str, info["missing_keys"])), sorted(map(str, info["unexpected_keys"]))
+
+
+def _load_muq(family: Any, spec: NetworkSpec, files: Iterable[Path]) -> tuple[Any, list[str], list[str]]:
+    require_packages()
+    from dancedata.audio.hf.families.muq_network import MuQNetwork
+
+    network = MuQNetwork(spec.config[1], family.strides)
+    tensors: dict[str, torch.Tensor] = {}
+    for path in files:
+        for name, tensor in _tensors(path).items():
+            for old, new in spec.renamed.items():
+                name = re.sub(old, new, name)
+            tensors[name] = tensor
+    found = network.load_state_dict(tensors, strict=False)
+    counted = [key for key in found.missing_keys if not key.endswith("num_batches_tracked")]
+    return network, sorted(counted), sorted(found.unexpected_keys)
+
+
+def _tensors(path: Path) -> Mapping[str, torch.Tensor]:
+    if path.suffix == ".safetensors":
+        from safetensors.torch import load_file
+
+        return load_file(path)
+    found: Mapping[str, torch.Tensor] = torch.load(path, map_location="cpu", weights_only=True)
+    return found
+
+
+def _check_headers(files: Iterable[Path]) -> None:
+    """Raise SourceError for a file that is cut off or is not what it is called: its header says how long it is."""
+    from safetensors import SafetensorError, safe_open
+
+    for path in files:
+        try:
+            with safe_open(path, framework="pt") as file:
+                file.keys()
+        except (SafetensorError, OSError, ValueError) as error:
+            raise SourceError(
+                "hf: the weights cannot be read",
+                where=path,
+                found=f"{path.stat().st_size:,} bytes; {shown(error)}",
+                fix="fetch the file again, and compare its hash with the model's page",
+            ) from error
+
+
+@contextmanager
+def _errors_of(folder: ModelFolder, files: tuple[Path, ...]) -> Iterator[None]:
+    """Name the folder in the errors of transformers, torch and safetensors."""
+    try:
+        yield
+    except pickle.UnpicklingError as error:
+        raise SourceError(
+            "hf: the pickled weights hold more than tensors, and nothing else is unpickled",
+            where=files[0] if len(files) == 1 else folder.path,
+            found=shown(str(error).split("\n", 1)[0]),
+            fix="get the model's weights as safetensors",
+        ) from error
+    except (UsageError, SourceError):
+        raise
+    # Whatever a config or file that was made up makes these packages raise.
+    except (RuntimeError, OSError, ValueError, TypeError, KeyError, AttributeError, ImportError, EOFError) as error:
+        pickled = "weights_only" in str(error) or "Unsupported global" in str(error)
+        raise SourceError(
+            "hf: the pickled weights hold more than tensors, and nothing else is unpickled"
+            if pickled
+            else "hf: the model cannot be loaded",
+            where=files[0] if len(files) == 1 else folder.path,
+            found=shown(error, 400),
+            fix="get the model's weights as safetensors" if pickled else "compare its files with the model's page",
+        ) from error
+
+
+def _require_whole(folder: ModelFolder, names: Iterable[str], allowed: Iterable[str], problem: str) -> None:
+    patterns = [re.compile(pattern) for pattern in allowed]
+    wrong = [name for name in names if not any(pattern.fullmatch(name) for pattern in patterns)]
+    if wrong:
+        raise SourceError(
+            f"hf: the files {problem}",
+            where=folder.path,
+            found=f"{len(wrong)}: {listed(wrong, 6)}",
+            fix="the weights and config.json must be of one model; fetch both again",
+        )
+
+
+@contextmanager
+def _quiet(package: Any) -> Iterator[None]:
+    """Keep transformers from printing: what it says of the weights is checked, and an error of its own."""
+    logging = package.utils.logging
+    level, bars = logging.get_verbosity(), logging.is_progress_bar_enabled()
+    logging.set_verbosity(logging.CRITICAL)
+    logging.disable_progress_bar()
+    try:
+        yield
+    finally:
+        logging.set_verbosity(level)
+        if bars:
+            logging.enable_progress_bar()
+
+
+def _plain(keys: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the keys of a config without those that name code or where it came from."""
+    return {k: v for k, v in keys.items() if k not in ("auto_map", "_name_or_path", "dtype", "torch_dtype")}
+
+
+def _torch_version() -> tuple[int, ...]:
+    return tuple(int(part) for part in re.findall(r"\d+", torch.__version__)[:2])

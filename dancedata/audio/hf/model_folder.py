@@ -1,0 +1,267 @@
+"""A folder with a model: where it is, its config, its weights and their hash. Needs no torch."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from dancedata.core.errors import SourceError, UsageError
+from dancedata.core.hashing import json_sha256
+from dancedata.core.strict_json import read_json
+from dancedata.core.text import listed, shown
+
+#: Names the model unless a recipe does.
+ENVIRONMENT = "DANCEDATA_HF_MODEL"
+#: Files of a model that are read, and that `snapshot_download` is asked for: never code.
+FILES = (
+    "config.json",
+    "preprocessor_config.json",
+    "processor_config.json",
+    "model.safetensors",
+    "model-*.safetensors",
+    "model.safetensors.index.json",
+    "pytorch_model.bin",
+    "pytorch_model-*.bin",
+    "pytorch_model.bin.index.json",
+    "README.md",
+)
+#: What `dancedata hf fetch` writes of where a folder came from: id, revision, licence.
+PROVENANCE = "dancedata-hf.json"
+#: Configs with lists of labels and mel filters have a few MB.
+_MAX_JSON = 1 << 25
+#: Keys of config.json that shape no number.
+_IDLE_KEYS = (
+    "_name_or_path",
+    "_commit_hash",
+    "architectures",
+    "auto_map",
+    "dtype",
+    "torch_dtype",
+    "transformers_version",
+)
+_COMMIT = re.compile(r"[0-9a-f]{40}")
+_HUB_ID = re.compile(r"[A-Za-z0-9][\w.-]*/[A-Za-z0-9][\w.-]*")
+_PLAIN_NAME = re.compile(r"[\w][\w.-]*")
+
+
+@dataclass(frozen=True)
+class ModelFolder:
+    """A folder in the layout that transformers saves models in.
+
+    Attributes
+    ----------
+    path
+        The folder.
+    config
+        config.json.
+    extractor
+        preprocessor_config.json, or the feature extractor of processor_config.json; empty where there is neither.
+    source
+        The hub id, or the folder's name where that is not known.
+    revision
+        The commit on the hub; "" where it is not known.
+    from_hub
+        Whether it was named by its id, and found in the cache of the hub.
+    """
+
+    path: Path
+    config: Mapping[str, Any]
+    extractor: Mapping[str, Any]
+    source: str
+    revision: str = ""
+    from_hub: bool = False
+
+    def weight_files(self) -> tuple[Path, ...]:
+        """Return the files of the weights: safetensors where there are any, or else pickles of torch.
+
+        Raises
+        ------
+        SourceError
+            There are none, an index names files that are missing or lie elsewhere, or the folder holds an adapter.
+        """
+        if (self.path / "adapter_config.json").exists():
+            raise SourceError(
+                "hf: the folder holds an adapter, which changes the network when it is loaded",
+                where=self.path,
+                found="adapter_config.json",
+                fix="use the folder of a whole model",
+            )
+        for name in ("model.safetensors", "pytorch_model.bin"):
+            if (self.path / name).is_file():
+                return (self.path / name,)
+            if (self.path / f"{name}.index.json").is_file():
+                return self._shards(self.path / f"{name}.index.json")
+        raise SourceError(
+            "hf: the folder has no weights",
+            where=self.path,
+            found=listed(sorted(p.name for p in self.path.iterdir())) or "an empty folder",
+            allowed="model.safetensors, pytorch_model.bin, or one of their indexes",
+        )
+
+    def _shards(self, index: Path) -> tuple[Path, ...]:
+        found = read_document(index).get("weight_map")
+        names = sorted({str(name) for name in found.values()}) if isinstance(found, dict) else []
+        strange = [name for name in names if not _PLAIN_NAME.fullmatch(name)]
+        missing = [name for name in names if name not in strange and not (self.path / name).is_file()]
+        if strange or missing or not names:
+            raise SourceError(
+                "hf: the index of the weights names files that are not in the folder",
+                where=index,
+                found=listed(strange or missing) or "no file",
+                fix="fetch the model again",
+            )
+        return tuple(self.path / name for name in names)
+
+    def sha256(self, hash_file: Callable[[Path], str]) -> str:
+        """Return the hash of what shapes the numbers: the weights, the config, the extractor's parameters."""
+        return json_sha256(
+            {
+                "files": {path.name: hash_file(path) for path in self.weight_files()},
+                "config": _shaping(self.config),
+                "extractor": _shaping(self.extractor),
+            }
+        )
+
+
+def open_model(model: str, revision: str | None = None) -> ModelFolder:
+    """Find a model by its folder, or by its id on the Hugging Face hub in this machine's cache; read its config.
+
+    Nothing is downloaded.
+
+    Parameters
+    ----------
+    model
+        Folder or hub id; "": $DANCEDATA_HF_MODEL.
+    revision
+        Commit of a hub id, 40 hex digits. None: the one commit that the cache has as "main".
+
+    Raises
+    ------
+    UsageError
+        There is no model by this name on this machine, or `revision` is not a commit.
+    SourceError
+        The folder has no config.json, or one that cannot be read.
+    """
+    named = model or os.environ.get(ENVIRONMENT, "")
+    if not named:
+        raise UsageError(
+            "hf: the model is unknown", fix=f"set audio.hf.model in the recipe, or {ENVIRONMENT}, to its folder"
+        )
+    folder = Path(named).expanduser()
+    if folder.is_dir():
+        if revision:
+            raise UsageError(
+                "hf: a revision is a commit of a model on the hub, and this is a folder",
+                where=folder,
+                found=revision,
+                fix="omit revision; the weights are identified by their hash",
+            )
+        about = provenance_of(folder)
+        return _read(folder.absolute(), about.get("id") or folder.absolute().name, about.get("revision", ""))
+    if not _HUB_ID.fullmatch(named) or named.startswith((".", "/")):
+        raise UsageError(
+            "hf: the folder of the model does not exist", where=folder, fix="check the path, or give an id OWNER/NAME"
+        )
+    commit = _commit(named, revision)
+    return replace(_read(_snapshot(named, commit), named, commit), from_hub=True)
+
+
+def _commit(name: str, revision: str | None) -> str:
+    from huggingface_hub.constants import HF_HUB_CACHE
+
+    repository = Path(HF_HUB_CACHE) / f"models--{name.replace('/', '--')}"
+    if revision is not None and _COMMIT.fullmatch(revision):
+        return revision
+    pointer = repository / "refs" / (revision or "main")
+    commit = pointer.read_text().strip() if ".." not in pointer.parts and pointer.is_file() else ""
+    if revision is not None:
+        known = f"revision: {commit}, which is what it names on this machine" if _COMMIT.fullmatch(commit) else None
+        raise UsageError(
+            "hf: a revision is a commit, as branches and tags move",
+            where=name,
+            found=revision,
+            allowed="40 hexadecimal digits",
+            fix=known,
+        )
+    if not _COMMIT.fullmatch(commit):
+        raise _not_here(name, "COMMIT")
+    return commit
+
+
+def _snapshot(name: str, commit: str) -> Path:
+    from huggingface_hub import snapshot_download
+
+    try:
+        found = snapshot_download(name, revision=commit, local_files_only=True, allow_patterns=list(FILES))
+    except (OSError, ValueError) as error:
+        raise _not_here(name, commit) from error
+    if not (Path(found) / "config.json").is_file():
+        raise _not_here(name, commit)
+    return Path(found)
+
+
+def _not_here(name: str, commit: str) -> UsageError:
+    return UsageError(
+        "hf: the model is not on this machine, and builds download nothing",
+        where=name,
+        fix=f"fetch it where there is a network: dancedata hf fetch {name} --revision {commit} --out DIR; then set "
+        "model to DIR, also on a cluster to which the folder was copied",
+    )
+
+
+# Columns are asked for once a clip.
+@lru_cache(maxsize=16)
+def _parsed(path: Path, state: tuple[int, int]) -> dict[str, Any]:
+    try:
+        found = read_json(path, _MAX_JSON)
+    except (OSError, ValueError) as error:
+        raise SourceError("hf: the file cannot be read", where=path, found=shown(error)) from error
+    if not isinstance(found, dict):
+        raise SourceError("hf: not a JSON object", where=path, found=shown(found))
+    return found
+
+
+def read_document(path: Path) -> dict[str, Any]:
+    """Read a JSON object of a model's folder; SourceError if it is none."""
+    try:
+        about = path.stat()
+    except OSError as error:
+        raise SourceError("hf: the file does not exist", where=path) from error
+    return _parsed(path, (about.st_mtime_ns, about.st_size))
+
+
+def provenance_of(folder: Path) -> dict[str, str]:
+    """Return what PROVENANCE says: id, revision and licence, texts; empty without such a file."""
+    if not (folder / PROVENANCE).is_file():
+        return {}
+    found = read_document(folder / PROVENANCE)
+    return {key: shown(value) for key, value in found.items() if isinstance(value, str)}
+
+
+def _read(folder: Path, source: str, revision: str) -> ModelFolder:
+    if not (folder / "config.json").is_file():
+        raise SourceError(
+            "hf: the folder has no config.json, so it is not a model",
+            where=folder,
+            found=listed(sorted(p.name for p in folder.iterdir())) or "an empty folder",
+        )
+    extractor: dict[str, Any] = {}
+    if (folder / "preprocessor_config.json").is_file():
+        extractor = read_document(folder / "preprocessor_config.json")
+    elif (folder / "processor_config.json").is_file():
+        inner = read_document(folder / "processor_config.json").get("feature_extractor")
+        extractor = inner if isinstance(inner, dict) else {}
+    return ModelFolder(folder, read_document(folder / "config.json"), extractor, source, revision)
+
+
+def _shaping(document: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        key: _shaping(value) if isinstance(value, Mapping) else value
+        for key, value in document.items()
+        if key not in _IDLE_KEYS
+    }

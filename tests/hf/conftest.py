@@ -1,0 +1,87 @@
+"""Tiny random models in the real layout of every family, written once; no test reaches a network."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch")
+pytest.importorskip("transformers")
+
+from dancedata.audio.hf import HuggingFace, HuggingFaceEncoder, open_model, settings_of
+from dancedata.audio.hf.model_folder import ENVIRONMENT
+from dancedata.audio.hf.random_models import write_random_model
+from dancedata.audio.hf.settings import Settings
+from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.hashing import sha256_file
+
+
+@pytest.fixture(autouse=True)
+def _no_network(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: Any, **__: Any) -> NoReturn:
+        raise AssertionError("a test opened a network connection")
+
+    monkeypatch.setattr(socket.socket, "connect", refuse)
+    monkeypatch.setattr(socket, "getaddrinfo", refuse)
+    monkeypatch.delenv(ENVIRONMENT, raising=False)
+
+
+@pytest.fixture(scope="session")
+def model(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """Folder of the tiny random model of a kind."""
+    root = tmp_path_factory.mktemp("models")
+
+    def folder(kind: str) -> Path:
+        if not (root / kind).exists():
+            if kind == "pe-audio":
+                transformers = pytest.importorskip("transformers", minversion="5.0")
+                assert hasattr(transformers, "PeAudioEncoder")
+            write_random_model(kind, root / kind)
+        return root / kind
+
+    return folder
+
+
+@pytest.fixture(scope="session")
+def feature(model: Callable[[str], Path]) -> Callable[..., HuggingFace]:
+    """The feature on a tiny model, resolved."""
+
+    def made(kind: str, **keys: Any) -> HuggingFace:
+        return HuggingFace(model=str(model(kind)), device="cpu", **keys).resolved(sha256_file)
+
+    return made
+
+
+def settings(folder: Path, **keys: Any) -> Settings:
+    """Settings with the defaults of a recipe."""
+    given: dict[str, Any] = {
+        "output": "auto", "layers": "last", "reduce": "concat", "chunk_s": None, "overlap_s": None,
+        "resample": "auto", "normalize": "extractor", **keys,
+    }  # fmt: skip
+    return settings_of(open_model(str(folder)), **given)
+
+
+@pytest.fixture(scope="session")
+def encoder(model: Callable[[str], Path]) -> Callable[..., HuggingFaceEncoder]:
+    """The encoder of a tiny model, on the CPU."""
+
+    def made(kind: str, **keys: Any) -> HuggingFaceEncoder:
+        return HuggingFaceEncoder(settings(model(kind), **keys), device="cpu")
+
+    return made
+
+
+def noise(seconds: float, rate: int, seed: int = 0) -> np.ndarray:
+    """(n,) float32 of coloured noise."""
+    white = np.random.default_rng(seed).standard_normal(round(seconds * rate))
+    return (0.1 * (white + np.convolve(white, np.ones(16) / 4, "same"))).astype(np.float32)
+
+
+def song(seconds: float, rate: int = 22_050, seed: int = 0) -> AudioSignal:
+    """A signal of coloured noise."""
+    return AudioSignal(noise(seconds, rate, seed), rate)

@@ -1,0 +1,120 @@
+"""A dataset with two encoders, Jukebox and librosa: what is recomputed, and what dataset.json says."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch")
+pytest.importorskip("transformers")
+
+import torch
+
+import dancedata
+from dancedata.audio.hf import HuggingFace
+from dancedata.core.grid import FrameGrid
+from dancedata.core.hashing import sha256_file
+from dancedata.pipeline.build import build
+from dancedata.pipeline.own_songs import find_jobs, write_features
+from dancedata.pipeline.plan import make_plan
+from dancedata.recipes.parse import load_recipe
+from dancedata.store import verify_store
+from dancedata.synthetic import write_synthetic
+from dancedata.testing.jukebox import random_checkpoint
+
+
+@pytest.fixture(scope="module")
+def corpus(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_synthetic(tmp_path_factory.mktemp("corpus") / "source", songs=2, clips_per_song=2, clip_s=6)
+
+
+def _recipe(mert: Path, dac: Path, jukebox: Path, **mert_keys: Any) -> Any:
+    audio = {
+        "hf.mert": {"model": str(mert), "layers": [2], "device": "cpu", **mert_keys},
+        "hf.dac": {"model": str(dac), "device": "cpu", "store": "float32"},
+        "jukebox": {"weights": str(jukebox), "layer": 6, "device": "cpu"},
+        "librosa35": {},
+    }
+    return load_recipe("aist++", {"audio": audio, "motion": {"edge151": {}}})
+
+
+def test_two_encoders_jukebox_and_librosa_in_one_dataset(
+    corpus: Path, model: Callable[[str], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    random_checkpoint(tmp_path / "jukebox")
+    mert, dac = tmp_path / "MERT-v1-tiny", model("dac")
+    shutil.copytree(model("mert"), mert)
+    cache = tmp_path / "cache"
+    build(_recipe(mert, dac, tmp_path / "jukebox"), corpus, tmp_path / "one", cache=cache)
+    assert [p for p in verify_store(tmp_path / "one") if p.severity == "error"] == []
+    store = dancedata.open(tmp_path / "one")
+    assert {"hf.mert", "hf.dac", "jukebox", "librosa35"} <= set(store.fields)
+    assert (store.field("hf.mert").dtype, store.field("hf.dac").dtype) == ("float16", "float32")
+    about = store.meta["encoders"]["hf.mert"]
+    assert (about["model"], about["licence"], about["frames_per_s"]) == ("MERT-v1-tiny", "cc0-1.0", "75")
+    assert about["first_frame_s"] == "133/16000"
+    assert about["sha256"] == store.meta["recipe"]["audio"]["hf.mert"]["model_sha256"]
+    assert str(tmp_path) not in (tmp_path / "one" / "dataset.json").read_text()
+    assert "licence of its weights: cc0-1.0" in (tmp_path / "one" / "README.md").read_text()
+
+    # Another name of the folder, another batch: nothing is computed. One byte: that feature alone.
+    computed: list[str] = []
+    plain = HuggingFace.extract
+
+    def counted(self: HuggingFace, *args: Any, **kwargs: Any) -> Any:
+        computed.append(Path(self.model).name)
+        return plain(self, *args, **kwargs)
+
+    monkeypatch.setattr(HuggingFace, "extract", counted)
+    mert.rename(tmp_path / "renamed")
+    again = _recipe(tmp_path / "renamed", dac, tmp_path / "jukebox", batch_size=3)
+    build(again, corpus, tmp_path / "two", cache=cache)
+    assert computed == []
+    weights = tmp_path / "renamed" / "pytorch_model.bin"
+    tensors = torch.load(weights, weights_only=True)
+    tensors["feature_projection.projection.bias"][0] += 1
+    torch.save(tensors, weights)
+    build(again, corpus, tmp_path / "three", cache=cache)
+    assert computed == ["renamed"] * 2  # two songs
+
+    # One's own song, as in the dataset.
+    song = next((corpus / "wavs").glob("*.wav"))
+    jobs = find_jobs("hf.dac", str(tmp_path / "one"))
+    written = write_features([song], tmp_path / "features", jobs, None, weights=dac)
+    rows = np.load(tmp_path / "features" / written[0]["file"])
+    own = HuggingFace(model=str(dac), device="cpu", store="float32").resolved(sha256_file)
+    from dancedata.audio.signal import load_audio
+
+    np.testing.assert_array_equal(rows, own.extract(load_audio(song), FrameGrid.of(30)))
+
+
+def test_a_plan_needs_the_config_alone(corpus: Path, model: Callable[[str], Path], tmp_path: Path) -> None:
+    folder = tmp_path / "no weights"
+    folder.mkdir()
+    for name in ("config.json", "preprocessor_config.json"):
+        shutil.copyfile(model("mert") / name, folder / name)
+    recipe = load_recipe(
+        "aist++", {"audio": {"hf": {"model": str(folder), "device": "cpu"}}, "motion": {"edge151": {}}}
+    )
+    plan = make_plan(recipe, corpus, cache=tmp_path / "cache")
+    assert plan.to_json()["fields"]["hf"] == {"columns": 24, "dtype": "float16"}
+    assert any("no weights" in note for note in plan.to_json()["notes"])
+
+
+def test_listing_and_columns_import_neither_torch_nor_transformers(model: Callable[[str], Path]) -> None:
+    import subprocess
+    import sys
+
+    code = (
+        "import sys; from dancedata.audio.hf import HuggingFace; from dancedata.core.grid import FrameGrid\n"
+        f"made = HuggingFace(model={str(model('mert'))!r}); made.columns, made.about\n"
+        "made.n_rows(48_000, 48_000, FrameGrid.of(30))\n"
+        "print([name for name in ('torch', 'transformers', 'librosa', 'scipy') if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

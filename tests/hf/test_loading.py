@@ -1,0 +1,249 @@
+"""Folders that cannot be used: one message each, nothing random, nothing run, nothing downloaded."""
+
+from __future__ import annotations
+
+import json
+import pickle
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch")
+pytest.importorskip("transformers")
+
+import torch
+from safetensors.torch import load_file, save_file
+
+from dancedata.audio.hf import HuggingFace, HuggingFaceEncoder, licence_of, open_model
+from dancedata.audio.hf.model_card import UNKNOWN
+from dancedata.audio.hf.model_folder import ENVIRONMENT, PROVENANCE
+from dancedata.core.errors import DanceDataError, SourceError, UsageError
+from dancedata.core.hashing import sha256_file
+
+from .conftest import noise, settings
+
+
+@pytest.fixture
+def copy(model: Callable[[str], Path], tmp_path: Path) -> Callable[..., Path]:
+    """A copy of a tiny model, its tensors changed by a function."""
+
+    def made(kind: str, change: Callable[[dict[str, torch.Tensor]], object] | None = None) -> Path:
+        folder = tmp_path / "copied"
+        shutil.copytree(model(kind), folder)
+        if change is not None:
+            tensors = load_file(folder / "model.safetensors")
+            change(tensors)
+            save_file(tensors, folder / "model.safetensors", metadata={"format": "pt"})
+        return folder
+
+    return made
+
+
+def _edit(folder: Path, **keys: Any) -> Path:
+    config = json.loads((folder / "config.json").read_text()) | keys
+    (folder / "config.json").write_text(json.dumps(config))
+    return folder
+
+
+def _load(folder: Path, **keys: Any) -> HuggingFaceEncoder:
+    return HuggingFaceEncoder(settings(folder, **keys), device="cpu")
+
+
+FINAL = "encoder.layers.2.final_layer_norm.weight"
+
+
+@pytest.mark.parametrize(
+    ("kind", "change", "message"),
+    [
+        ("hubert", lambda t: t.pop(FINAL), r"lack weights, which would be random.*1: encoder\.layers\.2\.final"),
+        ("hubert", lambda t: t.update(extra=torch.ones(2)), r"have weights that the config has no place for.*extra"),
+        ("hubert", lambda t: t.update({FINAL: torch.ones(7)}), r"cannot be loaded.*"),
+        ("encodec24", lambda t: t.pop(next(k for k in t if k.startswith("encoder."))), "lack weights"),
+        ("muq", lambda t: t.pop("model.conv.linear.bias"), r"lack weights.*conv\.linear\.bias"),
+        ("muq", lambda t: t.update({"model.conv.linear.bias": torch.ones(3)}), "cannot be loaded"),
+        ("muq", lambda t: t.update(odd=torch.ones(3)), "have weights that the config has no place for"),
+    ],
+)
+def test_weights_that_do_not_fit(copy: Callable[..., Path], kind: str, change: Any, message: str) -> None:
+    with pytest.raises(SourceError, match=message) as caught:
+        _load(copy(kind, change))
+    assert "copied" in str(caught.value)
+
+
+def test_what_training_alone_needs_may_lack_or_be_there(copy: Callable[..., Path]) -> None:
+    folder = copy(
+        "hubert", lambda t: t.update({"lm_head.weight": torch.ones(2, 2), "masked_spec_embed": torch.ones(24)})
+    )
+    assert _load(folder).frames(noise(0.2, 16_000), 16_000).values.shape[1] == 24
+
+
+def test_blocks_above_the_highest_layer_are_not_built(
+    model: Callable[[str], Path], copy: Callable[..., Path]
+) -> None:
+    whole, cut = _load(model("hubert")), _load(model("hubert"), layers=1)
+    assert (len(whole._network.encoder.layers), len(cut._network.encoder.layers)) == (3, 1)
+    # A hole there is of no concern, one below is.
+    folder = copy("hubert", lambda t: t.pop(FINAL))
+    assert _load(folder, layers=2).settings.layers == (2,)
+
+
+def test_a_file_that_is_cut_off(copy: Callable[..., Path]) -> None:
+    folder = copy("hubert")
+    whole = (folder / "model.safetensors").read_bytes()
+    (folder / "model.safetensors").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(SourceError, match=r"model\.safetensors: hf: the weights cannot be read.*bytes"):
+        _load(folder)
+
+
+class _Evil:
+    def __init__(self, trap: Path) -> None:
+        self.trap = trap
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return (Path.touch, (self.trap,))
+
+
+@pytest.mark.parametrize("kind", ["mert", "muq"])
+def test_pickles_hold_tensors_and_nothing_else(copy: Callable[..., Path], kind: str, tmp_path: Path) -> None:
+    folder, trap = copy(kind), tmp_path / "ran"
+    (folder / "model.safetensors").unlink(missing_ok=True)
+    torch.save({"a": torch.ones(1), "b": _Evil(trap)}, folder / "pytorch_model.bin", pickle_module=pickle)
+    with pytest.raises(SourceError, match=r"pytorch_model\.bin: hf: the pickled weights hold more than tensors"):
+        _load(folder)
+    assert not trap.exists()
+
+
+def test_an_old_torch_reads_no_pickles(copy: Callable[..., Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torch, "__version__", "2.5.1+cpu")
+    with pytest.raises(UsageError, match=r"newer torch.*2\.5\.1"):
+        _load(copy("mert"))
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ({"model_type": "mert2", "auto_map": {"AutoModel": "x.Y"}}, "needs code of its own, which is never run"),
+        ({"model_type": "bert"}, "no encoder of this model type is supported"),
+        ({"model_type": ["hubert"]}, "no encoder of this model type"),
+        ({"model_type": "mert_model", "deepnorm": True}, "differs from HuBERT"),
+        ({"model_type": "mert_model", "feature_extractor_cqt": True}, "differs from HuBERT"),
+        ({"quantization_config": {"bits": 4}}, "quantised"),
+        ({"hidden_size": "wide"}, "no valid hidden_size"),
+        ({"conv_kernel": [10, 0]}, "no valid conv_kernel"),
+        ({"conv_kernel": [10]}, "do not fit together"),
+        ({"num_hidden_layers": -1}, "no valid num_hidden_layers"),
+    ],
+)
+def test_configs_that_cannot_be_used(copy: Callable[..., Path], keys: dict[str, Any], message: str) -> None:
+    folder = _edit(copy("hubert"), **keys)
+    with pytest.raises(SourceError, match=message):
+        assert settings(folder).columns.width
+
+
+def test_a_config_that_transformers_refuses(copy: Callable[..., Path]) -> None:
+    with pytest.raises(SourceError, match="cannot be loaded"):
+        _load(_edit(copy("hubert"), hidden_act="no such function"))
+
+
+def test_layers_out_of_range(model: Callable[[str], Path]) -> None:
+    for layers in (4, -1, (1, 9), "2..7", (1, 1), "first", ()):
+        with pytest.raises(UsageError, match="invalid value for layers"):
+            settings(model("hubert"), layers=layers)
+    assert settings(model("hubert"), layers="1..2").layers == (1, 2)
+    assert settings(model("hubert"), layers="all").layers == (0, 1, 2, 3)
+    assert settings(model("hubert"), layers="mean").columns.width == 24
+    with pytest.raises(UsageError, match="the last stage"):
+        settings(model("clap"), layers=1)
+    with pytest.raises(UsageError, match="no layers to choose from"):
+        settings(model("dac"), layers=1)
+    with pytest.raises(UsageError, match="do not have this output"):
+        settings(model("hubert"), output="codes")
+    with pytest.raises(UsageError, match="windows of one length"):
+        settings(model("whisper"), chunk_s=10)
+    with pytest.raises(UsageError, match="invalid value for chunk_s"):
+        settings(model("encodec48"), chunk_s=2)
+    with pytest.raises(UsageError, match="invalid value for overlap_s"):
+        settings(model("hubert"), chunk_s=2, overlap_s=2)
+
+
+def test_where_models_are(model: Callable[[str], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(UsageError, match=ENVIRONMENT):
+        HuggingFace().resolved(sha256_file)
+    with pytest.raises(UsageError, match="does not exist"):
+        open_model(str(tmp_path / "none"))
+    with pytest.raises(SourceError, match=r"no config\.json"):
+        open_model(str(tmp_path))
+    with pytest.raises(UsageError, match="this is a folder"):
+        open_model(str(model("hubert")), "a" * 40)
+    monkeypatch.setenv(ENVIRONMENT, str(model("hubert")))
+    assert HuggingFace().columns.width == 24
+    (tmp_path / "config.json").write_text("[]")
+    with pytest.raises(SourceError, match="not a JSON object"):
+        open_model(str(tmp_path))
+    (tmp_path / "config.json").write_text('{"model_type": "hubert"}')
+    with pytest.raises(SourceError, match="sampling rate of the model is unknown"):
+        assert settings(tmp_path).family.timing
+    (tmp_path / "preprocessor_config.json").write_text('{"sampling_rate": 16000}')
+    with pytest.raises(SourceError, match="no weights"):
+        open_model(str(tmp_path)).weight_files()
+    index = tmp_path / "model.safetensors.index.json"
+    index.write_text('{"weight_map": {"a": "../../secret.safetensors"}}')
+    with pytest.raises(SourceError, match="not in the folder"):
+        open_model(str(tmp_path)).weight_files()
+    (tmp_path / "adapter_config.json").write_text("{}")
+    with pytest.raises(SourceError, match="adapter"):
+        open_model(str(tmp_path)).weight_files()
+
+
+def test_hub_ids_come_from_the_cache_of_this_machine(
+    model: Callable[[str], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from huggingface_hub import constants
+
+    commit = "0123456789abcdef0123456789abcdef01234567"
+    monkeypatch.setattr(constants, "HF_HUB_CACHE", str(tmp_path))
+    with pytest.raises(UsageError, match=r"dancedata hf fetch m-a-p/MERT-v9 --revision COMMIT --out DIR"):
+        open_model("m-a-p/MERT-v9")
+    with pytest.raises(UsageError, match="not on this machine"):
+        open_model("m-a-p/MERT-v9", commit)
+    repository = tmp_path / "models--m-a-p--MERT-v9"
+    shutil.copytree(model("mert"), repository / "snapshots" / commit)
+    (repository / "refs").mkdir()
+    (repository / "refs" / "main").write_text(commit)
+    found = open_model("m-a-p/MERT-v9")
+    assert (found.source, found.revision, found.from_hub) == ("m-a-p/MERT-v9", commit, True)
+    with pytest.raises(UsageError, match=f"as branches and tags move.*{commit}"):
+        open_model("m-a-p/MERT-v9", "main")
+    feature = HuggingFace(model="m-a-p/MERT-v9", device="cpu").resolved(sha256_file)
+    assert (feature.model, feature.revision) == ("m-a-p/MERT-v9", commit)
+    assert feature.about["revision"] == commit
+    assert feature.model_sha256 == open_model(str(model("mert"))).sha256(sha256_file)
+
+
+def test_licences(tmp_path: Path) -> None:
+    assert licence_of(tmp_path) == UNKNOWN
+    (tmp_path / PROVENANCE).write_text('{"id": "m-a-p/MERT-v1-95M", "revision": "%s", "licence": "cc0"}' % ("a" * 40))
+    assert licence_of(tmp_path) == "cc0"
+    for text, licence in (
+        ("---\nlicense: cc-by-nc-4.0\ntags:\n- music\n---\nlicense: no\n", "cc-by-nc-4.0"),
+        ("---\r\nlicense: 'mit'\r\n---\r\n", "mit"),
+        ("---\nlicense: other\nlicense_name: own\nlicense_link: LICENSE\n---\n", "own LICENSE"),
+        ("license: mit\n", "cc0"),
+    ):
+        (tmp_path / "README.md").write_bytes(text.encode())
+        assert licence_of(tmp_path) == licence
+    (tmp_path / "config.json").write_text('{"model_type": "hubert"}')
+    assert open_model(str(tmp_path)).source == "m-a-p/MERT-v1-95M"
+
+
+def test_numbers_that_are_not_finite(copy: Callable[..., Path]) -> None:
+    def spoil(tensors: dict[str, torch.Tensor]) -> None:
+        tensors[FINAL][0] = np.nan
+
+    own = _load(copy("hubert", spoil))
+    with pytest.raises(DanceDataError, match=r"not finite.*Check the weights"):
+        own.frames(noise(0.3, 16_000), 16_000)

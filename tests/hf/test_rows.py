@@ -1,0 +1,250 @@
+"""Time: frames, chunks and rows in exact numbers, and clicks that land where they are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from fractions import Fraction
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch")
+pytest.importorskip("transformers")
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dancedata.audio.hf import HuggingFace, HuggingFaceEncoder
+from dancedata.audio.hf.chunks import Chunk, Timing, chunks_of
+from dancedata.audio.hf.random_models import KINDS
+from dancedata.audio.hf.rows import RowSum, area_overlaps, frames_of, method_of, row_map
+from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.grid import FrameGrid
+
+from .conftest import noise
+
+MERT = Timing(24_000, Fraction(320), Fraction(399, 2))
+CODEC = Timing(44_100, Fraction(512), Fraction(256))
+#: CLAP: a hop that is not a whole number of samples.
+CLAP = Timing(48_000, Fraction(32 * 480_000, 1023), Fraction(31, 2) * Fraction(480_000, 1023))
+TIMINGS = st.sampled_from((MERT, CODEC, CLAP))
+GRIDS = st.sampled_from([FrameGrid.of(fps) for fps in (30, 60, 24, 25, 75, "30000/1001", "1/7", 50, 120)])
+
+
+def _counts(chunks: list[Chunk], timing: Timing) -> list[int]:
+    return [max(1, int(chunk.n_samples / timing.hop)) for chunk in chunks]
+
+
+@given(st.integers(1, 4_000_000), st.integers(1, 40), st.integers(0, 30), TIMINGS)
+@settings(max_examples=100, deadline=None)
+def test_chunks_cover_a_signal_and_keep_their_middles(n: int, units: int, less: int, timing: Timing) -> None:
+    unit = int(timing.hop) if timing.hop.denominator == 1 else 1
+    length, overlap = units * 8 * 320 * unit // 40, min(less, units - 1) * 8 * 320 * unit // 40 // 2
+    length, overlap = length // unit * unit or unit, overlap // unit * unit
+    if overlap >= length:
+        overlap = 0
+    if n // (length - overlap) > 300:
+        n = 300 * (length - overlap)
+    chunks = chunks_of(n, length=length, overlap=overlap, unit=unit, timing=timing)
+    assert chunks[0].start == 0
+    assert chunks[0].keep_from is None and chunks[-1].keep_to is None  # noqa: PT018
+    assert chunks[-1].start + chunks[-1].n_samples == n
+    for one, two in pairwise(chunks):
+        assert one.n_samples == length
+        assert two.start % unit == 0
+        assert one.start < two.start <= one.start + length - overlap
+        assert one.keep_to == two.keep_from
+        middle = Fraction(two.start + one.start + length, 2)
+        assert abs(one.keep_to - middle) <= timing.hop / 2
+    assert length - unit < chunks[-1].n_samples <= length or len(chunks) == 1
+
+
+def _all_frames(n_samples: int, timing: Timing, grid: FrameGrid, length: int, overlap: int) -> tuple[object, ...]:
+    unit = int(timing.hop) if timing.hop.denominator == 1 else 1
+    chunks = chunks_of(
+        n_samples, length=length // unit * unit, overlap=overlap // unit * unit, unit=unit, timing=timing
+    )
+    counts = [int(-(-c.n_samples // timing.hop)) for c in chunks]
+    return chunks, counts, frames_of(chunks, counts, timing, grid)
+
+
+@given(st.integers(30_000, 3_000_000), GRIDS, TIMINGS, st.integers(2, 30))
+@settings(max_examples=60, deadline=None)
+def test_what_a_frame_gives_adds_up_to_its_own_stretch_exactly(
+    n: int, grid: FrameGrid, timing: Timing, seconds: int
+) -> None:
+    """Weights of a frame sum to fps / rate, for every frame away from the ends and of a whole hop."""
+    _, _, frames = _all_frames(n, timing, grid, seconds * timing.sample_rate, timing.sample_rate)
+    n_rows = FrameGrid.of(timing.sample_rate).resampled_length(n, grid)
+    frame, row, time = area_overlaps(frames, n_rows)
+    given_away: dict[int, int] = {}
+    for k, t in zip(frame.tolist(), time.tolist(), strict=True):
+        given_away[k] = given_away.get(k, 0) + t
+    first, last = -frames.row_half, (2 * n_rows - 1) * frames.row_half
+    for k, total in given_away.items():
+        begin, end = int(frames.begin[k]), int(frames.end[k])
+        if begin >= first and end <= last:
+            assert total == end - begin
+            hop = Fraction(end - begin, frames.ticks)
+            whole = timing.hop / timing.sample_rate
+            assert hop <= whole
+            if hop == whole:
+                assert Fraction(total, 2 * frames.row_half) == grid.rate / timing.rate
+    # Frames of all chunks lie one after the other, without a gap where they are uniform.
+    if timing is not CLAP:
+        assert (frames.begin[1:] == frames.end[:-1]).all()
+        steps = np.diff(frames.stamp)
+        assert (steps == int(timing.hop / timing.sample_rate * frames.ticks)).all()
+    assert (np.diff(row[np.argsort(frame, kind="stable")]) >= -1).all()
+
+
+@given(st.integers(30_000, 400_000), GRIDS, TIMINGS, st.sampled_from(["area", "linear", "nearest"]))
+@settings(max_examples=40, deadline=None)
+def test_rows_are_what_plain_arithmetic_gives(n: int, grid: FrameGrid, timing: Timing, method: str) -> None:
+    _, counts, frames = _all_frames(n, timing, grid, 4 * timing.sample_rate, timing.sample_rate)
+    n_rows = FrameGrid.of(timing.sample_rate).resampled_length(n, grid)
+    rng = np.random.default_rng(0)
+    values = [rng.normal(size=(count, 2)).astype(np.float32) for count in counts]
+    rows = RowSum(row_map(frames, n_rows, method), 2, lambda some: some)
+    for k, own in enumerate(values):
+        rows.add(k, own)
+    found = rows.result()
+    assert found.shape == (n_rows, 2)
+    kept = np.stack([values[c][k] for c, k in zip(frames.chunk.tolist(), frames.number.tolist(), strict=True)])
+    stamps = [Fraction(int(s), frames.ticks) for s in frames.stamp]
+    spans = [
+        (Fraction(int(b), frames.ticks), Fraction(int(e), frames.ticks))
+        for b, e in zip(frames.begin, frames.end, strict=True)
+    ]
+    for j in {0, 1, n_rows // 3, n_rows // 2, n_rows - 2, n_rows - 1} & set(range(n_rows)):
+        np.testing.assert_allclose(found[j], _plain(j, grid, kept, stamps, spans, method), atol=1e-5)
+
+
+def _plain(j: int, grid: FrameGrid, kept: np.ndarray, stamps: list, spans: list, method: str) -> np.ndarray:
+    """One row, by fractions."""
+    t, half = j / grid.rate, 1 / (2 * grid.rate)
+    if method == "area":
+        weights = [max(Fraction(0), min(e, t + half) - max(b, t - half)) for b, e in spans]
+        if sum(weights):
+            return np.asarray(sum(float(w / sum(weights)) * v for w, v in zip(weights, kept, strict=True) if w))
+        method = "nearest"
+    distances = [abs(s - t) for s in stamps]
+    if method == "nearest" or t <= stamps[0] or t >= stamps[-1]:
+        return np.asarray(kept[distances.index(min(distances))])
+    k = max(i for i, s in enumerate(stamps) if s <= t)
+    share = float((t - stamps[k]) / (stamps[k + 1] - stamps[k]))
+    return np.asarray((1 - share) * kept[k] + share * kept[k + 1])
+
+
+def test_resample_is_area_down_and_linear_up() -> None:
+    assert method_of("auto", MERT, FrameGrid.of(30), codes=False) == "area"
+    assert method_of("auto", MERT, FrameGrid.of(75), codes=False) == "linear"
+    assert method_of("auto", MERT, FrameGrid.of(120), codes=False) == "linear"
+    assert method_of("auto", MERT, FrameGrid.of(30), codes=True) == "nearest"
+    assert method_of("linear", MERT, FrameGrid.of(30), codes=False) == "linear"
+
+
+def test_one_frame_that_is_on_gives_the_same_sum_wherever_it_is() -> None:
+    """ENCODERS.md, 3.4: 0.40 for 75 to 30; linear interpolation may lose it."""
+    n = 24_000 * 4
+    chunks = chunks_of(n, length=n, overlap=0, unit=320, timing=MERT)
+    count = (n - 400) // 320 + 1
+    grid = FrameGrid.of(30)
+    weights = row_map(frames_of(chunks, [count], MERT, grid), 120, "area")
+    low, matrix = weights.of_chunk(0, count)
+    assert low == 0
+    sums = np.asarray(matrix.sum(axis=0)).ravel()
+    np.testing.assert_allclose(sums[5:-5], 0.4, rtol=1e-6)
+    lost = row_map(frames_of(chunks, [count], MERT, grid), 120, "linear").of_chunk(0, count)[1]
+    assert np.asarray(lost.sum(axis=0)).ravel()[5:-5].min() < 0.01
+
+
+@pytest.mark.parametrize("kind", [k for k in KINDS if k not in ("hubert", "hubert-large", "wav2vec2-conformer")])
+def test_as_many_frames_as_the_network_gives(
+    kind: str, encoder: Callable[..., HuggingFaceEncoder], feature: Callable[..., HuggingFace]
+) -> None:
+    own = encoder(kind)
+    family = own.settings.family
+    rng = np.random.default_rng(1)
+    longest = min(own.settings.chunk_samples, family.sample_rate)
+    longest = min(longest, 40 * int(family.timing.hop) + family.min_samples)
+    lengths = {family.min_samples, longest, *rng.integers(family.min_samples, longest, 2)}
+    for n in sorted(int(n) for n in lengths):
+        found = own.frames(noise(n / family.sample_rate, family.sample_rate), family.sample_rate)
+        assert len(found.values) == len(found.stamps_s) == family.n_frames(n), (kind, n)
+        assert found.values.shape[1] == own.settings.width
+    made = feature(kind)
+    for rate, seconds, fps in ((8_000, 0.33, 30), (96_000, 0.41, "30000/1001")):
+        signal = AudioSignal(noise(seconds, rate), rate)
+        rows = made.extract(signal, FrameGrid.of(fps))
+        assert len(rows) == made.n_rows(signal.n_samples, rate, FrameGrid.of(fps))
+
+
+def _response(own: HuggingFaceEncoder, at: int, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """How much each frame of the front end changes with a click at sample `at`, and the frames' stamps in samples."""
+    import torch
+
+    family = own.settings.family
+    base = np.random.default_rng(0).normal(0, 0.1, n).astype(np.float32)
+    click = base.copy()
+    click[at] += 0.05  # too little to change what group norms divide the whole signal by
+    if hasattr(own._network, "feature_extractor"):  # before attention and positional convolutions, which see all
+        with torch.inference_mode():
+            two = [own._network.feature_extractor(torch.from_numpy(x)[None])[0].numpy().T for x in (base, click)]
+    elif own.settings.family.name == "pe-audio":  # before group normalisation
+        with torch.inference_mode():
+            two = [own._network.embedder(torch.from_numpy(x)[None, None])[0][0].numpy() for x in (base, click)]
+    else:
+        two = [own.frames(x, family.sample_rate).values for x in (base, click)]
+    stamps = np.arange(len(two[0])) * float(family.timing.hop) + float(family.timing.first_centre)
+    return np.abs(two[1] - two[0]).max(axis=1), stamps
+
+
+SEE_BOTH_SIDES = (
+    "wav2vec2", "wav2vec2-large", "wavlm", "data2vec-audio", "mert", "w2v-bert", "whisper", "ast", "clap", "muq",
+    "encodec32", "encodec48", "dac", "pe-audio",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", SEE_BOTH_SIDES)
+def test_a_click_lies_in_the_middle_of_the_frames_that_see_it(
+    kind: str, encoder: Callable[..., HuggingFaceEncoder]
+) -> None:
+    """Within half a hop: as many frames before a click answer to it as behind it."""
+    own = encoder(kind, normalize="none", **({} if kind in ("clap", "dac") or "encodec" in kind else {"layers": 0}))
+    family = own.settings.family
+    hop, n = float(family.timing.hop), min(own.settings.chunk_samples, int(24 * family.timing.hop))
+    away = []
+    for at in (n // 2, n // 2 + int(0.37 * hop), n // 2 + int(0.81 * hop)):
+        strength, stamps = _response(own, at, n)
+        # CLAP attends within windows of its map, so that only the strongest frame says where a click is.
+        seen = np.flatnonzero(strength > (0.999 if kind == "clap" else 0.15) * strength.max())
+        away.append(((stamps[seen[0]] + stamps[seen[-1]]) / 2 - at) / hop)
+        assert len(seen) <= 14
+    assert abs(np.mean(away)) <= 0.5
+
+
+@pytest.mark.parametrize("kind", ["encodec24", "mimi"])
+def test_a_causal_codec_answers_first_in_the_frame_of_the_click(
+    kind: str, encoder: Callable[..., HuggingFaceEncoder]
+) -> None:
+    own = encoder(kind)
+    hop = int(own.settings.family.timing.hop)
+    frame = 40 if kind == "encodec24" else 6  # far from the start, where paddings mirror what follows
+    for at in (frame * hop, frame * hop + hop // 2, (frame + 1) * hop - 1):
+        strength, stamps = _response(own, at, (frame + 10) * hop)
+        first = np.flatnonzero(strength > 1e-3 * strength.max())[0]
+        assert first == frame
+        assert abs(stamps[first] - at) <= hop / 2
+
+
+def test_the_row_nearest_to_a_click_is_the_largest(encoder: Callable[..., HuggingFaceEncoder]) -> None:
+    own = encoder("wav2vec2-large", layers=0, normalize="none")
+    base = np.random.default_rng(0).normal(0, 1e-3, 32_000).astype(np.float32)
+    for at in (9_777, 16_004, 21_333):
+        click = base.copy()
+        click[at] += 0.5
+        two = own.rows([base, click], 16_000, FrameGrid.of(30), 60, finish=lambda rows: rows)
+        change = np.square(two[1] - two[0]).sum(axis=1)
+        assert abs(int(change.argmax()) - at / 16_000 * 30) <= 0.5 + 0.3  # half a row, and half a hop
