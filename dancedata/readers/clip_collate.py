@@ -34,7 +34,8 @@ def pad_clips(
     Returns
     -------
     dict
-        A tensor (B, T, D) per field, and (B, T) per label of beats; ``"mask"``, by field (B, T) bool, true where there is a row of the clip;
+        A tensor (B, T, D) per field, (B, T) per label of beats; ``"mask"``, by field (B, T) bool, true where there is
+        a row of the clip;
         ``"lengths"``, by field (B,) int64 rows; the other values as default_collate makes them.
 
     Raises

@@ -71,7 +71,7 @@ def song_logits(network: BeatNetwork, spectrum: torch.Tensor) -> torch.Tensor:
 
 
 def beats_of(logits: NDArray[np.float32]) -> BeatTrack:
-    """Return the beats at peaks of the first column of logits (T, 2); those nearest to peaks of the second begin bars."""
+    """Return the beats of logits (T, 2); the beat nearest to a peak of the second column begins a bar."""
     beats, downbeats = (_peaks(column) for column in logits.T)
     flags = np.zeros(len(beats), dtype=np.bool_)
     if len(beats):

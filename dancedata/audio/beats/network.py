@@ -142,12 +142,12 @@ class _AcrossBandsAndTime(nn.Module):
         self.attnT, self.ffT = _Attention(channels, head), _FeedForward(channels, inner)
 
     def forward(self, maps: Tensor) -> Tensor:
-        x = maps[0].permute(2, 1, 0)  # (T, F, C)
+        x: Tensor = maps[0].permute(2, 1, 0)  # (T, F, C)
         x = x + self.attnF(x)
         x = (x + self.ffF(x)).transpose(0, 1)  # (F, T, C)
         x = x + self.attnT(x)
-        x = x + self.ffT(x)
-        return x.permute(2, 0, 1)[None]
+        found: Tensor = (x + self.ffT(x)).permute(2, 0, 1)
+        return found[None]
 
 
 class _Transformer(nn.Module):
@@ -177,7 +177,8 @@ class _RootMeanSquareNorm(nn.Module):
         self.gamma = nn.Parameter(torch.ones(width))
 
     def forward(self, x: Tensor) -> Tensor:
-        return self.gamma * x.shape[-1] ** 0.5 * functional.normalize(x, dim=-1)
+        unit: Tensor = functional.normalize(x, dim=-1) * x.shape[-1] ** 0.5
+        return unit * self.gamma
 
 
 class _FeedForward(nn.Module):

@@ -3,13 +3,13 @@
 The weights are of a small network in the layout of the published ones. It is trained here on the synthetic music, so
 that they may be passed on and find beats::
 
-    python tests/golden/beat_this.py train
+    python tests/golden/against_beat_this.py train
 
-The reference outputs are those of the package (MIT). It needs torchaudio, whose versions follow torch's late, so it has
-an environment of its own: ``pip install beat_this torchaudio`` beside dancedata. Without ``--write`` the outputs are
-only compared::
+The reference outputs are those of the package (MIT). It needs torchaudio, whose releases trail those of torch, so an
+environment of its own may be needed: ``pip install beat_this torchaudio`` beside dancedata. Without ``--write`` the
+outputs are only compared::
 
-    python tests/golden/beat_this.py compare [--write] [--weights final0.ckpt]
+    python tests/golden/against_beat_this.py compare [--write] [--weights final0.ckpt]
 """
 
 from __future__ import annotations
