@@ -54,7 +54,7 @@ class Beats(AudioFeature):
     weights_sha256
         SHA-256 of that file. A build fills it in; if it is given, the file must match.
     device
-        Of the network, such as "cuda:1" or "cpu"; "auto": the first card, else the CPU.
+        Of the network, such as "cuda:1" or "cpu"; "auto": every card, one process each, else the CPU.
     """
 
     version: ClassVar[int] = 1
@@ -118,8 +118,10 @@ class Beats(AudioFeature):
         return replace(self, weights=path, weights_sha256=sha256)
 
     def workers(self, jobs: int) -> int:
-        """Return the number of processes: one if the network runs on a card."""
-        return 1 if self.source == "beat_this" and self._device().type != "cpu" else jobs
+        """Return the number of processes: one per card if the network runs on cards."""
+        from dancedata.audio.networks.running import cards_of
+
+        return (len(cards_of(self.device)) if self.source == "beat_this" else 0) or jobs
 
     def n_rows(self, n_samples: int, sample_rate: int, grid: FrameGrid) -> int:
         """Return how many rows `extract` gives: instants 0, 1 / fps, ... within the signal."""
@@ -227,26 +229,16 @@ class Beats(AudioFeature):
         return path.absolute()
 
     def _device(self) -> torch.device:
+        """Return the device of this process; UsageError without torch, or if it does not exist."""
         try:
-            import torch
+            from dancedata.audio.networks.devices import require_device
+            from dancedata.audio.networks.running import device_of_process
+
+            return require_device(device_of_process(self.device))
         except ImportError as error:
             raise UsageError(
                 "beats: the source beat_this needs torch", fix='pip install "dancedata[beats]"'
             ) from error
-        if self.device == "auto":
-            return torch.device("cuda" if torch.cuda.is_available() else "cpu")
-        try:
-            found = torch.device(self.device)
-        except RuntimeError as error:
-            raise self._no_device() from error
-        if found.type not in ("cpu", "cuda") or (
-            found.type == "cuda" and (found.index or 0) >= torch.cuda.device_count()
-        ):
-            raise self._no_device()
-        return found
-
-    def _no_device(self) -> UsageError:
-        return UsageError("beats: no such device", found=self.device, allowed="auto, cpu, or a card: cuda, cuda:1")
 
 
 @lru_cache(maxsize=1)
