@@ -19,6 +19,7 @@ from safetensors.torch import load_file, save_file
 import dancedata
 from dancedata.audio.beats import Beats
 from dancedata.audio.beats.track import BeatTrack, bar_positions
+from dancedata.audio.signal import load_audio
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DataError, SourceError, UsageError
 from dancedata.core.grid import FrameGrid
@@ -155,6 +156,16 @@ def test_librosa_finds_the_beats_within_a_frame(songs, name):
     assert np.abs(seconds[:, None] - inner).min(axis=0).max() < 0.016
     assert f_measure(seconds, song.beat_times_s) > 0.96
     assert np.median(rows[:, 3]) == pytest.approx(song.tempo_bpm, rel=0.01)
+
+
+@pytest.mark.parametrize(("name", "bpm"), [("gHO_sBM_cAll_d19_mHO3_ch07", 125), ("gJS_sBM_cAll_d25_mJS3_ch02", 110)])
+def test_librosa_on_songs_of_known_tempo(name, bpm):
+    """Music of the reference outputs, by another program: beats lie on a grid of its tempo, within a frame."""
+    signal = load_audio(DATA / "peers" / "inputs" / "edge_aistpp" / "wavs" / f"{name}.flac")
+    beats = Beats().track(signal, start_bpm=bpm).frames / 50 * bpm / 60
+    offset = np.angle(np.exp(2j * np.pi * beats).mean()) / (2 * np.pi)
+    assert len(beats) > 8
+    assert np.abs((beats - offset + 0.5) % 1 - 0.5).max() * 60 / bpm < 1 / 30
 
 
 @pytest.mark.parametrize("name", SONGS)

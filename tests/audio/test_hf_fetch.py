@@ -254,7 +254,7 @@ def test_what_the_hub_refuses(hub: Hub, tmp_path: Path, status: int, code: str, 
 def test_without_a_network(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(constants, "HF_HUB_OFFLINE", False)
     monkeypatch.setattr("time.sleep", lambda seconds: None)
-    with pytest.raises(SourceError, match="cannot be reached.*fetch elsewhere and copy"):
+    with pytest.raises(SourceError, match=r"cannot be reached.*fetch elsewhere and copy"):
         fetch_model(NAME, COMMIT, tmp_path / "tiny", endpoint="http://127.0.0.1:1")
     monkeypatch.setattr(constants, "HF_HUB_OFFLINE", True)
     with pytest.raises(UsageError, match="HF_HUB_OFFLINE"):

@@ -259,18 +259,16 @@ def _is_wanted(file: str) -> bool:
 def _checked(path: Path, file: RepoSibling) -> str:
     """Return the SHA-256 of a file that is what the hub announced; else it is removed, and a SourceError raised."""
     sha256, size = sha256_file(path), path.stat().st_size
-    if file.lfs is not None:
-        same = file.lfs.sha256 == sha256
-    else:
-        # Git's own name of a file's content.
-        same = file.blob_id in (None, _git_sha1(path.read_bytes()))
-    if not same or file.size not in (None, size):
+    # Of small files the hub has git's own name of their content.
+    announced = file.blob_id if file.lfs is None else file.lfs.sha256
+    content = _git_sha1(path.read_bytes()) if file.lfs is None else sha256
+    if announced not in (None, content) or file.size not in (None, size):
         path.unlink()
         raise SourceError(
             "hf: the file is not what the hub announced; it was removed",
             where=path,
             found=f"{size} bytes, SHA-256 {sha256}",
-            allowed=f"{file.size} bytes, {shown(file.lfs.sha256 if file.lfs is not None else file.blob_id)}",
+            allowed=f"{file.size} bytes, {shown(announced)}",
             fix="fetch it again",
         )
     return sha256
