@@ -13,6 +13,7 @@ import typer
 
 from dancedata.cli.errors import errors_to_exit_codes as _errors_to_exit_codes
 from dancedata.cli.evaluate import evaluate
+from dancedata.cli.hf import app as hf
 from dancedata.cli.jukebox import app as jukebox
 from dancedata.cli.report import report
 from dancedata.cli.view import view
@@ -31,6 +32,7 @@ app = typer.Typer(
 caches = typer.Typer(help="What the cache holds: info, prune, verify.", no_args_is_help=True)
 app.add_typer(caches, name="cache")
 app.add_typer(jukebox, name="jukebox")
+app.add_typer(hf, name="hf")
 app.command("evaluate")(evaluate)
 app.command("view")(view)
 app.command("report")(report)

@@ -154,6 +154,11 @@ class FrameGrid:
         here, there = self.common_period(of)
         return frames * there // here, frames * there % here == 0
 
+    def nearest_rows(self, frames: IntArray, *, of: FrameGrid) -> IntArray:
+        """Return the row of the grid `of` nearest to each of many frames, (N,) int64; the later of two."""
+        here, there = self.common_period(of)
+        return (2 * frames * there + here) // (2 * here)
+
     def common_period(self, of: FrameGrid) -> tuple[int, int]:
         """Return the least number of frames of this grid, and of rows of the other, that take equally long."""
         # Whole numbers: arithmetic with Fraction takes ten times as long.

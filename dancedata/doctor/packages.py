@@ -21,6 +21,7 @@ EXTRAS = {
     "torch": "torch datasets",
     "jukebox": "Jukebox's embeddings",
     "hf": "encoders of the Hugging Face layout",
+    "beats": "beats and downbeats by a network",
     "dask": "builds on a cluster",
     "smpl": "body models by smplx",
     "report": "reports",

@@ -157,8 +157,8 @@ class BatchLoader:
         return {**self.__dict__, "_iteration": None, "_pool": self._new_pool()}
 
     def _new_pool(self) -> MemoryPool:
-        # At the end of an epoch all prefetched batches are idle: every field, and primitives, of each.
-        return MemoryPool(kept=(self.prefetch + 2) * (len(self.dataset.fields) + 1))
+        # At the end of an epoch all prefetched batches are idle: every field, primitives and labels, of each.
+        return MemoryPool(kept=(self.prefetch + 2) * (len(self.dataset.fields) + 3))
 
     def _batches(self) -> BatchSampler:
         return BatchSampler(self.sampler, self.batch_size, self.drop_last)

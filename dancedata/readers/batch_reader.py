@@ -17,6 +17,7 @@ from dancedata.core.clip import Window
 from dancedata.core.columns import Mirror
 from dancedata.core.normalize import MinMax
 from dancedata.readers.augmenting import Augmenter
+from dancedata.readers.music_beats import LABELS, BeatLabels
 from dancedata.readers.primitives import PRIMITIVES, PrimitiveSpec
 from dancedata.store.dataset import Store
 from dancedata.store.window_rows import WindowRows
@@ -137,6 +138,7 @@ class BatchReader:
         augmenter: Augmenter,
         primitives: PrimitiveSpec | None,
         bias: Callable[[int, int], int],
+        labels: BeatLabels | None = None,
     ) -> None:
         """Prepare.
 
@@ -148,9 +150,11 @@ class BatchReader:
             How primitives are computed; None if they are not.
         bias
             Returns the shift of primitives for (place, epoch).
+        labels
+            Where the labels of beats are from; None if there are none.
         """
         self._store, self._windows, self._primitives, self._bias = store, windows, primitives, bias
-        self._augmenter = augmenter
+        self._augmenter, self._labels = augmenter, labels
         self.fields = tuple(fields)
 
     @cached_property
@@ -164,6 +168,8 @@ class BatchReader:
                 arrays = self._primitives.of(self._store, self._windows[0], rows, 0)
                 found.update({name: (value.shape, value.dtype) for name, value in arrays.items()})
                 found[PRIMITIVES] = arrays[PRIMITIVES].shape, field.dtype
+            if self._labels is not None and field.name == self._labels.field:
+                found.update({label: (field.rows.shape[:1], np.dtype(np.bool_)) for label in LABELS})
             found[field.name] = field.rows.shape, field.dtype
         return found
 
@@ -181,6 +187,9 @@ class BatchReader:
             for nth, rows in self._rows(field, request, order, target):
                 if self._primitives is not None and field.name == self._primitives.field:
                     self._add_primitives(field, request, nth, rows, out)
+                if self._labels is not None and field.name == self._labels.field:
+                    for label, own in self._labels.of(rows).items():
+                        out[label][nth] = own
                 field.scale(rows)
                 if target.dtype != rows.dtype:
                     target[nth] = rows

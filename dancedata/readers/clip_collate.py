@@ -10,6 +10,7 @@ from torch import Tensor
 from torch.utils.data import default_collate
 
 from dancedata.core.errors import UsageError
+from dancedata.readers.music_beats import LABELS
 
 
 def pad_clips(
@@ -33,7 +34,8 @@ def pad_clips(
     Returns
     -------
     dict
-        A tensor (B, T, D) per field; ``"mask"``, by field (B, T) bool, true where there is a row of the clip;
+        A tensor (B, T, D) per field, (B, T) per label of beats; ``"mask"``, by field (B, T) bool, true where there is
+        a row of the clip;
         ``"lengths"``, by field (B,) int64 rows; the other values as default_collate makes them.
 
     Raises
@@ -56,7 +58,8 @@ def pad_clips(
                 fix="give a larger length, or read crops: ClipDataset(..., crop_frames=...)",
             )
         total = length if length is not None else -(-longest // multiple) * multiple
-        padded = clips[0].new_full((len(clips), total, clips[0].shape[1]), value)
+        filler = False if clips[0].dtype == torch.bool else value
+        padded = clips[0].new_full((len(clips), total, *clips[0].shape[1:]), filler)
         for row, clip in zip(padded, clips, strict=True):
             row[: len(clip)] = clip
         batch[name] = padded
@@ -91,6 +94,10 @@ def _rows_and_rest(samples: Sequence[dict[str, Any]]) -> tuple[dict[str, list[Te
     """Return the rows of each field, and a batch of everything else."""
     if not samples:
         raise UsageError("a batch without clips has no fields", fix="leave empty batches out")
-    fields = [name for name, value in samples[0].items() if isinstance(value, Tensor) and value.dim() == 2]
+    fields = [name for name, value in samples[0].items() if _is_rows(name, value)]
     rest = {name: default_collate([sample[name] for sample in samples]) for name in samples[0] if name not in fields}
     return {name: [sample[name] for sample in samples] for name in fields}, rest
+
+
+def _is_rows(name: str, value: Any) -> bool:
+    return isinstance(value, Tensor) and (value.dim() == 2 or name in LABELS)

@@ -19,6 +19,7 @@ from dancedata.readers.batch_reader import Request
 from dancedata.readers.clip_collate import pack_clips, pad_clips
 from dancedata.readers.epoch_random import crop_choices, mirrored_windows
 from dancedata.readers.metadata import metadata
+from dancedata.readers.music_beats import StartAt, beat_labels, beat_starts, no_start, require_start_at
 from dancedata.readers.selection import GivenFilter, no_window_error
 from dancedata.readers.split_dataset import Changes, SplitDataset
 from dancedata.store.dataset import Store
@@ -78,6 +79,7 @@ class ClipDataset(SplitDataset):
         ignore: Sequence[str] | None = None,
         protocol: str | None = None,
         filter: GivenFilter = None,
+        start_at: StartAt | None = None,
         normalizer_covers_mirror: bool | None = None,
         normalizer_covers: Augment | None = None,
         normalizer_over: Literal["train", "all"] = "train",
@@ -97,6 +99,8 @@ class ClipDataset(SplitDataset):
             Fields, trim, lists and normalising of a trainer; its windows and its filter are not used.
         filter
             A filter of whole clips, as for windows.
+        start_at
+            "downbeat" or "beat": each crop begins at a random one, found as for a `WindowDataset`.
 
         Raises
         ------
@@ -112,6 +116,10 @@ class ClipDataset(SplitDataset):
         self.crops = whole("crops", crops)
         if not self.crops or (self.crops > 1 and self.crop_frames is None):
             raise UsageError("crops is the number of crops of each clip", found=crops, fix="give crop_s with it")
+        self.start_at = require_start_at(start_at)
+        if self.start_at is not None and self.crop_frames is None:
+            raise UsageError("start_at is the place of crops", found=start_at, fix="give crop_s with it")
+        self._starts: dict[str, npt.NDArray[np.int64]] = {}
         selection = self._select({"whole": True}, trim, ignore, filter)
         spans, self.rejects = self._long_enough(selection.windows, selection.rejects)
         if not spans:
@@ -145,6 +153,7 @@ class ClipDataset(SplitDataset):
         about = metadata(self.store, cuts, self.split, request, self._augmenter)
         return [
             {name: self._rows(request, nth, name) for name in self.fields}
+            | self._labels(request, nth)
             | {name: values[nth] for name, values in about.items()}
             for nth in range(len(places))
         ]
@@ -186,22 +195,53 @@ class ClipDataset(SplitDataset):
         least = self.crop_frames or 1
         short = [span for span in spans if span.length < least]
         found = [Reject("too_short", span.clip, detail=f"{span.length} frames: a crop has {least}") for span in short]
-        return spans.take(spans.length >= least), (*rejects, *found)
+        spans = spans.take(spans.length >= least)
+        if self.start_at is None:
+            return spans, (*rejects, *found)
+        possible = np.array([len(self._beat_starts(span.clip)) > 0 for span in spans], dtype=np.bool_)
+        found += [no_start(span.clip, least, self.start_at) for span in spans.take(~possible)]
+        return spans.take(possible), (*rejects, *found)
+
+    def _beat_starts(self, clip: str) -> npt.NDArray[np.int64]:
+        """Return the frames (N,) at which a crop of a clip can begin on a beat."""
+        if clip not in self._starts:
+            at, length, trim = self.start_at or "beat", self.crop_frames or 1, self._choice.trim
+            self._starts[clip] = beat_starts(self.store, clip, length, at=at, fields=self.fields, trim=trim)
+        return self._starts[clip]
 
     def _draws(self, epoch: int) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.bool_]]:
         """Return the first frame of each sample in an epoch, and whether it is mirrored; (N,) each."""
         if self._drawn is None or self._drawn[0] != epoch:
-            period = self._period()
-            n_choices = (self.windows.length - self.lengths) // period + 1
-            starts = self.windows.start + period * crop_choices(self.seed, epoch, n_choices)
+            starts = self._random_starts(epoch)
             self._drawn = epoch, starts, mirrored_windows(self.seed, epoch, len(self), self.mirror)
         return self._drawn[1:]
 
+    def _random_starts(self, epoch: int) -> npt.NDArray[np.int64]:
+        if self.start_at is None:
+            period = self._period()
+            n_choices = (self.windows.length - self.lengths) // period + 1
+            return self.windows.start + period * crop_choices(self.seed, epoch, n_choices)
+        beats = [self._beat_starts(span.clip) for span in self.windows]
+        drawn = crop_choices(self.seed, epoch, np.array([len(own) for own in beats], dtype=np.int64))
+        return np.array([own[nth] for own, nth in zip(beats, drawn, strict=True)], dtype=np.int64)
+
+    def _labels(self, request: Request, nth: int) -> dict[str, torch.Tensor]:
+        """Return the labels of beats of a sample; empty if no field has them."""
+        labels = beat_labels(self.store, self.fields)
+        if labels is None:
+            return {}
+        rows = self.store.read(self._window(request, nth), labels.field)
+        return {name: torch.from_numpy(own) for name, own in labels.of(rows).items()}
+
+    def _window(self, request: Request, nth: int) -> Window:
+        place = request.places[nth]
+        span = self.windows[place]
+        return Window(span.clip, span.start + request.shifts[nth], int(self.lengths[place]))
+
     def _rows(self, request: Request, nth: int, field: str) -> torch.Tensor:
         """Read the rows of a sample: mirrored and augmented first, then normalised; 0 where they are masked."""
-        place, span = request.places[nth], self.windows[request.places[nth]]
-        window = Window(span.clip, span.start + request.shifts[nth], int(self.lengths[place]))
-        rows = self.store.read(window, field)
+        place = request.places[nth]
+        rows = self.store.read(self._window(request, nth), field)
         if request.mirrored[nth] and field in self._mirrors:
             rows = self._mirrors[field].apply(rows)
         rows = self._augmenter.rows(field, rows, request.epoch, place)

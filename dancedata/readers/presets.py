@@ -176,7 +176,7 @@ def _missing_field(store: Store, name: str, preset: str | None) -> UsageError:
 
 
 def recipes_with(field: str) -> tuple[str, ...]:
-    """Return the names of the shipped recipes that compute a field."""
+    """Return the names of the shipped recipes that compute a field, sorted."""
     import yaml
 
     found = []
@@ -184,4 +184,4 @@ def recipes_with(field: str) -> tuple[str, ...]:
         recipe = yaml.safe_load(resource("pipelines", file).read_text(encoding="utf-8"))
         if any(field in (recipe.get(slot) or {}) for slot in ("motion", "audio", "keymotion")):
             found.append(recipe["name"])
-    return tuple(found)
+    return tuple(sorted(found))

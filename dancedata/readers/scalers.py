@@ -106,7 +106,7 @@ def _other_train(store: Store, choice: Choice) -> Sequence[Window] | None:
     """
     if choice.protocol is None:
         return None
-    windows = select(store, "train", replace(choice, windows={}, trim=False, filter=None)).windows
+    windows = select(store, "train", replace(choice, windows={}, trim=False, filter=None, start_at=None)).windows
     if "train" in store.splits and {w.clip for w in windows} == {w.clip for w in store.windows("train")}:
         return None
     return windows

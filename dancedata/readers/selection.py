@@ -13,6 +13,7 @@ from dancedata.core.clip import Reject
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.plugins import WindowFilter
 from dancedata.core.registry import FILTERS
+from dancedata.readers.music_beats import StartAt, windows_at
 from dancedata.readers.named_plugins import named_plugin
 from dancedata.store.clip_view import ClipView
 from dancedata.store.dataset import Store
@@ -40,6 +41,8 @@ class Choice:
         Name of lists "<protocol>.<split>" that define the clips of a split; without such lists the stored splits do.
     filter
         Which windows are kept.
+    start_at
+        What windows begin with: "beat" or "downbeat"; None: where the stride puts them.
     """
 
     fields: tuple[str, ...]
@@ -48,6 +51,7 @@ class Choice:
     ignore: tuple[str, ...] = ()
     protocol: str | None = None
     filter: WindowFilter | None = None
+    start_at: StartAt | None = None
 
 
 @dataclass(frozen=True)
@@ -76,6 +80,11 @@ def select(store: Store, split: str, choice: Choice) -> Selection:
     windows = windows.take(np.isin(windows.clip, [k for k, clip in enumerate(windows.clip_ids) if clip in kept]))
     with_window = {windows.clip_ids[k] for k in np.unique(windows.clip)}
     rejects += [_too_short(clips[clip], choice) for clip in sorted(kept - with_window)]
+    if choice.start_at is not None:
+        windows, beatless = windows_at(
+            store, windows, choice.windows, at=choice.start_at, fields=choice.fields, trim=choice.trim
+        )
+        rejects += beatless
     if choice.filter is not None and split in choice.filter.splits:
         passing, filtered = _filtered(store, windows, choice.filter)
         windows, rejects = windows.take(passing), rejects + filtered

@@ -15,6 +15,7 @@ from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.normalize import MinMax
 from dancedata.readers.arguments import probability, whole
 from dancedata.readers.augmenting import Augment, Augmenter
+from dancedata.readers.music_beats import StartAt
 from dancedata.readers.presets import Preset, fields_to_read, find_preset, given_or_preset
 from dancedata.readers.scalers import mirrors_of, normalized_fields, scaler_of
 from dancedata.readers.selection import Choice, GivenFilter, Selection, require_protocol, select, window_filter
@@ -72,7 +73,12 @@ class SplitDataset(Dataset[dict[str, Any]]):
         self._epoch = shared_number(0)
 
     def _select(
-        self, windows: Mapping[str, Any], trim: bool | None, ignore: Sequence[str] | None, filter_: GivenFilter
+        self,
+        windows: Mapping[str, Any],
+        trim: bool | None,
+        ignore: Sequence[str] | None,
+        filter_: GivenFilter,
+        start_at: StartAt | None = None,
     ) -> Selection:
         """Return the windows of the split."""
         self._choice = Choice(
@@ -82,6 +88,7 @@ class SplitDataset(Dataset[dict[str, Any]]):
             ignore=tuple(given_or_preset(ignore, self._known, "ignore", ())),
             protocol=self._protocol,
             filter=window_filter(filter_),
+            start_at=start_at,
         )
         return select(self.store, self.split, self._choice)
 

@@ -12,12 +12,14 @@ import numpy.typing as npt
 import torch
 from torch.utils.data import get_worker_info
 
+from dancedata.core.errors import UsageError
 from dancedata.readers.augmenting import Augment
 from dancedata.readers.batch_memory import MemoryPool, shared_tensor
 from dancedata.readers.batch_reader import BatchReader, FieldReader, Request
 from dancedata.readers.collate import Batch, Sample, collate
 from dancedata.readers.epoch_random import mirrored_windows, primitive_shift
 from dancedata.readers.metadata import metadata
+from dancedata.readers.music_beats import StartAt, beat_labels, require_start_at
 from dancedata.readers.presets import given_or_preset, preset_windows
 from dancedata.readers.primitives import PrimitiveSpec, primitive_spec
 from dancedata.readers.scalers import root_columns
@@ -51,6 +53,9 @@ class WindowDataset(SplitDataset):
     ``"primitives"`` (K, 8, D), ``"primitive_start"``, ``"primitive_hard"``, ``"primitive_filled"`` (K,) for windows
     of several local segments, and ``"primitives"`` (8, D), the 4 + 4 border frames, for windows of one. They are
     mirrored and normalised as the field is.
+
+    *Beats.* With a field that has columns "beat" and "downbeat", as `beats` has, a sample also holds the labels
+    ``"beat"`` and ``"downbeat"``, (rows,) bool each, of the first such field.
 
     *Mirroring* comes before normalising. Whether a sample is mirrored is a pure function of (seed, epoch,
     index): the same in every worker, on every rank, and after a resume. Audio is never changed by it. The
@@ -98,6 +103,7 @@ class WindowDataset(SplitDataset):
         ignore: Sequence[str] | None = None,
         protocol: str | None = None,
         filter: GivenFilter = None,
+        start_at: StartAt | None = None,
         relative_root: bool | None = None,
         primitive_n: int = 256,
         primitive_variant: Literal["paper", "code"] = "paper",
@@ -143,6 +149,10 @@ class WindowDataset(SplitDataset):
         filter
             A window filter, or its name and parameters as in a recipe, ``{"movement": {"min_std": 0.07}}``; False:
             all windows are kept. Default: the preset's.
+        start_at
+            "downbeat" or "beat": windows begin there, at least a stride apart, instead of a stride after each other;
+            only for a store of track scope. Clips without any are in `rejects` ("filtered"). The beats are those of
+            the first of `fields` that has such a column, else of the first field of the store.
         relative_root
             Whether the translation columns are relative to the window's first frame. Such motion cannot be
             normalised: a scaler is fitted on absolute positions.
@@ -178,7 +188,8 @@ class WindowDataset(SplitDataset):
             "stride_frames": stride_frames,
         }
         given_filter = given_or_preset(filter, self._known, "filter", None)
-        selection = self._select(preset_windows(self._known, requested), trim, ignore, given_filter)
+        start = require_start_at(start_at)
+        selection = self._select(preset_windows(self._known, requested), trim, ignore, given_filter, start)
         self.windows, self.rejects = selection.windows, selection.rejects
         if not self.windows:
             raise no_window_error(self.store, split, self.rejects)
@@ -189,6 +200,8 @@ class WindowDataset(SplitDataset):
         self._prepare(
             Changes(mirror, augment, normalize, normalizer_covers_mirror, normalizer_covers, normalizer_over, seed)
         )
+        if start is not None and self._augmenter.crops:
+            raise UsageError("start_at and the augmentation crop both choose windows", fix="leave one of them out")
         if self._primitives is not None and self._primitives.field in self._normalizers:
             self._primitives.refuse_scaling(length)
         self.relative_root = given_or_preset(relative_root, self._known, "relative_root", False)
@@ -293,6 +306,12 @@ class WindowDataset(SplitDataset):
                 if found.unmapped and self.mapped:
                     _log.warning("field %s is not read from mapped files: %s", name, found.unmapped)
             self._cached_reader = BatchReader(
-                self.store, self.windows, fields, self._augmenter, self._primitives, self._bias
+                self.store,
+                self.windows,
+                fields,
+                self._augmenter,
+                self._primitives,
+                self._bias,
+                beat_labels(self.store, self.fields),
             )
         return self._cached_reader

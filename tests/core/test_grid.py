@@ -114,3 +114,11 @@ def test_windows_of_the_papers() -> None:
 def test_windows_of_no_length(length: int, stride: int) -> None:
     with pytest.raises(UsageError, match="at least one frame"):
         WindowGrid(length, stride)
+
+
+@given(frames=st.lists(st.integers(0, 10**6), max_size=20), here=rates, there=rates)
+def test_nearest_rows_are_nearest(frames: list[int], here: FrameGrid, there: FrameGrid) -> None:
+    rows = here.nearest_rows(np.array(frames, dtype=np.int64), of=there)
+    for frame, row in zip(frames, rows.tolist(), strict=True):
+        exact = here.seconds(frame) * there.rate
+        assert row - Fraction(1, 2) <= exact < row + Fraction(1, 2)

@@ -9,9 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dancedata.audio.beats import Beats
+from dancedata.audio.beats.track import BeatTrack
+from dancedata.audio.librosa35 import Librosa35
 from dancedata.core.columns import Columns, Group, Mirror
+from dancedata.core.grid import FrameGrid
 from dancedata.store.dataset import Store, open_store
 from dancedata.store.schema import Field
+from dancedata.store.stored_clip import AudioBlock
 from dancedata.store.writer import write_store
 from dancedata.testing.stores import random_fields, write_random_store
 
@@ -56,3 +61,36 @@ def mixed_store(tmp_path_factory: pytest.TempPathFactory) -> Store:
     (folder / "out").mkdir()
     write_store(folder / "out", made.header, clips, shard_bytes=1 << 19)
     return open_store(folder / "out")
+
+
+@pytest.fixture(scope="session")
+def beats_store(tmp_path_factory: pytest.TempPathFactory) -> Store:
+    """Five train clips of 300 frames with beats in bars of four, other beats in librosa35, and a field of 60 rows."""
+    folder = tmp_path_factory.mktemp("beats")
+    motion, fast, librosa35 = random_fields({"edge151": 151, "fast": 21}, {"librosa35": 35}, fast=60)
+    fields = (
+        *(motion, fast, replace(librosa35, columns=Librosa35().columns)),
+        Field("beats", "audio", Beats().columns, Fraction(30)),
+    )
+    made = write_random_store(
+        folder / "plain", clips={"train": 5, "val": 1}, n_frames=(300, 300), length=120, stride=15, fields=fields
+    )
+    clips = [
+        replace(clip, audio={name: (_with_beats(name, *blocks),) for name, blocks in clip.audio.items()})
+        for clip in made.clips
+    ]
+    (folder / "out").mkdir()
+    write_store(folder / "out", made.header, clips, shard_bytes=1 << 19)
+    return open_store(folder / "out")
+
+
+def _with_beats(field: str, block: AudioBlock) -> AudioBlock:
+    """Replace random rows of a song by beats, every 14 to 20 rows; those of librosa35 are 3 rows late."""
+    n_rows, period = len(block.array), 14 + int(block.key.encode().hex(), 16) % 7
+    beats = np.arange(5, n_rows - 5, period)
+    rows = BeatTrack(beats, beats // period % 4 == 1, FrameGrid.of(30)).rows(n_rows, FrameGrid.of(30))
+    if field == "librosa35":
+        late = np.zeros((n_rows, 35), dtype=np.float32)
+        late[beats + 3, 34] = 1
+        rows = late
+    return replace(block, array=rows)

@@ -126,7 +126,7 @@ def test_wrong_arguments_say_what_is_allowed(store: Store, wrong: dict[str, obje
     ("wrong", "said"),
     [
         ({"preset": "lodge-global"}, ["'lodge139'", "preset 'lodge-global'", "aist++-lodge or finedance"]),
-        ({"preset": "finenet"}, ["'finedance319'", "preset 'finenet'", "such as finedance,"]),
+        ({"preset": "finenet"}, ["'finedance319'", "preset 'finenet'", "such as finedance or finedance-mert,"]),
         ({"fields": ("lodge139",)}, ["'lodge139'", "ame fields that the dataset has", "aist++-lodge or finedance"]),
         ({"fields": ("lodge319",)}, ["'lodge319'", "nown: edge151, librosa35"]),
         ({"fields": ("joints",)}, ["'joints'", "such as aist++-60,"]),

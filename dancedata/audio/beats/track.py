@@ -1,0 +1,109 @@
+"""Beats of a signal, and the rows that say where in the bar each instant lies."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.grid import FrameGrid
+
+BEAT, DOWNBEAT, PHASE, TEMPO = range(4)
+N_COLUMNS = 4
+#: Phase where the bars are unknown.
+UNKNOWN = -1.0
+#: Beats of a bar where a signal has a single downbeat.
+USUAL_BAR = 4
+#: Beats on each side of an interval that its tempo is measured over.
+_TEMPO_REACH = 3
+
+Floats = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class BeatTrack:
+    """The beats of a signal, and which of them begin a bar.
+
+    Attributes
+    ----------
+    frames
+        (B,) int64, frames of `grid`, ascending, each once.
+    downbeats
+        (B,) bool.
+    grid
+        Rate of `frames`; frame 0 is the first sample.
+    """
+
+    frames: npt.NDArray[np.int64]
+    downbeats: npt.NDArray[np.bool_]
+    grid: FrameGrid
+
+    def rows(self, n_rows: int, grid: FrameGrid) -> npt.NDArray[np.float32]:
+        """Return the rows (n_rows, 4) at the rate of `grid`: beat, downbeat, phase in the bar, tempo.
+
+        A beat is in the row nearest to it. Phase and tempo are those of the instant of the row.
+        """
+        rows = np.zeros((n_rows, N_COLUMNS), dtype=np.float32)
+        rows[:, PHASE] = UNKNOWN
+        # A signal ends less than a row after its last row.
+        nearest = np.minimum(self.grid.nearest_rows(self.frames, of=grid), n_rows - 1)
+        rows[nearest, BEAT] = 1
+        rows[nearest[self.downbeats], DOWNBEAT] = 1
+        if len(self.frames) >= 2:
+            seconds = self.frames / float(self.grid.rate)
+            instants = np.arange(n_rows) / float(grid.rate)
+            rows[:, TEMPO] = _tempos(seconds)[_intervals(seconds, instants)]
+            if self.downbeats.any():
+                rows[:, PHASE] = _phases(seconds, self.downbeats, instants)
+        return rows
+
+
+def _intervals(seconds: Floats, instants: Floats) -> npt.NDArray[np.int64]:
+    """Return the interval between beats, 0 .. B - 2, in which, or nearest to which, each instant lies."""
+    found: npt.NDArray[np.int64] = np.searchsorted(seconds, instants, side="right") - 1
+    return found.clip(0, len(seconds) - 2)
+
+
+def _tempos(seconds: Floats) -> Floats:
+    """Return the tempo (B - 1,) at each interval between beats, in beats per minute.
+
+    It is the mean over up to seven intervals, as one of them is known to a frame only. An interval of about k times
+    the median counts as k beats, so that a beat that was missed does not change it.
+    """
+    lengths = np.diff(seconds)
+    counts = np.concatenate([[0], np.cumsum(np.maximum(np.rint(lengths / np.median(lengths)), 1))])
+    here = np.arange(len(lengths))
+    first, last = np.maximum(here - _TEMPO_REACH, 0), np.minimum(here + 1 + _TEMPO_REACH, len(lengths))
+    tempos: Floats = 60 * (counts[last] - counts[first]) / (seconds[last] - seconds[first])
+    return tempos
+
+
+def _phases(seconds: Floats, downbeats: npt.NDArray[np.bool_], instants: Floats) -> npt.NDArray[np.float32]:
+    """Return the part of its bar, [0, 1), that has passed at each instant: linear from beat to beat and beyond."""
+    positions = bar_positions(downbeats)
+    interval = _intervals(seconds, instants)
+    begin, end = seconds[interval], seconds[interval + 1]
+    part = (instants - begin) / (end - begin)
+    at = positions[interval] + part * (positions[interval + 1] - positions[interval])
+    # Rounded first: the instant of a downbeat must not be the end of the bar before.
+    phases = (np.round(at, 6) % 1).astype(np.float32)
+    return np.where(phases < 1, phases, np.float32(0))
+
+
+def bar_positions(downbeats: npt.NDArray[np.bool_]) -> Floats:
+    """Return the position (B,) of each beat in bars: whole numbers at downbeats, in steps of 1 / beats of the bar.
+
+    Beats before the first downbeat are of a bar like the first, those after the last of one like the last whole one.
+
+    Parameters
+    ----------
+    downbeats
+        (B,), with at least one that is true.
+    """
+    first = np.flatnonzero(downbeats)
+    lengths = np.diff(first) if len(first) > 1 else np.array([USUAL_BAR])
+    bar = np.maximum(np.cumsum(downbeats) - 1, 0)
+    of_bar = lengths[np.minimum(bar, len(lengths) - 1)]
+    positions: Floats = bar + (np.arange(len(downbeats)) - first[bar]) / of_bar
+    return positions

@@ -1,0 +1,149 @@
+"""Beats of music in readers: labels of samples, and windows that begin on a beat or a downbeat."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.clip import Reject
+from dancedata.core.errors import UsageError
+from dancedata.store.dataset import Store
+from dancedata.store.window_list import WindowList
+
+#: What a window or crop may begin with.
+StartAt = Literal["beat", "downbeat"]
+#: Labels of samples, and the column groups that they are from.
+LABELS: tuple[str, ...] = get_args(StartAt)
+
+IntArray = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class BeatLabels:
+    """The field of samples that has beats and downbeats.
+
+    Attributes
+    ----------
+    columns
+        Column of each of `LABELS` in the field.
+    """
+
+    field: str
+    columns: tuple[int, ...]
+
+    def of(self, rows: npt.NDArray[Any]) -> dict[str, npt.NDArray[np.bool_]]:
+        """Return labels (L,) by name, from the stored rows (L, D) of the field."""
+        return {name: rows[:, column] != 0 for name, column in zip(LABELS, self.columns, strict=True)}
+
+
+def beat_labels(store: Store, fields: Sequence[str]) -> BeatLabels | None:
+    """Return where the labels of samples with these fields are from: the first field that has both.
+
+    None if there is no such field, or if a field has the name of a label.
+    """
+    if set(LABELS) & set(fields):
+        return None
+    for name in fields:
+        columns = store.fields[name]
+        if store.field(name).kind == "audio" and set(LABELS) <= set(columns.names):
+            return BeatLabels(name, tuple(columns.slice(label).start for label in LABELS))
+    return None
+
+
+def windows_at(
+    store: Store, windows: WindowList, chosen: Mapping[str, Any], *, at: StartAt, fields: Sequence[str], trim: bool
+) -> tuple[WindowList, tuple[Reject, ...]]:
+    """Return windows of clips that begin at beats, and the clips that have no such window.
+
+    Parameters
+    ----------
+    windows
+        Windows of the clips, whatever their places; clips without any are left out.
+    chosen
+        Length and stride as `Store.window_grid` takes them; starts are at least a stride apart.
+    at, fields, trim
+        As for `beat_starts`.
+    """
+    grid = store.window_grid(**chosen)
+    rejects: list[Reject] = []
+    clip: list[int] = []
+    start: list[int] = []
+    number: list[int] = []
+    for place in np.unique(windows.clip).tolist():
+        every = beat_starts(store, windows.clip_ids[place], grid.length, at=at, fields=fields, trim=trim)
+        found = _apart(every, grid.stride)
+        if not found:
+            rejects.append(no_start(windows.clip_ids[place], grid.length, at))
+        clip += [place] * len(found)
+        start += found
+        number += range(len(found))
+    arrays = (np.asarray(values, dtype=np.int64) for values in (clip, start, [grid.length] * len(clip), number))
+    return WindowList(windows.split, windows.clip_ids, *arrays), tuple(rejects)
+
+
+def beat_starts(store: Store, clip: str, length: int, *, at: StartAt, fields: Sequence[str], trim: bool) -> IntArray:
+    """Return the frames (N,) of a clip at which a window of `length` frames can begin on a beat.
+
+    A beat between two such frames counts at the nearer one.
+
+    Parameters
+    ----------
+    at
+        "beat" or "downbeat".
+    fields
+        Fields that are read. The beats are those of the first of them that has the column, else of the first field of
+        the store.
+
+    Raises
+    ------
+    UsageError
+        For another `at`, or if no field has the column.
+    StoreError
+        In window scope.
+    """
+    beats = store.field(_field_with(store, at, fields))
+    starts = store.starts(clip, length, fields=tuple(fields), trim=trim)
+    if not len(starts):
+        return np.empty(0, dtype=np.int64)
+    rows = np.flatnonzero(store.read_clip(clip, beats.name)[:, beats.columns.slice(at).start])
+    frames = beats.grid.nearest_rows(rows.astype(np.int64), of=store.grid)
+    nearest = starts.start + (frames - starts.start + starts.step // 2) // starts.step * starts.step
+    found: IntArray = np.unique(nearest[(nearest >= starts.start) & (nearest < starts.stop)])
+    return found
+
+
+def no_start(clip: str, length: int, at: StartAt) -> Reject:
+    """Return the reject of a clip in which no window can begin on a beat."""
+    return Reject("filtered", clip, detail=f"no {at} at which a window of {length} frames could begin")
+
+
+def require_start_at(at: StartAt | None) -> StartAt | None:
+    """Return `at`; UsageError for an unknown one."""
+    if at is not None and at not in LABELS:
+        raise UsageError("unknown value of start_at", found=at, allowed=" or ".join(LABELS))
+    return at
+
+
+def _field_with(store: Store, group: str, fields: Sequence[str]) -> str:
+    for name in dict.fromkeys([*fields, *store.fields]):
+        if store.field(name).kind == "audio" and group in store.fields[name].names:
+            return name
+    raise UsageError(
+        f"no field of the dataset has the column {group}",
+        where=str(store.path),
+        found=f"fields {', '.join(store.fields)}",
+        fix="build with audio: {beats: {source: beat_this}}",
+    )
+
+
+def _apart(starts: IntArray, stride: int) -> list[int]:
+    """Return those of ascending starts that are at least `stride` after the one kept before."""
+    kept: list[int] = []
+    for start in starts.tolist():
+        if not kept or start >= kept[-1] + stride:
+            kept.append(start)
+    return kept

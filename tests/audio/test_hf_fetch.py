@@ -1,0 +1,279 @@
+"""Fetching models, from a hub of our own on this machine."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import socketserver
+import threading
+from collections.abc import Iterator
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+pytest.importorskip("huggingface_hub")
+
+from huggingface_hub import constants
+
+from dancedata.audio.hf.fetch import fetch_model
+from dancedata.audio.hf.model_folder import PROVENANCE, open_model
+from dancedata.cli.app import app
+from dancedata.core.errors import SourceError, UsageError
+
+COMMIT, NAME = "a1" * 20, "someone/tiny-model"
+CARD = b"---\nlicense: cc-by-nc-4.0\n---\n# Tiny\n"
+FILES = {
+    "config.json": b'{"model_type": "hubert"}',
+    "preprocessor_config.json": b'{"sampling_rate": 16000}',
+    "model.safetensors": bytes(range(256)) * 20,
+    "pytorch_model.bin": b"a pickle" * 300,
+    "README.md": CARD,
+    "LICENSE": b"text",
+    "modeling_tiny.py": b"raise SystemExit",
+    "sub/config.json": b"{}",
+    "../config.json": b"{}",
+    ".hidden.safetensors": b"",
+    "training_args.bin": b"a pickle",
+}
+
+
+class Hub(ThreadingHTTPServer):
+    """What the hub's client asks for: the description of a model, and its files."""
+
+    def __init__(self, files: dict[str, bytes]) -> None:
+        super().__init__(("127.0.0.1", 0), Handler)
+        self.files, self.announced = dict(files), dict(files)
+        self.error: tuple[int, str] | None = None
+        self.broken: str | None = None
+        self.asked: list[str] = []
+
+    def server_bind(self) -> None:
+        # Not HTTPServer's, which asks for this machine's name.
+        socketserver.TCPServer.server_bind(self)
+
+    @property
+    def url(self) -> str:
+        return f"http://127.0.0.1:{self.server_address[1]}"
+
+    def about(self) -> bytes:
+        siblings = [
+            {
+                "rfilename": name,
+                "size": len(data),
+                "blobId": hashlib.sha1(b"blob %d\0" % len(data) + data).hexdigest(),
+                **({"lfs": {"sha256": sha256(data), "size": len(data), "pointerSize": 1}} if len(data) > 999 else {}),
+            }
+            for name, data in self.announced.items()
+        ]
+        return json.dumps({"id": NAME, "sha": COMMIT, "private": False, "siblings": siblings}).encode()
+
+
+def sha256(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
+
+
+class Handler(BaseHTTPRequestHandler):
+    server: Hub
+    protocol_version = "HTTP/1.1"
+
+    def do_HEAD(self) -> None:
+        self.answer()
+
+    def do_GET(self) -> None:
+        self.answer()
+
+    def answer(self) -> None:
+        path = self.path.partition("?")[0]
+        self.server.asked.append(path)
+        if self.server.error is not None:
+            status, code = self.server.error
+            self.reply(status, b"", {"X-Error-Code": code})
+        elif path.startswith("/api/models/"):
+            self.reply(200, self.server.about(), {"Content-Type": "application/json"})
+        elif path.startswith(f"/{NAME}/resolve/{COMMIT}/"):
+            name = path.partition(f"{COMMIT}/")[2]
+            if name == self.server.broken:
+                self.reply(500, b"", {})
+                return
+            data = self.server.files[name]
+            self.reply(200, data, {"ETag": f'"{sha256(data)}"', "X-Repo-Commit": COMMIT})
+        else:
+            self.reply(404, b"", {"X-Error-Code": "EntryNotFound"})
+
+    def reply(self, status: int, data: bytes, headers: dict[str, str]) -> None:
+        self.send_response(status)
+        for name, value in {**headers, "Content-Length": str(len(data))}.items():
+            self.send_header(name, value)
+        self.end_headers()
+        if self.command == "GET":
+            self.wfile.write(data)
+
+    def log_message(self, *args: object) -> None:
+        pass
+
+
+@pytest.fixture
+def hub(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Hub]:
+    monkeypatch.setenv("HF_HOME", str(tmp_path / "hf-home"))
+    monkeypatch.setattr(constants, "HF_HUB_OFFLINE", False)
+    # Otherwise the client tries for half a minute.
+    monkeypatch.setattr("time.sleep", lambda seconds: None)
+    server = Hub(FILES)
+    thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
+    thread.start()
+    yield server
+    server.shutdown()
+    thread.join()
+    server.server_close()
+
+
+def names(folder: Path) -> set[str]:
+    return {path.relative_to(folder).as_posix() for path in folder.rglob("*")}
+
+
+def test_a_model_is_fetched_without_code_and_pickles(hub: Hub, tmp_path: Path) -> None:
+    out, licences = tmp_path / "models" / "tiny", []
+    found = fetch_model(NAME, COMMIT, out, endpoint=hub.url, show_licence=licences.append)
+    kept = {"config.json", "preprocessor_config.json", "model.safetensors", "README.md", "LICENSE"}
+    assert names(out) == {*kept, PROVENANCE}
+    assert all((out / name).read_bytes() == FILES[name] for name in kept)
+    assert licences == [found.licence] == ["cc-by-nc-4.0"]
+    # The licence comes before the weights.
+    asked = [path.rpartition("/")[2] for path in hub.asked]
+    assert asked.index("README.md") < asked.index("model.safetensors")
+    assert set(found.left_out) == set(FILES) - kept
+    assert json.loads((out / PROVENANCE).read_text()) == {
+        "id": NAME,
+        "revision": COMMIT,
+        "licence": "cc-by-nc-4.0",
+        "files": {name: sha256(FILES[name]) for name in kept},
+    }
+    # Nothing is left beside it.
+    assert names(tmp_path / "models") == {"tiny", *(f"tiny/{name}" for name in names(out))}
+    made = open_model(str(out))
+    assert (made.source, made.revision) == (NAME, COMMIT)
+
+
+def test_pickles_are_fetched_if_asked_and_there_is_nothing_else(hub: Hub, tmp_path: Path) -> None:
+    found = fetch_model(NAME, COMMIT, tmp_path / "one", pickles=True, endpoint=hub.url)
+    assert "pytorch_model.bin" not in found.files
+    del hub.announced["model.safetensors"]
+    with pytest.raises(UsageError, match=r"pickled.*pytorch_model.bin.*--pickles"):
+        fetch_model(NAME, COMMIT, tmp_path / "two", endpoint=hub.url)
+    found = fetch_model(NAME, COMMIT, tmp_path / "two", pickles=True, endpoint=hub.url)
+    assert "pytorch_model.bin" in found.files
+    assert not {"training_args.bin", "modeling_tiny.py"} & set(found.files)
+
+
+@pytest.mark.parametrize("revision", [None, "main", "v1", COMMIT[:12]])
+def test_a_revision_is_a_commit(hub: Hub, tmp_path: Path, revision: str | None) -> None:
+    with pytest.raises(UsageError, match=f"--revision {COMMIT}"):
+        fetch_model(NAME, revision, tmp_path / "tiny", endpoint=hub.url)
+    assert not (tmp_path / "tiny").exists()
+
+
+@pytest.mark.parametrize("name", ["model", "../../model", "a/b/c", "a/", "-x/b", "a/b?c", "http://a/b"])
+def test_an_id_is_owner_and_name(name: str, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="OWNER/NAME"):
+        fetch_model(name, COMMIT, tmp_path / "tiny")
+
+
+def test_a_folder_that_is_there_is_left_alone(hub: Hub, tmp_path: Path) -> None:
+    out = tmp_path / "tiny"
+    out.mkdir()
+    (out / "mine").write_text("mine")
+    with pytest.raises(UsageError, match="there already"):
+        fetch_model(NAME, COMMIT, out, endpoint=hub.url)
+    assert names(out) == {"mine"}
+    (out / "mine").unlink()
+    fetch_model(NAME, COMMIT, out, endpoint=hub.url)
+    with pytest.raises(UsageError, match="earlier fetch"):
+        fetch_model(NAME, COMMIT, out, endpoint=hub.url)
+
+
+def test_what_is_interrupted_is_resumed(hub: Hub, tmp_path: Path) -> None:
+    hub.broken = "preprocessor_config.json"
+    out = tmp_path / "tiny"
+    with pytest.raises(SourceError, match="same command again"):
+        fetch_model(NAME, COMMIT, out, endpoint=hub.url)
+    assert not out.exists()
+    hub.broken, before = None, len(hub.asked)
+    fetch_model(NAME, COMMIT, out, endpoint=hub.url)
+    assert not any(path.endswith("model.safetensors") for path in hub.asked[before:])
+    assert (out / "model.safetensors").read_bytes() == FILES["model.safetensors"]
+
+
+def test_other_files_in_the_unfinished_folder_do_not_become_the_model(hub: Hub, tmp_path: Path) -> None:
+    part = tmp_path / f".dancedata-tiny-{COMMIT[:12]}"
+    part.mkdir()
+    (part / "modeling.py").write_text("raise SystemExit")
+    with pytest.raises(UsageError, match=r"holds other files.*modeling.py"):
+        fetch_model(NAME, COMMIT, tmp_path / "tiny", endpoint=hub.url)
+    assert (part / "modeling.py").exists()
+
+
+@pytest.mark.parametrize("name", ["model.safetensors", "config.json"])
+def test_a_file_that_is_not_what_was_announced_is_removed(hub: Hub, tmp_path: Path, name: str) -> None:
+    hub.announced[name] = hub.announced[name][::-1]
+    with pytest.raises(SourceError, match="not what the hub announced"):
+        fetch_model(NAME, COMMIT, tmp_path / "tiny", endpoint=hub.url)
+    assert not (tmp_path / "tiny").exists()
+    assert not list(tmp_path.rglob(name))
+
+
+def test_a_repository_without_a_model(hub: Hub, tmp_path: Path) -> None:
+    del hub.announced["config.json"]
+    with pytest.raises(UsageError, match="transformers' layout"):
+        fetch_model(NAME, COMMIT, tmp_path / "tiny", endpoint=hub.url)
+
+
+def test_a_hub_with_another_commit(hub: Hub, tmp_path: Path) -> None:
+    with pytest.raises(SourceError, match="another commit"):
+        fetch_model(NAME, "b" * 40, tmp_path / "tiny", endpoint=hub.url)
+
+
+@pytest.mark.parametrize(
+    ("status", "code", "error", "text"),
+    [
+        (401, "RepoNotFound", UsageError, "no such model"),
+        (404, "RepoNotFound", UsageError, "no such model"),
+        (404, "RevisionNotFound", UsageError, "has no revision"),
+        (403, "GatedRepo", UsageError, "Accept them"),
+        (500, "", SourceError, "cannot be reached"),
+    ],
+)
+def test_what_the_hub_refuses(hub: Hub, tmp_path: Path, status: int, code: str, error: type, text: str) -> None:
+    hub.error = status, code
+    with pytest.raises(error, match=text):
+        fetch_model(NAME, COMMIT, tmp_path / "tiny", endpoint=hub.url)
+    assert not list(tmp_path.glob("*tiny*"))
+
+
+def test_without_a_network(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(constants, "HF_HUB_OFFLINE", False)
+    monkeypatch.setattr("time.sleep", lambda seconds: None)
+    with pytest.raises(SourceError, match=r"cannot be reached.*fetch elsewhere and copy"):
+        fetch_model(NAME, COMMIT, tmp_path / "tiny", endpoint="http://127.0.0.1:1")
+    monkeypatch.setattr(constants, "HF_HUB_OFFLINE", True)
+    with pytest.raises(UsageError, match="HF_HUB_OFFLINE"):
+        fetch_model(NAME, COMMIT, tmp_path / "tiny", endpoint="http://127.0.0.1:1")
+
+
+def test_the_command(hub: Hub, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # What $HF_ENDPOINT sets when the client is imported.
+    monkeypatch.setattr(constants, "ENDPOINT", hub.url)
+    address = hub.url + "/{repo_id}/resolve/{revision}/{filename}"
+    monkeypatch.setattr(constants, "HUGGINGFACE_CO_URL_TEMPLATE", address)
+    out = tmp_path / "tiny"
+    result = CliRunner().invoke(app, ["hf", "fetch", NAME, "--out", str(out)])
+    assert result.exit_code == 2
+    assert f"--revision {COMMIT}" in result.output
+    result = CliRunner().invoke(app, ["hf", "fetch", NAME, "--revision", COMMIT, "--out", str(out)])
+    assert result.exit_code == 0, result.output
+    assert "licence of the weights: cc-by-nc-4.0" in result.output
+    assert "modeling_tiny.py, pytorch_model.bin" in result.output
+    other = tmp_path / "other"
+    result = CliRunner().invoke(app, ["hf", "fetch", NAME, "--revision", COMMIT, "--out", str(other), "--json"])
+    assert json.loads(result.stdout)["path"] == str(other)

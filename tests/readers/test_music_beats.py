@@ -1,0 +1,213 @@
+"""Beats in readers: labels of samples, windows and crops that begin at beats."""
+
+from __future__ import annotations
+
+import pickle
+from fractions import Fraction
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch")
+
+import torch
+from torch.utils.data import DataLoader
+
+from dancedata.audio.beats import Beats
+from dancedata.core.errors import StoreError, UsageError
+from dancedata.readers import (
+    BatchLoader,
+    BatchStream,
+    BucketSampler,
+    ClipDataset,
+    EpochSampler,
+    WindowDataset,
+    pack_clips,
+    pad_clips,
+)
+from dancedata.store.dataset import Store
+from dancedata.store.schema import Field
+from dancedata.testing.stores import random_fields, write_random_store
+
+FIELDS = ("edge151", "beats")
+
+
+@pytest.fixture(scope="module")
+def store(beats_store: Store) -> Store:
+    return beats_store
+
+
+def train_clips(store: Store) -> list[Any]:
+    return [clip for clip in store.clips if clip.split == "train"]
+
+
+def rows_of(store: Store, sample: dict[str, Any]) -> np.ndarray:
+    start = int(sample["start"])
+    return store.read_clip(sample["clip"], "beats")[start : start + int(sample["length"])]
+
+
+def downbeats_of(store: Store, clip: str) -> np.ndarray:
+    return np.flatnonzero(store.read_clip(clip, "beats")[:, 1])
+
+
+@pytest.mark.parametrize("normalize", [True, FIELDS, False])
+def test_samples_have_labels(store: Store, normalize: Any) -> None:
+    windows = WindowDataset(store, "train", FIELDS, normalize=normalize, mirror=0.5, augment={"drop": {"p": 0.5}})
+    for sample in (windows[3], windows.samples([5, 2])[1]):
+        rows = rows_of(store, sample)
+        assert sample["beat"].dtype == sample["downbeat"].dtype == torch.bool
+        assert np.array_equal(sample["beat"], rows[:, 0] == 1)
+        assert np.array_equal(sample["downbeat"], rows[:, 1] == 1)
+    whole = ClipDataset(store, "train", FIELDS, normalize=normalize)[1]
+    assert np.array_equal(whole["downbeat"], store.read_clip(whole["clip"], "beats")[:, 1] == 1)
+
+
+def test_batches_have_labels(store: Store) -> None:
+    windows = WindowDataset(store, "train", FIELDS)
+    batch = next(iter(DataLoader(windows, batch_size=3)))
+    other = next(iter(BatchLoader(windows, batch_size=3)))
+    assert batch["beat"].shape == (3, 120)
+    assert torch.equal(batch["beat"], other["beat"])
+    assert torch.equal(batch["downbeat"], other["downbeat"])
+    assert torch.equal(batch["beat"], batch["beats"][:, :, 0] == 1)
+
+
+def test_without_the_field_there_are_no_labels(store: Store) -> None:
+    assert "beat" not in WindowDataset(store, "train", ("edge151", "librosa35"))[0]
+    assert "beat" not in ClipDataset(store, "train", ("edge151", "librosa35"))[0]
+
+
+def test_labels_are_padded_and_packed(store: Store) -> None:
+    clips = ClipDataset(store, "train", FIELDS)
+    samples = [
+        clips[0],
+        {name: v[:50] if name in (*FIELDS, "beat", "downbeat") else v for name, v in clips[1].items()},
+    ]
+    padded = pad_clips(samples, multiple=64, value=-1.0)
+    assert padded["beat"].shape == padded["beats"].shape[:2] == (2, 320)
+    assert torch.equal(padded["downbeat"][1, :50], samples[1]["downbeat"])
+    assert not padded["downbeat"][1, 50:].any()
+    packed = pack_clips(samples)
+    assert torch.equal(packed["beat"], packed["beats"][:, 0] == 1)
+
+
+@pytest.mark.parametrize("at", ["beat", "downbeat"])
+def test_windows_begin_at_beats(store: Store, at: str) -> None:
+    windows = WindowDataset(store, "train", FIELDS, start_at=at, length_s=4, stride_frames=1)
+    column = ("beat", "downbeat").index(at)
+    expected = {
+        (clip.id, start)
+        for clip in train_clips(store)
+        for start in np.flatnonzero(store.read_clip(clip.id, "beats")[:, column]).tolist()
+        if start + 120 <= len(clip.read("edge151"))
+    }
+    assert {(w.clip, w.start) for w in windows.windows} == expected
+    assert all(bool(windows[k][at][0]) for k in range(0, len(windows), 3))
+    assert windows.windows.number.max() == max(np.unique(windows.windows.clip, return_counts=True)[1]) - 1
+    assert not windows.rejects
+
+
+def test_a_stride_is_the_least_distance(store: Store) -> None:
+    every = WindowDataset(store, "train", FIELDS, start_at="beat", length_s=2, stride_frames=1)
+    some = WindowDataset(store, "train", FIELDS, start_at="beat", length_s=2, stride_s=2)
+    for clip in {w.clip for w in every.windows}:
+        starts = [w.start for w in some.windows if w.clip == clip]
+        assert starts[0] == min(w.start for w in every.windows if w.clip == clip)
+        assert min(np.diff(starts)) >= 60
+        assert max(np.diff(starts)) < 60 + 30
+    assert {(w.clip, w.start) for w in some.windows} < {(w.clip, w.start) for w in every.windows}
+
+
+def test_beats_of_another_field(store: Store) -> None:
+    """librosa35 has beats and no downbeats: these are then those of the field beats, though it is not read."""
+    windows = WindowDataset(store, "train", ("edge151", "librosa35"), start_at="beat", length_s=2)
+    column = store.fields["librosa35"].slice("beat").start
+    assert all(store.read(w, "librosa35")[0, column] == 1 for w in windows.windows)
+    windows = WindowDataset(store, "train", ("edge151", "librosa35"), start_at="downbeat", length_s=2)
+    assert all(store.read(w, "beats")[0, 1] == 1 for w in windows.windows)
+
+
+def test_fields_of_two_rates(store: Store) -> None:
+    windows = WindowDataset(store, "train", ("fast", "beats"), start_at="downbeat", length_s=2)
+    sample = windows[0]
+    assert sample["fast"].shape[0] == 2 * sample["beats"].shape[0]
+    assert bool(sample["downbeat"][0])
+
+
+def test_the_scaler_is_that_of_other_windows(store: Store) -> None:
+    plain = WindowDataset(store, "train", FIELDS, normalizer_over="all")
+    cut = WindowDataset(store, "train", FIELDS, start_at="downbeat", normalizer_over="all")
+    assert np.array_equal(plain.normalizer("edge151").data_min, cut.normalizer("edge151").data_min)
+
+
+def test_clips_without_downbeats_are_left_out(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    first = train_clips(store)[0].id
+    read = Store.read_clip
+
+    def silent(self: Store, clip: str, field: str) -> np.ndarray:
+        rows = read(self, clip, field)
+        if clip == first and field == "beats":
+            rows[:, :2] = 0
+        return rows
+
+    monkeypatch.setattr(Store, "read_clip", silent)
+    for made in (
+        WindowDataset(store, "train", FIELDS, start_at="downbeat"),
+        ClipDataset(store, "train", FIELDS, start_at="downbeat", crop_s=3),
+    ):
+        (reject,) = made.rejects
+        assert (reject.reason, reject.clip) == ("filtered", first)
+        assert "no downbeat" in reject.detail
+        assert first not in {w.clip for w in made.windows}
+
+
+def test_crops_begin_at_random_downbeats(store: Store) -> None:
+    crops = ClipDataset(store, "train", FIELDS, crop_s=3, crops=2, start_at="downbeat", seed=3)
+    seen = set()
+    for epoch in range(9):
+        for sample in crops.samples(range(len(crops)), epoch):
+            assert sample["start"] in downbeats_of(store, sample["clip"])
+            assert bool(sample["downbeat"][0])
+            assert sample["edge151"].shape == (90, 151)
+            seen.add((sample["clip"], sample["start"]))
+    every = {(c.id, s) for c in train_clips(store) for s in downbeats_of(store, c.id).tolist() if s + 90 <= 300}
+    assert seen == every
+    again = pickle.loads(pickle.dumps(crops))
+    assert [s["start"] for s in again.samples(range(4), 2)] == [s["start"] for s in crops.samples(range(4), 2)]
+
+
+def test_orders_and_streams_take_them(store: Store) -> None:
+    windows = WindowDataset(store, "train", FIELDS, start_at="downbeat")
+    stream = BatchStream(windows, 4, seed=0, steps=3)
+    assert all(bool(batch["downbeat"][:, 0].all()) for batch in DataLoader(stream, batch_size=None))
+    crops = ClipDataset(store, "train", FIELDS, start_at="beat", crop_s=2)
+    batch = next(iter(DataLoader(crops, batch_size=4, sampler=EpochSampler(crops, seed=0))))
+    assert batch["beat"][:, 0].all()
+    clips = ClipDataset(store, "train", FIELDS)
+    sampler = BucketSampler(clips, batch_size=2, seed=0)
+    loader = DataLoader(clips, batch_sampler=sampler, collate_fn=partial(pad_clips, multiple=8))
+    assert next(iter(loader))["beat"].dtype == torch.bool
+
+
+def test_what_cannot_be(store: Store, store_path: Path) -> None:
+    for made in (WindowDataset, partial(ClipDataset, crop_s=3)):
+        with pytest.raises(UsageError, match=r"start_at.*beat or downbeat"):
+            made(store, "train", FIELDS, start_at="bar")
+        with pytest.raises(UsageError, match=r"no field of the dataset has the column downbeat.*beat_this"):
+            made(store_path, fields=("edge151",), start_at="downbeat")
+    with pytest.raises(UsageError, match="crop"):
+        WindowDataset(store, "train", FIELDS, start_at="beat", augment=["crop"])
+    with pytest.raises(UsageError, match="Give crop_s"):
+        ClipDataset(store, "train", FIELDS, start_at="beat")
+
+
+def test_a_dataset_of_window_scope_has_other_windows(tmp_path: Path) -> None:
+    columns = Beats().columns
+    fields = (*random_fields({"edge151": 151}, {}), Field("beats", "audio", columns, Fraction(30)))
+    made = write_random_store(tmp_path / "out", scope="window", fields=fields)
+    assert WindowDataset(made.path, fields=FIELDS)[0]["beat"].shape == (30,)
+    with pytest.raises(StoreError, match="scope: track"):
+        WindowDataset(made.path, fields=FIELDS, start_at="beat")
