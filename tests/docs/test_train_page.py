@@ -53,6 +53,7 @@ def test_edge(tmp_path: Path) -> None:
     assert line.replace("~", str(tmp_path)).replace("new/", "NEW_FOLDER/") in guide
 
 
+@pytest.mark.nightly  # as long as the other one
 def test_lodge(tmp_path: Path) -> None:
     pytest.importorskip("torch")
     FineDance().make_example(tmp_path / "finedance")

@@ -233,15 +233,14 @@ def test_shared_copies(array: Any, without: str, monkeypatch: pytest.MonkeyPatch
     elif without == "changed":
         monkeypatch.setattr(torch.UntypedStorage, "_new_shared_fd_cpu", changed)
     shared_tensor(array)  # what torch and Python open once and for all
-    gc.collect()
     before = len(os.listdir("/proc/self/fd")) if os.path.isdir("/proc/self/fd") else 0
     found = shared_tensor(array)
     assert found.is_shared()  # type: ignore[no-untyped-call]
     assert bits(found) == bits(torch.from_numpy(np.ascontiguousarray(array)))
     found.fill_(1)
     del found
-    gc.collect()
-    assert before == (len(os.listdir("/proc/self/fd")) if before else 0)
+    # Not "==": what other tests left behind may be closed at any time.
+    assert before >= (len(os.listdir("/proc/self/fd")) if before else 0)
 
 
 @pytest.mark.filterwarnings("ignore:.*multi-threaded, use of fork:DeprecationWarning")
