@@ -91,7 +91,7 @@ class Request:
         names = [{measure.metric.name, *measure.metric.better} for measure in self.protocol.measures]
         printed = {label: name for name, label in LABELS.items()}
         wanted = {printed.get(asked, asked) for asked in self.metrics}
-        known = set().union(*names)
+        known = {name for own in names for name in own}
         for asked in sorted(wanted - known):
             raise UsageError(
                 f"the protocol has no metric {quoted(asked)}", where=f"protocol {self.protocol.name}",
