@@ -223,7 +223,8 @@ def _no_music(protocol: Protocol) -> str:
     about = f" ({rule.about})" if rule.about else ""
     return (
         f"no beats of music: the protocol takes those of {' or '.join(rule.features)}{rate}{scope}{about}; give "
-        f"--source MUSIC, or a dataset with that field"
+        "--source MUSIC or a dataset with that field (--like), and --music-of FILE.csv for clips whose ids are not "
+        "those of songs or of clips of the dataset"
     )
 
 

@@ -202,6 +202,11 @@ class Evaluator:
             raise UsageError(
                 "music has two or three axes", found=f"shape {music.shape}", allowed="(B, M, D) or (B, M)"
             )
+        if music.ndim == 3 and music.shape[2] <= self._beat_column:
+            raise UsageError(
+                "music is not of the audio field of the dataset", found=f"shape {music.shape}",
+                allowed=f"(B, M, D) with the beats in column {self._beat_column}, or (B, M)",
+            )  # fmt: skip
         return np.asarray((music if music.ndim == 2 else music[..., self._beat_column]) > 0.5)
 
     def gather(self, gather: Gather | None = None) -> Self:

@@ -23,6 +23,7 @@ from dancedata.evaluation.inputs.columns import ColumnsReader, field_readers
 from dancedata.evaluation.inputs.files import FileClip, FileFormat, folder_clips
 from dancedata.evaluation.inputs.store import store_clips
 from dancedata.evaluation.protocol import PROTOCOLS, ROLES, Protocol, Role
+from dancedata.evaluation.report import LABELS
 from dancedata.evaluation.song_beats import song_files
 from dancedata.recipes.plugins import make_named
 from dancedata.store import Store, open_store
@@ -88,13 +89,15 @@ class Request:
             If the protocol does not have a metric or score of that name.
         """
         names = [{measure.metric.name, *measure.metric.better} for measure in self.protocol.measures]
-        for asked in self.metrics:
-            if not any(asked in own for own in names):
-                raise UsageError(
-                    "the protocol has no metric of this name", where=self.protocol.name, found=quoted(asked),
-                    allowed=listed(sorted(set().union(*names)), 30),
-                )  # fmt: skip
-        return [k for k, own in enumerate(names) if not self.metrics or own & set(self.metrics)]
+        printed = {label: name for name, label in LABELS.items()}
+        wanted = {printed.get(asked, asked) for asked in self.metrics}
+        known = {name for own in names for name in own}
+        for asked in sorted(wanted - known):
+            raise UsageError(
+                f"the protocol has no metric {quoted(asked)}", where=f"protocol {self.protocol.name}",
+                fix=did_you_mean(asked, sorted(known)),
+            )  # fmt: skip
+        return [k for k, own in enumerate(names) if not wanted or own & wanted]
 
     def set_side(self) -> Side:
         """Return the clips that are evaluated."""

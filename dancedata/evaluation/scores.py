@@ -139,7 +139,10 @@ def scores_of(
         missing = (
             found.undefined if found.undefined and not len(found.rows) else {**found.undefined, error.reason: ()}
         )
-        return [Score(name, None, len(found.rows), undefined=missing) for name in names], []
+        return [
+            Score(name, None, len(found.rows), undefined=missing, better=metric.better.get(name, "closer"))
+            for name in names
+        ], []
     intervals, warnings = _intervals(metric, found, pool, draws)
     beside = {name for name in values if name.endswith(_BESIDE) or name.startswith(_CONSTANT)}
     scores = [

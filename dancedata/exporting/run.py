@@ -55,7 +55,7 @@ class ExportResult:
         head = f"exported {shown(self.about['name'])} as {self.about['target']} to {shown(self.path)}"
         lines = [f"{head}: {counted(len(files), 'file')}, {size}"]
         lines += [f"  {shown(note, 2000)}" for note in self.notes]
-        return "\n".join([*lines, f"read {shown(self.path / README)}: the commands, and where trainers stop"])
+        return "\n".join([*lines, f"read {shown(self.path / README)}: how to use the files"])
 
     def to_json(self) -> dict[str, Any]:
         """Return plain JSON data, without the list of files."""

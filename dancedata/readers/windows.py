@@ -248,7 +248,8 @@ class WindowDataset(SplitDataset):
     def __repr__(self) -> str:
         """Show store, split, number of windows and fields."""
         normalized = ", ".join(self._normalizers) or "nothing"
-        augment = "".join(f"; augment: {step.name}, p={step.p:g}" for step in self._augmenter.steps)
+        steps = [(step.name, getattr(step.augmentation, "p", step.p)) for step in self._augmenter.steps]
+        augment = "".join(f"; augment: {name}, p={p:g}" for name, p in steps)
         return (
             f"WindowDataset({str(self.store.path)!r}, split={self.split!r}, {len(self):,} windows, "
             f"fields: {', '.join(self.fields)}; normalised: {normalized}; mirror={self.mirror:g}{augment})"

@@ -92,6 +92,20 @@ def test_columns_normalised_or_not(
     assert alone["fid_k"] == pytest.approx(reference["fid_k"], abs=1e-9)
 
 
+def test_files_that_decode_writes(tmp_path: Path, store: Store) -> None:
+    batch = np.stack([store.read(window, "edge151") for window in store.windows("train")[:2]])
+    np.save(tmp_path / "sample.npy", batch)
+    scores = []
+    for to, options in (("npz", {"up": "y", "body": "smpl24"}), ("smpl", {}), ("bvh", {"unit": "m"})):
+        out = tmp_path / to
+        dancedata.decode_file(tmp_path / "sample.npy", "edge151", to=to, fps=30, out=out)
+        found = dancedata.evaluate(out, like=store, metrics=["PFC"], protocol="edge-aistpp", bootstrap=0, **options)
+        assert not found.left_out
+        scores.append(found["pfc"])
+    assert scores[1] == pytest.approx(scores[0], rel=1e-2)
+    assert scores[2] == pytest.approx(scores[0], abs=2e-4)
+
+
 def test_smpl_arrays(tmp_path: Path, store: Store, motions: Mapping[str, Motion], reference: Report) -> None:
     for name, motion in motions.items():
         poses = motion.rotations.reshape(motion.n_frames, -1)

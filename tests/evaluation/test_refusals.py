@@ -56,12 +56,29 @@ def test_a_pool_of_another_rate(store: Store) -> None:
 
 
 def test_a_store_without_the_joints(store: Store) -> None:
-    with pytest.raises(UsageError, match=r"edge151: they have 30 rows per second, not 60"):
+    with pytest.raises(UsageError, match=r"edge151: they have 30 rows per second, not 60.*Build it with fps: 60"):
         dancedata.evaluate(store, protocol="bailando-aistpp")
     with pytest.raises(UsageError, match=r"edge151: they are not on SMPL-X"):
         dancedata.evaluate(store, protocol="lodge-finedance", field="edge151")
     with pytest.raises(UsageError, match=r"no motion field named 'edge15'.*Did you mean 'edge151'"):
         dancedata.evaluate(store, field="edge15")
+
+
+def test_a_file_with_a_batch(store: Store, tmp_path: Path) -> None:
+    np.save(tmp_path / "samples.npy", np.zeros((3, 60, 151)))
+    with pytest.raises(DataError, match=r"is a batch.*\(3, 60, 151\).*allowed: \(T, 151\)"):
+        dancedata.evaluate(tmp_path, like=store, field="edge151", normalized=True)
+
+
+def test_metrics_have_the_names_of_the_table(store: Store) -> None:
+    assert [s.name for s in dancedata.evaluate(store, metrics=["FSR"], bootstrap=0).scores][-1] == "skating"
+    with pytest.raises(UsageError, match=r"no metric 'skatin'.*Did you mean 'skating'"):
+        dancedata.evaluate(store, metrics=["skatin"])
+
+
+def test_a_score_without_a_value_says_what_is_better(store: Store) -> None:
+    scores = dancedata.evaluate(dances(n_frames=30), like=store, bootstrap=0).scores
+    assert {s.name: s.better for s in scores if s.value is None}["fid_k"] == "lower"
 
 
 def test_lodge_without_smplx(motions: Mapping[str, Motion]) -> None:

@@ -84,7 +84,7 @@ def test_only_the_metrics_that_are_asked_for(store: Store, tmp_path: Path) -> No
     text = run(store.path, "--metric", "pfc", "--metric", "bas", "--split", "test", "--quiet", "--jobs", 1)
     assert "  PFC " in text
     assert "FID" not in text
-    assert "allowed: bas, beat_alignment, " in run(store.path, "--metric", "fid", code=2)
+    assert "nown: bas, beat_alignment, " in run(store.path, "--metric", "fid", code=2)
 
 
 def test_only_beats_without_music(store: Store) -> None:

@@ -351,6 +351,8 @@ def test_repr_says_what_it_is(store: Store) -> None:
     text = repr(WindowDataset(store, mirror=0.5))
     for part in ("train", "edge151", "librosa35", "mirror=0.5", f"{len(store.windows('train')):,}"):
         assert part in text
+    text = repr(WindowDataset(store, augment={"drop": 0.25, "mirror": 0.5}))
+    assert "augment: drop, p=0.25; augment: mirror, p=0.5" in text
 
 
 def test_importing_readers_does_not_import_torch() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -121,10 +121,14 @@ def reader_for(store: Store, rule: MotionRule, field: str | None) -> tuple[str, 
     for name, problem in problems.items():
         if not problem:
             return name, asked[name]
+    any_rate = replace(rule, fps=None)
+    only_rate = rule.fps is not None and any(not reader.problem(any_rate) for reader in asked.values())
     raise UsageError(
         "the protocol cannot be computed from this dataset",
         where=str(store.path),
         found="; ".join(f"{name}: {problem}" for name, problem in problems.items()),
         allowed=f"joints {rule.body}" + (f" at {rule.fps} frames per second" if rule.fps else ""),
-        fix="build it with a field that has them: " + listed(["edge151", "lodge319", "joints"]),
+        fix=f"build it with fps: {rule.fps}, or take a protocol for its rate"
+        if only_rate
+        else "build it with a field that has them: " + listed(["edge151", "lodge319", "joints"]),
     )

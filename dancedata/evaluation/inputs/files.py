@@ -103,7 +103,7 @@ class FileClip(ClipInput):
         return Pose.of_motion(self.format.folder.load(ClipRef(self.id, self.path, None, "test")))
 
     def _positions(self, arrays: ArrayFile) -> Pose | None:
-        name = next((n for n in _JOINTS if n in arrays.names and _is_positions(arrays.shape(n))), None)
+        name = next((n for n in _JOINTS if n in arrays.names and _is_positions(arrays, n)), None)
         if name is None:
             return None
         if self.format.up is None:
@@ -122,6 +122,12 @@ class FileClip(ClipInput):
             return None
         width = reader.representation.columns.width
         name = next((n for n in _COLUMNS if n in arrays.names and arrays.shape(n)[-1:] == (width,)), None)
+        if name is not None and len(arrays.shape(name)) == 3:
+            raise DataError(
+                "the array is a batch, and a file is one clip", reason="bad_shape", where=str(self.path),
+                found=str(arrays.shape(name)), allowed=f"(T, {width})",
+                fix="save one file for each, or give the batch to dancedata.metrics.Evaluator",
+            )  # fmt: skip
         if name is None or len(arrays.shape(name)) != 2:
             return None
         return reader.pose(arrays.read(name))
@@ -143,7 +149,13 @@ class FileClip(ClipInput):
         )
 
 
-def _is_positions(shape: tuple[int, ...]) -> bool:
+def _is_positions(arrays: ArrayFile, name: str) -> bool:
+    try:
+        shape = arrays.shape(name)
+    except DataError:
+        if name and len(arrays.names) > 1:
+            return False  # such as the names of the joints, beside their positions
+        raise
     return len(shape) == 3 and shape[1] >= 22 and shape[2] == 3
 
 
