@@ -23,7 +23,7 @@ def test_its_code_prints_what_it_shows(capsys: pytest.CaptureFixture[str]) -> No
 
 
 def test_its_recipe_has_both_rates() -> None:
-    (block,) = re.findall(r"^```yaml\n(.*?)^```", TEXT, flags=re.DOTALL | re.MULTILINE)
+    block, *_ = re.findall(r"^```yaml\n(.*?)^```", TEXT, flags=re.DOTALL | re.MULTILINE)
     recipe = parse_recipe(yaml.safe_load(block))
     rates = {field.name: int(field.grid.rate) for field in (*recipe.motion, *recipe.audio)}
     assert rates == {"edge151": 30, "fact219": 60, "librosa35": 30, "librosa35.60": 60, "bailando438": 60}
