@@ -28,7 +28,7 @@ from dancedata.synthetic import synthesise_song
 from dancedata.testing import conformance
 from tests.conftest import DATA
 
-WEIGHTS = DATA / "beat_this" / "tiny.safetensors"
+WEIGHTS = Path(__file__).parent / "data" / "beat_this_tiny.safetensors"
 SONGS = ("mBR0", "mHO3", "mLO2", "mKR5")
 FPS = FrameGrid.of(30)
 

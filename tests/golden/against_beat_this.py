@@ -1,4 +1,4 @@
-"""Makes the weights and the reference outputs in data/beat_this, and compares with the package beat_this.
+"""Makes the weights and the reference outputs of the feature beats, and compares with the package beat_this.
 
 The weights are of a small network in the layout of the published ones. It is trained here on the synthetic music, so
 that they may be passed on and find beats::
@@ -30,8 +30,9 @@ from dancedata.audio.signal import resample
 from dancedata.synthetic import synthesise_song
 from dancedata.synthetic.plan import CATALOGUE
 
-DATA = Path(__file__).parent / "data" / "beat_this"
-WEIGHTS, REFERENCE = DATA / "tiny.safetensors", DATA / "reference.npz"
+TESTS = Path(__file__).parents[1]
+WEIGHTS = TESTS / "audio" / "data" / "beat_this_tiny.safetensors"
+REFERENCE = TESTS / "golden" / "data" / "beat_this" / "reference.npz"
 SIZES = Sizes(stem=8, width=32, inner=64, layers=2, head=8)
 #: What the package calls them.
 HYPER_PARAMETERS = {
@@ -75,7 +76,6 @@ def train(steps: int = 900) -> None:
     state = {
         name: value.half() if value.is_floating_point() else value for name, value in network.state_dict().items()
     }
-    DATA.mkdir(exist_ok=True)
     save_file({name: value.contiguous() for name, value in state.items()}, WEIGHTS)
 
 

@@ -21,7 +21,7 @@ def test_it_is_small_and_its_files_are_described() -> None:
     readme = (DATA / "README.md").read_text()
     for path in files:
         name = path.relative_to(DATA).as_posix()
-        known = re.findall(r"`((?:peers|metrics|jukebox|bailando438|humanml263)[^`]*)`", readme)
+        known = re.findall(r"`((?:peers|metrics|jukebox|bailando438|humanml263|beat_this)[^`]*)`", readme)
         assert name == "README.md" or any(name.startswith(k.rstrip("*")) for k in known), name
 
 
