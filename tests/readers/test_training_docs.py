@@ -34,7 +34,8 @@ def run(folder):
     torch.manual_seed(0)
     parts = main(5, folder / "parts") + main(8, folder / "parts")
     weights = [accelerator_weights(folder / name) for name in ("whole", "parts")]
-    same = all(torch.equal(weights[0][name], weights[1][name]) for name in weights[0])
+    # Not to the bit: torch's threads may add in another order. A lost state of the optimiser differs by far more.
+    same = all(torch.allclose(weights[0][name], weights[1][name], 1e-4, 1e-6) for name in weights[0])
     if torch.distributed.get_rank() == 0:
         (folder / "seen.json").write_text(json.dumps({"whole": whole, "parts": parts, "same": same}))
 
