@@ -1,7 +1,7 @@
 """The network of Beat This!: logits of beats and downbeats, 50 per second, from a log-mel spectrum.
 
 Foscarin, Schlueter, Widmer (ISMIR 2024), section 3.2. Modules have the names of the tensors in the published
-checkpoints (MIT), so that these are loaded as they are. Only inference: there is no dropout.
+checkpoints (MIT), so that these are loaded as they are. It is for inference only and has no dropout.
 """
 
 from __future__ import annotations

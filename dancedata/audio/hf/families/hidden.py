@@ -9,6 +9,16 @@ from typing import Any
 import torch
 
 
+def last_hidden_state(network: Any, inputs: torch.Tensor) -> Callable[[], torch.Tensor]:
+    """Return what runs a network of transformers over a batch, for `hidden_states`."""
+
+    def run() -> torch.Tensor:
+        last: torch.Tensor = network(inputs).last_hidden_state
+        return last
+
+    return run
+
+
 def hidden_states(
     run: Callable[[], torch.Tensor], blocks: Sequence[torch.nn.Module], layers: Sequence[int], n_layers: int
 ) -> dict[int, torch.Tensor]:

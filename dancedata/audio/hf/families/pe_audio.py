@@ -81,16 +81,12 @@ class PeAudio(Family):
         """Run the encoder over (B, n)."""
         import torch
 
-        from dancedata.audio.hf.families.hidden import hidden_states
+        from dancedata.audio.hf.families.hidden import hidden_states, last_hidden_state
 
         missing = -inputs.shape[-1] % self._hop
         if missing:
             inputs = torch.nn.functional.pad(inputs[:, None], (0, missing), "reflect")[:, 0]
 
-        def run() -> torch.Tensor:
-            last: torch.Tensor = network(inputs[:, None]).last_hidden_state
-            return last
-
-        found = hidden_states(run, network.layers, layers, self.n_layers)
+        found = hidden_states(last_hidden_state(network, inputs[:, None]), network.layers, layers, self.n_layers)
         # Blocks see a class token before the frames.
         return {k: v if k == self.n_layers else v[:, 1:] for k, v in found.items()}

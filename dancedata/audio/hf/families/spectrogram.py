@@ -132,13 +132,9 @@ class Whisper(SpectrogramEncoder):
         self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]
     ) -> dict[int, torch.Tensor]:
         """Run the encoder over (B, bins, frames)."""
-        from dancedata.audio.hf.families.hidden import hidden_states
+        from dancedata.audio.hf.families.hidden import hidden_states, last_hidden_state
 
-        def run() -> torch.Tensor:
-            last: torch.Tensor = network(inputs).last_hidden_state
-            return last
-
-        return hidden_states(run, network.layers, layers, self.n_layers)
+        return hidden_states(last_hidden_state(network, inputs), network.layers, layers, self.n_layers)
 
 
 @dataclass(frozen=True)
@@ -210,15 +206,11 @@ class Ast(SpectrogramEncoder):
         self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]
     ) -> dict[int, torch.Tensor]:
         """Run the network over (B, frames, bins)."""
-        from dancedata.audio.hf.families.hidden import hidden_states
-
-        def run() -> torch.Tensor:
-            last: torch.Tensor = network(inputs).last_hidden_state
-            return last
+        from dancedata.audio.hf.families.hidden import hidden_states, last_hidden_state
 
         # transformers 4 has them in an encoder.
         blocks = network.layers if hasattr(network, "layers") else network.encoder.layer
-        found = hidden_states(run, blocks, layers, self.n_layers)
+        found = hidden_states(last_hidden_state(network, inputs), blocks, layers, self.n_layers)
         times = self.n_frames(0)
         # The first two tokens belong to no patch.
         return {k: v[:, 2:].reshape(len(v), -1, times, v.shape[-1]).mean(dim=1) for k, v in found.items()}

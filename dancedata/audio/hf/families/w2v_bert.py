@@ -108,10 +108,6 @@ class W2vBert(Family):
         self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]
     ) -> dict[int, torch.Tensor]:
         """Run the network over (B, K, stride * bins)."""
-        from dancedata.audio.hf.families.hidden import hidden_states
+        from dancedata.audio.hf.families.hidden import hidden_states, last_hidden_state
 
-        def run() -> torch.Tensor:
-            last: torch.Tensor = network(inputs).last_hidden_state
-            return last
-
-        return hidden_states(run, network.encoder.layers, layers, self.n_layers)
+        return hidden_states(last_hidden_state(network, inputs), network.encoder.layers, layers, self.n_layers)
