@@ -11,6 +11,7 @@ from typing import Self
 from dancedata.core import atomic
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.text import listed
+from dancedata.exporting.place import require_outside
 from dancedata.report.player import Player
 
 __all__ = ["Target"]
@@ -46,13 +47,7 @@ class Target:
             If the file is there and is not to be replaced, or lies inside one of the datasets.
         """
         path = to.expanduser()
-        for store in stores:
-            if path.resolve().is_relative_to(store.expanduser().resolve()):
-                raise UsageError(
-                    "a report is not written into a dataset, whose files are listed",
-                    where=path,
-                    fix="choose a file outside of the dataset with --to",
-                )
+        require_outside(path, stores, "report")
         if path.is_dir() or not path.absolute().parent.is_dir():
             problem = "this is a folder" if path.is_dir() else "the folder of this file does not exist"
             raise UsageError(problem, where=path, fix="name an HTML file with --to")
