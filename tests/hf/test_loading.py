@@ -182,7 +182,7 @@ def test_weights_that_change_during_a_build_are_an_error(copy: Callable[..., Pat
 
 
 def test_layers_out_of_range(model: Callable[[str], Path]) -> None:
-    for layers in (4, -1, (1, 9), "2..7", (1, 1), "first", ()):
+    for layers in (4, -1, (1, 9), "2..7", (1, 1), "first", (), True, 1.5, (0, True)):
         with pytest.raises(UsageError, match="invalid value for layers"):
             settings(model("hubert"), layers=layers)
     assert settings(model("hubert"), layers="1..2").layers == (1, 2)
