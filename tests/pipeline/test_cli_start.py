@@ -130,6 +130,26 @@ def test_workers_import_neither_pydantic_nor_librosa(corpus: Path, tmp_path: Pat
     assert cache.array("features", "0" * 64) is not None
 
 
+def test_no_worker_is_waited_for_when_a_command_has_ended(corpus: Path, cache: Path, tmp_path: Path):
+    """They would end by themselves, but unload all that they have loaded first."""
+    code = """if 1:
+        import sys
+        from pathlib import Path
+        from dancedata.__main__ import main
+        try:
+            main()
+        except SystemExit as end:
+            assert not end.code, end
+        assert "loky" in sys.modules
+        children = Path(f"/proc/self/task/{Path('/proc/self').resolve().name}/children").read_text().split()
+        commands = [Path(f"/proc/{child}/cmdline").read_bytes() for child in children]
+        assert not [command for command in commands if b"popen_loky" in command], commands
+    """
+    command = ["build", "aist++", "--set", "audio={}", "--jobs", "2", "--source", str(corpus), "--quiet"]
+    command += ["--out", str(tmp_path / "out"), "--cache", str(cache)]
+    subprocess.run([sys.executable, "-c", code, *command], check=True)
+
+
 @pytest.mark.parametrize("closed", [(2,), (1, 2), (0, 1, 2)])
 def test_a_command_runs_without_standard_streams(corpus: Path, cache: Path, tmp_path: Path, closed: tuple[int, ...]):
     """As under some schedulers. A file of the dataset must not get a stream's number."""
