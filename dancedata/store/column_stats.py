@@ -64,7 +64,8 @@ def column_stats(column: Float32Array, space: Workspace) -> ColumnStats:
     space
         With the column's weights.
     """
-    values = _Sorted.of(column, space) if space.weights is None else _Weighted.of(column, space)
+    weights = space.weights
+    values = _Sorted.of(column, space) if weights is None else _Weighted.of_weighted(column, space, weights)
     n = len(values)
     low, high = values.at(0), values.at(n - 1)
     # Of a column of one part, the second sum takes what was repeated for the first.
@@ -106,7 +107,7 @@ class _Weighted(_Sorted):
     """Values in order, each of which counts several times; `space.ends` are the places behind the last time."""
 
     @classmethod
-    def of(cls, column: Float32Array, space: Workspace) -> _Weighted:
+    def of_weighted(cls, column: Float32Array, space: Workspace, weights: Weights) -> _Weighted:
         """Sort the column.
 
         A float32 leaves the last 29 bits of a float64 free. A value is sorted with its weight there, which changes
@@ -115,7 +116,7 @@ class _Weighted(_Sorted):
         values, ends = space.values, space.ends
         bits = values.view(np.int64)
         values[...] = column
-        bits |= space.weights
+        bits |= weights
         values.sort()
         np.bitwise_and(bits, _WEIGHT, out=ends)
         np.cumsum(ends, out=ends)
