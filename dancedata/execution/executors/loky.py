@@ -12,6 +12,7 @@ import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
+from weakref import WeakSet
 
 from dancedata.core.errors import DanceDataError
 from dancedata.core.text import shown
@@ -27,6 +28,8 @@ _ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL",
 #: Workers keep memory that is free, at most so many bytes: else glibc gives it back after each array, and a fifth of
 #: the time of encoding motion is spent in clearing it again. Larger arrays than the first number are given back.
 _KEEPS_MEMORY = {"MALLOC_MMAP_THRESHOLD_": str(1 << 25), "MALLOC_TRIM_THRESHOLD_": str(1 << 27)}
+#: Pools of this process: one for each thread that builds.
+_pools: WeakSet[Any] = WeakSet()
 
 
 @dataclass(frozen=True)
@@ -55,6 +58,7 @@ class LokyExecutor(Executor):
             try:
                 with shielded():  # an interrupt meanwhile is raised at its end
                     pool = get_reusable_executor(min(self.n, len(calls)), timeout=IDLE_S, env=_environment())
+                    _pools.add(pool)
                     try:
                         for index, call in calls.items():
                             futures[pool.submit(function, *call)] = index
@@ -82,6 +86,12 @@ def _environment() -> dict[str, str]:
     tuned = "glibc.malloc" in os.environ.get("GLIBC_TUNABLES", "")
     chosen = tuned or any(name.startswith("MALLOC_") for name in os.environ)
     return _ONE_THREAD if chosen else {**_ONE_THREAD, **_KEEPS_MEMORY}
+
+
+def end_workers() -> None:
+    """Kill all workers, for a process that ends: they are idle, and take a tenth of a second to end by themselves."""
+    for pool in list(_pools):
+        pool.shutdown(kill_workers=True)
 
 
 def _raise_if_not_unpickled(death: BaseException, label: str) -> None:
