@@ -140,6 +140,7 @@ def test_an_old_torch_reads_no_pickles(copy: Callable[..., Path], monkeypatch: p
         ({"num_hidden_layers": -1}, "no valid num_hidden_layers"),
         ({"num_hidden_layers": 10**9}, "no valid num_hidden_layers"),
         ({"hidden_size": 10**9}, "no valid hidden_size"),
+        ({"num_lstm_layers": 10**9}, "no valid num_lstm_layers"),
         ({"conv_kernel": [10**9, 10], "conv_stride": [1, 1]}, "no valid conv_kernel"),
     ],
 )
