@@ -59,7 +59,7 @@ def tensor(name: str, shape: tuple[int, ...], dtype: str) -> np.ndarray:
 
 
 def _index_of_pairs(width: int) -> np.ndarray:
-    """Which entry of its table a Swin transformer adds for each pair of patches of a window, as CLAP's files have it."""
+    """Which entry of its table a Swin transformer adds for a pair of patches of a window, as in CLAP's files."""
     places = np.indices((width, width)).reshape(2, -1)
     apart = places[:, :, None] - places[:, None, :] + width - 1
     return np.asarray(apart[0] * (2 * width - 1) + apart[1], np.int64)
@@ -88,7 +88,8 @@ def outputs(folder: Path) -> dict[str, np.ndarray]:
 
     found = {}
     opened = open_model(str(folder))
-    for output, layers in (("hidden", 0), ("hidden", 1), ("hidden", "last"), ("embedding", "last"), ("codes", "last")):
+    wanted = [("hidden", 0), ("hidden", 1), ("hidden", "last"), ("embedding", "last"), ("codes", "last")]
+    for output, layers in wanted:
         try:
             made = settings_of(
                 opened, output=output, layers=layers, reduce="concat", chunk_s=None, overlap_s=None, resample="auto",

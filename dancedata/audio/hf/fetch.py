@@ -209,7 +209,9 @@ class _Hub:
         except (errors.RepositoryNotFoundError, errors.RevisionNotFoundError) as error:
             missing = isinstance(error, errors.RevisionNotFoundError)
             raise UsageError(
-                f"hf: the model has no revision {shown(revision)}" if missing else "hf: the hub does not have this model",
+                f"hf: the model has no revision {shown(revision)}"
+                if missing
+                else "hf: the hub does not have this model",
                 where=self.name,
                 fix="check the id on the model's page; for a private model log in: hf auth login",
             ) from error

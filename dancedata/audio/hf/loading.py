@@ -20,7 +20,8 @@ from dancedata.core.text import listed, shown
 _SAFE_TORCH = (2, 6)
 _INSTALL = 'pip install "dancedata[hf]"'
 _RAISED = (
-    pickle.UnpicklingError, RuntimeError, OSError, ValueError, TypeError, KeyError, AttributeError, ImportError, EOFError,
+    pickle.UnpicklingError, RuntimeError, OSError, ValueError, TypeError, KeyError, AttributeError, ImportError,
+    EOFError,
 )  # fmt: skip
 
 
