@@ -3,10 +3,10 @@
     python benchmarks/encoders.py [--minutes 10] [--layer 7] [--threads 1] [--device cpu]
 
 On a CPU: a song of `--minutes` against 30-s chunks that transformers is given one by one, and one minute against the
-whole song in one call of transformers. The peers compute and keep all 12 layers, as public scripts do, and bring one of
-them to 30 rows per second by linear interpolation; ours computes the blocks up to the layer, in chunks that overlap by
-4 s. Each runs in a process of its own. Times are CPU times of all its threads, without loading; memory is the peak of
-the resident set over what it is after loading.
+whole song in one call of transformers. The peers compute and keep all 12 layers, as public scripts do, and bring one
+of them to 30 rows per second by linear interpolation; ours computes the blocks up to the layer, in chunks that
+overlap by 4 s. Each runs in a process of its own. Times are CPU times of all its threads, without loading; memory is
+the peak of the resident set over what it is after loading.
 On a card (`--device cuda`): songs per second and the share of the measured matmul rate, fp16 and fp32.
 """
 

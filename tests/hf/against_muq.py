@@ -5,7 +5,7 @@
     PYTHONPATH=FOLDER python tests/hf/against_muq.py
 
 The package does not run with transformers 5, whose conformer returns no hidden states to it. Releases of torchaudio
-trail those of torch: where its compiled part does not load, its folder lib may be removed, as spectrograms do not need
+trail those of torch: where its compiled part does not load, its folder lib may be removed: spectrograms do not use
 it. MuQ-MuLan, which needs torchvision, is not imported.
 """
 

@@ -215,14 +215,21 @@ def test_a_click_lies_in_the_middle_of_the_frames_that_see_it(
     own = encoder(kind, normalize="none", **({} if kind in ("clap", "dac") or "encodec" in kind else {"layers": 0}))
     family = own.settings.family
     hop, n = float(family.timing.hop), min(own.settings.chunk_samples, int(24 * family.timing.hop))
-    away = []
-    for at in (n // 2, n // 2 + int(0.37 * hop), n // 2 + int(0.81 * hop)):
-        strength, stamps = _response(own, at, n)
-        # CLAP attends within windows of its map, so that only the strongest frame says where a click is.
-        seen = np.flatnonzero(strength > (0.999 if kind == "clap" else 0.15) * strength.max())
-        away.append(((stamps[seen[0]] + stamps[seen[-1]]) / 2 - at) / hop)
-        assert len(seen) <= 14
-    assert abs(np.mean(away)) <= 0.5
+    clicks = [n // 2 + int(part * hop) for part in (0, 0.37, 0.81)]
+    away = np.array([(_centre(kind, *_response(own, at, n)) - at) / hop for at in clicks])
+    # CLAP's frames are 15 times as long as its patches, whose windows of attention end between two of them.
+    assert np.abs(away.mean() if kind == "clap" else away).max() <= 0.5 + 1e-9
+
+
+def _centre(kind: str, strength: np.ndarray, stamps: np.ndarray) -> float:
+    """Stamp of a click, by how much each frame changes with it."""
+    if "encodec" in kind:  # its LSTM carries up to a tenth of a click on for ten frames
+        return float(np.average(stamps, weights=strength**2))
+    # CLAP attends within windows of its map, so that only the strongest frame tells. Of the others every frame that
+    # sees the click counts; group norm carries up to 2 % of it to all frames, which is why the limit is not 0.
+    seen = np.flatnonzero(strength > (0.999 if kind == "clap" else 0.05) * strength.max())
+    assert len(seen) <= 14
+    return float(stamps[seen[0]] + stamps[seen[-1]]) / 2
 
 
 @pytest.mark.parametrize("kind", ["encodec24", "mimi"])
