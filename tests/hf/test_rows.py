@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from fractions import Fraction
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +13,8 @@ import pytest
 pytest.importorskip("torch")
 pytest.importorskip("transformers")
 
-from hypothesis import given, settings
+import torch
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from dancedata.audio.hf import HuggingFace, HuggingFaceEncoder
@@ -181,10 +183,37 @@ def test_as_many_frames_as_the_network_gives(
         assert len(rows) == made.n_rows(signal.n_samples, rate, FrameGrid.of(fps))
 
 
+@given(st.integers(400, 20_000))
+@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_as_many_frames_as_the_convolutions_give_for_any_length(
+    encoder: Callable[..., HuggingFaceEncoder], n: int
+) -> None:
+    own = _once(encoder, "wav2vec2")
+    found = own._network.feature_extractor(torch.zeros(1, n))
+    assert own.settings.family.n_frames(n) == found.shape[-1]
+
+
+@given(st.integers(8_000, 96_000), st.integers(40, 900), GRIDS)
+@settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_as_many_rows_as_announced_at_any_rate(
+    feature: Callable[..., HuggingFace], rate: int, milliseconds: int, grid: FrameGrid
+) -> None:
+    made = _once(feature, "mert")
+    signal = AudioSignal(noise(milliseconds / 1000, rate), rate)
+    assert len(made.extract(signal, grid)) == made.n_rows(signal.n_samples, rate, grid)
+
+
+_made: dict[str, Any] = {}
+
+
+def _once(make: Callable[[str], Any], kind: str) -> Any:
+    if kind not in _made:
+        _made[kind] = make(kind)
+    return _made[kind]
+
+
 def _response(own: HuggingFaceEncoder, at: int, n: int) -> tuple[np.ndarray, np.ndarray]:
     """How much each frame of the front end changes with a click at sample `at`, and the frames' stamps in samples."""
-    import torch
-
     family = own.settings.family
     base = np.random.default_rng(0).normal(0, 0.1, n).astype(np.float32)
     click = base.copy()
