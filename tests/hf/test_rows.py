@@ -246,8 +246,10 @@ def test_a_click_lies_in_the_middle_of_the_frames_that_see_it(
     hop, n = float(family.timing.hop), min(own.settings.chunk_samples, int(24 * family.timing.hop))
     clicks = [n // 2 + int(part * hop) for part in (0, 0.37, 0.81)]
     away = np.array([(_centre(kind, *_response(own, at, n)) - at) / hop for at in clicks])
-    # CLAP's frames are 15 times as long as its patches, whose windows of attention end between two of them.
-    assert np.abs(away.mean() if kind == "clap" else away).max() <= 0.5 + 1e-9
+    # CLAP's frames are 15 times as long as its patches, whose windows of attention end between two of them; and where
+    # the energy of an LSTM lies depends on its weights, by up to half a hop. So of these the mean over clicks counts.
+    scattered = kind == "clap" or "encodec" in kind
+    assert np.abs(away.mean() if scattered else away).max() <= 0.5 + 1e-9
 
 
 def _centre(kind: str, strength: np.ndarray, stamps: np.ndarray) -> float:
