@@ -18,11 +18,12 @@ from dancedata.core.text import listed, shown
 
 #: The first torch whose weights_only refuses everything but tensors and plain containers.
 _SAFE_TORCH = (2, 6)
-_INSTALL = 'pip install "dancedata[hf]"'
-_RAISED = (
-    pickle.UnpicklingError, RuntimeError, OSError, ValueError, TypeError, KeyError, AttributeError, ImportError,
-    EOFError,
+#: Keys of a config that name code, the type of weights, or that have a call return something else than is read.
+_NOT_OF_THE_NETWORK = (
+    "auto_map", "_name_or_path", "dtype", "torch_dtype",
+    "return_dict", "use_return_dict", "torchscript", "output_hidden_states", "output_attentions",
 )  # fmt: skip
+_INSTALL = 'pip install "dancedata[hf]"'
 
 
 def load_network(folder: ModelFolder, family: Family, top: int, output: Output, dtype: torch.dtype) -> Any:
@@ -149,8 +150,8 @@ def _errors_of(folder: ModelFolder, files: tuple[Path, ...]) -> Iterator[None]:
         yield
     except (UsageError, SourceError):
         raise
-    # Whatever a config or file that was made up makes these packages raise.
-    except _RAISED as error:
+    # A config or file that was made up can make these packages raise anything.
+    except Exception as error:
         where = files[0] if len(files) == 1 else folder.path
         cause = _of_a_pickle(error)
         if cause is None:
@@ -205,8 +206,8 @@ def _quiet(package: Any) -> Iterator[None]:
 
 
 def _plain(keys: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the keys of a config without those that name code or where it came from."""
-    return {k: v for k, v in keys.items() if k not in ("auto_map", "_name_or_path", "dtype", "torch_dtype")}
+    """Return the keys of a config without those that name code, where it came from, or what a call returns."""
+    return {k: v for k, v in keys.items() if k not in _NOT_OF_THE_NETWORK}
 
 
 def _torch_version() -> tuple[int, ...]:
