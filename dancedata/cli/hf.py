@@ -28,7 +28,7 @@ def fetch(
         str | None, typer.Option(metavar="SHA", help="Commit of the model; without it the error names the newest.")
     ] = None,
     pickles: Annotated[
-        bool, typer.Option("--pickles", help="Take pickled weights where there are no safetensors.")
+        bool, typer.Option("--pickles", help="Fetch pickled weights if the repository has no safetensors.")
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:

@@ -39,10 +39,10 @@ _WINDOWS = 32
 class HuggingFace(AudioFeature):
     """Learned features of an encoder in the Hugging Face layout: MERT, MuQ, HuBERT, EnCodec, Whisper and others.
 
-    A recipe may have several: `hf.mert`, `hf.encodec`. Only network classes of transformers itself are used, never
-    code of a model's folder. Each frame has an exact time stamp; row j lies at j / fps. Scope track covers a song
-    with overlapping chunks whose middles are kept, and normalises the song as a whole; scope window takes each window
-    by itself.
+    A recipe may have several: `hf.mert`, `hf.encodec`. Networks are classes of transformers, and for MuQ one of this
+    package; code in a model's folder is never run. Each frame has an exact time stamp; row j lies at j / fps. Scope
+    track covers a song with overlapping chunks whose middles are kept, and normalises the song as a whole; scope
+    window computes each window alone.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ class HuggingFace(AudioFeature):
         "auto": hidden, or embedding of a codec; a build records which.
     layers
         A number, a list of numbers, a range such as "4..8", "last", "all", or "mean" of all. Layer 0 is what enters
-        the first block, the last one what leaves the network.
+        the first block, the last layer is the output of the network.
     reduce
         "concat": several layers lie side by side; "mean": they are averaged.
     chunk_s
