@@ -16,7 +16,7 @@ from dancedata.core.errors import DataError
 from dancedata.core.motion import Motion
 from dancedata.core.quality import implausible_flags
 from dancedata.core.skeleton import SMPL24
-from dancedata.datasets._positions import require_rotations
+from dancedata.datasets._positions import _lengths, require_rotations
 from dancedata.datasets.aistpp import load as _aistpp_load
 from dancedata.datasets.folder.facts import Declared
 from dancedata.datasets.folder.load import Reading, load_motion
@@ -187,3 +187,8 @@ def test_real_motions_are_rotations_and_their_joints_are_not(shared: Path) -> No
         points = np.asarray(load_pickle(path)["keypoints3d_optim"])[:, :17]
         with pytest.raises(DataError, match=r"first joint|constant|radians"):
             require_rotations(Path("x"), "poses", np.nan_to_num(points), np.nan_to_num(points[:, 0]), range(-1, 16))
+
+
+def test_lengths_are_numpys_to_the_bit() -> None:
+    vectors = np.random.default_rng(0).normal(size=(50, 23, 3)) * 10.0 ** np.arange(-2, 1)
+    np.testing.assert_array_equal(_lengths(vectors), np.linalg.norm(vectors, axis=-1))

@@ -75,7 +75,7 @@ def test_the_defaults_that_the_page_names(tmp_path: Path) -> None:
     pytest.importorskip("transformers")
     from dancedata.audio.hf import HuggingFace, write_random_model
 
-    for kind in ("mert", "encodec", "muq"):
+    for kind in ("mert", "encodec24", "muq"):
         write_random_model(kind, tmp_path / kind)
     feature = HuggingFace(model=str(tmp_path / "mert"))
     assert (feature.layers, feature.store, feature.precision) == ("last", "float16", "auto")

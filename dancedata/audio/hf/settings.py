@@ -6,14 +6,15 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
-from dancedata.audio.hf.families import family_of
-from dancedata.audio.hf.families.base import Family, Output
 from dancedata.audio.hf.model_folder import ModelFolder
 from dancedata.core.columns import Columns, Group
 from dancedata.core.errors import UsageError
 from dancedata.core.text import quoted
+
+if TYPE_CHECKING:
+    from dancedata.audio.hf.families.base import Family, Output
 
 Layers = int | tuple[int, ...] | str
 _RANGE = re.compile(r"(\d+)\.\.(\d+)")
@@ -90,6 +91,8 @@ def settings_of(
     SourceError
         The config is of no model that is supported.
     """
+    from dancedata.audio.hf.families import family_of
+
     family = family_of(folder.config, folder.extractor, folder.path)
     chosen = _output(family, output)
     found = _layers(family, layers, folder.path) if chosen == "hidden" else _no_layers(family, chosen, layers)
