@@ -152,7 +152,7 @@ def movement_figures(d: Drawing, chosen: Sequence[str]) -> list[Figure]:
                    "largest turn of the hips within a clip", "full turns"),
         _histogram(
             d, ("movement", "floor_m"), "Height of the floor",
-            f"2 % quantile of the feet's heights; {_range(floor)} m", "metres",
+            f"2 % quantile of the feet's heights; {_from_to(floor['min'], floor['max'])} m", "metres",
         ),
     ]  # fmt: skip
     if moves["contact"]:
@@ -167,10 +167,10 @@ def movement_figures(d: Drawing, chosen: Sequence[str]) -> list[Figure]:
     return figures
 
 
-def _range(found: Mapping[str, Any]) -> str:
-    """Return "least to largest", or one number where both read the same."""
-    low, high = number(found["min"]), number(found["max"])
-    return low if low == high else f"{low} to {high}"
+def _from_to(low: float | None, high: float | None) -> str:
+    """Return both numbers, or the one that both are shown as."""
+    first, last = number(low), number(high)
+    return first if first == last else f"{first} to {last}"
 
 
 def _joint_speed(d: Drawing) -> Figure:
