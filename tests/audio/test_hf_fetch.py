@@ -36,6 +36,7 @@ FILES = {
     "../config.json": b"{}",
     ".hidden.safetensors": b"",
     "training_args.bin": b"a pickle",
+    "a\x1b[2Jb\ud800": b"",
 }
 
 
@@ -274,6 +275,7 @@ def test_the_command(hub: Hub, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     assert result.exit_code == 0, result.output
     assert "licence of the weights: cc-by-nc-4.0" in result.output
     assert "modeling_tiny.py, pytorch_model.bin" in result.output
+    assert r"a\x1b[2Jb\ud800" in result.output
     other = tmp_path / "other"
     result = CliRunner().invoke(app, ["hf", "fetch", NAME, "--revision", COMMIT, "--out", str(other), "--json"])
     assert json.loads(result.stdout)["path"] == str(other)

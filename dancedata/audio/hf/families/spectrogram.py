@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.audio.hf.chunks import Timing
-from dancedata.audio.hf.families.base import Family, NetworkSpec, Output, Prepared, Samples, uniform
+from dancedata.audio.hf.families.base import MAX_BLOCKS, Family, NetworkSpec, Output, Prepared, Samples, uniform
 
 if TYPE_CHECKING:
     import torch
@@ -83,7 +83,7 @@ class Whisper(SpectrogramEncoder):
     @property
     def n_layers(self) -> int:
         """Number of the encoder's blocks."""
-        return self.number("encoder_layers", default=4)
+        return self.number("encoder_layers", default=4, most=MAX_BLOCKS)
 
     def n_frames(self, n_samples: int) -> int:
         """Return the positions of the encoder."""
@@ -172,7 +172,7 @@ class Ast(SpectrogramEncoder):
     @property
     def n_layers(self) -> int:
         """Number of transformer blocks."""
-        return self.number("num_hidden_layers", default=12)
+        return self.number("num_hidden_layers", default=12, most=MAX_BLOCKS)
 
     def n_frames(self, n_samples: int) -> int:
         """Return the patches along time."""
