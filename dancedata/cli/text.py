@@ -77,7 +77,7 @@ def describe_store(path: Path) -> str:
         *table(
             ["split", "clips", "windows", "songs", "minutes"],
             [
-                [split, n["clips"], n["windows"], n["songs"], f"{n['hours'] * 60:.1f}"]
+                [split, n["clips"], n["windows"], n["songs"], f"{round(n['hours'] * 60, 6):.1f}"]
                 for split, n in about.get("counts", {}).items()
             ],
         ),
@@ -90,10 +90,12 @@ def describe_store(path: Path) -> str:
         )
     lines += _describe_sources(about)
     with open_store(path) as store:
+        weights = store.weights
         lines += _describe_rejects(store.rejects)
         lines += describe_implausible(store.quality)
         lines += _describe_quality([f for f in store.quality if f.get("kind") not in IMPLAUSIBLE])
     lines.append(f"  licence: {shown(about.get('licence', 'unknown'), _NOTE)}")
+    lines += [f"  weights of {shown(name)}: {about_weights}" for name, about_weights in weights.items()]
     return "\n".join(lines)
 
 

@@ -15,7 +15,7 @@ COMPARE_HELP = "Another dataset, a folder of <clip>.npy or .npz, or one file; re
 AS_HELP = "What columns of --compare are: edge151, ...; default: joint positions, or the files' own rotations."
 VIDEO_HELP = "Write the clip as a video, and serve nothing; needs the extra video."
 EXPORT_HELP = "Write the clip as one HTML page, and serve nothing."
-SHARE_HELP = "You state to have the right to pass this music on."
+SHARE_HELP = "You state that you have the right to pass this music on."
 
 
 @errors_to_exit_codes

@@ -50,7 +50,7 @@ def require_shareable(store: Store, *, allowed_by_caller: bool = False) -> str:
         raise UsageError(
             "the licence of this dataset does not allow its music to be passed on",
             where=str(store.path),
-            found=f"dataset {quoted(store.meta.get('dataset', ''))}, licence: {licence}",
+            found=f"dataset {quoted(store.meta.get('dataset', ''))}, licence: {licence.rstrip('.')}",
             allowed="music that may be copied to others, such as that of the demo",
             fix=f"leave the music out, or state that you hold the right to share it: {OVERRIDE}",
         )

@@ -123,7 +123,7 @@ class ClipDataset(SplitDataset):
         selection = self._select({"whole": True}, trim, ignore, filter)
         spans, self.rejects = self._long_enough(selection.windows, selection.rejects)
         if not spans:
-            raise no_window_error(self.store, split, self.rejects)
+            raise no_window_error(self.store, split, self.rejects, self.start_at)
         self.windows = spans.take(np.repeat(np.arange(len(spans)), self.crops))
         changes = Changes(
             mirror, augment, normalize, normalizer_covers_mirror, normalizer_covers, normalizer_over, seed

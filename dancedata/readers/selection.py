@@ -13,12 +13,18 @@ from dancedata.core.clip import Reject
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.plugins import WindowFilter
 from dancedata.core.registry import FILTERS
+from dancedata.core.text import counted
 from dancedata.readers.music_beats import StartAt, windows_at
 from dancedata.readers.named_plugins import named_plugin
 from dancedata.store.clip_view import ClipView
 from dancedata.store.dataset import Store
 from dancedata.store.window_list import WindowList
 
+#: What to do where music has no downbeats.
+_NO_DOWNBEATS = (
+    "beats by librosa have no downbeats: build with audio: {beats: {source: beat_this}}, or give start_at='beat', or "
+    "ask for shorter windows"
+)
 #: How the caller names a filter: a plug-in, its name and parameters as in a recipe, or False for none.
 GivenFilter = WindowFilter | Mapping[str, Any] | Literal[False] | None
 
@@ -170,8 +176,16 @@ def _filtered(store: Store, windows: WindowList, chosen: WindowFilter) -> tuple[
     return kept, rejects
 
 
-def no_window_error(store: Store, split: str, rejects: Sequence[Reject]) -> UsageError:
-    """Return the error of a split in which no window is left."""
+def no_window_error(store: Store, split: str, rejects: Sequence[Reject], at: StartAt | None) -> UsageError:
+    """Return the error of a split in which no window is left, where windows begin at `at`."""
+    beatless = [r for r in rejects if at is not None and r.detail.startswith(f"no {at} at ")]
+    if beatless:
+        return UsageError(
+            f"no window of split {split!r} can begin at a {at}",
+            where=str(store.path),
+            found=f"{counted(len(beatless), 'clip')}, the first is {beatless[0].clip}: {beatless[0].detail}",
+            fix=_NO_DOWNBEATS if at == "downbeat" else "ask for shorter windows",
+        )
     longest = max((c.n_frames for c in store.clips), default=0)
     reasons = ", ".join(sorted({r.reason for r in rejects})) or "nothing"
     return UsageError(

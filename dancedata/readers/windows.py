@@ -192,7 +192,7 @@ class WindowDataset(SplitDataset):
         selection = self._select(preset_windows(self._known, requested), trim, ignore, given_filter, start)
         self.windows, self.rejects = selection.windows, selection.rejects
         if not self.windows:
-            raise no_window_error(self.store, split, self.rejects)
+            raise no_window_error(self.store, split, self.rejects, start)
         length = self.windows[0].length
         self._primitives: PrimitiveSpec | None = None
         if self._with_primitives:

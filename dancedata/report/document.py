@@ -52,7 +52,7 @@ def _about(store: Store) -> dict[str, Any]:
     description = store.meta.get("recipe", {}).get("description", "")
     notes = list(store.meta.get("source", {}).get("notes", []))
     skeleton = {"name": store.skeleton.name, "joints": store.skeleton.n_joints}
-    return {**about, "description": description, "notes": notes, "skeleton": skeleton}
+    return {**about, "description": description, "notes": notes, "skeleton": skeleton, "weights": store.weights}
 
 
 def _totals(found: Measured) -> dict[str, Any]:

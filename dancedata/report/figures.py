@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from dancedata.core.text import counted
 from dancedata.report.document import Document
 from dancedata.report.markup import Figure, Markup, escaped, number, table
 from dancedata.report.pictures import paths
@@ -92,7 +93,8 @@ def contents_figures(d: Drawing) -> list[Figure]:
     contents = d.own["contents"]
     n = contents["tempo_bpm"]["n"]
     clips = d.own["totals"]["clips"]
-    rates = ", ".join(f"{count:,} at {rate}" for rate, count in contents["source_rates"].items())
+    own_rates = (f"{rate} in {counted(count, 'clip')}" for rate, count in contents["source_rates"].items())
+    rates = f"frames per second of the files: {', '.join(own_rates)}"
     alike = "; ".join(" and ".join(names) for names in contents["alike"])
     genres = f"spelt differently, probably the same: {alike}" if alike else "coloured by split"
     figures = [
@@ -106,7 +108,7 @@ def contents_figures(d: Drawing) -> list[Figure]:
         ),
         _bars(d, ("contents", "windows_by_genre"), "Windows by genre", genres, "genre"),
         _bars(d, ("contents", "windows_by_song"), "Windows by song", "two colours: a song that splits share", "song"),
-        _histogram(d, ("contents", "length_s"), "Length of clips", f"source frame rates: {rates}", "seconds"),
+        _histogram(d, ("contents", "length_s"), "Length of clips", rates, "seconds"),
     ]
     if d.own["totals"]["dancers"]:
         figures.insert(2, _bars(d, ("contents", "windows_by_dancer"), "Windows by dancer", "", "dancer"))
@@ -135,7 +137,7 @@ def movement_figures(d: Drawing, chosen: Sequence[str]) -> list[Figure]:
     still = moves["still"]["p50"]
     floor = moves["floor_m"]
     sliding = moves["sliding_m_s"]
-    note = f"mean over {moves['joints']} joints; median {number(speed['p50'])} m/s"
+    note = f"mean over {moves['joints']} joints of {moves['field']}; median {number(speed['p50'])} m/s"
     if still is not None and still >= _MUCH_STILL:
         note += f"; half of the clips stand still in more than {100 * still:.0f} % of their frames"
     figures = [
@@ -150,7 +152,7 @@ def movement_figures(d: Drawing, chosen: Sequence[str]) -> list[Figure]:
                    "largest turn of the hips within a clip", "full turns"),
         _histogram(
             d, ("movement", "floor_m"), "Height of the floor",
-            f"2 % quantile of the feet's heights; {number(floor['min'])} to {number(floor['max'])} m", "metres",
+            f"2 % quantile of the feet's heights; {_from_to(floor['min'], floor['max'])} m", "metres",
         ),
     ]  # fmt: skip
     if moves["contact"]:
@@ -163,6 +165,12 @@ def movement_figures(d: Drawing, chosen: Sequence[str]) -> list[Figure]:
                        [(sliding["above_m_s"], f"{sliding['above_m_s']} m/s")])
         )  # fmt: skip
     return figures
+
+
+def _from_to(low: float | None, high: float | None) -> str:
+    """Return both numbers, or the one that both are shown as."""
+    first, last = number(low), number(high)
+    return first if first == last else f"{first} to {last}"
 
 
 def _joint_speed(d: Drawing) -> Figure:
@@ -212,7 +220,7 @@ def _contacts(d: Drawing) -> Figure:
     )
     rows = tuple((name, value[""], *([outline.get(name)] if outline else [])) for name, value in named.items())
     head = ("foot joint", "% of frames", *([d.other["about"]["name"]] if d.other and outline else []))
-    return Figure("contact", "Feet in contact", "left and right should be near each other",
+    return Figure("contact", "Feet in contact", "share of frames; left and right should be near each other",
                   bars(named, "per cent of frames in contact", other=outline, unit=" %"), head, rows,
                   other=d.other_name)  # fmt: skip
 
@@ -247,7 +255,10 @@ def music_figures(d: Drawing) -> list[Figure]:
             name = d.other["about"]["name"] if d.other is not None else ""
             rows_of |= {name: {"": other["bas"]}, f"{name}, chance": {"": other["bas_chance"]}}
         table_rows = tuple((name, value[""]) for name, value in rows_of.items())
-        note = "mean over clips; a score at its chance level says that dance and beats are unrelated"
+        note = (
+            f"mean over clips, beats of {own['beats_from']}; "
+            "a score at its chance level says that dance and beats are unrelated"
+        )
         figures.append(
             Figure(
                 "bas", "Beat alignment score", note, bars(rows_of, "beat alignment score"), ("", "score"), table_rows

@@ -85,7 +85,8 @@ def _movement(d: Document) -> list[Finding]:
     floor = moves["floor_m"]
     if floor["n"] and max(abs(floor["min"]), abs(floor["max"])) > 0.1:
         low, high = number(floor["min"]), number(floor["max"])
-        text = f"the floor is not at 0: the feet stand at {low} m" + (f" to {high} m" if high != low else "")
+        feet = f"the feet stand at {low} m" + (f" to {high} m" if high != low else "")
+        text = f"the floor of {moves['field']} is not at 0: {feet}"
         found.append(Finding("note", text, "floor_m"))
     return found
 

@@ -117,12 +117,13 @@ def _terms(document: Document) -> str:
     about = document["about"]
     rows = [
         ("licence", about["licence"] or "unknown"),
+        *((f"weights of {name}", text) for name, text in about["weights"].items()),
         ("cite", about["citation"] or "unknown"),
         ("dataset", about["dataset"]),
         ("recipe", about["recipe_sha256"]),
         ("made by", f"dancedata {about['dancedata']}"),
     ]
-    lines = [f"<li><b>{name}</b>: {escaped(value, 2000)}</li>" for name, value in rows]
+    lines = [f"<li><b>{escaped(name)}</b>: {escaped(value, 2000)}</li>" for name, value in rows]
     lines += [f"<li>{escaped(note, 2000)}</li>" for note in about["notes"]]
     if document["about"]["scope"] == "window":
         lines.append("<li>Window scope: movement was measured in windows that do not overlap.</li>")

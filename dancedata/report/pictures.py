@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.columns import Columns
+from dancedata.core.text import counted
 from dancedata.report.markup import escaped, number
 from dancedata.report.svg import drawn
 
@@ -23,6 +24,8 @@ _ROWS, _FRAMES = 320, 900
 _STRIPS = 200
 #: Size of a path's square, and of a group's strips.
 _SQUARE, _PANEL = 130.0, (760.0, 64.0)
+#: Least height of a group of the heat map, so that its name can be read; narrow fields have room for it.
+_NAME = 14
 #: Corners of the palette, dark to light (of equal steps in lightness), and its number of colours.
 _PALETTE = ((13, 8, 60), (60, 20, 120), (150, 40, 110), (225, 95, 60), (250, 180, 60), (252, 250, 190))
 _COLOURS = 32
@@ -64,14 +67,15 @@ def strips(columns: Columns, rows: Sequence[Mapping[str, Any]]) -> str:
 
 def _panel(title: str, rows: Sequence[Mapping[str, Any]], n: int, step: int) -> str:
     low, high = min(r["min"] for r in rows), max(r["max"] for r in rows)
-    (width, height), left, top = _PANEL, 46.0, 16.0
+    (width, height), left, top = _PANEL, 62.0, 16.0
 
     def y(value: float) -> float:
         return float(top + (height - top - 6) * (1 - (value - low) / ((high - low) or 1)))
 
     each = (width - left - 6) / len(rows)
-    every = f", every {step}. column" if step > 1 else ""
-    body = f'<text x="{left}" y="11" text-anchor="start">{escaped(title)}: {n} columns{every}</text>'
+    every = f", one of {step} is drawn" if step > 1 else ""
+    told = f"{title.removesuffix(', 1')}: {counted(n, 'column')}{every}"  # a unit of 1 says nothing
+    body = f'<text x="{left}" y="11" text-anchor="start">{escaped(told)}</text>'
     for value in dict.fromkeys((low, high)):
         body += f'<text x="{left - 5}" y="{y(value) + 4:.1f}" text-anchor="end">{number(value)}</text>'
         body += f'<path class="grid" d="M{left} {y(value):.1f}H{width - 6}"/>'
@@ -103,13 +107,14 @@ def heat_map(rows: npt.NDArray[Any], columns: Columns, label: str) -> str:
     )
     scaled = np.clip((values - low) / np.where(high > low, high - low, 1), 0, 1)
     image = base64.b64encode(_png((scaled * (_COLOURS - 1)).round().astype(np.uint8))).decode()
-    names = ""
+    names, least = "", len(kept)
     for group in columns.groups:
         own = columns.slice(group.name)
         inside = np.flatnonzero((kept >= own.start) & (kept < own.stop))
         if len(inside):
+            least = min(least, len(inside))
             names += f'<li style="flex:{len(inside)} 0 0">{escaped(group.name.replace("_", " "))}</li>'
-    height = int(np.clip(len(kept) * 7, 120, 520))
+    height = int(np.clip(len(kept) * max(7, _NAME / least), 120, 520))
     return (
         f'<div class="heat" style="height:{height}px"><ul>{names}</ul>'
         f'<img alt="{escaped(label)}" src="data:image/png;base64,{image}"></div>'

@@ -95,10 +95,11 @@ def _field(d: Drawing, name: str, own: Mapping[str, Any], columns: Columns) -> F
     constant = (
         f"{len(own['constant'])} never change (crosses): {listed(own['constant'], 8)}"
         if own["constant"]
-        else ("none of them is constant")
+        else ("no column is constant")
     )
     about = (
-        f"{own['width']} columns, {own['rate']} per second, over {own['rows']:,} rows of train windows; {constant}"
+        f"{own['width']} columns, {own['rate']} per second, over {own['rows']:,} rows of train windows; {constant}; "
+        "line: range, box: 25 to 75 %, mark: median"
     )
     other = None if d.other is None else d.other["fields"].get(name)
     beside = {} if other is None else {row["label"]: row for row in other["columns"]}
@@ -122,7 +123,8 @@ def _left_out(d: Drawing) -> list[Figure]:
              Markup(f'<div class="text">{escaped(entry["detail"], 300)}</div>'))
             for reason, entry in own["left_out"].items()
         ]  # fmt: skip
-        body = f'<div class="scroll">{table(("reason", "number", "names", "the first"), rows, "list")}</div>'
+        head = ("reason", "number", "names", "message of the first")
+        body = f'<div class="scroll">{table(head, rows, "list texts")}</div>'
         figures.append(Figure("left_out", "Left out, by reason", "all names are in rejects.jsonl", body, kind="wide"))
     if own["flags"]["by_kind"]:
         for key, title in (("by_kind", "Flags by kind"), ("by_joint", "Flags by joint")):

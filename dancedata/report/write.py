@@ -13,7 +13,7 @@ from dancedata.pipeline.diff import Difference, diff
 from dancedata.report.document import SCHEMA, Document, document
 from dancedata.report.figures import Drawing
 from dancedata.report.left_out import spread
-from dancedata.report.markup import Figure
+from dancedata.report.markup import Figure, number
 from dancedata.report.measure import measure
 from dancedata.report.page import PageParts, page
 from dancedata.report.pictures import heat_map
@@ -198,7 +198,11 @@ def _heat_maps(store: Store, own: Document) -> dict[str, Figure]:
         rows = store.read_clip(clip, name) if store.scope == "track" else store.read(windows[0], name)
         if not len(rows):
             continue
-        note = f"clip {shown(clip)}; time to the right, each line scaled by its own 2nd and 98th percentile"
+        seconds = number(len(rows) / float(store.field(name).grid.rate))
+        note = (
+            f"clip {shown(clip)}; from left to right {seconds} s; a line for each column, "
+            "dark at its 2nd percentile, light at its 98th"
+        )
         body = heat_map(rows, columns, f"columns of {name} over time")
         figures[name] = Figure(f"heat_{name}", f"{name} over time", note, body, kind="wide")
     return figures

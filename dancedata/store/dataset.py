@@ -390,6 +390,16 @@ class Store:
         raise UsageError(f"no clip named {clip_id!r}", where=str(self.path), fix=did_you_mean(clip_id, known))
 
     @property
+    def weights(self) -> dict[str, str]:
+        """By field that a network computed: the network's weights and their licence, as its feature stated them."""
+        stated = self.meta.get("encoders", {})
+        return {
+            name: f"{shown(stated[name].get('model', ''))}, licence: {shown(stated[name]['licence'], 600)}"
+            for name in self._fields
+            if isinstance(stated.get(name), dict) and "licence" in stated[name]
+        }
+
+    @property
     def stats(self) -> dict[str, Any]:
         """stats.json: per field, over the rows that train windows cover."""
         return self._side_files.stats

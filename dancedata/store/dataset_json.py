@@ -194,7 +194,9 @@ def _parse(document: dict[str, Any], path: Path) -> Description:
 #: Types of the keys that commands show; all but `counts` are optional.
 _ABOUT: dict[str, type] = {
     **dict.fromkeys(("name", "dataset", "licence", "citation", "recipe_sha256", "source_sha256", "self_sha256"), str),
-    **dict.fromkeys(("recipe", "source", "counts", "rejects", "axes", "content", "genre_ids", "packages"), dict),
+    **dict.fromkeys(
+        ("recipe", "source", "counts", "rejects", "axes", "content", "genre_ids", "packages", "encoders"), dict
+    ),
     "quality_flags": int,
 }
 

@@ -233,6 +233,8 @@ def test_the_hash_of_the_weights_is_resolved_and_compared(tmp_path):
     other.write_bytes(WEIGHTS.read_bytes()[:-1] + b"\1")
     with pytest.raises(UsageError, match="do not match the recipe"):
         Beats(source="beat_this", weights=other, weights_sha256=made.weights_sha256).resolved(sha256_file)
+    with pytest.raises(SourceError, match=r"none.ckpt: .* does not exist. Set weights to final0.ckpt"):
+        Beats(source="beat_this", weights=tmp_path / "none.ckpt").resolved(sha256_file)
 
 
 def test_weights_that_change_after_they_were_hashed_are_an_error(tmp_path):

@@ -59,3 +59,23 @@ def test_the_recipe_is_finedance_with_mert() -> None:
         del document["audio"], document["name"]
         document.pop("description", None)
     assert with_mert == plain
+
+
+def test_the_page_names_every_model_type() -> None:
+    pytest.importorskip("torch")
+    from dancedata.audio.hf.families import FAMILIES
+
+    listed = TEXT.split("**Models that can be read**")[1].split("\n\n")[0].split("`config.json`:")[1]
+    known = {kind for family in FAMILIES for kind in family.model_types}
+    assert set(re.findall(r"`([\w-]+)`", listed)) == known
+
+
+def test_the_defaults_that_the_page_names(tmp_path: Path) -> None:
+    """Of a random model, whose kinds the page names, too."""
+    pytest.importorskip("transformers")
+    from dancedata.audio.hf import HuggingFace, write_random_model
+
+    for kind in ("mert", "encodec24", "muq"):
+        write_random_model(kind, tmp_path / kind)
+    feature = HuggingFace(model=str(tmp_path / "mert"))
+    assert (feature.layers, feature.store, feature.precision) == ("last", "float16", "auto")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
@@ -30,6 +31,7 @@ from dancedata.readers import (
 )
 from dancedata.store.dataset import Store
 from dancedata.store.schema import Field
+from dancedata.store.writer import write_store
 from dancedata.testing.stores import random_fields, write_random_store
 
 FIELDS = ("edge151", "beats")
@@ -211,3 +213,21 @@ def test_a_dataset_of_window_scope_has_other_windows(tmp_path: Path) -> None:
     assert WindowDataset(made.path, fields=FIELDS)[0]["beat"].shape == (30,)
     with pytest.raises(StoreError, match="scope: track"):
         WindowDataset(made.path, fields=FIELDS, start_at="beat")
+
+
+def test_music_without_downbeats_is_said_to_have_none(tmp_path: Path) -> None:
+    """Not that windows are too long: beats by librosa have no downbeats."""
+    beats = Field("beats", "audio", Beats().columns, Fraction(30))
+    made = write_random_store(
+        tmp_path / "plain", n_frames=(300, 300), fields=(*random_fields({"edge151": 151}, {}), beats)
+    )
+    silent = [
+        replace(clip, audio={"beats": tuple(replace(b, array=np.zeros_like(b.array)) for b in clip.audio["beats"])})
+        for clip in made.clips
+    ]
+    (tmp_path / "out").mkdir()
+    write_store(tmp_path / "out", made.header, silent)
+    for settings in (partial(WindowDataset, length_s=4), partial(ClipDataset, crop_s=4)):
+        message = r"no window of split 'train' can begin at a downbeat; found 6 clips.*source: beat_this"
+        with pytest.raises(UsageError, match=message):
+            settings(tmp_path / "out", fields=FIELDS, start_at="downbeat")

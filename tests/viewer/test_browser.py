@@ -52,6 +52,18 @@ def test_links_open_the_same_moment(browser: Browser, served: str) -> None:
     assert browser.log() == []
 
 
+def test_music_that_is_on_its_way_is_not_missing(browser: Browser, served: str) -> None:
+    browser.open(at(served, "wav"))
+    assert " · Cite: " in " ".join(browser.js("return document.querySelector('[data-dd=foot]').textContent").split())
+    meta = "return document.querySelector('[data-dd=meta]').textContent"
+    browser.js("const plain = window.fetch; window.fetch = (url, ...more) => "
+               "String(url).includes('/music') ? new Promise(() => {}) : plain(url, ...more)")  # fmt: skip
+    browser.js(f"location.hash = 'clip={quote(HOSTILE[0], safe='')}'")
+    browser.wait(f"return {V}.state.clip.id !== 'wav'")
+    assert "music is loading" in browser.js(meta)
+    assert "no music" not in browser.js(meta)
+
+
 def test_characters_that_turn_text_are_shown_as_codes(browser: Browser, odd: Path, tmp_path: Path) -> None:
     every = Scenes(dancedata.open(odd))
     items = [replace(item, clip=replace(item.clip, genre=TURNED, music=TURNED)) for item in every.items]

@@ -22,6 +22,7 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import sha256_file
 from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
+from dancedata.core.text import shown
 
 if TYPE_CHECKING:
     import torch
@@ -104,8 +105,12 @@ class Beats(AudioFeature):
         try:
             sha256 = hash_file(path)
         except OSError as error:
+            missing = isinstance(error, FileNotFoundError)
             raise SourceError(
-                "beats: the file of the weights cannot be read", where=path, found=str(error)
+                f"beats: the file of the weights {'does not exist' if missing else 'cannot be read'}",
+                where=path,
+                found=None if missing else shown(error),
+                fix="set weights to final0.ckpt or small0.ckpt of Beat This!, or take source: librosa",
             ) from error
         if self.weights_sha256 not in ("", sha256):
             raise UsageError(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from dancedata.audio.hf.model_folder import ModelFolder
@@ -94,7 +95,7 @@ def settings_of(
 
     family = family_of(folder.config, folder.extractor, folder.path)
     chosen = _output(family, output)
-    found = _layers(family, layers) if chosen == "hidden" else _no_layers(family, chosen, layers)
+    found = _layers(family, layers, folder.path) if chosen == "hidden" else _no_layers(family, chosen, layers)
     if layers == "mean":
         reduce = "mean"
     length, overlap = _chunks(family, chunk_s, overlap_s)
@@ -111,7 +112,7 @@ def _output(family: Family, output: str) -> Output:
     raise UsageError(problem, found=output, allowed=", ".join(family.outputs))
 
 
-def _layers(family: Family, layers: Layers) -> tuple[int, ...]:
+def _layers(family: Family, layers: Layers, folder: Path) -> tuple[int, ...]:
     """Return layer numbers from a key: 7, (7, 9), "4..8", "last", "all", "mean"."""
     offered = family.layers
     if isinstance(layers, str):
@@ -123,6 +124,7 @@ def _layers(family: Family, layers: Layers) -> tuple[int, ...]:
         if span is None:
             raise UsageError(
                 "hf: invalid value for layers",
+                where=folder,
                 found=quoted(layers),
                 allowed=f"a number, a list of numbers, a range such as 4..8, {', '.join(_WORDS)}",
             )
@@ -135,6 +137,7 @@ def _layers(family: Family, layers: Layers) -> tuple[int, ...]:
     if wrong or not found or len(set(found)) != len(found):
         raise UsageError(
             "hf: invalid value for layers",
+            where=folder,
             found=quoted(layers) if not isinstance(layers, tuple) else str(list(layers)),
             allowed=f"{offered[0]} to {offered[-1]}, each once (0 is what enters the first block)"
             if len(offered) > 1

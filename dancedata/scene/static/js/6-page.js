@@ -37,7 +37,11 @@ async function openItem(item, at = {}) {
 function zoomToStart() { view.from = 0; view.to = duration(); layOut(state.clip); base = null; state.dirty = true; }
 
 async function soundOf(clip, turn) {
-  try { await loadMusic(clip); } catch (error) { clip.silence = 'the music cannot be decoded'; }
+  const made = loadMusic(clip);
+  clip.loading = page.server && head.sound && !clip.wave;
+  if (clip.loading) showAbout();
+  try { await made; } catch (error) { clip.silence = 'the music cannot be decoded'; }
+  clip.loading = false;
   if (turn !== opening) return;
   layOut(clip); showAbout();
   base = null; state.dirty = true;
@@ -61,7 +65,7 @@ function showAbout() {
     clip.source && 'copy of ' + clip.source, f ? f.frames + ' frames at ' + round(f.rate) : clip.n + ' frames at ' + round(clip.fps),
     page.list.windows ? 'from frame ' + clip.start : clip.windows.length + (clip.windows.length === 1 ? ' window' : ' windows'),
     clip.beats.length && clip.beats.length + ' beats', clip.bpm && round(clip.bpm) + ' BPM', f && 'floor at ' + (Math.round(f.floor * 100) / 100 || 0).toFixed(2) + ' m',
-    !clip.wave && clip.beats.length && 'no music: press C to hear the beats'].filter(Boolean).map(plain).join('  ·  ');
+    clip.loading ? 'music is loading' : !clip.wave && clip.beats.length && 'no music: press C to hear the beats'].filter(Boolean).map(plain).join('  ·  ');
   const whole = clip.flags.filter(flag => flag[0] === null).map(flagText);
   el('notes').textContent = [...whole, ...clip.notes, clip.silence, state.other && state.other.note].filter(Boolean).map(plain).join('  ·  ');
   el('flag').disabled = !clip.flagTimes.length;
@@ -213,7 +217,7 @@ function about() {
   const n = head.clips, minutes = (head.hours * 60).toFixed(1);
   el('name').textContent = plain(head.name);
   el('about').textContent = n + (n === 1 ? ' clip' : ' clips') + ' · ' + head.windows + ' windows · ' + minutes + ' min · ' + head.rate + ' fps';
-  el('foot').textContent = plain([head.notice, head.licence && 'Licence: ' + head.licence, head.citation && 'Cite: ' + head.citation].filter(Boolean).join('   '));
+  el('foot').textContent = plain([head.notice, head.licence && 'Licence: ' + head.licence, head.citation && 'Cite: ' + head.citation].filter(Boolean).join('  ·  '));
   root.classList.toggle('single', items.length < 2 || !!page.single);
 }
 

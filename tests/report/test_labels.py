@@ -1,0 +1,81 @@
+"""Words beside figures: what is measured, in which field and unit, and numbers that are not cut."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dancedata.cli import text
+from dancedata.core.columns import Columns, Group
+from dancedata.report import write_report
+from dancedata.report.figures import Drawing, contents_figures, movement_figures, music_figures
+from dancedata.report.findings import findings
+from dancedata.report.page import _terms
+from dancedata.report.pictures import heat_map, strips
+from dancedata.store import open_store
+
+ROW = {"min": 0.00166, "p25": 0.1, "p50": 0.2, "p75": 0.3, "max": 0.765}
+
+
+def rows(n: int) -> list[dict[str, Any]]:
+    return [{"label": f"c{k}", **ROW} for k in range(n)]
+
+
+def test_a_panel_names_columns_and_units() -> None:
+    columns = Columns((Group("contact", 4, "1"), Group("beat", 1, "0/1"), Group("layer7", 450, "m")))
+    drawn = strips(columns, rows(455))
+    assert re.findall(r'text-anchor="start">(.*?)</text>', drawn) == [
+        "contact: 4 columns", "beat, 0/1: 1 column", "layer7, m: 450 columns, one of 3 is drawn",
+    ]  # fmt: skip
+
+
+def test_numbers_of_a_panel_lie_within_the_picture() -> None:
+    """A text of 15 units in the wide picture has digits of up to 9 units."""
+    drawn = strips(Columns((Group("beat", 1, "0/1"),)), rows(1))
+    for x, number in re.findall(r'<text x="([\d.]+)" y="[\d.]+" text-anchor="end">(.*?)</text>', drawn):
+        assert float(x) - 8 * len(number) > 0
+
+
+def test_names_beside_a_heat_map_have_room() -> None:
+    columns = Columns((Group("onset_envelope", 1, "dB"), Group("mfcc", 32, "dB"), Group("beat", 2, "0/1")))
+    (height,) = re.findall(r"height:(\d+)px", heat_map(np.zeros((9, 35)), columns, "x"))
+    assert int(height) / 35 >= 12
+    (height,) = re.findall(r"height:(\d+)px", heat_map(np.zeros((9, 32)), Columns((Group("layer7", 32, "1"),)), "x"))
+    assert int(height) == 7 * 32
+
+
+def test_figures_say_what_is_measured(demo: Path) -> None:
+    own = write_report(demo).document
+    own["movement"]["floor_m"] |= {"min": -0.17701, "max": -0.17699}
+    drawing = Drawing(own)
+    made = [*contents_figures(drawing), *movement_figures(drawing, ()), *music_figures(drawing)]
+    notes = {figure.key: figure.note for figure in made}
+    assert notes["length_s"] == "frames per second of the files: 60 in 8 clips"
+    assert notes["speed_m_s"].startswith("mean over 22 joints of edge151; ")
+    assert notes["floor_m"] == "2 % quantile of the feet's heights; −0.177 m"
+    assert notes["contact"].startswith("share of frames")
+    assert notes["bas"].startswith("mean over clips, beats of librosa35; ")
+    assert any(f.text.startswith("the floor of edge151 is not at 0") for f in findings(own))
+
+
+def test_licences_of_weights_are_on_the_page_and_in_info(relabelled: Any) -> None:
+    stated = {"librosa35": {"model": "<mert>", "licence": "cc-by-nc-4.0"}, "gone": {"licence": "x"}}
+    out = relabelled(lambda k: {}, meta={"encoders": stated})
+    with open_store(out) as store:
+        assert store.weights == {"librosa35": "<mert>, licence: cc-by-nc-4.0"}
+    assert "  weights of librosa35: <mert>, licence: cc-by-nc-4.0" in text.describe_store(out).splitlines()
+    terms = _terms(write_report(out).document)
+    assert "<b>weights of librosa35</b>: &lt;mert&gt;, licence: cc-by-nc-4.0" in terms
+
+
+def test_info_rounds_minutes_as_the_card_does(demo: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """81 s are 1.35 minutes: 1.4 on both, though 0.0225 * 60 is less in binary."""
+    about = text.store_json(demo)
+    about["counts"]["val"]["hours"] = 0.0225
+    monkeypatch.setattr(text, "store_json", lambda path: about)
+    lines = text.describe_store(demo).splitlines()
+    assert [line.split()[-1] for line in lines if line.startswith("  val ")] == ["1.4"]
