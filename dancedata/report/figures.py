@@ -185,8 +185,10 @@ def _joint_speed(d: Drawing) -> Figure:
         *([f"p50, {d.other['about']['name']}"] if d.other and other else []),
     )
     note = "line: 5 to 95 % of frames, box: 25 to 75 %, mark: median; blue is left, orange is right"
+    beside = {name.replace("_", " "): q for name, q in (other or {}).items()}
+    body = boxes(named, "metres per second", classes=sides, other=beside)
     return Figure(
-        "joint_speed", "Speed by joint", note, boxes(named, "metres per second", classes=sides), head, tuple(rows)
+        "joint_speed", "Speed by joint", note, body, head, tuple(rows), other=d.other_name if beside else ""
     )
 
 
@@ -231,15 +233,19 @@ def music_figures(d: Drawing) -> list[Figure]:
         note = (
             f"{number(own['mean_distance_ms'])} ms from the nearest beat on average, "
             f"{number(own['mean_distance_shifted_ms'])} ms with the beats moved by half a period "
-            "(dashed: without alignment both look alike)"
+            "(dotted: without alignment both look alike)"
         )
         counts = moved["counts"]["all"]
-        body = histogram(hist["edges"], hist["counts"], "milliseconds after the nearest beat", other=counts)
-        rows = tuple(zip(hist["edges"], hist["edges"][1:], hist["counts"]["all"], counts, strict=False))
+        there = None if other is None or not other["offset_ms"]["n"] else other["offset_ms"]["counts"]["all"]
+        label = "milliseconds after the nearest beat"
+        body = histogram(hist["edges"], hist["counts"], label, other=there, chance=counts)
+        columns = [hist["counts"]["all"], counts, *([] if there is None else [there])]
+        rows = tuple(zip(hist["edges"], hist["edges"][1:], *columns, strict=False))
+        name = () if there is None or d.other is None else (d.other["about"]["name"],)
         figures.append(
             Figure("key_beats", "Key motions and beats", note, body,
-                   ("from", "to", "key motions", "beats moved"), rows,
-                   other="beats moved by half a period")
+                   ("from", "to", "key motions", "beats moved", *name), rows,
+                   other=d.other_name if name else "", chance="beats moved by half a period")
         )  # fmt: skip
     if own["bas"] is not None:
         rows_of = {"this dataset": {"": own["bas"]}, "chance": {"": own["bas_chance"]}}
@@ -257,11 +263,14 @@ def music_figures(d: Drawing) -> list[Figure]:
         pairs = [(t["stated"], t["found"], t["clip"]) for t in own["tempo_bpm"]]
         off = sum(abs(found / stated - 1) > 0.05 for stated, found, _ in pairs)
         note = f"{off} of {len(pairs)} clips differ by more than 5 %; lines: equal, half and double"
-        body = points(pairs, ("stated, beats per minute", "found in the beats"))
+        there = [] if other is None else [(t["stated"], t["found"], t["clip"]) for t in other["tempo_bpm"]]
+        body = points(pairs, ("stated, beats per minute", "found in the beats"), other=there)
         listed = tuple((d.link(clip), stated, found) for stated, found, clip in pairs)
+        head = ("clip", "stated", "found")
         figures.append(
-            Figure("tempo_pairs", "Tempo, stated and found", note, body, ("clip", "stated", "found"), listed)
-        )
+            Figure("tempo_pairs", "Tempo, stated and found", note, body, head, listed,
+                   other=d.other_name if there else "")
+        )  # fmt: skip
     return figures
 
 
