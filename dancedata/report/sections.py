@@ -137,7 +137,8 @@ def _flags(d: Drawing) -> list[Figure]:
         counts = {name.replace("_", " "): {"": own.get(name, 0)} for name in names}
         beside = None if other is None else {name.replace("_", " "): n for name, n in other.items()}
         rows = tuple(
-            (name, value[""], *([beside.get(name, 0)] if beside is not None else [])) for name, value in counts.items()
+            (name, value[""], *([beside.get(name, 0)] if beside is not None else []))
+            for name, value in counts.items()
         )
         head = ("", "flags", *([d.other["about"]["name"]] if d.other is not None else []))
         body = bars(dict(list(counts.items())[:24]), title, other=beside)
