@@ -6,9 +6,9 @@
     python benchmarks/pages.py --first-frame 5      # also the first picture in chromium, the least of five
 
 Memory is the peak resident set of the process (VmHWM, getrusage). The server answers the page, every 20th clip with
-its music, and the order by sliding, for which it reads all clips. It prints measurements and asserts nothing; the limits
-are 300 MB for both, 1 MB for the page of the server, and 20 MB for a report. First frame: from the start of the
-navigation to the first picture of the dancer, in a chromium that runs already.
+its music, and the order by sliding, for which it reads all clips. It prints measurements and asserts nothing; the
+limits are 300 MB for both, 1 MB for the page of the server, and 20 MB for a report. First frame: from the start of
+the navigation to the first picture of the dancer, in a chromium that runs already.
 """
 
 from __future__ import annotations
