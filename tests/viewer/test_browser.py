@@ -203,6 +203,17 @@ def colour_count(browser: Browser, name: str) -> int:
     )
 
 
+def test_the_camera_comes_nearer_to_dancers_on_the_floor(browser: Browser, odd: Path, tmp_path: Path) -> None:
+    joints = dancedata.decode(dancedata.open(odd).clip("wav").read("edge151"), "edge151", fps=30).joints()
+    np.save(tmp_path / "lying.npy", joints[..., [0, 2, 1]])
+    with serving(ViewRequest(odd, "wav", compare=(tmp_path / "lying.npy",))) as address:
+        browser.open(f"{address}&with=lying.npy")
+        browser.wait(f"return {V}.state.other")
+        shares = browser.js(f"const s = {V}.state; return [s.clip.figure, s.other.figure].map(f => f.room / f.tall)")
+    assert 0.9 < shares[0] <= 1
+    assert shares[1] == pytest.approx(0.7)
+
+
 def test_contacts_are_rings_on_the_stage(browser: Browser, served: str) -> None:
     browser.open(at(served, "wav", "&t=1"))
     assert browser.js(f"return {V}.state.clip.figure.contacts[30]") == 15  # it stands still
@@ -289,9 +300,10 @@ def play_from(browser: Browser, seconds: float) -> None:
     browser.wait(f"return {V}.state.playing && {V}.context.state === 'running' && {V}.state.t > {seconds} + 0.05")
 
 
-@pytest.mark.parametrize("fmt", ["ogg", *[pytest.param(f, marks=pytest.mark.nightly) for f in FORMATS if f != "ogg"]])
-def test_clicks_are_heard_when_they_are_drawn(browser: Browser, served: str, fmt: str, request) -> None:
-    whole = request.config.getoption("-m") == "nightly"
+@pytest.mark.parametrize(
+    ("fmt", "whole"), [("ogg", False), *[pytest.param(fmt, True, marks=pytest.mark.nightly) for fmt in FORMATS]]
+)
+def test_clicks_are_heard_when_they_are_drawn(browser: Browser, served: str, fmt: str, whole: bool) -> None:
     browser.open(at(served, fmt))
     browser.wait(f"return {V}.state.clip.sound")
     frame = 1 / FPS
