@@ -72,11 +72,10 @@ def _histogram(
 def _bars(d: Drawing, keys: Sequence[str], title: str, note: str, first: str, *, legend: bool = True) -> Figure:
     own, other = d.find(*keys)
     totals = None if other is None else {name: sum(values.values()) for name, values in other.items()}
-    shown_rows = dict(list(own.items())[:_BARS])
-    rest = len(own) - len(shown_rows)
-    if rest:
-        note = f"{note}; the first {_BARS} of {len(own)}".removeprefix("; ")
     names = [*own, *(name for name in totals or {} if name not in own)]
+    if len(names) > _BARS:
+        note = f"{note}; the first {_BARS} of {len(names)}".removeprefix("; ")
+    shown_rows = {name: own.get(name, {}) for name in names[:_BARS]}
     groups = tuple(next(iter(own.values()), {}))
     rows = tuple(
         (name, *(own.get(name, {}).get(g, 0) for g in groups), *([totals.get(name, 0)] if totals is not None else []))
@@ -150,7 +149,7 @@ def movement_figures(d: Drawing, chosen: Sequence[str]) -> list[Figure]:
                    "largest turn of the hips within a clip", "full turns"),
         _histogram(
             d, ("movement", "floor_m"), "Height of the floor",
-            f"2 % quantile of the feet's heights; {number(floor['min'])} to {number(floor['max'])} m", "metres",
+            f"2 % quantile of the feet's heights; {_from_to(floor['min'], floor['max'])} m", "metres",
         ),
     ]  # fmt: skip
     if moves["contact"]:
@@ -163,6 +162,12 @@ def movement_figures(d: Drawing, chosen: Sequence[str]) -> list[Figure]:
                        [(sliding["above_m_s"], f"{sliding['above_m_s']} m/s")])
         )  # fmt: skip
     return figures
+
+
+def _from_to(low: float | None, high: float | None) -> str:
+    """Return both numbers, or the one that both are shown as."""
+    first, last = number(low), number(high)
+    return first if first == last else f"{first} to {last}"
 
 
 def _joint_speed(d: Drawing) -> Figure:

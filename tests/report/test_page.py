@@ -183,6 +183,16 @@ def test_every_figure_has_the_other_dataset_as_outline(hostile: Path, tmp_path: 
     assert charts["tempo_pairs"].count('class="other"') == charts["tempo_pairs"].count('class="s0"') + 1  # the legend
 
 
+def test_names_of_the_other_dataset_alone_have_a_bar(demo: Path, relabelled, tmp_path: Path) -> None:
+    path = tmp_path / "both.html"
+    write_report(relabelled(lambda k: {"genre": "Tap"}), path, clips="none", against=demo)
+    (genres,) = re.findall(r'<figure id="r-windows_by_genre"(.*?)</figure>', path.read_text(), flags=re.DOTALL)
+    others = {row["genre"] for row in write_report(demo).document["clips"]}
+    chart = genres.partition("</svg>")[0]
+    assert chart.count('<rect class="other"') == len(others)
+    assert all(f"<title>{genre}</title>" in chart for genre in {"Tap", *others})
+
+
 def test_a_dataset_is_the_same_as_itself(demo: Path, tmp_path: Path) -> None:
     made = write_report(demo, tmp_path / "same.html", clips="none", against=demo)
     assert made.differences == ()
