@@ -132,17 +132,20 @@ def peak_mb(process: int) -> float:
     return int(next(line for line in lines if line.startswith("VmHWM")).split()[1]) * 1024 / MB
 
 
+#: Notes when the page has drawn its first clip, in milliseconds after the start of the navigation.
 FIRST = """
-const done = arguments[arguments.length - 1];
 const look = () => {
-  const v = window.dancedataViewer, c = document.querySelector('[data-dd=figure]');
-  if (v && v.state.clip && !v.state.dirty && c.width > 0) {
-    const d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;
-    if (d.some((value, k) => k % 4 !== 3 && value !== d[k % 4])) return done(performance.now());
-  }
-  requestAnimationFrame(look);
+  const v = window.dancedataViewer;
+  if (v && v.state.clip && v.state.clip.figure && !v.state.dirty) window.firstFrame = performance.now();
+  else requestAnimationFrame(look);
 };
-look();
+requestAnimationFrame(look);
+"""
+#: Whether the picture has more than one colour.
+DRAWN = """
+const c = document.querySelector('[data-dd=figure]');
+const d = new Uint32Array(c.getContext('2d').getImageData(0, 0, c.width, c.height).data.buffer);
+return d.some(value => value !== d[0]);
 """
 
 
@@ -151,23 +154,23 @@ def print_first_frame(dataset: Path, source: Path | None, rounds: int) -> None:
     os.environ["SE_OFFLINE"] = "true"
     from selenium import webdriver
     from selenium.webdriver.chrome.service import Service
+    from selenium.webdriver.support.ui import WebDriverWait
 
     options = webdriver.ChromeOptions()
     options.binary_location = "/usr/bin/chromium"
     for flag in ("headless", "disable-gpu", "no-first-run", "window-size=1440,900", "no-sandbox"):
         options.add_argument(f"--{flag}")
     driver = webdriver.Chrome(options=options, service=Service("/usr/bin/chromedriver"))
-    driver.set_script_timeout(120)
+    driver.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {"source": FIRST})
     found = []
     try:
         for _ in range(rounds):
             with served(dataset, source) as (_, address):
-                driver.get("about:blank")
-                driver.execute_cdp_cmd("Page.enable", {})
-                driver.execute_script("location.replace(arguments[0])", address)
-                while driver.execute_script("return location.href") == "about:blank":
-                    time.sleep(0.005)
-                found.append(driver.execute_async_script(FIRST))
+                driver.get(address)
+                wait = WebDriverWait(driver, 60, poll_frequency=0.05)
+                found.append(wait.until(lambda d: d.execute_script("return window.firstFrame")))
+                if not driver.execute_script(DRAWN):
+                    raise RuntimeError("the picture is empty")
     finally:
         driver.quit()
     print(
