@@ -11,7 +11,10 @@ from dancedata.cli.interrupts import run
 def main() -> None:
     """Run the command line."""
     _open_streams()
-    run(_command)
+    try:
+        run(_command)
+    finally:
+        _end_workers()
 
 
 def _open_streams() -> None:
@@ -30,6 +33,13 @@ def _command() -> None:
     from dancedata.cli.app import main as command
 
     command()
+
+
+def _end_workers() -> None:
+    # Only commands that build load this module.
+    loky = sys.modules.get("dancedata.execution.executors.loky")
+    if loky is not None:
+        loky.end_workers()
 
 
 if __name__ == "__main__":

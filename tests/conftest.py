@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import lzma
 import os
@@ -27,6 +28,10 @@ settings.load_profile("dancedata")
 if not os.environ.get("DANCEDATA_TEST_NATIVE"):
     arithmetic.adopt()
 
+# pytest's workers share the cores: threads of torch that wait for each other would take most of their time.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+
 import numpy as np  # noqa: E402 (kernels are chosen before)
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -45,6 +50,12 @@ def pytest_configure(config: pytest.Config) -> None:
     if getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput"):
         code = "from dancedata.audio.librosa35.reference import compile_kernels; compile_kernels()"
         subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)
+
+
+def pytest_collection_finish() -> None:
+    """Take modules and tests out of garbage collection: going through all of them takes a second each time."""
+    gc.collect()
+    gc.freeze()
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from dancedata.cli.errors import errors_to_exit_codes as _errors_to_exit_codes
 from dancedata.cli.evaluate import evaluate
@@ -21,7 +22,33 @@ from dancedata.core.errors import UsageError
 from dancedata.core.text import json_text
 from dancedata.core.version import __version__
 
+
+class _Group(TyperGroup):
+    """Commands whose flags are False where they are not given, `--help` included.
+
+    Typer leaves some of them None, and loads pydantic, a fifth of what `list` takes, to find that None is None.
+    """
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        """Return the options of the app."""
+        return [_false_by_default(parameter) for parameter in super().get_params(ctx)]
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Return a command, None if there is none of this name."""
+        command = super().get_command(ctx, cmd_name)
+        for parameter in [] if command is None else command.get_params(ctx):
+            _false_by_default(parameter)
+        return command
+
+
+def _false_by_default(parameter: Any) -> Any:
+    if getattr(parameter, "is_flag", False) and parameter.default is None:
+        parameter.default = False
+    return parameter
+
+
 app = typer.Typer(
+    cls=_Group,
     help="Turn dance motion capture and music into training data.",
     no_args_is_help=True,
     rich_markup_mode=None,

@@ -149,7 +149,7 @@ def listed(names: Iterable[object], most: int = _NAMES, show: Callable[[object, 
 
 
 #: Characters that JSON does not escape, but that may control a terminal or cannot be written as UTF-8.
-_UNPRINTABLE = re.compile(r"[\x7f-\xff\u0100-\U0010ffff]")
+_UNPRINTABLE = re.compile(r"[^\x00-\x7e]")
 
 
 def json_text(obj: Any) -> str:

@@ -168,6 +168,13 @@ class Evaluator:
         batch = _as_numpy(motion)
         if batch.ndim != 3:
             raise UsageError("a batch of motion has three axes", found=f"shape {batch.shape}", allowed="(B, L, D)")
+        width = self.reader.representation.columns.width
+        if batch.shape[2] != width:
+            raise UsageError(
+                f"a batch of motion is not columns of {self.reader.representation.name}",
+                found=f"shape {batch.shape}",
+                allowed=f"(B, L, {width})",
+            )
         named = [f"{_rank()}/{len(self) + k}" for k in range(len(batch))] if ids is None else [str(i) for i in ids]
         rows = None if music is None else self._beats(_as_numpy(music))
         for what, n in (("ids", len(named)), ("music", len(batch) if rows is None else len(rows))):

@@ -8,8 +8,6 @@ from contextlib import AbstractContextManager
 from functools import lru_cache
 from typing import Any, TypeVar
 
-from dancedata.execution.reference_process import compute
-
 T = TypeVar("T")
 
 
@@ -21,6 +19,9 @@ def exactly(function: Callable[..., T], *args: Any) -> T:
     ReferenceProcessError
         As for `reference_process.compute`.
     """
+    # Here, as exports, which `list` loads, name this function and seldom call it.
+    from dancedata.execution.reference_process import compute
+
     found: T = compute(on_one_thread, function, *args)
     return found
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,9 +17,11 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.locks import file_lock
 
 
-def test_the_first_run_in_a_process_holds_the_lock(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_first_run_in_a_process_holds_the_lock(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     compute = plain._compute
     held = []
+    # A lock of this test alone: another process of the test run may hold the user's while it compiles.
+    monkeypatch.setattr(plain, "user_cache", lambda: tmp_path)
 
     def watched(*args: Any) -> Any:
         # Another open file, as another process would have.

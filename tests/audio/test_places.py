@@ -53,7 +53,9 @@ KERNELS = {
 }
 
 
-@pytest.mark.parametrize("kernel", KERNELS)
+@pytest.mark.parametrize(
+    "kernel", [pytest.param(k, marks=() if k in ("Haswell", "Sandybridge") else pytest.mark.nightly) for k in KERNELS]
+)
 def test_a_window_does_not_depend_on_the_others(kernel: str) -> None:
     flag, name = KERNELS[kernel]
     cpuinfo = Path("/proc/cpuinfo")

@@ -117,7 +117,9 @@ def test_added_feature_keeps_the_contract(plug_in, tmp_path: Path) -> None:
 
 
 # As on the page, and by itself in the other scope.
-@pytest.mark.parametrize("override", ["fps=30", "scope=window audio={loudness:{}}"])
+@pytest.mark.parametrize(
+    "override", ["fps=30", pytest.param("scope=window audio={loudness:{}}", marks=pytest.mark.nightly)]
+)
 def test_added_feature_builds(plug_in, tmp_path: Path, override: str) -> None:
     environment = plug_in("docs/add-a-feature.md", "audio", "loudness")
     overrides = [word for setting in override.split() for word in ("--set", setting)]
@@ -148,6 +150,7 @@ def test_added_augmentation_keeps_the_contract(plug_in, tmp_path: Path) -> None:
     _python(environment, tmp_path, code + "c.check(my_turn.Turn, Path('.'))")
 
 
+@pytest.mark.nightly
 def test_an_augmentation_is_one_file_of_the_tree(tmp_path: Path) -> None:
     page = "docs/add-an-augmentation.md"
     for folder in ("dancedata", "pipelines", "manifests"):
@@ -223,6 +226,7 @@ def test_the_page_of_exports_names_every_target_and_option() -> None:
         assert commit[:7] in table, name
 
 
+@pytest.mark.nightly
 def test_an_export_is_one_file_of_the_tree(plug_in, tmp_path: Path) -> None:
     page = "docs/add-an-export.md"
     environment = plug_in(page, "exports", "poses")

@@ -119,6 +119,8 @@ def test_samples_that_cannot_be_measured_are_named(evaluator: Evaluator, batch: 
         evaluator.compute()
     with pytest.raises(UsageError, match="a batch of motion has three axes"):
         evaluator.update(columns[0])
+    with pytest.raises(UsageError, match=r"not columns of edge151; found shape \(3, 150, 139\); allowed: .B, L, 151"):
+        evaluator.update(columns[:3, :, :139])
     with pytest.raises(UsageError, match=r"music is not of the audio field.*beats in column 34"):
         evaluator.update(columns[:3], music=music[:3, :, :20])
     with pytest.raises(UsageError, match="music and motion differ in length; found 2 and 3"):

@@ -17,7 +17,7 @@ import pytest
 SONG_S = 0.3
 
 
-@pytest.mark.parametrize("kills", [pytest.param(5), pytest.param(50, marks=pytest.mark.nightly)])
+@pytest.mark.parametrize("kills", [pytest.param(2), pytest.param(50, marks=pytest.mark.nightly)])
 def test_a_build_killed_at_random_moments_ends_as_if_undisturbed(
     slow: Any, corpus: Path, out: Path, undisturbed: dict[str, str], hashes: Any, kills: int
 ):

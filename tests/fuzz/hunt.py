@@ -23,7 +23,7 @@ from typing import Any
 
 HERE = Path(__file__).resolve().parent
 #: Runs by name: cases and seed.
-RUNS = {"tests": (2_000, 20_260), "nightly": (100_000, 20_261), "release": (1_000_000, 20_262)}
+RUNS = {"tests": (1_000, 20_260), "nightly": (100_000, 20_261), "release": (1_000_000, 20_262)}
 #: Cases of one child process, of bytes changed and of structure: hypothesis keeps what it has drawn in memory.
 BATCH, BATCH_STRUCTURED = 5000, 1000
 #: Hypothesis makes one case in four.

@@ -134,7 +134,13 @@ BOMBS: dict[str, list[Callable[[], bytes]]] = {
 }
 
 
-@pytest.mark.parametrize("target", BOMBS)
+#: Each takes five to ten seconds.
+LONG = ("body_model", "flac", "npz")
+
+
+@pytest.mark.parametrize(
+    "target", [pytest.param(name, marks=pytest.mark.nightly if name in LONG else ()) for name in BOMBS]
+)
 def test_small_files_that_want_much(hunt: ModuleType, tmp_path: Path, target: str) -> None:
     files = [tmp_path / str(k) for k in range(len(BOMBS[target]))]
     for path, make in zip(files, BOMBS[target], strict=True):

@@ -103,7 +103,8 @@ def test_interrupted_after_any_window_it_goes_on(
     assert len(done) == len(set(done)) == len(wanted)
 
 
-@pytest.mark.parametrize("scope", [pytest.param("track", marks=pytest.mark.nightly), "window"])
+@pytest.mark.nightly
+@pytest.mark.parametrize("scope", ["track", "window"])
 def test_killed_from_outside_and_resumed_gives_the_same_bytes(
     corpus: Path, tmp_path: Path, tiny: SimpleNamespace, scope: str
 ) -> None:

@@ -117,7 +117,7 @@ def test_where_the_weights_are(tiny: SimpleNamespace, tmp_path: Path, monkeypatc
 
 
 def test_what_cannot_be_embedded(feature: Jukebox, song: AudioSignal) -> None:
-    with pytest.raises(DataError, match="beyond the signal"):
+    with pytest.raises(DataError, match="beyond the audio"):
         feature.extract_windows(song, np.array([song.n_samples]), 22050, FPS, 30)
     with pytest.raises(DataError, match="too short"):
         feature.extract(AudioSignal(np.zeros(50, np.float32), 44100), FPS)

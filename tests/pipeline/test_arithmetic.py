@@ -100,7 +100,14 @@ def build_by_command(recipe: Path, folder: Path, **settings: str) -> dict[str, s
 
 
 @needs_reference
-@pytest.mark.parametrize("name", [name for name in SETTINGS if name != "nothing"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param("Sandybridge"),
+        pytest.param("no AVX-512 in numpy", marks=pytest.mark.nightly),
+        pytest.param("no AVX2 in numpy"),
+    ],
+)
 def test_the_command_line_gives_the_same_bytes(
     recipe: Path, expected: dict[str, str], tmp_path: Path, name: str
 ) -> None:
@@ -117,7 +124,9 @@ def test_the_command_line_gives_the_same_bytes_whatever_is_set(
 
 
 @needs_reference
-@pytest.mark.parametrize(("jobs", "name"), [(1, "nothing"), (2, "Sandybridge")])
+@pytest.mark.parametrize(
+    ("jobs", "name"), [pytest.param(1, "nothing", marks=pytest.mark.nightly), (2, "Sandybridge")]
+)
 def test_a_build_from_python_gives_the_same_bytes(
     recipe: Path, expected: dict[str, str], tmp_path: Path, jobs: int, name: str
 ) -> None:

@@ -124,7 +124,7 @@ KINDS: list[Any] = [
 ]
 for _method in ("fork", "spawn", "forkserver"):
     _marks = [pytest.mark.skipif(_method not in multiprocessing.get_all_start_methods(), reason="not here")]
-    if _method == "forkserver":
+    if _method != "fork":
         _marks.append(pytest.mark.nightly)
     for _persistent in (False, True):
         KINDS.append(

@@ -10,7 +10,6 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from dancedata.audio.librosa35.reference import compiling, known_warnings
 from dancedata.audio.librosa35.settings import HOP
 
 N_MFCC, N_CHROMA, N_LAGS = 20, 12, 384
@@ -41,6 +40,8 @@ def compile_kernels() -> None:
 
     They are more than librosa35's: separating harmonics resynthesises a signal.
     """
+    from dancedata.audio.librosa35.reference import compiling
+
     noise = np.random.default_rng(0).standard_normal(RATE_OF_SEVEN_OCTAVES).astype(np.float32)
     noise[:: RATE_OF_SEVEN_OCTAVES // 4] = 10.0
     with compiling():
@@ -79,6 +80,8 @@ def _mfcc(samples: Floats, rate: int) -> Floats:
 @contextmanager
 def _known_warnings() -> Iterator[None]:
     """Hide the known warnings, and that about mel bands above half the sample rate: their being empty is meant."""
+    from dancedata.audio.librosa35.reference import known_warnings
+
     with known_warnings():
         warnings.filterwarnings("ignore", message="Empty filters detected in mel", category=UserWarning)
         yield

@@ -5,14 +5,15 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
-from dancedata.audio.hf.families import family_of
-from dancedata.audio.hf.families.base import Family, Output
 from dancedata.audio.hf.model_folder import ModelFolder
 from dancedata.core.columns import Columns, Group
 from dancedata.core.errors import UsageError
 from dancedata.core.text import quoted
+
+if TYPE_CHECKING:
+    from dancedata.audio.hf.families.base import Family, Output
 
 Layers = int | tuple[int, ...] | str
 _RANGE = re.compile(r"(\d+)\.\.(\d+)")
@@ -89,6 +90,8 @@ def settings_of(
     SourceError
         The config is of no model that is supported.
     """
+    from dancedata.audio.hf.families import family_of
+
     family = family_of(folder.config, folder.extractor, folder.path)
     chosen = _output(family, output)
     found = _layers(family, layers) if chosen == "hidden" else _no_layers(family, chosen, layers)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 import numpy.typing as npt
 
+from dancedata.audio.checks import require_rows, require_windows
 from dancedata.audio.jukebox.config import JukeboxConfig, require_layers
 from dancedata.audio.jukebox.contexts import contexts_of
 from dancedata.audio.jukebox.weights.folder import checkpoint_sha256, config_of, highest_layer, is_converted
@@ -19,7 +20,7 @@ from dancedata.audio.networks.running import all_cores, cards_of, device_of_proc
 from dancedata.audio.signal import pcm16, resampled_length
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.columns import Columns, Group
-from dancedata.core.errors import DataError, SourceError, UsageError
+from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import json_sha256
 from dancedata.core.plugins import AudioFeature
@@ -212,13 +213,7 @@ class Jukebox(AudioFeature):
         DataError
             "short_audio" for a window beyond the end of the signal; "long_audio" for windows of more than 23.78 s.
         """
-        if len(starts) and int(np.max(starts)) + n_samples > signal.n_samples:
-            raise DataError(
-                "jukebox: a window reaches beyond the signal",
-                reason="short_audio",
-                found=f"samples {int(np.max(starts))} to {int(np.max(starts)) + n_samples}",
-                allowed=f"up to {signal.n_samples}",
-            )
+        require_windows(self.name, signal, starts, n_samples)
         clips = [pcm16(signal.samples[start : start + n_samples]) for start in starts]
         codes = resampled_length(n_samples, signal.sample_rate, self._config.sample_rate) // self._config.hop
         with all_cores(self.device):
@@ -226,13 +221,7 @@ class Jukebox(AudioFeature):
                 clips, signal.sample_rate, float(grid.rate), batch_size=self.batch_size or None
             )
         rows = [one[self.layer][:n_rows] for one in found]
-        if any(len(one) < n_rows for one in rows):
-            raise DataError(
-                "jukebox: the windows are too short",
-                reason="short_audio",
-                found=f"{min(map(len, rows))} rows",
-                allowed=f"audio for {n_rows} rows",
-            )
+        require_rows(self.name, min(map(len, rows), default=n_rows), n_rows, grid)
         width = self._config.width
         return self._stored(np.stack(rows) if rows else np.empty((0, n_rows, width), np.float32))
 

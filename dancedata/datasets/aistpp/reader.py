@@ -25,7 +25,6 @@ from dancedata.datasets.aistpp.layout import (
     near_music,
     unused_music,
 )
-from dancedata.datasets.aistpp.load import load_motion
 from dancedata.datasets.aistpp.notes import clip_notes, count_notes, ignored_notes, layout_notes
 from dancedata.datasets.aistpp.splits import (
     Ignored,
@@ -141,6 +140,8 @@ class AistPP(Dataset):
         DataError
             If the file is unusable; see `load.load_motion` for its reasons.
         """
+        from dancedata.datasets.aistpp.load import load_motion
+
         return load_motion(ref.motion_path, facts().frame_rate)
 
     def make_example(self, folder: Path) -> None:

@@ -6,7 +6,6 @@ from pathlib import Path
 
 from dancedata.core.grid import FrameGrid
 from dancedata.core.regular_file import open_regular
-from dancedata.datasets.finedance.load import motion_length
 
 __all__ = ["MAX_DIFFERENCE", "length_note"]
 
@@ -19,6 +18,8 @@ def length_note(motion: Path, music: Path, frame_rate: int) -> str:
 
     The length of an unreadable file is unknown; loading it reports the error.
     """
+    from dancedata.datasets.finedance.load import motion_length
+
     frames, (n_samples, sample_rate) = motion_length(motion), _music_length(music)
     if frames is None or not n_samples:
         return ""

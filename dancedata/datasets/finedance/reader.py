@@ -26,7 +26,6 @@ from dancedata.datasets.finedance.layout import (
     music_fix,
 )
 from dancedata.datasets.finedance.lengths import length_note
-from dancedata.datasets.finedance.load import load_motion
 from dancedata.datasets.finedance.notes import (
     clip_notes,
     genre_notes,
@@ -144,6 +143,8 @@ class FineDance(Dataset):
         DataError
             If the file is unusable; see `load.load_motion` for its reasons.
         """
+        from dancedata.datasets.finedance.load import load_motion
+
         trim = facts().trims.get(ref.id) if self.trim else None
         return load_motion(ref.motion_path, facts().frame_rate, self._skeleton(), trim.frames if trim else 0)
 

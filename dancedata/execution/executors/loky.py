@@ -11,6 +11,7 @@ import multiprocessing
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
+from weakref import WeakSet
 
 from dancedata.core.errors import DanceDataError
 from dancedata.core.text import shown
@@ -23,6 +24,8 @@ from dancedata.execution.shielded import shielded
 IDLE_S = 300
 #: Units run on one thread. BLAS libraries would start a thread for each core of the machine in every worker.
 _ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "BLIS")}
+#: Pools of this process: one for each thread that builds.
+_pools: WeakSet[Any] = WeakSet()
 
 
 @dataclass(frozen=True)
@@ -51,6 +54,7 @@ class LokyExecutor(Executor):
             try:
                 with shielded():  # an interrupt meanwhile is raised at its end
                     pool = get_reusable_executor(min(self.n, len(calls)), timeout=IDLE_S, env=_ONE_THREAD)
+                    _pools.add(pool)
                     try:
                         for index, call in calls.items():
                             futures[pool.submit(function, *call)] = index
@@ -71,6 +75,12 @@ class LokyExecutor(Executor):
             _raise_if_not_unpickled(death, label)
             # Units start in the order in which they were submitted: the oldest were running.
             raise WorkerDiedError(first_line(death), sorted(unfinished)[: self.n]) from death
+
+
+def end_workers() -> None:
+    """Kill all workers, for a process that ends: they are idle, and take a tenth of a second to end by themselves."""
+    for pool in list(_pools):
+        pool.shutdown(kill_workers=True)
 
 
 def _raise_if_not_unpickled(death: BaseException, label: str) -> None:
