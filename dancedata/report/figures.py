@@ -246,11 +246,11 @@ def music_figures(d: Drawing) -> list[Figure]:
         body = histogram(hist["edges"], hist["counts"], label, other=there, chance=counts)
         columns = [hist["counts"]["all"], counts, *([] if there is None else [there])]
         rows = tuple(zip(hist["edges"], hist["edges"][1:], *columns, strict=False))
-        name = () if there is None or d.other is None else (d.other["about"]["name"],)
+        beside = () if there is None or d.other is None else (d.other["about"]["name"],)
         figures.append(
             Figure("key_beats", "Key motions and beats", note, body,
-                   ("from", "to", "key motions", "beats moved", *name), rows,
-                   other=d.other_name if name else "", chance="beats moved by half a period")
+                   ("from", "to", "key motions", "beats moved", *beside), rows,
+                   other=d.other_name if beside else "", chance="beats moved by half a period")
         )  # fmt: skip
     if own["bas"] is not None:
         rows_of = {"this dataset": {"": own["bas"]}, "chance": {"": own["bas_chance"]}}

@@ -86,11 +86,8 @@ def histogram(
     if not total:
         return drawn(_text(WIDTH / 2, 40, "no values"), label, 60)
     shares = {name: 100 * c / total for name, c in counts.items()}
-    outlines = {
-        kind: 100 * np.asarray(counts_of) / sum(counts_of)
-        for kind, counts_of in (("chance", chance), ("other", other))
-        if counts_of is not None and sum(counts_of)
-    }
+    given = {"chance": np.asarray(chance or (), np.float64), "other": np.asarray(other or (), np.float64)}
+    outlines = {kind: 100 * own / own.sum() for kind, own in given.items() if own.any()}
     stacked = np.sum(list(shares.values()), axis=0)
     highest = max(float(own.max()) for own in (stacked, *outlines.values()))
     x, y, body = axes((edges[0], edges[-1]), highest * 1.06, label, "%")
