@@ -7,6 +7,9 @@ import numpy as np
 from dancedata.core.rotations import Float64Array, FloatArray, matrix_from_rotvec
 from dancedata.core.skeleton import Skeleton
 
+#: Frames whose matrices are copied at a time.
+_FRAMES = 256
+
 
 def forward_kinematics(skeleton: Skeleton, rotations: FloatArray, translation: FloatArray) -> Float64Array:
     """Return joint positions.
@@ -33,17 +36,30 @@ def world_matrices(skeleton: Skeleton, local: Float64Array) -> Float64Array:
     world = np.empty_like(local)
     world[:, 0] = local[:, 0]
     for joint in range(1, skeleton.n_joints):
-        world[:, joint] = world[:, skeleton.parents[joint]] @ local[:, joint]
+        np.matmul(world[:, skeleton.parents[joint]], local[:, joint], out=world[:, joint])
     return world
 
 
 def joint_positions(skeleton: Skeleton, world: Float64Array, translation: FloatArray) -> Float64Array:
     """Return joint positions (T, J, 3) from rotations in the world (T, J, 3, 3) and the root's translation (T, 3)."""
-    positions = np.empty((*world.shape[:2], 3), dtype=np.float64)
-    positions[:, 0] = skeleton.offsets[0] + translation
-    for joint in range(1, skeleton.n_joints):
-        parent = skeleton.parents[joint]
+    return placed(skeleton, posed_bones(skeleton, world), translation)
+
+
+def posed_bones(skeleton: Skeleton, world: Float64Array) -> Float64Array:
+    """Return the vectors from each joint's parent to it, (J - 1, T, 3), without the root; rotations as above."""
+    parents = list(skeleton.parents[1:])
+    bones = np.empty((len(parents), len(world), 3), dtype=np.float64)
+    for begin in range(0, len(world), _FRAMES):
+        some = slice(begin, begin + _FRAMES)
         # For matrices this small `@` takes four times as long.
-        bone = np.einsum("tab,b->ta", world[:, parent], skeleton.offsets[joint])
-        np.add(positions[:, parent], bone, out=positions[:, joint])
-    return positions
+        np.einsum("tjab,jb->jta", world[some, parents], skeleton.offsets[1:], out=bones[:, some])
+    return bones
+
+
+def placed(skeleton: Skeleton, bones: Float64Array, translation: FloatArray) -> Float64Array:
+    """Return joint positions (T, J, 3) from `posed_bones` and the root's translation (T, 3)."""
+    positions = np.empty((skeleton.n_joints, *translation.shape), dtype=np.float64)
+    np.add(skeleton.offsets[0], translation, out=positions[0])
+    for joint, bone in enumerate(bones, 1):
+        np.add(positions[skeleton.parents[joint]], bone, out=positions[joint])
+    return np.ascontiguousarray(positions.swapaxes(0, 1))

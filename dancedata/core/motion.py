@@ -8,7 +8,7 @@ import numpy as np
 
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
-from dancedata.core.kinematics import joint_positions, world_matrices
+from dancedata.core.kinematics import joint_positions, placed, posed_bones, world_matrices
 from dancedata.core.rotations import Float64Array, matrix_from_rotvec, slerp
 from dancedata.core.skeleton import Skeleton
 
@@ -21,14 +21,15 @@ class _Poses:
     ----------
     local, world
         Rotations as matrices (T, J, 3, 3), relative to the parents and in the world.
-    places
-        Joint positions (T, J, 3) for each requested skeleton.
+    places, bones
+        Joint positions (T, J, 3) for each requested skeleton, and what `posed_bones` gives for different bones.
     """
 
     whole: Motion
     local: Float64Array
     world: Float64Array
     places: list[tuple[Skeleton, Float64Array]] = field(default_factory=list)
+    bones: list[tuple[Skeleton, Float64Array]] = field(default_factory=list)
 
     @classmethod
     def of(cls, whole: Motion) -> _Poses:
@@ -39,12 +40,21 @@ class _Poses:
         return cls(whole, local, world)
 
     def joints(self, skeleton: Skeleton) -> Float64Array:
-        for bones, places in self.places:
-            if bones is skeleton:
+        for own, places in self.places:
+            if own is skeleton:
                 return places
-        places = joint_positions(skeleton, self.world, self.whole.translation)
+        places = placed(skeleton, self._bones(skeleton), self.whole.translation)
         self.places.append((skeleton, places))
         return places
+
+    def _bones(self, skeleton: Skeleton) -> Float64Array:
+        for own, bones in self.bones:
+            # Skeletons often differ in nothing but the root.
+            if own.parents == skeleton.parents and np.array_equal(own.offsets[1:], skeleton.offsets[1:]):
+                return bones
+        bones = posed_bones(skeleton, self.world)
+        self.bones.append((skeleton, bones))
+        return bones
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,8 +164,8 @@ class Motion:
     def with_cache(self) -> Motion:
         """Return the same motion with matrices and joint positions cached for itself and all its parts.
 
-        For motions with many overlapping parts to encode. The cache takes 144 bytes per joint and frame, and 24 for
-        each requested skeleton.
+        For motions with many overlapping parts to encode. The cache takes 144 bytes per joint and frame, and 24 to
+        48 for each requested skeleton.
         """
         motion = self._frames(slice(None), self.grid, self.trim_start)
         motion.__dict__["_poses"] = _Poses.of(self), slice(None)

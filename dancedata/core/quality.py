@@ -126,8 +126,12 @@ def _turns(rotations: Float64Array, rate: float, max_deg_s: float) -> Iterator[t
     """Yield frame, joint and angle, degrees, of every turn to the next frame that is faster than `max_deg_s`."""
     # No turn is larger than the distance of its two rotation vectors (Hartley et al. 2013, section 4): angles are
     # computed only where that distance, with room for rounding, is too large.
-    distances = np.sqrt(np.sum(np.square(np.diff(rotations, axis=0)), axis=-1))
+    steps = np.diff(rotations, axis=0)
+    np.square(steps, out=steps)
+    distances = np.sqrt(steps[..., 0] + steps[..., 1] + steps[..., 2])
     frames, joints = np.nonzero(np.degrees(distances) * rate > max_deg_s * (1 - 1e-9))
+    if not len(frames):
+        return
     pairs = np.stack([rotations[frames, joints], rotations[frames + 1, joints]])
     angles = np.degrees(angles_between(pairs)[0])
     for frame, joint, angle in zip(frames.tolist(), joints.tolist(), angles.tolist(), strict=True):

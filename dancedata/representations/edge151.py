@@ -15,7 +15,7 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import ContactRule, Representation
 from dancedata.core.registry import REPRESENTATIONS
-from dancedata.core.rotations import rotvec_from_matrix
+from dancedata.core.rotations import rotation_6d, rotvec_from_matrix
 from dancedata.core.skeleton import SMPL24, SMPL24_EDGE, Skeleton
 from dancedata.core.spatial import Spatial
 from dancedata.representations._columns import required_rule
@@ -73,9 +73,10 @@ class Edge151(Representation):
         motion = carried_over(motion, self.skeleton)
         # Contacts are computed before the world is turned: speeds do not depend on it.
         joints = motion.joints(SMPL24_EDGE)
-        matrices = motion.matrices.copy()
-        matrices[:, 0] = _Z_UP @ matrices[:, 0]
-        return _LAYOUT.pack(rule(joints, motion.grid, SMPL24_EDGE), motion.translation @ _Z_UP.T, matrices)
+        matrices = motion.matrices
+        packed = _LAYOUT.pack(rule(joints, motion.grid, SMPL24_EDGE), motion.translation @ _Z_UP.T, matrices)
+        packed[:, 7:13] = rotation_6d(_Z_UP @ matrices[:, 0])
+        return packed
 
     def decode(self, array: npt.NDArray[Any], grid: FrameGrid) -> Motion:
         """Decode columns (T, 151), not normalised, into a motion at the rate of `grid`, +Y up.

@@ -8,18 +8,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 QUANTILES = (0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
-#: Most values of a piece.
-_PIECE = 1 << 15
+#: Most values that are summed at a time, that are repeated at a time, and that are in memory after that.
+_PIECE, _REPEATED, _PART = 1 << 15, 1 << 16, 1 << 22
 #: The bits of a float64 that no float32 uses.
 _WEIGHT = (1 << 29) - 1
 
+Float32Array = npt.NDArray[np.float32]
 Float64Array = npt.NDArray[np.float64]
+Weights = npt.NDArray[np.integer[Any]]
 
 
 @dataclass(frozen=True)
@@ -33,40 +36,62 @@ class ColumnStats:
     quantiles: tuple[float, ...]
 
 
-def column_stats(column: npt.NDArray[np.float32], weights: npt.NDArray[np.integer[Any]] | None = None) -> ColumnStats:
+class Workspace:
+    """Memory for one column after another: the system clears new memory, which takes as long as the sums.
+
+    Parameters
+    ----------
+    weights
+        (n,) how many times each value of a column counts, from 1 to 2^29 - 1; None: once.
+    """
+
+    def __init__(self, weights: Weights | None = None) -> None:
+        n = 0 if weights is None else len(weights)
+        self.weights = weights
+        self.values = np.empty(n, np.float64)
+        self.ends = np.empty(n, np.int64)
+        self.part = np.empty(min(_PART, 0 if weights is None else int(weights.sum())), np.float32)
+        self.piece = np.empty(_PIECE, np.float64)
+
+
+def column_stats(column: Float32Array, space: Workspace) -> ColumnStats:
     """Return the statistics of a column.
 
     Parameters
     ----------
     column
         (n,) values, n > 0, without NaN and -0.0; sorted in place.
-    weights
-        (n,) how many times each value counts, from 1 to 2^29 - 1; None: once.
+    space
+        With the column's weights.
     """
-    if weights is None:
-        column.sort()
-        values: _Sorted = _Sorted(column)
-    else:
-        values = _Weighted.of(column, weights)
+    weights = space.weights
+    values = _Sorted.of(column, space) if weights is None else _Weighted.of_weighted(column, space, weights)
     n = len(values)
     low, high = values.at(0), values.at(n - 1)
-    mean = low if low == high else _pairwise(0, n, lambda *piece: float(np.add.reduce(values.piece(*piece)))) / n
+    # Of a column of one part, the second sum takes what was repeated for the first.
+    part = lru_cache(maxsize=1)(values.part)
+    mean = low if low == high else _sum(n, part, space.piece, lambda piece: piece) / n
 
-    def squares(begin: int, end: int) -> float:
-        piece = values.piece(begin, end)
+    def squares(piece: Float64Array) -> Float64Array:
         np.subtract(piece, mean, out=piece)
-        np.multiply(piece, piece, out=piece)
-        return float(np.add.reduce(piece))
+        return np.multiply(piece, piece, out=piece)
 
-    std = float(np.sqrt(_pairwise(0, n, squares) / n))
+    std = float(np.sqrt(_sum(n, part, space.piece, squares) / n))
     return ColumnStats(mean, std, low, high, tuple(_quantile(values, q) for q in QUANTILES))
 
 
 @dataclass(frozen=True)
 class _Sorted:
-    """Values in order, given out by pieces."""
+    """Values in order, given out by parts."""
 
-    values: npt.NDArray[np.floating[Any]]
+    values: Float32Array
+    space: Workspace
+
+    @classmethod
+    def of(cls, column: Float32Array, space: Workspace) -> _Sorted:
+        """Sort the column."""
+        column.sort()
+        return cls(column, space)
 
     def __len__(self) -> int:
         return len(self.values)
@@ -74,52 +99,80 @@ class _Sorted:
     def at(self, place: int) -> float:
         return float(self.values[place])
 
-    def piece(self, begin: int, end: int) -> Float64Array:
-        return self.values[begin:end].astype(np.float64)
+    def part(self, begin: int, end: int) -> Float32Array:
+        return self.values[begin:end]
 
 
-@dataclass(frozen=True)
 class _Weighted(_Sorted):
-    """Values in order, each of which counts several times; `ends` are the places behind the last time."""
-
-    ends: npt.NDArray[np.int64]
+    """Values in order, each of which counts several times; `space.ends` are the places behind the last time."""
 
     @classmethod
-    def of(cls, column: npt.NDArray[np.float32], weights: npt.NDArray[np.integer[Any]]) -> _Weighted:
-        """Sort.
+    def of_weighted(cls, column: Float32Array, space: Workspace, weights: Weights) -> _Weighted:
+        """Sort the column.
 
         A float32 leaves the last 29 bits of a float64 free. A value is sorted with its weight there, which changes
         only the order of equal values.
         """
-        values = column.astype(np.float64)
+        values, ends = space.values, space.ends
         bits = values.view(np.int64)
+        values[...] = column
         bits |= weights
         values.sort()
-        ends = bits & _WEIGHT
+        np.bitwise_and(bits, _WEIGHT, out=ends)
         np.cumsum(ends, out=ends)
         bits &= ~_WEIGHT
-        return cls(values, ends)
+        column[...] = values
+        return cls(column, space)
 
     def __len__(self) -> int:
-        return int(self.ends[-1])
+        return int(self.space.ends[-1])
 
     def at(self, place: int) -> float:
-        return float(self.values[np.searchsorted(self.ends, place, "right")])
+        return float(self.values[np.searchsorted(self.space.ends, place, "right")])
 
-    def piece(self, begin: int, end: int) -> Float64Array:
-        first, last = np.searchsorted(self.ends, (begin, end - 1), "right").tolist()
-        ends = np.minimum(self.ends[first : last + 1], end)
-        return np.repeat(self.values[first : last + 1], np.diff(ends, prepend=begin))
+    def part(self, begin: int, end: int) -> Float32Array:
+        """Return the values from one place to another in the space's memory, until the next call."""
+        first, last = np.searchsorted(self.space.ends, (begin, end - 1), "right").tolist()
+        part = self.space.part[: end - begin]
+        filled = 0
+        for some in range(first, last + 1, _REPEATED):
+            ends = np.minimum(self.space.ends[some : min(some + _REPEATED, last + 1)], end)
+            times = np.diff(ends, prepend=begin + filled)
+            repeated = np.repeat(self.values[some : some + len(ends)], times)
+            part[filled : filled + len(repeated)] = repeated
+            filled += len(repeated)
+        return part
 
 
-def _pairwise(begin: int, end: int, of_piece: Callable[[int, int], float]) -> float:
-    """Sum as `numpy.sum` does, which halves an array at a multiple of 8 until a piece is left."""
+def _sum(
+    n: int,
+    part: Callable[[int, int], Float32Array],
+    buffer: Float64Array,
+    terms: Callable[[Float64Array], Float64Array],
+) -> float:
+    """Sum the terms of n values, which are given out by parts; `terms` may change the piece that it is given."""
+
+    def of_part(begin: int, end: int) -> float:
+        values = part(begin, end)
+
+        def of_piece(begin: int, end: int) -> float:
+            piece = buffer[: end - begin]
+            piece[...] = values[begin:end]
+            return float(np.add.reduce(terms(piece)))
+
+        return _pairwise(0, len(values), len(buffer), of_piece)
+
+    return _pairwise(0, n, _PART, of_part)
+
+
+def _pairwise(begin: int, end: int, most: int, of_piece: Callable[[int, int], float]) -> float:
+    """Sum as `numpy.sum` does, which halves an array at a multiple of 8 until a piece of `most` values is left."""
     n = end - begin
-    if n <= _PIECE:
+    if n <= most:
         return of_piece(begin, end)
     half = n // 2
     middle = begin + half - half % 8
-    return _pairwise(begin, middle, of_piece) + _pairwise(middle, end, of_piece)
+    return _pairwise(begin, middle, most, of_piece) + _pairwise(middle, end, most, of_piece)
 
 
 def _quantile(values: _Sorted, q: float) -> float:

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.normalize import MinMax
-from dancedata.store.column_stats import QUANTILES, ColumnStats, column_stats
+from dancedata.store.column_stats import QUANTILES, ColumnStats, Float32Array, Workspace, column_stats
 from dancedata.store.counted_rows import CountedRows, Counts
 from dancedata.store.overlaps import SameColumns, rows_once
 from dancedata.store.schema import Field, StoreHeader
@@ -138,16 +138,23 @@ def _column_stats(sources: Sequence[CountedRows], columns: slice, block_values: 
     of_rows = None if (weights == 1).all() else weights
     firsts = [0, *itertools.accumulate(map(len, each))]
     step = max(1, block_values // len(weights))
+    block = np.empty((min(step, columns.stop - columns.start), len(weights)), dtype=np.float32)
+    spaces = [Workspace(of_rows) for _ in range(min(n_threads(), len(block)))]
+
+    def of_column(column: Float32Array) -> ColumnStats:
+        space = spaces.pop()
+        try:
+            return column_stats(column, space)
+        finally:
+            spaces.append(space)
+
     found: list[ColumnStats] = []
-    with ThreadPoolExecutor(n_threads(), thread_name_prefix="statistics") as threads:
+    with ThreadPoolExecutor(len(spaces), thread_name_prefix="statistics") as threads:
         for begin in range(columns.start, columns.stop, step):
             some = slice(begin, min(begin + step, columns.stop))
-            block = np.empty((some.stop - some.start, len(weights)), dtype=np.float32)
-            parts = [block[:, a:b] for a, b in pairwise(firsts)]
+            parts = [block[: some.stop - some.start, first:last] for first, last in pairwise(firsts)]
             list(threads.map(CountedRows.read_into, sources, itertools.repeat(some), parts))
-            found += threads.map(column_stats, block, itertools.repeat(of_rows))
-            # Otherwise two blocks would be in memory while the next one is read.
-            del block, parts
+            found += threads.map(of_column, block[: some.stop - some.start])
     return found
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -66,6 +67,34 @@ def test_slerp_of_equal_and_opposite_rotations() -> None:
     np.testing.assert_allclose(slerp(half_turn, np.array([0.5])), [[[0, np.pi / 2 - 5e-4, 0]]], atol=1e-12)
     same = np.array([[[0.1, 0.2, 0.3]], [[0.1, 0.2, 0.3]]])
     np.testing.assert_allclose(slerp(same, np.array([0.0, 0.3, 1.0])), np.repeat(same[:1], 3, axis=0), atol=1e-12)
+
+
+@pytest.mark.parametrize("n_frames", [1, 3, 256, 300])
+@pytest.mark.parametrize("n_joints", [1, 2, 24])
+def test_joints_are_those_of_one_joint_after_another(n_frames: int, n_joints: int) -> None:
+    random = np.random.default_rng(n_frames)
+    skeleton = Skeleton(
+        "some", SMPL24.joints[:n_joints], SMPL24.parents[:n_joints], SMPL24.offsets[:n_joints], (), (0, 0, 0, 0)
+    )
+    translation, rotations = random.normal(size=(n_frames, 3)), random.normal(size=(n_frames, n_joints, 3))
+    world, expected = matrix_from_rotvec(rotations), np.empty((n_frames, n_joints, 3))
+    expected[:, 0] = skeleton.offsets[0] + translation
+    for joint, parent in enumerate(skeleton.parents[1:], 1):
+        expected[:, joint] = expected[:, parent] + np.einsum("tab,b->ta", world[:, parent], skeleton.offsets[joint])
+        world[:, joint] = world[:, parent] @ world[:, joint]
+    found = forward_kinematics(skeleton, rotations, translation)
+    assert found.flags.c_contiguous
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_a_motion_with_a_cache_has_the_joints_of_one_without() -> None:
+    random = np.random.default_rng(0)
+    motion = Motion(random.normal(size=(300, 3)), random.normal(size=(300, 24, 3)), FrameGrid.of(60), SMPL24)
+    longer = replace(SMPL24, offsets=SMPL24.offsets * 1.1)
+    cached = motion.with_cache()
+    for bones in (SMPL24, SMPL24_EDGE, longer, SMPL24_EDGE):
+        np.testing.assert_array_equal(cached.joints(bones), motion.joints(bones))
+        np.testing.assert_array_equal(cached.part(7, 99).joints(bones), motion.joints(bones)[7:99])
 
 
 def test_rest_and_a_bent_knee() -> None:

@@ -17,7 +17,7 @@ from dancedata.core.errors import DataError
 from dancedata.core.motion import Motion
 from dancedata.core.quality import implausible_flags
 from dancedata.core.skeleton import SMPL24
-from dancedata.datasets._positions import require_rotations
+from dancedata.datasets._positions import _lengths, require_rotations
 from dancedata.datasets.aistpp import load as _aistpp_load
 from dancedata.datasets.folder.facts import Declared
 from dancedata.datasets.folder.load import Reading, load_motion
@@ -198,3 +198,8 @@ def test_hands_that_do_not_turn_are_no_evidence() -> None:
     vectors[:, :22] = video_files.dance(90, 1, 22)[0]
     vectors[:, 20] = vectors[:, 21] = np.stack([np.sin(4 * seconds), np.cos(4 * seconds), 0 * seconds], axis=1)
     require_rotations(Path("x"), "poses", vectors, np.zeros((90, 3)), SMPLX55.parents)
+
+
+def test_lengths_are_numpys_to_the_bit() -> None:
+    vectors = np.random.default_rng(0).normal(size=(50, 23, 3)) * 10.0 ** np.arange(-2, 1)
+    np.testing.assert_array_equal(_lengths(vectors), np.linalg.norm(vectors, axis=-1))

@@ -345,6 +345,37 @@ def test_a_daemonic_process_computes_by_itself() -> None:
     assert done.stdout == "[1, 2]\n", done.stderr
 
 
+MEMORY = """
+import os
+
+def kept(name):
+    return os.environ.get(name)
+
+print(*run_units(kept, [("MALLOC_TRIM_THRESHOLD_",), ("MALLOC_MMAP_THRESHOLD_",)], **OPTIONS))
+print(*(os.environ.get(name) for name in ("MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_")))
+"""
+
+
+@pytest.mark.parametrize(
+    ("user", "expected"),
+    [
+        ({}, "134217728 33554432\nNone None\n"),
+        ({"MALLOC_TRIM_THRESHOLD_": "1000000"}, "1000000 None\n1000000 None\n"),
+        ({"GLIBC_TUNABLES": "glibc.malloc.arena_max=1"}, "None None\nNone None\n"),
+    ],
+)
+def test_workers_keep_memory_unless_the_user_chose(
+    user: dict[str, str], expected: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else encoding motion spends a fifth of its time in the system, which clears the same pages again and again."""
+    for name in [name for name in os.environ if name.startswith("MALLOC_")] + ["GLIBC_TUNABLES"]:
+        monkeypatch.delenv(name, raising=False)
+    for name, value in user.items():
+        monkeypatch.setenv(name, value)
+    done = script(RUN + MEMORY)
+    assert done.stdout == expected, done.stderr
+
+
 UNPICKLABLE = """
 from dancedata.core.errors import DanceDataError
 

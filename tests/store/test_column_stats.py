@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from dancedata.store import open_store, write_store
-from dancedata.store.column_stats import QUANTILES, ColumnStats, column_stats
+from dancedata.store.column_stats import QUANTILES, ColumnStats, Workspace, column_stats
 from dancedata.store.overlaps import rows_once, same_columns
 from dancedata.store.shard_plan import plan_shards
 from dancedata.store.stats import compute_stats
@@ -38,8 +38,8 @@ def plain(rows: np.ndarray) -> ColumnStats:
 @pytest.mark.parametrize("n", SIZES)
 def test_numbers_of_a_column_are_numpys(n: int) -> None:
     values = np.random.default_rng(n).standard_normal(n).astype(np.float32) * 50 + 3
-    assert column_stats(values.copy()) == plain(values)
-    assert column_stats(np.full(n, 0.1, np.float32)) == plain(np.full(n, 0.1, np.float32))
+    assert column_stats(values.copy(), Workspace()) == plain(values)
+    assert column_stats(np.full(n, 0.1, np.float32), Workspace()) == plain(np.full(n, 0.1, np.float32))
 
 
 @pytest.mark.parametrize("n", SIZES)
@@ -50,7 +50,21 @@ def test_weighted_values_count_as_if_repeated(n: int) -> None:
     values[1::5] = 0
     values[2::7] = random.choice([-3e38, 3e38, -1e-40], len(values[2::7]))
     weights = random.integers(1, 12, n)
-    assert column_stats(values.copy(), weights) == plain(np.repeat(values, weights))
+    assert column_stats(values.copy(), Workspace(weights)) == plain(np.repeat(values, weights))
+
+
+@pytest.mark.parametrize("n", [1, 127, 1000, 8193, 65537])
+def test_columns_in_many_parts_one_after_another(n: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("dancedata.store.column_stats._PIECE", 1 << 9)
+    monkeypatch.setattr("dancedata.store.column_stats._REPEATED", 1 << 8)
+    monkeypatch.setattr("dancedata.store.column_stats._PART", 1 << 11)
+    random = np.random.default_rng(n)
+    weights = random.choice([1, 2, 10, 5000], n, p=[0.1, 0.5, 0.39, 0.01])
+    space, unweighted = Workspace(weights), Workspace()
+    for _ in range(3):
+        values = random.standard_normal(n).astype(np.float32).round(1) + np.float32(0)
+        assert column_stats(values.copy(), space) == plain(np.repeat(values, weights))
+        assert column_stats(values.copy(), unweighted) == plain(values)
 
 
 @pytest.mark.parametrize("starts", [[0, 5, 10, 15], [3, 4, 30, 33, 90], [7], [0, 12, 24], []])
