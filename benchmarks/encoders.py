@@ -1,9 +1,12 @@
 """Time and memory of the feature hf with a network of MERT-95M's size (random weights), as ratios.
 
-    python benchmarks/encoders.py [--minutes 10] [--layer 7] [--device cpu]
+    python benchmarks/encoders.py [--minutes 10] [--layer 7] [--threads 1] [--device cpu]
 
 On a CPU: a song of `--minutes` against 30-s chunks that transformers is given one by one, and one minute against the
-whole song in one call of transformers. Each in a process of its own; the memory is the peak over that after loading.
+whole song in one call of transformers. The peers compute and keep all 12 layers, as public scripts do, and bring one
+of them to 30 rows per second by linear interpolation; ours computes the blocks up to the layer, in chunks that
+overlap by 4 s. Each runs in a process of its own. Times are CPU times of all its threads, without loading; memory is
+the peak of the resident set over what it is after loading.
 On a card (`--device cuda`): songs per second and the share of the measured matmul rate, fp16 and fp32.
 """
 
@@ -34,20 +37,25 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--minutes", type=float, default=10)
     parser.add_argument("--layer", type=int, default=7)
+    parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--worker", choices=("ours", "chunks", "whole"), help="internal")
     parser.add_argument("--folder", type=Path, help="internal")
     arguments = parser.parse_args()
     if arguments.worker:
+        import torch
+
+        torch.set_num_threads(arguments.threads)
         work = {"ours": ours, "chunks": chunks, "whole": whole}[arguments.worker]
         print(json.dumps(work(arguments.folder, arguments.minutes, arguments.layer)))
         return
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary) / "model"
         write_model(folder)
+        print(circumstances(), flush=True)
         if arguments.device == "cpu":
-            against(folder, arguments.minutes, "chunks", arguments.layer)
-            against(folder, 1, "whole", arguments.layer)
+            against(folder, arguments.minutes, "chunks", arguments.layer, arguments.threads)
+            against(folder, 1, "whole", arguments.layer, arguments.threads)
         else:
             on_card(folder, arguments.device, arguments.layer)
 
@@ -59,23 +67,37 @@ def write_model(folder: Path) -> None:
     write_random_model("mert", folder, **SIZE)
 
 
-def against(folder: Path, minutes: float, peer: str, layer: int) -> None:
+def circumstances() -> str:
+    """Return date, versions and number of cores."""
+    import datetime
+
+    import torch
+    import transformers
+
+    versions = f"torch {torch.__version__}, transformers {transformers.__version__}"
+    return f"{datetime.date.today()}, Python {sys.version.split()[0]}, {versions}, {os.cpu_count()} cores"
+
+
+def against(folder: Path, minutes: float, peer: str, layer: int, threads: int) -> None:
     """Print time and memory of ours and of a plain way, and their ratios."""
-    found = {name: run(name, folder, minutes, layer) for name in ("ours", peer)}
-    print(f"\n{minutes:g} min of music, layer {layer}, one thread; against transformers: {peer}")
+    found, load = {}, [os.getloadavg()[0]]
+    for name in ("ours", peer):
+        found[name] = run(name, folder, minutes, layer, threads)
+        load.append(os.getloadavg()[0])
+    print(f"\n{minutes:g} min of music, layer {layer}, {threads} threads; against transformers: {peer}")
+    print(f"  load of the machine before, between and after: {', '.join(f'{one:.1f}' for one in load)}")
     for name, one in found.items():
         print(f"  {name:8} {one['cpu_s']:8.1f} CPU s  {one['peak_mb']:8.0f} MB over the loaded model")
     ratios = [found["ours"][key] / found[peer][key] for key in ("cpu_s", "peak_mb")]
-    print(f"  ratios: time {ratios[0]:.2f}, memory {ratios[1]:.2f}")
+    print(f"  ratios: time {ratios[0]:.2f}, memory {ratios[1]:.2f}", flush=True)
 
 
-def run(worker: str, folder: Path, minutes: float, layer: int) -> dict[str, float]:
+def run(worker: str, folder: Path, minutes: float, layer: int, threads: int) -> dict[str, float]:
     """Run a worker in a process of its own."""
-    threads = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
+    limits = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), str(threads))
     command = [sys.executable, __file__, "--worker", worker, "--folder", str(folder), "--minutes", str(minutes)]
-    done = subprocess.run(
-        [*command, "--layer", str(layer)], env={**os.environ, **threads}, capture_output=True, text=True
-    )
+    command += ["--layer", str(layer), "--threads", str(threads)]
+    done = subprocess.run(command, env={**os.environ, **limits}, capture_output=True, text=True)
     if done.returncode:
         raise SystemExit(f"{' '.join(command)} failed:\n{done.stderr}")
     result: dict[str, float] = json.loads(done.stdout.strip().splitlines()[-1])
@@ -102,12 +124,9 @@ def measured(compute: Any) -> dict[str, float]:
 
 def ours(folder: Path, minutes: float, layer: int) -> dict[str, float]:
     """Compute rows at 30 per second as a build does."""
-    import torch
-
     from dancedata.audio.hf import HuggingFaceEncoder
     from dancedata.core.grid import FrameGrid
 
-    torch.set_num_threads(1)
     encoder = HuggingFaceEncoder(_settings(folder, layer), device="cpu")
     samples = song(minutes)
     rows = int(60 * minutes * 30)
@@ -126,10 +145,8 @@ def _settings(folder: Path, layer: int) -> Any:
 
 
 def _peer(folder: Path) -> Any:
-    import torch
     import transformers
 
-    torch.set_num_threads(1)
     transformers.utils.logging.set_verbosity_error()
     transformers.utils.logging.disable_progress_bar()
     config = json.loads((folder / "config.json").read_text()) | {"model_type": "hubert"}

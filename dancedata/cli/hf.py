@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from dancedata.cli.errors import errors_to_exit_codes
+from dancedata.core.text import printable
 
 app = typer.Typer(help="Models of the Hugging Face hub: fetch.", no_args_is_help=True)
 
@@ -27,7 +28,7 @@ def fetch(
         str | None, typer.Option(metavar="SHA", help="Commit of the model; without it the error names the newest.")
     ] = None,
     pickles: Annotated[
-        bool, typer.Option("--pickles", help="Take pickled weights where there are no safetensors.")
+        bool, typer.Option("--pickles", help="Fetch pickled weights if the repository has no safetensors.")
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
@@ -46,4 +47,4 @@ def fetch(
         return
     typer.echo(f"{found.path}: {found.id} at {found.revision}, {len(found.files)} files; licence: {found.licence}")
     if found.left_out:
-        typer.echo(f"left out: {', '.join(found.left_out)}")
+        typer.echo(f"left out: {', '.join(map(printable, found.left_out))}")

@@ -14,14 +14,14 @@ from __future__ import annotations
 import logging
 import os
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from stat import S_ISREG
 from typing import Any
 
-from dancedata.core.errors import StoreError
+from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.hashing import json_sha256, sha256_file
 from dancedata.core.locks import writing_lock
 from dancedata.core.staging import MARKER, Layout, discard, is_claimed, mark
@@ -52,6 +52,17 @@ def read_about(folder: Path) -> dict[str, Any] | None:
     if not isinstance(about, dict) or not isinstance(about.get("files"), dict):
         return None
     return about if about.get("self_sha256") == self_hash(about) else None
+
+
+def require_outside(path: Path, stores: Iterable[Path], what: str) -> None:
+    """Raise UsageError for a file that would be written into one of the datasets."""
+    for store in stores:
+        if path.expanduser().resolve().is_relative_to(store.expanduser().resolve()):
+            raise UsageError(
+                f"a {what} is not written into a dataset, whose files are listed",
+                where=path,
+                fix="choose a file outside of the dataset",
+            )
 
 
 @contextmanager

@@ -131,6 +131,9 @@ def _divided(path: Path, content: object, size: int) -> tuple[PersonArrays, ...]
         return tuple(_phalp(path, values, size))
     if len(content) > MAX_PEOPLE:
         raise _invalid(path, f"{len(content):,} people", f"at most {MAX_PEOPLE:,}")
+    twice = [name for name in content if not isinstance(name, str) and str(name) in content]
+    if twice:
+        raise _invalid(path, f"two people {shown(str(twice[0]), 40)}, a number and a text", "one of each name")
     return tuple(
         PersonArrays(path, value, str(name), "wham" if value.keys() >= _WHAM else "")
         for name, value in content.items()

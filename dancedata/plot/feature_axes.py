@@ -81,11 +81,12 @@ def features(
     axes.vlines(beats[beats < end], 0, columns.width, colors="white", linewidths=0.5, alpha=0.6)
     edges = np.cumsum([0, *(g.width for g in columns.groups)])
     places = _apart((edges[:-1] + edges[1:]) / 2, _LABEL * columns.width / (height - _BASE))
-    axes.set_yticks(places, [g.name.replace("_", " ") for g in columns.groups], fontsize="small")
+    names = [g.name.replace("_", " ") for g in columns.groups]
+    axes.set_yticks(places, names, fontsize="small", parse_math=False)
     axes.set_yticks(edges[1:-1], minor=True)
     axes.tick_params(axis="y", which="major", length=0)
     axes.set_xlabel("seconds")
-    axes.set_title(f"{shown(clip)}: {name}", loc="left", fontsize="medium")
+    axes.set_title(f"{shown(clip)}: {name}", loc="left", fontsize="medium", parse_math=False)
     return axes
 
 

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
 
 from dancedata.core import atomic
 from dancedata.core.audio_signal import AudioSignal
-from dancedata.core.errors import UsageError
+from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.rotations import Float64Array
 from dancedata.core.text import shown
+from dancedata.exporting.place import require_outside
 from dancedata.exporting.sharing import require_shareable
 from dancedata.plot.frames import THEMES, Frames, Theme
 from dancedata.plot.mux import find_ffmpeg, write_mp4
@@ -89,6 +91,7 @@ def write_video(
     target = _target(Path(path), overwrite)
     _require_drawable(size, theme)
     ds = store if isinstance(store, Store) else open_store(store)
+    require_outside(target, [ds.path], "video")
     notice = "" if source is None else require_shareable(ds, allowed_by_caller=may_share)
     scenes = Scenes(ds, field)
     item = scenes.find(clip, frame)
@@ -98,8 +101,11 @@ def write_video(
     times = _times(scene, scene.figure, start_s, length_s)
     sound = None if source is None else _sound(ds, item, Path(source).expanduser(), times, scene.figure)
     frames = Frames(scene, scene.figure, size, times, theme)
-    with atomic.atomic_file(target) as temporary:
-        write_mp4(temporary, frames, size, scene.figure.grid.rate, sound, comment=notice)
+    try:
+        with atomic.atomic_file(target) as temporary:
+            write_mp4(temporary, frames, size, scene.figure.grid.rate, sound, comment=notice)
+    except OSError as error:
+        raise StoreError("the video cannot be written", where=target, found=str(error)) from error
     return target
 
 
@@ -127,8 +133,9 @@ def _require_drawable(size: tuple[int, int], theme: str) -> None:
 def _times(scene: Scene, figure: Figure, start_s: float, length_s: float | None) -> Float64Array:
     """Return the instants of the frames of a part of a clip."""
     rate = float(figure.grid.rate)
-    first = round(start_s * rate)
-    last = figure.n_frames if length_s is None else min(figure.n_frames, first + round(length_s * rate))
+    finite = math.isfinite(start_s) and math.isfinite(length_s or 0.0)
+    first = round(start_s * rate) if finite else -1
+    last = figure.n_frames if length_s is None or not finite else min(figure.n_frames, first + round(length_s * rate))
     if not 0 <= first < last:
         raise UsageError(
             "this part of the clip has no frames",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
@@ -11,6 +12,7 @@ from typing import Self
 from dancedata.core import atomic
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.text import listed
+from dancedata.exporting.place import require_outside
 from dancedata.report.player import Player
 
 __all__ = ["Target"]
@@ -46,13 +48,7 @@ class Target:
             If the file is there and is not to be replaced, or lies inside one of the datasets.
         """
         path = to.expanduser()
-        for store in stores:
-            if path.resolve().is_relative_to(store.expanduser().resolve()):
-                raise UsageError(
-                    "a report is not written into a dataset, whose files are listed",
-                    where=path,
-                    fix="choose a file outside of the dataset with --to",
-                )
+        require_outside(path, stores, "report")
         if path.is_dir() or not path.absolute().parent.is_dir():
             problem = "this is a folder" if path.is_dir() else "the folder of this file does not exist"
             raise UsageError(problem, where=path, fix="name an HTML file with --to")
@@ -103,7 +99,7 @@ class Target:
         if not self.folder.exists():
             return
         names = sorted(p.name for p in self.folder.iterdir()) if self.folder.is_dir() else []
-        foreign = [name for name in names if not (_OWN.fullmatch(name) or atomic.is_temporary(name))]
+        foreign = [name for name in names if not _is_own(name)]
         if foreign or not self.folder.is_dir():
             raise UsageError(
                 "the folder for further clips has other files in it",
@@ -113,11 +109,16 @@ class Target:
             )
 
     def _remove_old(self, player: Player) -> None:
-        """Remove what an earlier page of the same name had beside it."""
+        """Remove what an earlier page of the same name had beside it, and nothing that came there since."""
         if not self.folder.is_dir():
             return
-        for path in self.folder.iterdir():
-            if path.name not in player.side:
+        for path in list(self.folder.iterdir()):
+            if _is_own(path.name) and path.name not in player.side:
                 path.unlink()
         if not player.side:
-            self.folder.rmdir()
+            with suppress(OSError):  # not empty, or a link
+                self.folder.rmdir()
+
+
+def _is_own(name: str) -> bool:
+    return _OWN.fullmatch(name) is not None or atomic.is_temporary(name)

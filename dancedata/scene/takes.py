@@ -15,6 +15,7 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.normalize import MinMax
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.skeleton import Skeleton
+from dancedata.core.text import listed
 from dancedata.datasets.folder.load import SUFFIXES
 from dancedata.evaluation.inputs.columns import ColumnsReader
 from dancedata.evaluation.inputs.files import FileClip, FileFormat
@@ -26,6 +27,9 @@ from dancedata.scene.source import ClipSource
 from dancedata.store import Store, open_store
 
 __all__ = ["FilesTake", "OriginalTake", "StoreTake", "Take", "file_format", "take_of", "take_payload"]
+
+#: Metres; numbers far beyond cannot be told from the square of a distance that overflows.
+_FARTHEST = 1e7
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -96,6 +100,14 @@ class FilesTake(Take):
         if path is None:
             raise DataError(f"{self.name} has no file for this clip", reason="missing_file")
         pose = FileClip(id=item.id, path=path, format=self.form).load()
+        if not np.abs(pose.joints).max() <= _FARTHEST:
+            raise DataError(
+                "joint positions are too far away to be drawn",
+                reason="out_of_range",
+                where=str(path),
+                found=f"{np.abs(pose.joints).max():g} m",
+                allowed=f"at most {_FARTHEST:g} m, of numbers in the unit that --unit names",
+            )
         skeleton = _skeleton(pose.names, self.body) if pose.motion is None else pose.motion.skeleton
         whole = Figure.of_joints(pose.joints, skeleton, pose.grid)
         # A file of a window begins with the window; one of a clip, with the clip.
@@ -164,6 +176,9 @@ def take_of(path: Path, store: Store, form: FileFormat) -> Take:
     if not found:
         raise UsageError("no motion files to compare with", where=path, allowed=f"files {', '.join(SUFFIXES)}")
     paths = {p.stem: p for p in found}
+    if len(paths) < len(found):
+        twice = [p.name for p in found if paths[p.stem] != p]
+        raise UsageError("two files have one name", where=path, found=listed(twice), fix="rename one of them")
     return FilesTake(paths=paths, any_clip=None, form=form, body=store.skeleton, name=path.name)
 
 

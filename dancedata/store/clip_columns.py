@@ -141,9 +141,9 @@ _INT64, _FLOAT64 = np.dtype("<i8"), np.dtype("<f8")
 TEXT = ColumnType(None, _text_problem, str, str)
 NAME = ColumnType(None, _name_problem, str, str)
 TEXT_LIST = ColumnType(None, _list_problem, LIST_SEPARATOR.join, _list_of)
-#: A number or None, which is stored as NaN.
+#: A number or None, which is stored as NaN; what is infinite in a file is not known either.
 NUMBER = ColumnType(
-    _FLOAT64, _number_problem, lambda v: math.nan if v is None else v, lambda v: None if math.isnan(v) else v
+    _FLOAT64, _number_problem, lambda v: math.nan if v is None else v, lambda v: v if math.isfinite(v) else None
 )
 COUNT = ColumnType(_INT64, lambda v: _whole_problem(v, 0), int, int)
 POSITIVE = ColumnType(_INT64, lambda v: _whole_problem(v, 1), int, int)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hmac
 import secrets
+import sys
 from contextlib import suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from urllib.parse import parse_qs, urlsplit
@@ -64,6 +65,11 @@ class ViewServer(ThreadingHTTPServer):
     def cookie(self) -> str:
         """Name of the cookie: cookies of one host are shared by all of its ports."""
         return f"dancedata{self.server_port}"
+
+    def handle_error(self, request: object, client_address: object) -> None:
+        """Print nothing where a browser has closed its connection."""
+        if not isinstance(sys.exc_info()[1], ConnectionError | TimeoutError):
+            super().handle_error(request, client_address)  # type: ignore[arg-type]  # as the server itself calls it
 
 
 class _Handler(BaseHTTPRequestHandler):

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 from dancedata.core import atomic
 from dancedata.core.errors import StoreError, UsageError
+from dancedata.exporting.place import require_outside
 from dancedata.exporting.sharing import require_shareable
 from dancedata.scene import Item, Scenes
 from dancedata.scene.page import PageSound, clip_page
@@ -174,11 +175,12 @@ def export_page(
     Raises
     ------
     UsageError
-        If the file is there, or the licence does not allow the music.
+        If the file is there or lies inside the dataset, or the licence does not allow the music.
     StoreError
         If it cannot be written.
     """
     scenes = request.scenes()
+    require_outside(to, [request.path], "page")
     item, _ = request.first(scenes)
     sound = None
     if audio:

@@ -36,6 +36,7 @@ FILES = {
     "../config.json": b"{}",
     ".hidden.safetensors": b"",
     "training_args.bin": b"a pickle",
+    "a\x1b[2Jb\ud800": b"",
 }
 
 
@@ -184,7 +185,7 @@ def test_a_folder_that_is_there_is_left_alone(hub: Hub, tmp_path: Path) -> None:
     out = tmp_path / "tiny"
     out.mkdir()
     (out / "mine").write_text("mine")
-    with pytest.raises(UsageError, match="there already"):
+    with pytest.raises(UsageError, match="the output folder exists"):
         fetch_model(NAME, COMMIT, out, endpoint=hub.url)
     assert names(out) == {"mine"}
     (out / "mine").unlink()
@@ -237,8 +238,8 @@ def test_a_hub_with_another_commit(hub: Hub, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("status", "code", "error", "text"),
     [
-        (401, "RepoNotFound", UsageError, "no such model"),
-        (404, "RepoNotFound", UsageError, "no such model"),
+        (401, "RepoNotFound", UsageError, "does not have this model"),
+        (404, "RepoNotFound", UsageError, "does not have this model"),
         (404, "RevisionNotFound", UsageError, "has no revision"),
         (403, "GatedRepo", UsageError, "Accept them"),
         (500, "", SourceError, "cannot be reached"),
@@ -274,6 +275,7 @@ def test_the_command(hub: Hub, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     assert result.exit_code == 0, result.output
     assert "licence of the weights: cc-by-nc-4.0" in result.output
     assert "modeling_tiny.py, pytorch_model.bin" in result.output
+    assert r"a\x1b[2Jb\ud800" in result.output
     other = tmp_path / "other"
     result = CliRunner().invoke(app, ["hf", "fetch", NAME, "--revision", COMMIT, "--out", str(other), "--json"])
     assert json.loads(result.stdout)["path"] == str(other)

@@ -19,6 +19,7 @@ from dancedata.core.motion import Motion
 from dancedata.core.rotations import matrix_from_rotvec
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.datasets.folder import Folder
+from dancedata.formats.video_pose import open_people
 from dancedata.pipeline.build import build
 from dancedata.recipes.documents import document_of
 from dancedata.recipes.parse import parse_recipe
@@ -58,6 +59,13 @@ def test_two_people_of_wham_become_two_clips(tmp_path: Path, compress: int) -> N
     assert "layout wham on smpl's 24 joints: 30 FPS (declared in the recipe); +Y up (WHAM's world); m" in str(
         clips["wham_output-person4"][0].notes
     )
+
+
+def test_two_people_whose_numbers_read_alike_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "wham_output.pkl"
+    path.write_bytes(wham({1: wham_person(9), "1": wham_person(9)}))
+    with pytest.raises(DataError, match="two people 1, a number and a text"):
+        open_people(path)
 
 
 def test_several_people_have_to_be_chosen(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -13,12 +14,11 @@ import pytest
 pytest.importorskip("torch")
 pytest.importorskip("transformers")
 
-import torch
-
 import dancedata
 from dancedata.audio.hf import HuggingFace
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import sha256_file
+from dancedata.core.registry import FEATURES
 from dancedata.pipeline.build import build
 from dancedata.pipeline.own_songs import find_jobs, write_features
 from dancedata.pipeline.plan import make_plan
@@ -35,7 +35,7 @@ def corpus(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def _recipe(mert: Path, dac: Path, jukebox: Path, **mert_keys: Any) -> Any:
     audio = {
-        "hf.mert": {"model": str(mert), "layers": [2], "device": "cpu", **mert_keys},
+        "hf.mert": {"model": str(mert), "layers": [2], "device": "cpu", "precision": "fp32", **mert_keys},
         "hf.dac": {"model": str(dac), "device": "cpu", "store": "float32"},
         "jukebox": {"weights": str(jukebox), "layer": 6, "device": "cpu"},
         "librosa35": {},
@@ -43,14 +43,45 @@ def _recipe(mert: Path, dac: Path, jukebox: Path, **mert_keys: Any) -> Any:
     return load_recipe("aist++", {"audio": audio, "motion": {"edge151": {}}})
 
 
+def _watched(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Names of the features that compute a song, from now on; of encoders that of the instance."""
+    computed: list[str] = []
+
+    def watch(feature: Any) -> None:
+        plain = feature.extract
+
+        def extract(self: Any, *args: Any, **kwargs: Any) -> Any:
+            instance = {"DacModel": "hf.dac", "MERTModel": "hf.mert"}
+            config = Path(self.model) / "config.json" if isinstance(self, HuggingFace) else None
+            name = self.name if config is None else instance[json.loads(config.read_text())["architectures"][0]]
+            computed.append(name)
+            return plain(self, *args, **kwargs)
+
+        monkeypatch.setattr(feature, "extract", extract)
+
+    for name in ("hf", "jukebox", "librosa35"):
+        watch(FEATURES.get(name))
+    return computed
+
+
+def _flip_a_byte_of(path: Path, tensor: str) -> None:
+    data = bytearray(path.read_bytes())
+    begin = 8 + int.from_bytes(data[:8], "little")
+    header = json.loads(data[8:begin])
+    data[begin + header[tensor]["data_offsets"][0] + 2] ^= 0x40  # the first number changes by up to a third
+    path.write_bytes(data)
+
+
 def test_two_encoders_jukebox_and_librosa_in_one_dataset(
     corpus: Path, model: Callable[[str], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    computed = _watched(monkeypatch)
     random_checkpoint(tmp_path / "jukebox")
-    mert, dac = tmp_path / "MERT-v1-tiny", model("dac")
+    mert, dac = tmp_path / "MERT-v1-tiny", tmp_path / "dac"
     shutil.copytree(model("mert"), mert)
+    shutil.copytree(model("dac"), dac)
     cache = tmp_path / "cache"
-    build(_recipe(mert, dac, tmp_path / "jukebox"), corpus, tmp_path / "one", cache=cache)
+    build(_recipe(mert, dac, tmp_path / "jukebox"), corpus, tmp_path / "one", cache=cache, jobs=1)
     assert [p for p in verify_store(tmp_path / "one") if p.severity == "error"] == []
     store = dancedata.open(tmp_path / "one")
     assert {"hf.mert", "hf.dac", "jukebox", "librosa35"} <= set(store.fields)
@@ -62,29 +93,26 @@ def test_two_encoders_jukebox_and_librosa_in_one_dataset(
     assert str(tmp_path) not in (tmp_path / "one" / "dataset.json").read_text()
     assert "licence of its weights: cc0-1.0" in (tmp_path / "one" / "README.md").read_text()
 
-    # Another name of the folder, another batch: nothing is computed. One byte: that feature alone.
-    computed: list[str] = []
-    plain = HuggingFace.extract
-
-    def counted(self: HuggingFace, *args: Any, **kwargs: Any) -> Any:
-        computed.append(Path(self.model).name)
-        return plain(self, *args, **kwargs)
-
-    monkeypatch.setattr(HuggingFace, "extract", counted)
+    # Another name of the folder, another batch and device: nothing is computed. One byte: that feature alone.
+    assert sorted(computed) == ["hf.dac", "hf.dac", "hf.mert", "hf.mert", *["jukebox"] * 2, *["librosa35"] * 2]
+    computed.clear()
     mert.rename(tmp_path / "renamed")
-    again = _recipe(tmp_path / "renamed", dac, tmp_path / "jukebox", batch_size=3)
-    build(again, corpus, tmp_path / "two", cache=cache)
+    mert = tmp_path / "renamed"
+    again = _recipe(mert, dac, tmp_path / "jukebox", batch_size=3, device="auto")
+    build(again, corpus, tmp_path / "two", cache=cache, jobs=1)
     assert computed == []
-    weights = tmp_path / "renamed" / "pytorch_model.bin"
-    tensors = torch.load(weights, weights_only=True)
-    tensors["feature_projection.projection.bias"][0] += 1
-    torch.save(tensors, weights)
-    build(again, corpus, tmp_path / "three", cache=cache)
-    assert computed == ["renamed"] * 2  # two songs
+    _flip_a_byte_of(dac / "model.safetensors", "encoder.conv1.weight")
+    build(again, corpus, tmp_path / "three", cache=cache, jobs=1)
+    assert computed == ["hf.dac"] * 2  # two songs
+    one, two, three = (dancedata.open(tmp_path / name) for name in ("one", "two", "three"))
+    window = one.windows("train")[0]
+    for name in ("hf.mert", "hf.dac", "jukebox", "librosa35"):
+        np.testing.assert_array_equal(one.read(window, name), two.read(window, name))
+        assert np.array_equal(one.read(window, name), three.read(window, name)) == (name != "hf.dac"), name
 
     # One's own song, as in the dataset.
     song = next((corpus / "wavs").glob("*.wav"))
-    jobs = find_jobs("hf.dac", str(tmp_path / "one"))
+    jobs = find_jobs("hf.dac", str(tmp_path / "three"))
     written = write_features([song], tmp_path / "features", jobs, None, weights=dac)
     rows = np.load(tmp_path / "features" / written[0]["file"])
     own = HuggingFace(model=str(dac), device="cpu", store="float32").resolved(sha256_file)

@@ -18,6 +18,7 @@ import torch
 import dancedata
 from dancedata.audio.hf import HuggingFace, HuggingFaceEncoder
 from dancedata.audio.hf.placing import place, weight_bytes
+from dancedata.audio.hf.random_models import KINDS
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
@@ -85,29 +86,48 @@ def test_batches_are_halved_when_memory_runs_out(
     assert len(rows) == 8
 
 
-@pytest.mark.parametrize(
-    ("kind", "layers", "tolerance"),
-    [
-        ("wav2vec2-large", 0, 1e-4),
-        ("encodec24", "last", 1e-4),
-        ("dac", "last", 1e-4),
-        ("wav2vec2-large", "last", 0.2),
-    ],
-)
-@pytest.mark.parametrize("offset_s", [0, 0.31])
-def test_seams(
-    kind: str, layers: Any, tolerance: float, offset_s: float, encoder: Callable[..., HuggingFaceEncoder]
-) -> None:
-    """Chunked as whole: what convolutions see exactly, what random attention sees of the whole song about."""
-    whole = encoder(kind, layers=layers)
+OFFSETS = pytest.mark.parametrize("offset_s", [0, 0.31, 0.57])
+
+
+def _seams(whole: HuggingFaceEncoder, cut: HuggingFaceEncoder) -> np.ndarray:
+    """By how much each frame of chunks differs from that of 3.5 s at once, in standard deviations."""
     rate = whole.settings.family.sample_rate
-    cut = encoder(kind, layers=layers, chunk_s=2 + offset_s, overlap_s=1.2)
     samples = noise(3.5, rate)
     one, two = whole.frames(samples, rate), cut.frames(samples, rate)
     np.testing.assert_allclose(two.stamps_s, one.stamps_s, atol=1e-9)  # no drift, no frame twice or missing
-    error = np.abs(two.values - one.values).max(axis=1) / one.values.std()
-    assert np.median(error) < tolerance
-    assert error.max() < 10 * tolerance
+    return np.asarray(np.abs(two.values - one.values).max(axis=1) / one.values.std())
+
+
+@pytest.mark.parametrize(
+    ("kind", "layers", "tolerance"),
+    # Measured: 1e-6 to 2e-6, rounding. EnCodec at 32 kHz sees 0.25 s of the future, and its LSTM the past: 5e-5.
+    [("wav2vec2-large", 0, 1e-5), ("encodec24", "last", 1e-5), ("dac", "last", 1e-5), ("encodec32", "last", 2e-4)],
+)
+@OFFSETS
+def test_seams(
+    kind: str, layers: Any, tolerance: float, offset_s: float, encoder: Callable[..., HuggingFaceEncoder]
+) -> None:
+    """What convolutions see is the same in chunks as in the whole."""
+    cut = encoder(kind, layers=layers, chunk_s=2 + offset_s, overlap_s=1.2)
+    assert _seams(encoder(kind, layers=layers), cut).max() < tolerance
+
+
+@OFFSETS
+def test_seams_of_a_transformer(offset_s: float, encoder: Callable[..., HuggingFaceEncoder]) -> None:
+    """Attention alone differs: it averages over what it is given, 2 s of noise or 3.5.
+
+    Its part is large here: weights are drawn so that attention adds as much as comes in. In the last layer the median
+    was 0.08 and 0.13 with two draws of them; of the first 0.07 with chunks of 8 s, 0.03 with 30 s. ENCODERS.md has
+    4e-4 with the small weights that training begins with. So the bound says little; what does is that without
+    attention all else, the positional convolution too, is as exact as the front end.
+    """
+    pair = [encoder("wav2vec2-large", **keys) for keys in ({}, {"chunk_s": 2 + offset_s, "overlap_s": 1.2})]
+    error = _seams(*pair)
+    assert np.median(error) < 0.2
+    for one in pair:
+        for block in one._network.encoder.layers:
+            torch.nn.init.zeros_(block.attention.out_proj.weight)
+    assert _seams(*pair).max() < 1e-5
 
 
 def test_group_norm_is_continuous_at_seams(encoder: Callable[..., HuggingFaceEncoder]) -> None:
@@ -131,13 +151,14 @@ def test_windows_are_songs_of_their_own(kind: str, feature: Callable[..., Huggin
 
 
 @pytest.mark.parametrize(
-    "kind", ["wav2vec2", "mert", "dac", "encodec48", "whisper", "ast", "clap", "muq", "w2v-bert"]
+    "kind", sorted({*KINDS} - {"wav2vec2-large", "wav2vec2-conformer", "hubert", "hubert-large"})
 )
 def test_silence_is_finite_and_a_blink_is_too_short(kind: str, feature: Callable[..., HuggingFace]) -> None:
     made = feature(kind)
     rows = made.extract(AudioSignal(np.zeros(11_025, np.float32), 22_050), FPS)
     assert np.isfinite(rows).all()
-    short = AudioSignal(np.zeros(10, np.float32), 22_050)
+    # 10 ms; EnCodec's frames at 48 kHz are shorter.
+    short = AudioSignal(np.zeros(220 if kind != "encodec48" else 140, np.float32), 22_050)
     with pytest.raises(DataError, match="shorter than a frame") as caught:
         made.extract(short, FPS)
     assert caught.value.reason == "short_audio"

@@ -21,7 +21,9 @@ from safetensors.torch import load_file, save_file
 from dancedata.audio.hf import HuggingFace, HuggingFaceEncoder, licence_of, open_model
 from dancedata.audio.hf.model_card import UNKNOWN
 from dancedata.audio.hf.model_folder import ENVIRONMENT, PROVENANCE
+from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DanceDataError, SourceError, UsageError
+from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import sha256_file
 
 from .conftest import noise, settings
@@ -136,6 +138,10 @@ def test_an_old_torch_reads_no_pickles(copy: Callable[..., Path], monkeypatch: p
         ({"conv_kernel": [10, 0]}, "no valid conv_kernel"),
         ({"conv_kernel": [10]}, "do not fit together"),
         ({"num_hidden_layers": -1}, "no valid num_hidden_layers"),
+        ({"num_hidden_layers": 10**9}, "no valid num_hidden_layers"),
+        ({"hidden_size": 10**9}, "no valid hidden_size"),
+        ({"num_lstm_layers": 10**9}, "no valid num_lstm_layers"),
+        ({"conv_kernel": [10**9, 10], "conv_stride": [1, 1]}, "no valid conv_kernel"),
     ],
 )
 def test_configs_that_cannot_be_used(copy: Callable[..., Path], keys: dict[str, Any], message: str) -> None:
@@ -149,8 +155,35 @@ def test_a_config_that_transformers_refuses(copy: Callable[..., Path]) -> None:
         _load(_edit(copy("hubert"), hidden_act="no such function"))
 
 
+def test_a_config_whose_types_transformers_refuses(copy: Callable[..., Path]) -> None:
+    pytest.importorskip("transformers", minversion="5.0")
+    with pytest.raises(SourceError, match="cannot be loaded"):
+        _load(_edit(copy("hubert"), vocab_size=None, num_feat_extract_layers=3))
+
+
+@pytest.mark.parametrize("keys", [{"return_dict": False}, {"output_hidden_states": "yes"}, {"torchscript": True}])
+def test_keys_of_what_a_call_returns_change_nothing(
+    copy: Callable[..., Path], model: Callable[[str], Path], keys: dict[str, Any]
+) -> None:
+    samples = noise(0.3, 16_000)
+    wanted = _load(model("hubert")).frames(samples, 16_000)
+    found = _load(_edit(copy("hubert"), **keys)).frames(samples, 16_000)
+    np.testing.assert_array_equal(found.values, wanted.values)
+
+
+def test_weights_that_change_during_a_build_are_an_error(copy: Callable[..., Path]) -> None:
+    folder = copy("hubert")
+    resolved = HuggingFace(model=str(folder), device="cpu").resolved(sha256_file)
+    tensors = load_file(folder / "model.safetensors")
+    tensors[FINAL] = tensors[FINAL] + 1
+    save_file(tensors, folder / "model.safetensors", metadata={"format": "pt"})
+    signal = AudioSignal(noise(0.5, 16_000), 16_000)
+    with pytest.raises(SourceError, match="the model has changed"):
+        resolved.extract(signal, FrameGrid.of(30))
+
+
 def test_layers_out_of_range(model: Callable[[str], Path]) -> None:
-    for layers in (4, -1, (1, 9), "2..7", (1, 1), "first", ()):
+    for layers in (4, -1, (1, 9), "2..7", (1, 1), "first", (), True, 1.5, (0, True)):
         with pytest.raises(UsageError, match="invalid value for layers"):
             settings(model("hubert"), layers=layers)
     assert settings(model("hubert"), layers="1..2").layers == (1, 2)

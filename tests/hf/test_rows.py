@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from fractions import Fraction
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +13,8 @@ import pytest
 pytest.importorskip("torch")
 pytest.importorskip("transformers")
 
-from hypothesis import given, settings
+import torch
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from dancedata.audio.hf import HuggingFace, HuggingFaceEncoder
@@ -181,10 +183,37 @@ def test_as_many_frames_as_the_network_gives(
         assert len(rows) == made.n_rows(signal.n_samples, rate, FrameGrid.of(fps))
 
 
+@given(st.integers(400, 20_000))
+@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_as_many_frames_as_the_convolutions_give_for_any_length(
+    encoder: Callable[..., HuggingFaceEncoder], n: int
+) -> None:
+    own = _once(encoder, "wav2vec2")
+    found = own._network.feature_extractor(torch.zeros(1, n))
+    assert own.settings.family.n_frames(n) == found.shape[-1]
+
+
+@given(st.integers(8_000, 96_000), st.integers(40, 900), GRIDS)
+@settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_as_many_rows_as_announced_at_any_rate(
+    feature: Callable[..., HuggingFace], rate: int, milliseconds: int, grid: FrameGrid
+) -> None:
+    made = _once(feature, "mert")
+    signal = AudioSignal(noise(milliseconds / 1000, rate), rate)
+    assert len(made.extract(signal, grid)) == made.n_rows(signal.n_samples, rate, grid)
+
+
+_made: dict[str, Any] = {}
+
+
+def _once(make: Callable[[str], Any], kind: str) -> Any:
+    if kind not in _made:
+        _made[kind] = make(kind)
+    return _made[kind]
+
+
 def _response(own: HuggingFaceEncoder, at: int, n: int) -> tuple[np.ndarray, np.ndarray]:
     """How much each frame of the front end changes with a click at sample `at`, and the frames' stamps in samples."""
-    import torch
-
     family = own.settings.family
     base = np.random.default_rng(0).normal(0, 0.1, n).astype(np.float32)
     click = base.copy()
@@ -215,14 +244,23 @@ def test_a_click_lies_in_the_middle_of_the_frames_that_see_it(
     own = encoder(kind, normalize="none", **({} if kind in ("clap", "dac") or "encodec" in kind else {"layers": 0}))
     family = own.settings.family
     hop, n = float(family.timing.hop), min(own.settings.chunk_samples, int(24 * family.timing.hop))
-    away = []
-    for at in (n // 2, n // 2 + int(0.37 * hop), n // 2 + int(0.81 * hop)):
-        strength, stamps = _response(own, at, n)
-        # CLAP attends within windows of its map, so that only the strongest frame says where a click is.
-        seen = np.flatnonzero(strength > (0.999 if kind == "clap" else 0.15) * strength.max())
-        away.append(((stamps[seen[0]] + stamps[seen[-1]]) / 2 - at) / hop)
-        assert len(seen) <= 14
-    assert abs(np.mean(away)) <= 0.5
+    clicks = [n // 2 + int(part * hop) for part in (0, 0.37, 0.81)]
+    away = np.array([(_centre(kind, *_response(own, at, n)) - at) / hop for at in clicks])
+    # CLAP's frames are 15 times as long as its patches, whose windows of attention end between two of them; and where
+    # the energy of an LSTM lies depends on its weights, by up to half a hop. So of these the mean over clicks counts.
+    scattered = kind == "clap" or "encodec" in kind
+    assert np.abs(away.mean() if scattered else away).max() <= 0.5 + 1e-9
+
+
+def _centre(kind: str, strength: np.ndarray, stamps: np.ndarray) -> float:
+    """Stamp of a click, by how much each frame changes with it."""
+    if "encodec" in kind:  # its LSTM carries up to a tenth of a click on for ten frames
+        return float(np.average(stamps, weights=strength**2))
+    # CLAP attends within windows of its map, so that only the strongest frame tells. Of the others every frame that
+    # sees the click counts; group norm carries up to 2 % of it to all frames, which is why the limit is not 0.
+    seen = np.flatnonzero(strength > (0.999 if kind == "clap" else 0.05) * strength.max())
+    assert len(seen) <= 14
+    return float(stamps[seen[0]] + stamps[seen[-1]]) / 2
 
 
 @pytest.mark.parametrize("kind", ["encodec24", "mimi"])

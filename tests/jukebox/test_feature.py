@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -13,6 +14,7 @@ pytest.importorskip("torch")
 import dancedata
 from dancedata.audio.jukebox import JukeboxEncoder
 from dancedata.audio.jukebox.feature import ENVIRONMENT, Jukebox
+from dancedata.audio.jukebox.weights.files import PRIOR_FILE
 from dancedata.audio.signal import pcm16
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DanceDataError, DataError, SourceError, UsageError
@@ -127,6 +129,18 @@ def test_what_cannot_be_embedded(feature: Jukebox, song: AudioSignal) -> None:
         feature.n_rows(1, 44100, FrameGrid.of("30000/1001"))
     with pytest.raises(UsageError, match="layer"):
         Jukebox(layer=0)
+
+
+def test_weights_that_change_during_a_build_are_an_error(
+    tiny: SimpleNamespace, song: AudioSignal, tmp_path: Path
+) -> None:
+    folder = tmp_path / "weights"
+    shutil.copytree(tiny.folder, folder)
+    resolved = Jukebox(weights=folder, layer=LAYER, device="cpu").resolved(sha256_file)
+    with open(folder / PRIOR_FILE, "ab") as file:
+        file.write(b"another")
+    with pytest.raises(SourceError, match="the weights have changed"):
+        resolved.extract_windows(song, np.array([0]), 22050, FPS, 30)
 
 
 @pytest.mark.parametrize("value", [65520.0, -65520.0, np.nan])

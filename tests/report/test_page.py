@@ -6,6 +6,8 @@ import json
 import re
 from html.parser import HTMLParser
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 from urllib.parse import unquote
 
 import pytest
@@ -13,6 +15,8 @@ import pytest
 from dancedata.core.errors import UsageError
 from dancedata.report import write_report
 from dancedata.report.markup import number
+from dancedata.report.player import Player
+from dancedata.report.target import Target
 from dancedata.scene.page import source_hash
 from dancedata.store import open_store
 
@@ -255,3 +259,12 @@ def test_other_arguments(demo: Path, tmp_path: Path) -> None:
     for wrong in ({"clips": -1}, {"clips": "some"}, {"audio": "link"}):
         with pytest.raises(UsageError, match=r"clips|audio"):
             write_report(demo, tmp_path / "x.html", **wrong)
+
+
+def test_a_file_that_came_beside_the_page_meanwhile_stays(tmp_path: Path) -> None:
+    target = Target.of(tmp_path / "r.html", [], max_mb=1, overwrite=True)
+    target.folder.mkdir()
+    for name in ("mine.txt", "clip-00007.js"):
+        (target.folder / name).write_text("")
+    target.write(b"page", cast(Player, SimpleNamespace(side={})))
+    assert [path.name for path in target.folder.iterdir()] == ["mine.txt"]

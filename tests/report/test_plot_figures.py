@@ -71,6 +71,14 @@ def test_window_scope(windows: Path) -> None:
     assert len(plot.motion(ds, clip, poses=2).get_xticks()) == 2
 
 
+def test_a_name_with_dollars_is_not_a_formula(relabelled, tmp_path: Path) -> None:
+    path = relabelled(lambda k: {"id": f"a$b_{{x$ {k}"})
+    clip = dancedata.open(path).clips[0].id
+    for axes in (plot.motion(path, clip, poses=1), plot.features(path, clip)):
+        axes.figure.savefig(tmp_path / "drawn.png", dpi=40)
+        assert clip in axes.get_title(loc="left")
+
+
 def test_errors_say_what_is_allowed(demo: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ds = dancedata.open(demo)
     clip = ds.clips[0].id

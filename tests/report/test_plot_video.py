@@ -109,6 +109,8 @@ def test_equal_bytes(demo: Path, tmp_path: Path) -> None:
         ("a.mp4", {"theme": "red"}, "dark or light"),
         ("a.mp4", {"start_s": 99}, "no frames"),
         ("a.mp4", {"length_s": 0}, "no frames"),
+        ("a.mp4", {"start_s": float("nan")}, "no frames"),
+        ("a.mp4", {"length_s": float("inf")}, "no frames"),
     ],
 )
 def test_errors_say_what_is_allowed(demo: Path, tmp_path: Path, name: str, options: dict, words: str) -> None:
@@ -149,3 +151,11 @@ def test_an_ffmpeg_that_fails_leaves_nothing(demo: Path, tmp_path: Path, monkeyp
     with pytest.raises(StoreError, match="Unknown encoder libx264"):
         plot.write_video(demo, clip, out / "a.mp4", length_s=1, size=SIZE)
     assert list(out.iterdir()) == []
+
+
+def test_a_folder_that_cannot_be_written_is_an_error_with_its_name(demo: Path) -> None:
+    clip = dancedata.open(demo).clips[0].id
+    with pytest.raises(StoreError, match=r"/proc/a\.mp4.*cannot be written"):
+        plot.write_video(demo, clip, "/proc/a.mp4", length_s=0.1, size=SIZE)
+    with pytest.raises(UsageError, match="not written into a dataset"):
+        plot.write_video(demo, clip, demo / "a.mp4", length_s=0.1, size=SIZE)

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from dancedata.core.hashing import json_sha256, sha256_file
-from dancedata.store import verify_store, write_store
+from dancedata.store import open_store, verify_store, write_store
 from dancedata.testing.stores import random_fields, write_random_store
 
 TRAIN = "train-00000-of-00001.h5"
@@ -300,3 +300,10 @@ def test_memory_does_not_grow_with_the_dataset(tmp_path: Path) -> None:
         tracemalloc.stop()
     assert size > 90e6
     assert peak < 30e6
+
+
+def test_a_tempo_that_is_infinite_is_unknown(make_store: Any) -> None:
+    made = make_store()
+    edit(made.path, "clips/tempo_bpm", 0, np.inf)
+    with open_store(made.path) as store:
+        assert next(iter(store.clips)).tempo_bpm is None

@@ -8,6 +8,7 @@ import os
 import shutil
 import signal
 import socket
+import struct
 import subprocess
 import sys
 import time
@@ -17,6 +18,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
+import numpy as np
 import pytest
 
 import dancedata
@@ -240,3 +242,43 @@ def test_a_clip_as_a_page(odd: Path, source: Path, tmp_path: Path) -> None:
     assert not (tmp_path / "b.html").exists()
     export_page(ViewRequest(odd, "wav", source=source), page, audio=True, shared=True, overwrite=True)
     assert "included on the statement" in page.read_text()
+
+
+def test_a_connection_that_is_reset_prints_nothing(odd: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    with serving(ViewRequest(odd)) as address:
+        port = urlsplit(address).port
+        for _ in range(3):
+            with socket.create_connection(("127.0.0.1", port)) as connection:
+                # Closed with an answer that was not read, as a tab that is closed while it loads.
+                connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+                connection.sendall(b"GET / HTTP/1.1\r\nHost: localhost:1\r\n\r\n")
+                connection.recv(10)
+        time.sleep(0.2)
+    assert capfd.readouterr().err == ""
+
+
+def test_a_page_or_video_is_not_written_into_the_dataset(odd: Path, tmp_path: Path) -> None:
+    before = sorted(odd.iterdir())
+    link = tmp_path / "link"
+    link.symlink_to(odd)
+    for to in (odd / "clip.html", odd / "dataset.json", link / "clip.html"):
+        with pytest.raises(UsageError, match="not written into a dataset"):
+            export_page(ViewRequest(odd), to, overwrite=True)
+    assert sorted(odd.iterdir()) == before
+
+
+def test_a_comparison_of_any_numbers_is_answered(odd: Path, tmp_path: Path) -> None:
+    scenes = ViewRequest(odd).scenes()
+    for number, value in enumerate((1e308, -1e9, 1e6)):
+        np.save(tmp_path / f"{scenes.items[number].clip.id}.npy", np.full((60, 24, 3), value))
+    site = Site(scenes, None, ViewRequest(odd, compare=(tmp_path,)).takes(scenes.store, None))
+    notes = [json.loads(site.answer(f"/clip/{n}/with/0", None).body).get("note", "drawn") for n in range(3)]
+    assert ["too far away" in note for note in notes] == [True, True, False]
+
+
+def test_two_files_of_one_clip_are_not_compared(odd: Path, tmp_path: Path) -> None:
+    clip = dancedata.open(odd).clips[0].id
+    np.save(tmp_path / f"{clip}.npy", np.zeros((60, 24, 3)))
+    np.savez(tmp_path / f"{clip}.npz", poses=np.zeros((60, 72)), trans=np.zeros((60, 3)))
+    with pytest.raises(UsageError, match="two files have one name"):
+        ViewRequest(odd, compare=(tmp_path,)).takes(dancedata.open(odd), None)

@@ -17,8 +17,9 @@ from dancedata.audio.hf.settings import Settings, settings_of
 from dancedata.audio.networks.running import all_cores, cards_of, device_of_process, held, stored
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.columns import Columns
-from dancedata.core.errors import UsageError
+from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.grid import FrameGrid
+from dancedata.core.hashing import sha256_file
 from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
 
@@ -38,10 +39,10 @@ _WINDOWS = 32
 class HuggingFace(AudioFeature):
     """Learned features of an encoder in the Hugging Face layout: MERT, MuQ, HuBERT, EnCodec, Whisper and others.
 
-    A recipe may have several: `hf.mert`, `hf.encodec`. Only network classes of transformers itself are used, never
-    code of a model's folder. Each frame has an exact time stamp; row j lies at j / fps. Scope track covers a song
-    with overlapping chunks whose middles are kept, and normalises the song as a whole; scope window takes each window
-    by itself.
+    A recipe may have several: `hf.mert`, `hf.encodec`. Networks are classes of transformers, and for MuQ one of this
+    package; code in a model's folder is never run. Each frame has an exact time stamp; row j lies at j / fps. Scope
+    track covers a song with overlapping chunks whose middles are kept, and normalises the song as a whole; scope
+    window computes each window alone.
 
     Attributes
     ----------
@@ -57,7 +58,7 @@ class HuggingFace(AudioFeature):
         "auto": hidden, or embedding of a codec; a build records which.
     layers
         A number, a list of numbers, a range such as "4..8", "last", "all", or "mean" of all. Layer 0 is what enters
-        the first block, the last one what leaves the network.
+        the first block, the last layer is the output of the network.
     reduce
         "concat": several layers lie side by side; "mean": they are averaged.
     chunk_s
@@ -120,7 +121,6 @@ class HuggingFace(AudioFeature):
     def make_example(cls, folder: Path) -> HuggingFace:
         """Write a tiny random model in MERT's published layout, and return the feature that uses it. For tests."""
         from dancedata.audio.hf.random_models import write_random_model
-        from dancedata.core.hashing import sha256_file
 
         write_random_model("mert", folder)
         return cls(model=str(folder), layers=(2,), device="cpu").resolved(sha256_file)
@@ -305,7 +305,18 @@ class HuggingFace(AudioFeature):
         device = device_of_process(self.device)
         precision = self._precision(device)
         key = (self.model, self.revision, self.model_sha256, self._how(), precision, device)
-        return held(_networks, key, lambda: HuggingFaceEncoder(self._settings(), device=device, precision=precision))
+
+        def load() -> HuggingFaceEncoder:
+            return HuggingFaceEncoder(self._settings(self._same_folder()), device=device, precision=precision)
+
+        return held(_networks, key, load)
+
+    def _same_folder(self) -> ModelFolder:
+        """Return the model; SourceError if it has changed since its hash became a part of cache keys."""
+        folder = self._folder()
+        if self.model_sha256 and (found := folder.sha256(sha256_file)) != self.model_sha256:
+            raise SourceError("hf: the model has changed", where=folder.path, found=found, allowed=self.model_sha256)
+        return folder
 
     def _how(self) -> tuple[Any, ...]:
         return (

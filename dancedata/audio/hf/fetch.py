@@ -89,7 +89,7 @@ def fetch_model(
     out
         Folder to make.
     pickles
-        Whether pickled weights are fetched where there are no safetensors. They are read as data only.
+        Whether to fetch pickled weights if the repository has no safetensors. They are read as data only.
     endpoint
         Address of another hub; default: $HF_ENDPOINT, else the public one.
     show_licence
@@ -98,8 +98,8 @@ def fetch_model(
     Raises
     ------
     UsageError
-        `revision` is not a commit, there is no such model, it needs a permission, it has no weights of this kind, or
-        `out` exists. Without the package huggingface_hub.
+        `revision` is not a commit, the model does not exist, needs permission or has no weights of this kind, `out`
+        exists, or the package huggingface_hub is not installed.
     SourceError
         The hub cannot be reached, or its files are not what it announced.
     """
@@ -197,21 +197,23 @@ class _Hub:
             yield
         except errors.OfflineModeIsEnabled as error:
             raise UsageError(
-                "hf: the hub's client is told to stay offline",
+                "hf: the client of the hub is set to offline",
                 fix="unset HF_HUB_OFFLINE, or fetch elsewhere and copy",
             ) from error
         except errors.GatedRepoError as error:
             raise UsageError(
-                "hf: the model is given to those only that accept its terms",
+                "hf: the model is available only after accepting its terms",
                 where=self.name,
                 fix="accept them on the model's page, then log in: hf auth login",
             ) from error
         except (errors.RepositoryNotFoundError, errors.RevisionNotFoundError) as error:
             missing = isinstance(error, errors.RevisionNotFoundError)
             raise UsageError(
-                f"hf: the model has no revision {shown(revision)}" if missing else "hf: no such model on the hub",
+                f"hf: the model has no revision {shown(revision)}"
+                if missing
+                else "hf: the hub does not have this model",
                 where=self.name,
-                fix="check it on the model's page; for a private one log in: hf auth login",
+                fix="check the id on the model's page; for a private model log in: hf auth login",
             ) from error
         except (errors.HTTPError, OSError, ValueError) as error:
             # The client's own message may be that the file is not in its cache.
@@ -239,7 +241,7 @@ def _chosen(name: str, files: list[RepoSibling], pickles: bool) -> tuple[list[Re
         )
     if not safe and not pickles:
         raise UsageError(
-            "hf: the model's weights are pickled, and there are no safetensors",
+            "hf: the model has pickled weights only, no safetensors",
             where=name,
             found=listed(pickled),
             fix="fetch them with --pickles; they are read as data, and code in them is not executed",
@@ -281,7 +283,7 @@ def _git_sha1(data: bytes) -> str:
 def _require_new(out: Path) -> None:
     if out.is_symlink() or (out.exists() and not (out.is_dir() and not any(out.iterdir()))):
         raise UsageError(
-            "hf: the folder to write is there already",
+            "hf: the output folder exists",
             where=out,
             found=f"{PROVENANCE} of an earlier fetch" if (out / PROVENANCE).exists() else None,
             fix="choose a new one, or remove it",

@@ -18,6 +18,11 @@ from dancedata.core.text import listed, shown
 
 #: The first torch whose weights_only refuses everything but tensors and plain containers.
 _SAFE_TORCH = (2, 6)
+#: Keys of a config that name code, the type of weights, or that have a call return something else than is read.
+_NOT_OF_THE_NETWORK = (
+    "auto_map", "_name_or_path", "dtype", "torch_dtype",
+    "return_dict", "use_return_dict", "torchscript", "output_hidden_states", "output_attentions",
+)  # fmt: skip
 _INSTALL = 'pip install "dancedata[hf]"'
 
 
@@ -143,26 +148,34 @@ def _errors_of(folder: ModelFolder, files: tuple[Path, ...]) -> Iterator[None]:
     """Name the folder in the errors of transformers, torch and safetensors."""
     try:
         yield
-    except pickle.UnpicklingError as error:
-        raise SourceError(
-            "hf: the pickled weights hold more than tensors, and nothing else is unpickled",
-            where=files[0] if len(files) == 1 else folder.path,
-            found=shown(str(error).split("\n", 1)[0]),
-            fix="get the model's weights as safetensors",
-        ) from error
     except (UsageError, SourceError):
         raise
-    # Whatever a config or file that was made up makes these packages raise.
-    except (RuntimeError, OSError, ValueError, TypeError, KeyError, AttributeError, ImportError, EOFError) as error:
-        pickled = "weights_only" in str(error) or "Unsupported global" in str(error)
+    # A config or file that was made up can make these packages raise anything.
+    except Exception as error:
+        where = files[0] if len(files) == 1 else folder.path
+        cause = _of_a_pickle(error)
+        if cause is None:
+            raise SourceError(
+                "hf: the model cannot be loaded",
+                where=where,
+                found=shown(error, 400),
+                fix="compare its files with the model's page",
+            ) from error
         raise SourceError(
-            "hf: the pickled weights hold more than tensors, and nothing else is unpickled"
-            if pickled
-            else "hf: the model cannot be loaded",
-            where=files[0] if len(files) == 1 else folder.path,
-            found=shown(error, 400),
-            fix="get the model's weights as safetensors" if pickled else "compare its files with the model's page",
+            "hf: the pickled weights hold more than tensors, and nothing else is unpickled",
+            where=where,
+            found=shown(str(cause).split("\n", 1)[0]),
+            fix="get the model's weights as safetensors",
         ) from error
+
+
+def _of_a_pickle(error: BaseException | None) -> BaseException | None:
+    """Return the error about objects in a pickle that an error comes from; transformers 4 raises an OSError of it."""
+    while error is not None and not isinstance(error, pickle.UnpicklingError):
+        if any(text in str(error) for text in ("weights_only", "Unsupported global")):
+            return error
+        error = error.__cause__ or error.__context__
+    return error
 
 
 def _require_whole(folder: ModelFolder, names: Iterable[str], allowed: Iterable[str], problem: str) -> None:
@@ -193,8 +206,8 @@ def _quiet(package: Any) -> Iterator[None]:
 
 
 def _plain(keys: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the keys of a config without those that name code or where it came from."""
-    return {k: v for k, v in keys.items() if k not in ("auto_map", "_name_or_path", "dtype", "torch_dtype")}
+    """Return the keys of a config without those that name code, where it came from, or what a call returns."""
+    return {k: v for k, v in keys.items() if k not in _NOT_OF_THE_NETWORK}
 
 
 def _torch_version() -> tuple[int, ...]:

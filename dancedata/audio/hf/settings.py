@@ -129,8 +129,9 @@ def _layers(family: Family, layers: Layers) -> tuple[int, ...]:
         # One beyond is enough to be refused; a range of billions is not made.
         found: Sequence[int] = range(int(span[1]), min(int(span[2]), offered[-1] + 1) + 1)
     else:
-        found = (layers,) if isinstance(layers, int) else layers
-    wrong = [layer for layer in found if layer not in offered]
+        found = layers if isinstance(layers, tuple) else (layers,)
+    # True and 1.0 equal a layer's number.
+    wrong = [layer for layer in found if type(layer) is not int or layer not in offered]
     if wrong or not found or len(set(found)) != len(found):
         raise UsageError(
             "hf: invalid value for layers",

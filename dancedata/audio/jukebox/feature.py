@@ -22,7 +22,7 @@ from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.columns import Columns, Group
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.grid import FrameGrid
-from dancedata.core.hashing import json_sha256
+from dancedata.core.hashing import json_sha256, sha256_file
 from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
 
@@ -93,7 +93,6 @@ class Jukebox(AudioFeature):
     def make_example(cls, folder: Path) -> Jukebox:
         """Write a tiny random checkpoint in the real layout, and return the feature that uses it. For tests."""
         from dancedata.audio.jukebox.weights.random_weights import random_checkpoint
-        from dancedata.core.hashing import sha256_file
 
         random_checkpoint(folder)
         return cls(weights=folder, layer=6, device="cpu").resolved(sha256_file)
@@ -133,7 +132,7 @@ class Jukebox(AudioFeature):
         folder = self._folder()
         cards = cards_of(self.device) or ["cpu" if self.device == "auto" else self.device]
         device = require_device(cards[0])
-        sha256 = json_sha256({"files": checkpoint_sha256(folder, hash_file), "config": self._config.to_json()})
+        sha256 = _weights_sha256(folder, hash_file)
         if self.weights_sha256 not in ("", sha256):
             raise UsageError(
                 "jukebox: the weights do not match the recipe",
@@ -259,6 +258,10 @@ class Jukebox(AudioFeature):
         return stored("jukebox", rows, "float16", "choose another layer")
 
 
+def _weights_sha256(folder: Path, hash_file: Callable[[Path], str]) -> str:
+    return json_sha256({"files": checkpoint_sha256(folder, hash_file), "config": config_of(folder).to_json()})
+
+
 def _named_folder() -> Path | None:
     named = os.environ.get(ENVIRONMENT)
     return Path(named) if named else None
@@ -271,13 +274,12 @@ _network: dict[tuple[Any, ...], JukeboxEncoder] = {}
 def _loaded(
     folder: Path, weights_sha256: str, layer: int, precision: str, device: str, max_codes: int
 ) -> JukeboxEncoder:
-    """Load the weights once per process.
-
-    Their hash is part of the key: the files in the folder may have changed.
-    """
+    """Load the weights once per process; SourceError if they changed since their hash became a part of cache keys."""
     from dancedata.audio.jukebox import JukeboxEncoder
 
     def load() -> JukeboxEncoder:
+        if weights_sha256 and (found := _weights_sha256(folder, sha256_file)) != weights_sha256:
+            raise SourceError("jukebox: the weights have changed", where=folder, found=found, allowed=weights_sha256)
         how: Any = {"layers": (layer,), "device": device, "precision": precision, "max_codes": max_codes}
         if is_converted(folder):
             return JukeboxEncoder.from_converted(folder, **how)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from dancedata.audio.hf.families.base import Family
+from dancedata.audio.hf.families.base import MAX_BLOCKS, Family
 from dancedata.audio.hf.families.codecs import Dac, Encodec, Mimi
 from dancedata.audio.hf.families.muq import MuQ
 from dancedata.audio.hf.families.pe_audio import PeAudio
@@ -48,6 +48,15 @@ def family_of(config: Mapping[str, Any], extractor: Mapping[str, Any], where: ob
         raise SourceError(
             "hf: the weights are quantised", where=where, fix="use the model's original weights, which are not"
         )
+    # Those that no family reads: transformers would build as many.
+    for key, value in config.items():
+        if key.endswith("_layers") and isinstance(value, int) and value > MAX_BLOCKS:
+            raise SourceError(
+                f"hf: the config of a {kind} model has no valid {key}",
+                where=where,
+                found=quoted(value),
+                allowed=f"at most {MAX_BLOCKS:,}",
+            )
     try:
         return _BY_TYPE[kind](config, extractor)
     except SourceError as error:

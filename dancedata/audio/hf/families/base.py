@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -18,6 +19,8 @@ from dancedata.core.text import quoted
 if TYPE_CHECKING:
     import torch
 
+#: Larger sizes and more blocks than any model has: a config of a few bytes could take all memory.
+MAX_SIZE, MAX_BLOCKS = 1 << 20, 1000
 Output = Literal["hidden", "embedding", "codes"]
 Samples = npt.NDArray[np.float32]
 
@@ -167,25 +170,28 @@ class Family(ABC):
         The network is never given a mask.
         """
 
-    def number(self, key: str, *, of: Mapping[str, Any] | None = None, default: int | None = None) -> int:
-        """Return a whole number above 0 of the config; SourceError if it has another value."""
+    def number(
+        self, key: str, *, of: Mapping[str, Any] | None = None, default: int | None = None, most: int = MAX_SIZE
+    ) -> int:
+        """Return a whole number from 1 to `most` of the config; SourceError if it has another value."""
         value = (self.config if of is None else of).get(key, default)
-        if not isinstance(value, int) or isinstance(value, bool) or value < 1:
+        if not isinstance(value, int) or isinstance(value, bool) or not 1 <= value <= most:
             raise SourceError(
                 f"hf: the config of a {self.name} model has no valid {key}",
                 found=quoted(value),
-                allowed="a whole number above 0",
+                allowed=f"a whole number from 1 to {most:,}",
             )
         return value
 
     def sizes(self, key: str, default: tuple[int, ...]) -> tuple[int, ...]:
         """Return a list of whole numbers above 0 of the config; SourceError if it is something else."""
         value = self.config.get(key, default)
-        if not isinstance(value, list | tuple) or not value or not all(isinstance(v, int) and v > 0 for v in value):
+        plain = isinstance(value, list | tuple) and 0 < len(value) <= MAX_BLOCKS
+        if not plain or not all(type(v) is int and v > 0 for v in value) or math.prod(value) > MAX_SIZE:
             raise SourceError(
                 f"hf: the config of a {self.name} model has no valid {key}",
                 found=quoted(value),
-                allowed="whole numbers above 0",
+                allowed=f"whole numbers above 0, whose product is at most {MAX_SIZE:,}",
             )
         return tuple(value)
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from dancedata.audio.hf.chunks import Timing
-from dancedata.audio.hf.families.base import Family, NetworkSpec, Output, uniform
+from dancedata.audio.hf.families.base import MAX_BLOCKS, Family, NetworkSpec, Output, uniform
 
 if TYPE_CHECKING:
     import torch
@@ -49,7 +49,7 @@ class MuQ(Family):
     @property
     def n_layers(self) -> int:
         """Number of conformer blocks."""
-        return self.number("encoder_depth", default=12)
+        return self.number("encoder_depth", default=12, most=MAX_BLOCKS)
 
     @property
     def min_samples(self) -> int:

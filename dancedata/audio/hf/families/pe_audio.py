@@ -11,7 +11,16 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from dancedata.audio.hf.chunks import Timing
-from dancedata.audio.hf.families.base import Family, NetworkSpec, Output, Prepared, Samples, Waveform, uniform
+from dancedata.audio.hf.families.base import (
+    MAX_BLOCKS,
+    Family,
+    NetworkSpec,
+    Output,
+    Prepared,
+    Samples,
+    Waveform,
+    uniform,
+)
 
 if TYPE_CHECKING:
     import torch
@@ -48,7 +57,7 @@ class PeAudio(Family):
     @property
     def n_layers(self) -> int:
         """Number of transformer blocks."""
-        return self.number("num_hidden_layers", of=self._audio, default=6)
+        return self.number("num_hidden_layers", of=self._audio, default=6, most=MAX_BLOCKS)
 
     def n_frames(self, n_samples: int) -> int:
         """Count hops, the last of which may be cut off."""

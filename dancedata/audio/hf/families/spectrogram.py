@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.audio.hf.chunks import Timing
-from dancedata.audio.hf.families.base import Family, NetworkSpec, Output, Prepared, Samples, uniform
+from dancedata.audio.hf.families.base import MAX_BLOCKS, Family, NetworkSpec, Output, Prepared, Samples, uniform
 
 if TYPE_CHECKING:
     import torch
@@ -25,7 +25,7 @@ class _Windows(Prepared):
     normalize: bool = True
 
     def inputs(self, start: int, n_samples: int) -> npt.NDArray[np.float32]:
-        """Return the spectrogram of a window; what a window lacks at the end is filled as the extractor does."""
+        """Return the spectrogram of a window; a short one is padded as the extractor pads it."""
         return self.family.spectrogram(self.samples[start : start + n_samples], normalize=self.normalize)
 
 
@@ -83,7 +83,7 @@ class Whisper(SpectrogramEncoder):
     @property
     def n_layers(self) -> int:
         """Number of the encoder's blocks."""
-        return self.number("encoder_layers", default=4)
+        return self.number("encoder_layers", default=4, most=MAX_BLOCKS)
 
     def n_frames(self, n_samples: int) -> int:
         """Return the positions of the encoder."""
@@ -94,7 +94,7 @@ class Whisper(SpectrogramEncoder):
         return self.number("d_model", default=384)
 
     def spectrogram(self, samples: Samples, *, normalize: bool) -> npt.NDArray[np.float32]:
-        """Compute (bins, frames) by transformers' extractor, which fills a window with zeros."""
+        """Compute (bins, frames) with the extractor of transformers; a short window is padded with zeros."""
         from transformers import WhisperFeatureExtractor
 
         n_fft = self.number("n_fft", of=self.extractor, default=400)
@@ -172,7 +172,7 @@ class Ast(SpectrogramEncoder):
     @property
     def n_layers(self) -> int:
         """Number of transformer blocks."""
-        return self.number("num_hidden_layers", default=12)
+        return self.number("num_hidden_layers", default=12, most=MAX_BLOCKS)
 
     def n_frames(self, n_samples: int) -> int:
         """Return the patches along time."""
@@ -183,7 +183,7 @@ class Ast(SpectrogramEncoder):
         return self.number("hidden_size", default=768)
 
     def spectrogram(self, samples: Samples, *, normalize: bool) -> npt.NDArray[np.float32]:
-        """Compute (frames, bins) as the extractor without torchaudio: filled with zeros, then normalised."""
+        """Compute (frames, bins) as the extractor does without torchaudio: padded with zeros, then normalised."""
         from dancedata.audio.hf.mel import kaldi_log_mel
 
         bins = self.number("num_mel_bins", default=128)
@@ -282,7 +282,7 @@ class Clap(SpectrogramEncoder):
         return int(first * 2 ** (self._stages - 1))
 
     def spectrogram(self, samples: Samples, *, normalize: bool) -> npt.NDArray[np.float32]:
-        """Compute (channels, frames, bins) by transformers' extractor, which repeats shorter music."""
+        """Compute (channels, frames, bins) with the extractor of transformers, which repeats shorter music."""
         from transformers import ClapFeatureExtractor
 
         own = {k: v for k, v in self.extractor.items() if k in _CLAP_KEYS}
@@ -313,7 +313,7 @@ class Clap(SpectrogramEncoder):
         """Run the tower over (B, channels, frames, bins)."""
         import torch
 
-        # Of a song alone the extractor says that it is longer than a window, whether it is or not.
+        # The extractor marks a single song as longer than a window in every case.
         longer = torch.ones((len(inputs), 1), dtype=torch.bool, device=inputs.device)
         found = network(input_features=inputs, is_longer=longer).last_hidden_state
         return {self.n_layers: found.mean(dim=2).transpose(1, 2)}

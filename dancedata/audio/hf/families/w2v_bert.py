@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.audio.hf.chunks import Timing
-from dancedata.audio.hf.families.base import Family, NetworkSpec, Output, Prepared, Samples, uniform
+from dancedata.audio.hf.families.base import MAX_BLOCKS, Family, NetworkSpec, Output, Prepared, Samples, uniform
 
 if TYPE_CHECKING:
     import torch
@@ -59,7 +59,7 @@ class W2vBert(Family):
     @property
     def n_layers(self) -> int:
         """Number of conformer blocks."""
-        return self.number("num_hidden_layers", default=24)
+        return self.number("num_hidden_layers", default=24, most=MAX_BLOCKS)
 
     @property
     def min_samples(self) -> int:

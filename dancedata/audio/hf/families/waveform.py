@@ -11,6 +11,7 @@ import numpy as np
 
 from dancedata.audio.hf.chunks import Timing
 from dancedata.audio.hf.families.base import (
+    MAX_BLOCKS,
     Family,
     NetworkSpec,
     Output,
@@ -68,7 +69,7 @@ class WaveformEncoder(Family):
     @property
     def n_layers(self) -> int:
         """Number of transformer blocks."""
-        return self.number("num_hidden_layers", default=12)
+        return self.number("num_hidden_layers", default=12, most=MAX_BLOCKS)
 
     @property
     def min_samples(self) -> int:
