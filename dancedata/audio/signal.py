@@ -65,6 +65,7 @@ def load_audio(path: Path | str) -> AudioSignal:
     path = Path(path)
     samples, sample_rate = _decode(path)
     mono = _mean_of_channels(samples)
+    del samples  # twice as large where there are two channels
     bad = np.flatnonzero(~np.isfinite(mono))
     if bad.size:
         raise DataError(
@@ -86,7 +87,9 @@ def _mean_of_channels(samples: NDArray[np.float32]) -> NDArray[np.float32]:
     total = samples[:, 0].copy()
     for channel in range(1, n_channels):
         total += samples[:, channel]
-    return total / np.float32(n_channels) if n_channels > 1 else total
+    if n_channels > 1:
+        total /= np.float32(n_channels)
+    return total
 
 
 def audio_length(path: Path | str) -> tuple[int, int]:

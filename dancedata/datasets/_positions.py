@@ -56,12 +56,14 @@ def require_rotations(path: Path, what: str, rotations: Floats, translation: Flo
     points, root = rotations[::step], translation[::step]
     with np.errstate(over="ignore", invalid="ignore"):  # of numbers near the limits of their range
         evidence = _root_is_translation(points[:, 0], root) or _bones_keep_their_length(points, parents)
-        median = float(np.median(_lengths(points[:, 1:])))
+        lengths = _lengths(points[:, 1:])
+        turned = lengths[lengths > 0]  # a body without hands and face has zeros for them
+        median = float(np.median(turned)) if len(turned) else 0.0
     if evidence:
         raise _not_rotations(path, f"{what} contains joint positions, not rotations", evidence, POSITIONS)
     if median > _LONGEST_MEDIAN:
         fix = f"convert degrees to radians. If they are positions: {POSITIONS}"
-        found = f"vectors of length {median:.3g} (median over frames and joints except the first)"
+        found = f"vectors of length {median:.3g} (median over frames and joints that turn, except the first)"
         raise _not_rotations(path, f"{what} does not contain rotation vectors in radians", found, fix)
 
 
@@ -85,7 +87,9 @@ def _bones_keep_their_length(points: Floats, parents: Sequence[int]) -> str:
     bones = points[:, 1:] - points[:, list(parents[1:])]
     length = _lengths(bones)
     moves = _lengths(bones.std(axis=0))
-    judged = moves > _MOVES * length.mean(axis=0)
+    # Hands that do not turn would all give the length of the wrist's rotation, as often as they have joints.
+    own = (points[:, 1:] != points[:1, 1:]).any(axis=(0, 2))
+    judged = own & (moves > _MOVES * length.mean(axis=0))
     if len(points) < _LEAST_FRAMES or judged.sum() < _LEAST_BONES:
         return ""
     share = length.std(axis=0)[judged] / moves[judged]

@@ -73,11 +73,10 @@ def _histogram(
 def _bars(d: Drawing, keys: Sequence[str], title: str, note: str, first: str, *, legend: bool = True) -> Figure:
     own, other = d.find(*keys)
     totals = None if other is None else {name: sum(values.values()) for name, values in other.items()}
-    shown_rows = dict(list(own.items())[:_BARS])
-    rest = len(own) - len(shown_rows)
-    if rest:
-        note = f"{note}; the first {_BARS} of {len(own)}".removeprefix("; ")
     names = [*own, *(name for name in totals or {} if name not in own)]
+    if len(names) > _BARS:
+        note = f"{note}; the first {_BARS} of {len(names)}".removeprefix("; ")
+    shown_rows = {name: own.get(name, {}) for name in names[:_BARS]}
     groups = tuple(next(iter(own.values()), {}))
     rows = tuple(
         (name, *(own.get(name, {}).get(g, 0) for g in groups), *([totals.get(name, 0)] if totals is not None else []))
@@ -193,8 +192,10 @@ def _joint_speed(d: Drawing) -> Figure:
         *([f"p50, {d.other['about']['name']}"] if d.other and other else []),
     )
     note = "line: 5 to 95 % of frames, box: 25 to 75 %, mark: median; blue is left, orange is right"
+    beside = {name.replace("_", " "): q for name, q in (other or {}).items()}
+    body = boxes(named, "metres per second", classes=sides, other=beside)
     return Figure(
-        "joint_speed", "Speed by joint", note, boxes(named, "metres per second", classes=sides), head, tuple(rows)
+        "joint_speed", "Speed by joint", note, body, head, tuple(rows), other=d.other_name if beside else ""
     )
 
 
@@ -239,15 +240,19 @@ def music_figures(d: Drawing) -> list[Figure]:
         note = (
             f"{number(own['mean_distance_ms'])} ms from the nearest beat on average, "
             f"{number(own['mean_distance_shifted_ms'])} ms with the beats moved by half a period "
-            "(dashed: without alignment both look alike)"
+            "(dotted: without alignment both look alike)"
         )
         counts = moved["counts"]["all"]
-        body = histogram(hist["edges"], hist["counts"], "milliseconds after the nearest beat", other=counts)
-        rows = tuple(zip(hist["edges"], hist["edges"][1:], hist["counts"]["all"], counts, strict=False))
+        there = None if other is None or not other["offset_ms"]["n"] else other["offset_ms"]["counts"]["all"]
+        label = "milliseconds after the nearest beat"
+        body = histogram(hist["edges"], hist["counts"], label, other=there, chance=counts)
+        columns = [hist["counts"]["all"], counts, *([] if there is None else [there])]
+        rows = tuple(zip(hist["edges"], hist["edges"][1:], *columns, strict=False))
+        beside = () if there is None or d.other is None else (d.other["about"]["name"],)
         figures.append(
             Figure("key_beats", "Key motions and beats", note, body,
-                   ("from", "to", "key motions", "beats moved"), rows,
-                   other="beats moved by half a period")
+                   ("from", "to", "key motions", "beats moved", *beside), rows,
+                   other=d.other_name if beside else "", chance="beats moved by half a period")
         )  # fmt: skip
     if own["bas"] is not None:
         rows_of = {"this dataset": {"": own["bas"]}, "chance": {"": own["bas_chance"]}}
@@ -268,11 +273,14 @@ def music_figures(d: Drawing) -> list[Figure]:
         pairs = [(t["stated"], t["found"], t["clip"]) for t in own["tempo_bpm"]]
         off = sum(abs(found / stated - 1) > 0.05 for stated, found, _ in pairs)
         note = f"{off} of {len(pairs)} clips differ by more than 5 %; lines: equal, half and double"
-        body = points(pairs, ("stated, beats per minute", "found in the beats"))
+        there = [] if other is None else [(t["stated"], t["found"], t["clip"]) for t in other["tempo_bpm"]]
+        body = points(pairs, ("stated, beats per minute", "found in the beats"), other=there)
         listed = tuple((d.link(clip), stated, found) for stated, found, clip in pairs)
+        head = ("clip", "stated", "found")
         figures.append(
-            Figure("tempo_pairs", "Tempo, stated and found", note, body, ("clip", "stated", "found"), listed)
-        )
+            Figure("tempo_pairs", "Tempo, stated and found", note, body, head, listed,
+                   other=d.other_name if there else "")
+        )  # fmt: skip
     return figures
 
 

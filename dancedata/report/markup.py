@@ -62,6 +62,8 @@ class Figure:
         Its numbers, below it.
     legend
         Names of the groups that colours stand for, in order.
+    other, chance
+        What dashed outlines stand for, and dotted ones; "" without them.
     kind
         "" for a column of the page, "wide" for the whole width.
     """
@@ -74,6 +76,7 @@ class Figure:
     rows: tuple[tuple[Any, ...], ...] = ()
     legend: tuple[str, ...] = ()
     other: str = ""
+    chance: str = ""
     kind: str = ""
     open_table: bool = field(default=False)
 
@@ -86,9 +89,12 @@ class Figure:
 
     def _legend(self) -> str:
         entries = [f'<span><i class="s{k % 6}"></i>{escaped(name)}</span>' for k, name in enumerate(self.legend)]
-        if self.other:
-            entries.append(f'<span><i class="other"></i>{escaped(self.other)}</span>')
-        return f'<p class="legend">{"".join(entries)}</p>' if len(self.legend) > 1 or self.other else ""
+        if len(entries) < 2:
+            entries = []  # one colour needs no name
+        for kind, name in (("chance", self.chance), ("other", self.other)):
+            if name:
+                entries.append(f'<span><i class="{kind}"></i>{escaped(name)}</span>')
+        return f'<p class="legend">{"".join(entries)}</p>' if entries else ""
 
     def _numbers(self) -> str:
         if not self.rows:

@@ -55,18 +55,28 @@ def _path(clip: str, path: Sequence[Sequence[float]], reach: float) -> str:
     return drawn(body, f"path of {clip}, from above", _SQUARE, _SQUARE)
 
 
-def strips(columns: Columns, rows: Sequence[Mapping[str, Any]]) -> str:
-    """Return a panel for each group of columns: range, quartiles and median of each column."""
+Row = Mapping[str, Any]
+
+
+def strips(columns: Columns, rows: Sequence[Row], other: Mapping[str, Row] | None = None) -> str:
+    """Return a panel for each group of columns: range, quartiles and median of each column.
+
+    Parameters
+    ----------
+    other
+        Rows of another dataset by the name of their column: the outlines of their ranges.
+    """
     panels = []
     for group in columns.groups:
         own = list(rows[columns.slice(group.name)])
         step = -(-len(own) // _STRIPS)
-        panels.append(_panel(f"{group.name}, {group.unit}", own[::step], len(own), step))
+        panels.append(_panel(f"{group.name}, {group.unit}", own[::step], len(own), step, other or {}))
     return f'<div class="scroll">{"".join(panels)}</div>'
 
 
-def _panel(title: str, rows: Sequence[Mapping[str, Any]], n: int, step: int) -> str:
-    low, high = min(r["min"] for r in rows), max(r["max"] for r in rows)
+def _panel(title: str, rows: Sequence[Row], n: int, step: int, other: Mapping[str, Row]) -> str:
+    both = [*rows, *(other[r["label"]] for r in rows if r["label"] in other)]
+    low, high = min(r["min"] for r in both), max(r["max"] for r in both)
     (width, height), left, top = _PANEL, 62.0, 16.0
 
     def y(value: float) -> float:
@@ -91,6 +101,13 @@ def _panel(title: str, rows: Sequence[Mapping[str, Any]], n: int, step: int) -> 
             + (f'<path class="cross" d="M{x - 3:.1f} {y(low) - 3:.1f}l6 6m0 -6l-6 6"/>' if constant else "")
             + "</g>"
         )
+        if row["label"] in other:
+            beside = other[row["label"]]
+            top_of, wide = y(beside["max"]), max(2.0, each * 0.9)
+            body += (
+                f'<rect class="other thin" x="{x - wide / 2:.1f}" y="{top_of:.1f}" width="{wide:.1f}" '
+                f'height="{max(1.0, y(beside["min"]) - top_of):.1f}"/>'
+            )
     return drawn(body, f"ranges of {title}", height, width, "panel")
 
 

@@ -110,8 +110,8 @@ def _field(d: Drawing, name: str, own: Mapping[str, Any], columns: Columns) -> F
          *((beside.get(row["label"], {}).get(q) for q in ("min", "p50", "max")) if beside else ()))
         for row in own["columns"]
     )  # fmt: skip
-    return Figure(f"columns_{name}", f"Ranges of {name}", about, strips(columns, own["columns"]),
-                  ("column", *names, *extra), rows, kind="wide")  # fmt: skip
+    return Figure(f"columns_{name}", f"Ranges of {name}", about, strips(columns, own["columns"], beside),
+                  ("column", *names, *extra), rows, other=d.other_name if beside else "", kind="wide")  # fmt: skip
 
 
 def _left_out(d: Drawing) -> list[Figure]:
@@ -126,12 +126,26 @@ def _left_out(d: Drawing) -> list[Figure]:
         head = ("reason", "number", "names", "message of the first")
         body = f'<div class="scroll">{table(head, rows, "list texts")}</div>'
         figures.append(Figure("left_out", "Left out, by reason", "all names are in rejects.jsonl", body, kind="wide"))
-    if own["flags"]["by_kind"]:
-        for key, title in (("by_kind", "Flags by kind"), ("by_joint", "Flags by joint")):
-            counts = {name.replace("_", " "): {"": n} for name, n in own["flags"][key].items()}
-            rows_of = tuple((name, value[""]) for name, value in counts.items())
-            figures.append(Figure("flags" if key == "by_kind" else "flags_joint", title, "marked, not repaired",
-                                  bars(dict(list(counts.items())[:24]), title), ("", "flags"), rows_of))  # fmt: skip
+    return figures + _flags(d)
+
+
+def _flags(d: Drawing) -> list[Figure]:
+    figures = []
+    for key, title in (("by_kind", "Flags by kind"), ("by_joint", "Flags by joint")):
+        own, other = d.find("flags", key)
+        names = [*own, *(name for name in other or {} if name not in own)]
+        if not names:
+            continue
+        counts = {name.replace("_", " "): {"": own.get(name, 0)} for name in names}
+        beside = None if other is None else {name.replace("_", " "): n for name, n in other.items()}
+        rows = tuple(
+            (name, value[""], *([beside.get(name, 0)] if beside is not None else []))
+            for name, value in counts.items()
+        )
+        head = ("", "flags", *([d.other["about"]["name"]] if d.other is not None else []))
+        body = bars(dict(list(counts.items())[:24]), title, other=beside)
+        figures.append(Figure("flags" if key == "by_kind" else "flags_joint", title, "marked, not repaired", body,
+                              head, rows, other=d.other_name))  # fmt: skip
     return figures
 
 

@@ -69,12 +69,15 @@ def histogram(
     label: str,
     *,
     other: Sequence[int] | None = None,
+    chance: Sequence[int] | None = None,
     marks: Sequence[tuple[float, str]] = (),
 ) -> str:
-    """Return stacked bars in per cent of all, and the outline of other counts in per cent of theirs.
+    """Return stacked bars in per cent of all, and the outlines of other counts in per cent of theirs.
 
     Parameters
     ----------
+    other, chance
+        Counts of another dataset, and those to be expected by chance.
     marks
         Values with a name that a line marks, such as a median.
     """
@@ -83,8 +86,10 @@ def histogram(
     if not total:
         return drawn(_text(WIDTH / 2, 40, "no values"), label, 60)
     shares = {name: 100 * c / total for name, c in counts.items()}
-    outline = None if other is None or not sum(other) else 100 * np.asarray(other) / sum(other)
-    highest = max(float(sum(shares.values()).max()), 0.0 if outline is None else float(outline.max()))  # type: ignore[union-attr]
+    given = {"chance": np.asarray(chance or (), np.float64), "other": np.asarray(other or (), np.float64)}
+    outlines = {kind: 100 * own / own.sum() for kind, own in given.items() if own.any()}
+    stacked = np.sum(list(shares.values()), axis=0)
+    highest = max(float(own.max()) for own in (stacked, *outlines.values()))
     x, y, body = axes((edges[0], edges[-1]), highest * 1.06, label, "%")
     base = np.zeros(len(edges) - 1)
     for k, (name, share) in enumerate(shares.items()):
@@ -95,9 +100,9 @@ def histogram(
                 title = f"{about}{number(edges[b])} to {number(edges[b + 1])}: {int(counts[name][b]):,}"
                 body += _bar(k, left, y(base[b] + height), width, y(base[b]) - y(base[b] + height), title)
         base += share
-    if outline is not None:
-        steps = "".join(f"V{y(v):.1f}H{x(e):.1f}" for v, e in zip(outline, edges[1:], strict=True))
-        body += f'<path class="other" d="M{x(edges[0]):.1f} {y(0):.1f}{steps}V{y(0):.1f}"/>'
+    for kind, outline in outlines.items():
+        steps = "".join(f"V{y(v):.1f}H{x(e):.1f}" for v, e in zip(outline.tolist(), edges[1:], strict=True))
+        body += f'<path class="{kind}" d="M{x(edges[0]):.1f} {y(0):.1f}{steps}V{y(0):.1f}"/>'
     for value, name in marks:
         if edges[0] <= value <= edges[-1]:
             way = f"M{x(value):.1f} {_TOP}V{HEIGHT - _BOTTOM}"
@@ -137,15 +142,28 @@ def bars(
     return drawn(body, label, 8 + _ROW * len(rows))
 
 
-def boxes(rows: Mapping[str, Mapping[str, float | None]], label: str, *, classes: Mapping[str, str]) -> str:
+Quantiles = Mapping[str, float | None]
+
+
+def boxes(
+    rows: Mapping[str, Quantiles],
+    label: str,
+    *,
+    classes: Mapping[str, str],
+    other: Mapping[str, Quantiles] | None = None,
+) -> str:
     """Return one box a row: a line from p5 to p95, a box from p25 to p75, a mark at p50.
 
     Parameters
     ----------
     classes
         Class of the colour of each row.
+    other
+        The same of another dataset: the outline of its box, with its p50.
     """
-    most = max([v for own in rows.values() for v in own.values() if v is not None] or [1.0]) or 1.0
+    beside = {name: own for name, own in (other or {}).items() if name in rows and own["p50"] is not None}
+    every = [*rows.values(), *beside.values()]
+    most = max([v for own in every for v in own.values() if v is not None] or [1.0]) or 1.0
     room, bottom = WIDTH - _NAMES - 16, 6 + _ROW * len(rows)
 
     def x(value: float | None) -> float:
@@ -166,13 +184,28 @@ def boxes(rows: Mapping[str, Mapping[str, float | None]], label: str, *, classes
             f'<rect x="{left:.1f}" y="{y - 5}" width="{max(right - left, 1):.1f}" height="10"/>'
             f'<path class="median" d="M{middle:.1f} {y - 7}v14"/></g>'
         )
+        if name in beside:
+            left, middle, right = (x(beside[name][q]) for q in ("p25", "p50", "p75"))
+            outline = f"M{left:.1f} {y - 7.5}H{right:.1f}v15H{left:.1f}zM{middle:.1f} {y - 7.5}v15"
+            body += f'<path class="other" d="{outline}"/>'
     body += _text(_NAMES + room / 2, bottom + 32, label, kind="label")
     return drawn(body, label, bottom + 38)
 
 
-def points(pairs: Sequence[tuple[float, float, str]], labels: tuple[str, str]) -> str:
-    """Return points with the diagonal on which both numbers are equal, and those of its double and its half."""
-    values = [v for a, b, _ in pairs for v in (a, b)]
+Pair = tuple[float, float, str]
+
+
+def points(pairs: Sequence[Pair], labels: tuple[str, str], *, other: Sequence[Pair] = ()) -> str:
+    """Return points with the diagonal on which both numbers are equal, and those of its double and its half.
+
+    Parameters
+    ----------
+    pairs
+        Two numbers and a name.
+    other
+        Those of another dataset, which are rings.
+    """
+    values = [v for a, b, _ in (*pairs, *other) for v in (a, b)]
     low, high = min(values), max(values)
     span = (low - 0.08 * (high - low or low or 1), high + 0.08 * (high - low or low or 1))
     size, left, top = 300.0, 48.0, 8.0
@@ -192,9 +225,10 @@ def points(pairs: Sequence[tuple[float, float, str]], labels: tuple[str, str]) -
         if a < b:
             kind = "mark" if factor == 1 else "mark faint"
             body += f'<path class="{kind}" d="M{x(a):.1f} {y(a * factor):.1f}L{x(b):.1f} {y(b * factor):.1f}"/>'
-    for a, b, name in pairs:
-        title = f"{name}: {number(a)}, {number(b)}"
-        body += f'<circle class="s0" cx="{x(a):.1f}" cy="{y(b):.1f}" r="4"><title>{escaped(title)}</title></circle>'
+    for kind, radius, dots in (("s0", 4, pairs), ("other", 6.5, other)):
+        for a, b, name in dots:
+            title = f"<title>{escaped(f'{name}: {number(a)}, {number(b)}')}</title>"
+            body += f'<circle class="{kind}" cx="{x(a):.1f}" cy="{y(b):.1f}" r="{radius}">{title}</circle>'
     body += _text(left + size / 2, top + size + 32, labels[0], kind="label")
     body += f'<g transform="rotate(-90 12 {top + size / 2})">{_text(12, top + size / 2, labels[1], kind="label")}</g>'
     return drawn(body, f"{labels[1]} against {labels[0]}", top + size + 38, WIDTH)

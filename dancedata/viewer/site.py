@@ -60,7 +60,8 @@ class Site:
         self._seen = self._identity()
         self._sliding: list[float | None] | None = None
         self._measured = 0
-        self._lock = threading.Lock()
+        self._lock, self._decoding = threading.Lock(), threading.Lock()
+        self._heard: tuple[Item, Answer] | None = None
 
     @property
     def policy(self) -> str:
@@ -105,11 +106,18 @@ class Site:
         return _NOT_FOUND if take is None else _json(take_payload(take, self.scenes.scene(item, name)))
 
     def _music(self, item: Item) -> Answer:
-        sound = None if self.source is None else self.source.sound(item)
-        if sound is None:
-            return Answer.of(404, "the source has no music of this clip")
-        notes = {NOTE: quote("; ".join(sound.notes))} if sound.notes else {}
-        return Answer(200, flac(sound.signal), FLAC, notes)
+        """Answer with the music of an item; songs are decoded whole, so one after the other, and the last is kept."""
+        if self.source is None:
+            return _NO_MUSIC
+        with self._decoding:
+            if self._heard is None or self._heard[0] != item:
+                self._heard = None
+                sound = self.source.sound(item)
+                if sound is None:
+                    return _NO_MUSIC
+                notes = {NOTE: quote("; ".join(sound.notes))} if sound.notes else {}
+                self._heard = item, Answer(200, flac(sound.signal), FLAC, notes)
+            return self._heard[1]
 
     @cached_property
     def _page(self) -> bytes:
@@ -152,6 +160,7 @@ class Site:
 
 
 _NOT_FOUND = Answer.of(404, "no such page")
+_NO_MUSIC = Answer.of(404, "the source has no music of this clip")
 
 
 def _json(document: Any) -> Answer:

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dancedata.core.bodies import SMPLX55
 from dancedata.core.errors import DataError
 from dancedata.core.motion import Motion
 from dancedata.core.quality import implausible_flags
@@ -22,6 +23,7 @@ from dancedata.datasets.folder.facts import Declared
 from dancedata.datasets.folder.load import Reading, load_motion
 from dancedata.formats.safe_pickle import load_pickle
 from dancedata.synthetic import synthesise_motion
+from dancedata.testing import video_files
 
 READING = Reading(Declared("60", "y", "m"), Declared())
 NOT = "oint positions are not rotations"
@@ -187,6 +189,15 @@ def test_real_motions_are_rotations_and_their_joints_are_not(shared: Path) -> No
         points = np.asarray(load_pickle(path)["keypoints3d_optim"])[:, :17]
         with pytest.raises(DataError, match=r"first joint|constant|radians"):
             require_rotations(Path("x"), "poses", np.nan_to_num(points), np.nan_to_num(points[:, 0]), range(-1, 16))
+
+
+def test_hands_that_do_not_turn_are_no_evidence() -> None:
+    """The bones from a wrist to its fingers would all be the wrist's rotation, here of constant length."""
+    seconds = np.arange(90) / 30
+    vectors = np.zeros((90, 55, 3))
+    vectors[:, :22] = video_files.dance(90, 1, 22)[0]
+    vectors[:, 20] = vectors[:, 21] = np.stack([np.sin(4 * seconds), np.cos(4 * seconds), 0 * seconds], axis=1)
+    require_rotations(Path("x"), "poses", vectors, np.zeros((90, 3)), SMPLX55.parents)
 
 
 def test_lengths_are_numpys_to_the_bit() -> None:

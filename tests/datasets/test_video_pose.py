@@ -11,9 +11,13 @@ import numpy as np
 import pytest
 
 import dancedata
+from dancedata.core.bodies import SMPLX55
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DataError, UsageError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.motion import Motion
 from dancedata.core.rotations import matrix_from_rotvec
+from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.datasets.folder import Folder
 from dancedata.formats.video_pose import open_people
 from dancedata.pipeline.build import build
@@ -167,6 +171,69 @@ def test_gvhmr(tmp_path: Path) -> None:
     assert "layout gvhmr on smplx's 55 joints" in str(ref.notes)
     with pytest.raises(DataError, match="frame rate of this file is unknown"):
         Folder(music="optional").load(ref)
+
+
+def joints_of(n_frames: int, seed: int, skeleton: Skeleton) -> Any:
+    rotations, path = dance(n_frames, seed, skeleton.n_joints)
+    return Motion(path, rotations, FrameGrid.of(30), skeleton).joints()
+
+
+def test_positions_and_degrees_of_wham_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "wham_output.pkl"
+    good = wham_person(N, vertices=4)
+    places = joints_of(N, 1, SMPL24)
+    for pose, trans, found in (
+        (places, places[:, 0], "the first joint moves like the translation"),
+        (places - places[:, :1], places[:, 0] * 0, "joints to their parents are constant"),
+        (np.degrees(good["pose_world"]), good["trans_world"], "onvert degrees to radians"),
+    ):
+        wrong = {**good, "pose_world": pose.reshape(N, 72), "trans_world": trans}
+        path.write_bytes(wham({4: good, 17: wrong}))
+        with pytest.raises(DataError, match="pose_world of person 17") as error:
+            Folder(fps=30).load(ClipRef("x", path, None, "train", declared=(("person", "17"),)))
+        assert error.value.reason == "not_rotations"
+        assert str(path) in str(error.value)
+        assert found in str(error.value)
+        Folder(fps=30).load(ClipRef("x", path, None, "train", declared=(("person", "4"),)))
+
+
+def test_positions_and_degrees_of_gvhmr_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "hmr4d_results.pt"
+    good = gvhmr(N, 4)
+    own = good["smpl_params_global"]
+    places = joints_of(N, 4, SMPLX55)[:, :22].reshape(N, 66).astype(np.float32)
+    degrees = np.degrees(np.concatenate([own["global_orient"], own["body_pose"]], axis=1)).astype(np.float32)
+    for pose, found in ((places, "joint positions, not rotations"), (degrees, "onvert degrees to radians")):
+        wrong = {**own, "global_orient": pose[:, :3], "body_pose": pose[:, 3:]}
+        path.write_bytes(torch_file({**good, "smpl_params_global": wrong}))
+        error = refused(path)
+        assert error.reason == "not_rotations"
+        assert found in str(error)
+
+
+@pytest.mark.parametrize(
+    ("change", "found"),
+    [
+        (lambda m: m * 1.1, "deviation 0.21"),
+        (lambda m: m * [1, 1, -1], "right-handed"),
+        (lambda m: m * 0, "deviation 1"),
+    ],
+    ids=["scaled", "reflected", "zeros"],
+)
+def test_matrices_of_phalp_that_are_not_rotations(tmp_path: Path, change: Any, found: str) -> None:
+    path = tmp_path / "demo_clip.pkl"
+    body = np.tile(np.eye(3), (23, 1, 1))
+    body[4] = change(body[4])
+    pose = {"global_orient": np.eye(3)[None], "body_pose": body, "betas": np.zeros(10)}
+    frame = {"tid": [1], "tracked_time": [0], "camera": [np.zeros(3)]}
+    right = {**pose, "body_pose": np.tile(np.eye(3), (23, 1, 1))}
+    path.write_bytes(
+        joblib_bytes({f"{k}.jpg": {**frame, "time": k, "smpl": [pose if k == 7 else right]} for k in range(9)})
+    )
+    error = refused(path)
+    assert error.reason == "bad_rotation"
+    assert "person 1, frame 7, joint 5" in str(error)
+    assert found in str(error)
 
 
 def hybrik(n_frames: int, **changes: Any) -> dict[str, Any]:

@@ -70,3 +70,28 @@ def test_pictures_are_complete_in_themselves(path: Path) -> None:
     assert root.find("{http://www.w3.org/2000/svg}title") is not None
     assert len(re.findall(r"https?://", text)) == text.count("http://www.w3.org/")
     assert "<script" not in text
+
+
+ROOT = IMAGES.parents[1]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+
+
+def test_photographs_are_small_and_each_is_taken_by_the_script() -> None:
+    sizes = {path.stem: path.stat().st_size for path in IMAGES.glob("*.png")}
+    script = (IMAGES / "shoot.py").read_text(encoding="utf-8")
+    assert sizes.keys() == set(re.findall(r'^    "([a-z-]+)": ', script, flags=re.MULTILINE))
+    assert max(sizes.values()) <= 200_000
+    assert sum(sizes.values()) < 1_000_000
+
+
+def test_every_picture_is_shown_and_others_work_is_credited_beside_it() -> None:
+    shown = {path: set(re.findall(r"images/([\w-]+\.(?:png|svg))\)", path.read_text("utf-8"))) for path in PAGES}
+    assert set().union(*shown.values()) == {path.name for path in IMAGES.iterdir() if path.suffix in (".png", ".svg")}
+    for path, names in shown.items():
+        if any(name.startswith("viewer") or name == "report-against.png" for name in names):
+            text = path.read_text("utf-8")
+            assert "(Li et al., ICCV 2021; Tsuchida" in text
+            assert "https://creativecommons.org/licenses/by/4.0/" in text
+        if any(name.startswith("viewer") for name in names):
+            assert "Karissa" in text
+            assert "https://creativecommons.org/licenses/by/3.0/" in " ".join(text.split())

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import re
 import shlex
-import signal
-import subprocess
-import sys
+import threading
 from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import dancedata
+from dancedata.cli.app import app
 from dancedata.scene.page import page_parts
 from dancedata.synthetic import write_synthetic
 
@@ -42,21 +42,22 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return here
 
 
-def test_its_commands_run(folder: Path) -> None:
+def test_its_commands_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In this process; test_server.py ends a process of its own with Ctrl-C."""
+    monkeypatch.chdir(folder)
+    over = threading.Event()
+    over.set()
+    monkeypatch.setattr("dancedata.viewer.view._interrupt", lambda: over)
     known = dancedata.open(folder / "data" / "demo").clips[0].id
     commands = [line for block in blocks("sh") for line in block.splitlines()]
     assert len(commands) == 5
     for command in commands:
         words = shlex.split(command.replace(CLIP, known))
         assert words[0] == "dancedata"
-        run = [sys.executable, "-m", *words, *([] if "--export" in words else ["--no-browser"])]
-        with subprocess.Popen(run, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder) as process:
-            first = process.stdout.readline()
-            if "--export" not in words:
-                assert re.match(r"http://127\.0\.0\.1:\d+/\?token=\S+#clip=", first), first
-                process.send_signal(signal.SIGINT)
-            rest = process.communicate(timeout=60)
-        assert process.returncode == 0, rest
+        done = CliRunner().invoke(app, [*words[1:], *([] if "--export" in words else ["--no-browser"])])
+        assert done.exit_code == 0, done.output
+        if "--export" not in words:
+            assert re.match(r"http://127\.0\.0\.1:\d+/\?token=\S+#clip=", done.stdout), done.stdout
     assert (folder / "clip.html").stat().st_size > 50_000
 
 

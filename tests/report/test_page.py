@@ -168,6 +168,35 @@ def test_against_another_dataset(demo: Path, hostile: Path, tmp_path: Path) -> N
     assert json.loads(json.dumps(made.to_json()))["schema"] == 1
 
 
+def test_every_figure_has_the_other_dataset_as_outline(hostile: Path, tmp_path: Path) -> None:
+    path = tmp_path / "both.html"
+    write_report(hostile, path, clips="none", against=hostile)
+    figures = re.findall(r'<figure id="r-(\w+)"(.*?)</figure>', path.read_text(), flags=re.DOTALL)
+    charts = {key: body for key, body in figures if "<svg" in body}
+    # Paths are those of single clips; the score of the other dataset is a bar of its own.
+    assert {"joint_speed", "key_beats", "tempo_pairs", "flags", "columns_edge151"} <= charts.keys()
+    without = {key for key, body in charts.items() if not re.search(r'<(path|rect|circle) class="other', body)}
+    assert without == {"paths", "bas"}
+    assert [key for key in charts.keys() - without if '<i class="other">' not in charts[key]] == []
+    # Outlines of equal numbers lie on the bars, and marks on the medians.
+    box = re.search(
+        r'<path class="median" d="M([\d.]+) .*?<path class="other" d="[^"]*zM([\d.]+)', charts["joint_speed"]
+    )
+    assert box
+    assert box[1] == box[2]
+    assert charts["tempo_pairs"].count('class="other"') == charts["tempo_pairs"].count('class="s0"') + 1  # the legend
+
+
+def test_names_of_the_other_dataset_alone_have_a_bar(demo: Path, relabelled, tmp_path: Path) -> None:
+    path = tmp_path / "both.html"
+    write_report(relabelled(lambda k: {"genre": "Tap"}), path, clips="none", against=demo)
+    (genres,) = re.findall(r'<figure id="r-windows_by_genre"(.*?)</figure>', path.read_text(), flags=re.DOTALL)
+    others = {row["genre"] for row in write_report(demo).document["clips"]}
+    chart = genres.partition("</svg>")[0]
+    assert chart.count('<rect class="other"') == len(others)
+    assert all(f"<title>{genre}</title>" in chart for genre in {"Tap", *others})
+
+
 def test_a_dataset_is_the_same_as_itself(demo: Path, tmp_path: Path) -> None:
     made = write_report(demo, tmp_path / "same.html", clips="none", against=demo)
     assert made.differences == ()

@@ -215,6 +215,17 @@ def colour_count(browser: Browser, name: str) -> int:
     )
 
 
+def test_the_camera_comes_nearer_to_dancers_on_the_floor(browser: Browser, odd: Path, tmp_path: Path) -> None:
+    joints = dancedata.decode(dancedata.open(odd).clip("wav").read("edge151"), "edge151", fps=30).joints()
+    np.save(tmp_path / "lying.npy", joints[..., [0, 2, 1]])
+    with serving(ViewRequest(odd, "wav", compare=(tmp_path / "lying.npy",))) as address:
+        browser.open(f"{address}&with=lying.npy")
+        browser.wait(f"return {V}.state.other")
+        shares = browser.js(f"const s = {V}.state; return [s.clip.figure, s.other.figure].map(f => f.room / f.tall)")
+    assert 0.9 < shares[0] <= 1
+    assert shares[1] == pytest.approx(0.7)
+
+
 def test_contacts_are_rings_on_the_stage(browser: Browser, served: str) -> None:
     browser.open(at(served, "wav", "&t=1"))
     assert browser.js(f"return {V}.state.clip.figure.contacts[30]") == 15  # it stands still
@@ -261,9 +272,19 @@ requestAnimationFrame(draw); setTimeout(listen, 60);
 """
 
 
-def sync_error(browser: Browser, seconds: float, loop: tuple[float, float] | None = None) -> float:
+def sync_error(browser: Browser, begin: str, seconds: float, loop: tuple[float, float] | None = None) -> float:
     """Greatest difference between the drawn time and that of a click, when the click is heard, seconds."""
-    log, heard = (np.array(part) for part in browser.driver.execute_async_script(TAP, seconds))
+    found: list[float] = []
+    for _ in range(20):  # a busy machine draws a few pictures a second, and a click between distant ones says nothing
+        browser.later(f"{begin}; if (!{V}.state.playing) await {V}.play(true)")
+        found += errors_of_clicks(*(np.array(p) for p in browser.driver.execute_async_script(TAP, seconds)), loop)
+        if len(found) >= 2:
+            return max(found)
+    raise AssertionError(f"{len(found)} clicks between near pictures")
+
+
+def errors_of_clicks(log: np.ndarray, heard: np.ndarray, loop: tuple[float, float] | None) -> list[float]:
+    """Differences between the drawn times, (n, 4) of TAP, and those of the clicks that were heard."""
     clock, drawn = log[:, 0] - log[:, 1], log[:, 2]
     once: list[list[float]] = []
     for instant in np.sort(heard):
@@ -279,11 +300,10 @@ def sync_error(browser: Browser, seconds: float, loop: tuple[float, float] | Non
         share = (instant - clock[k - 1]) / (clock[k] - clock[k - 1])
         shown = drawn[k - 1] + share * (drawn[k] - drawn[k - 1])
         errors.append(float(np.abs(CLICKS - shown).min()))
-    assert len(errors) >= 2, (len(heard), len(log))
     if loop is not None:
         assert drawn.min() >= loop[0] - 1e-6
         assert drawn.max() < loop[1] + 1e-6
-    return max(errors)
+    return errors
 
 
 def play_from(browser: Browser, seconds: float) -> None:
@@ -292,24 +312,23 @@ def play_from(browser: Browser, seconds: float) -> None:
     browser.wait(f"return {V}.state.playing && {V}.context.state === 'running' && {V}.state.t > {seconds} + 0.05")
 
 
-@pytest.mark.parametrize("fmt", ["ogg", *[pytest.param(f, marks=pytest.mark.nightly) for f in FORMATS if f != "ogg"]])
-def test_clicks_are_heard_when_they_are_drawn(browser: Browser, served: str, fmt: str, request) -> None:
-    whole = request.config.getoption("-m") == "nightly"
+@pytest.mark.parametrize(
+    ("fmt", "whole"), [("ogg", False), *[pytest.param(fmt, True, marks=pytest.mark.nightly) for fmt in FORMATS]]
+)
+def test_clicks_are_heard_when_they_are_drawn(browser: Browser, served: str, fmt: str, whole: bool) -> None:
     browser.open(at(served, fmt))
     browser.wait(f"return {V}.state.clip.sound")
     frame = 1 / FPS
     play_from(browser, 0.0)
-    assert sync_error(browser, 2.2) <= frame  # play
-    browser.js(f"{V}.seek(3.1)")
-    assert sync_error(browser, 1.6) <= frame  # seek while it plays
+    assert sync_error(browser, f"{V}.state.t < 3 || {V}.seek(0)", 2.2) <= frame  # play
+    assert sync_error(browser, f"{V}.seek(3.1)", 1.6) <= frame  # seek while it plays
     browser.js(f"{V}.setLoop([60, 90])")
     browser.later("await new Promise(r => setTimeout(r, 2100))")
-    assert sync_error(browser, 1.7, (2.0, 3.0)) <= frame  # the third pass of a loop
+    assert sync_error(browser, "0", 1.7, (2.0, 3.0)) <= frame  # the third pass of a loop
     if whole:
         browser.js(f"{V}.setLoop(null)")
         browser.key("2")
-        browser.js(f"{V}.seek(1.0)")
-        assert sync_error(browser, 3.0) <= frame  # half speed
+        assert sync_error(browser, f"{V}.seek(1.0)", 3.0) <= frame  # half speed
     browser.later(f"await {V}.play(false)")
 
 

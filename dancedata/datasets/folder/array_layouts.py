@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from dancedata.core.bodies import SMPLX55
 from dancedata.core.errors import DataError
 from dancedata.core.skeleton import SMPL24, Skeleton
+from dancedata.core.text import shown
 from dancedata.datasets._positions import POSITIONS, require_rotations
 from dancedata.datasets.folder.array_values import (
     bad_shape,
@@ -40,7 +41,7 @@ from dancedata.datasets.folder.facts import Fact, bad_declaration
 from dancedata.formats.array_file import ArrayFile
 from dancedata.formats.body_model import SMPLH52
 from dancedata.formats.six_d import check_rows, rotations_of
-from dancedata.formats.video_pose import PHALP_CAMERA, PHALP_ROTATIONS, TOOLS, PersonArrays
+from dancedata.formats.video_pose import PHALP_CAMERA, PHALP_ROTATIONS, PersonArrays
 
 __all__ = ["RATE_KEYS", "Layout", "read_motion", "recognise"]
 
@@ -242,7 +243,7 @@ def read_motion(arrays: ArrayFile, layout: Layout) -> tuple[Floats, Floats]:
     joints = layout.skeleton.n_joints
     if layout.poses is not None:
         rotations = finite(arrays, layout.poses)
-        rotations = from_matrices(arrays, layout.poses, rotations) if layout.matrices else rotations
+        rotations = from_matrices(arrays, _told(arrays, layout), rotations) if layout.matrices else rotations
     else:
         rotations = _joined(arrays, layout, len(translation))
     if len(rotations) != len(translation):
@@ -250,13 +251,19 @@ def read_motion(arrays: ArrayFile, layout: Layout) -> tuple[Floats, Floats]:
             arrays, layout.poses or "body_pose", len(rotations), layout.translation or "", len(translation)
         )
     rotations = rotations.reshape(len(rotations), joints, 3)
-    if not (layout.matrices or layout.name in TOOLS):
-        require_rotations(arrays.path, layout.poses or "body_pose", rotations, translation, layout.skeleton.parents)
+    if not layout.matrices:  # which are rotations by themselves
+        require_rotations(arrays.path, _told(arrays, layout), rotations, translation, layout.skeleton.parents)
     if layout.scaling and layout.keyed:
         translation = translation / scales(arrays, layout.scaling, len(translation))
     elif layout.scaling:
         translation = translation / scaling(arrays, layout.scaling)
     return translation, rotations
+
+
+def _told(arrays: ArrayFile, layout: Layout) -> str:
+    """Return the name of the array of rotations for messages, with the person that it is of."""
+    person = arrays.person if isinstance(arrays, PersonArrays) else ""
+    return f"{layout.poses or 'body_pose'}{f' of person {shown(person, 40)}' if person else ''}"
 
 
 def _joined(arrays: ArrayFile, layout: Layout, n_frames: int) -> Floats:

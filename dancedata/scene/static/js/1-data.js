@@ -33,11 +33,24 @@ async function figureOf(packed) {
   figure.mirror = packed.joints.map((_, j) => j);
   for (const [a, b] of packed.pairs) { figure.mirror[a] = b; figure.mirror[b] = a; }
   figure.tall = tallness(figure);
+  figure.room = roomOf(figure);
   figure.thick = packed.joints.map((name, j) => thickness(figure, name, j));
   return figure;
 }
 
 // Height of a dancer who stands: the bones from a foot to the root and on to the head. For the camera.
+// What the camera shows: a dancer who stands, less where a clip stays near the floor in 99 % of its frames.
+function roomOf(figure) {
+  const tops = new Float32Array(figure.frames);
+  for (let i = 0; i < figure.frames; i++) {
+    let top = -Infinity;
+    for (let j = 1; j < figure.width; j += 3) top = Math.max(top, figure.places[i * figure.width + j]);
+    tops[i] = top - figure.floor;
+  }
+  const high = tops.sort()[Math.floor(0.99 * (figure.frames - 1))] + 0.1 * figure.tall;
+  return Math.max(0.7 * figure.tall, Math.min(figure.tall, high));
+}
+
 function tallness(figure) {
   const to = j => {
     if (figure.parents[j] < 0) return 0;

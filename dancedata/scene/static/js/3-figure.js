@@ -18,7 +18,7 @@ function sizeCanvas(target) {
 
 // Returns a function from metres to [x, y, depth, pixels a metre]; null behind the camera.
 function aim(figures) {
-  const w = canvas.width, h = canvas.height, tall = Math.max(...figures.map(f => f.tall));
+  const w = canvas.width, h = canvas.height, tall = Math.max(...figures.map(f => f.room));
   const wide = figures.length > 1 && !state.over ? 1.25 + 0.9 * (figures.length - 1) : 1.05;
   const focus = h * 1.25, distance = Math.max(tall * 1.85, tall * wide * 1.25 * h / w) * camera.zoom;
   const cy = Math.cos(camera.yaw), sy = Math.sin(camera.yaw), cp = Math.cos(camera.pitch), sp = Math.sin(camera.pitch);
@@ -132,7 +132,7 @@ function drawStage() {
   if (!figure) { state.drawn = Math.floor(state.t * clip.fps + 1e-4); return; }
   const other = state.other && state.other.figure, frame = pose(figure, state.t, here);
   const move = state.playing && !camera.still ? 0.25 : 1;
-  camera.x += (here[0] - camera.x) * move; camera.z += (here[2] - camera.z) * move; camera.y = figure.floor + figure.tall * 0.47 + Math.max(0, here[1] - figure.floor - figure.tall);
+  camera.x += (here[0] - camera.x) * move; camera.z += (here[2] - camera.z) * move; camera.y = figure.floor + figure.room * 0.47 + Math.max(0, here[1] - figure.floor - figure.room);
   camera.still = false;
   const copies = (state.mirror ? 1 : 0) + (other && !state.over ? 1 : 0);
   aim(Array(1 + copies).fill(figure));

@@ -101,7 +101,8 @@ const shortName = name => name.replace(/^left_?/i, 'L ').replace(/^right_?/i, 'R
 const orderOf = k => state.clip.figure && state.clip.figure.sides[state.clip.figure.feet[0]] !== state.clip.figure.sides[state.clip.figure.feet[1]] ? [0, 2, 1, 3][k] : k;
 
 function drawAxis(c) {
-  const span = view.to - view.from, step = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 30, 60, 120, 300].find(s => span / s <= 16) || 600;
+  const span = view.to - view.from, most = Math.min(16, (lanes.width / ratio - LABEL) / 34);
+  const step = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 30, 60, 120, 300].find(s => span / s <= most) || 600;
   c.fillStyle = css.dim;
   for (let k = Math.ceil(view.from / step - 1e-9); k * step <= view.to + 1e-9; k++) {
     const s = k * step, x = xOf(s);
@@ -132,11 +133,13 @@ function drawMusic(c, clip) {
   }
   if (clip.onset) { c.globalAlpha = clip.wave ? 0.75 : 1; drawCurve(c, clip.onset, rows.music, clip.wave ? css.ink : css.wave, clip.wave ? 1 : 1.4); c.globalAlpha = 1; }
   const low = clip.speed ? rows.speed.y + rows.speed.h : y + h;
+  // Beats that nearly touch keep their points; lines would hide the music.
+  const dense = clip.beats.length > 1 && (xOf(clip.beats[1]) - xOf(clip.beats[0])) / ratio < 7;
   c.fillStyle = css.accent;
   for (const beat of clip.beats) {
     const x = xOf(beat);
     if (x < 0 || x > w) continue;
-    c.globalAlpha = 0.55; c.fillRect(x - ratio / 2, y * ratio, ratio, (low - y) * ratio);
+    c.globalAlpha = dense ? 0.2 : 0.55; c.fillRect(x - ratio / 2, y * ratio, ratio, (low - y) * ratio);
     c.globalAlpha = 1; c.beginPath(); c.arc(x, (y + h) * ratio, 2.3 * ratio, 0, 7); c.fill();
   }
 }

@@ -73,12 +73,12 @@ function showAbout() {
 }
 
 const round = x => String(Math.round(x * 1000) / 1000);
-const flagText = f => f[1].replace(/_/g, ' ') + (f[2] ? ' ' + f[2].replace(/_/g, ' ') : '') + ' ' + round(f[3]) + (f[4] === '1' ? ' ×' : ' ' + f[4]);
+const flagText = f => f[1].replace(/_/g, ' ') + (f[2] ? ' ' + f[2].replace(/_/g, ' ') : '') + ' ' + round(Math.round(f[3] * 10) / 10) + (f[4] === '1' ? ' ×' : ' ' + f[4]);
 
 function showNow() {
   const clip = state.clip, near = flagsNear(), o = state.other;
-  let text = state.t.toFixed(2) + ' / ' + duration().toFixed(2) + ' s   frame ' + state.drawn;
-  if (o && o.distance) text += '   ' + (o.distance.values[Math.min(o.distance.values.length - 1, Math.round(state.t * o.distance.rate))] || 0).toFixed(1) + ' mm from ' + plain(o.name) + ' (mean ' + o.mean.toFixed(1) + ')';
+  let text = state.t.toFixed(2) + ' / ' + duration().toFixed(2) + ' s · frame ' + state.drawn;
+  if (o && o.distance) text += ' · ' + (o.distance.values[Math.min(o.distance.values.length - 1, Math.round(state.t * o.distance.rate))] || 0).toFixed(1) + ' mm from ' + plain(o.name) + ' (mean ' + o.mean.toFixed(1) + ')';
   if (el('clock').textContent !== text) el('clock').textContent = text;
   const said = near.slice(0, 2).map(flagText).join(', ') + (near.length > 2 ? ' and ' + (near.length - 2) + ' more' : '');
   if (el('toast').textContent !== said) el('toast').textContent = plain(said);

@@ -1,0 +1,218 @@
+"""Takes the pictures of the viewer and of reports: python docs/images/shoot.py SHARED [NAME ...].
+
+SHARED is the folder with the real recordings, which are not part of the project (`realdata`); the demo is built. It
+needs chromium and chromedriver, selenium and Pillow (`pip install -e ".[dev]"`). Pictures differ by the fonts of the
+machine, so tests do not compare them. PNGs get a palette of 256 colours.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import shutil
+import sys
+import tempfile
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import soundfile
+from PIL import Image
+from scipy.ndimage import uniform_filter1d
+
+import dancedata
+from dancedata.report import write_report
+from dancedata.viewer.view import ViewRequest, serve
+
+HERE = Path(__file__).resolve().parent
+#: Songs that may be passed on, in place of those of AIST++, which may not.
+SONGS = {
+    "mBR2": "Kevin_MacLeod_-_Vibe_Ace",
+    "mJS2": "Kevin_MacLeod_-_Vibe_Ace",
+    "mJS4": "Karissa_Hobbs_-_Lets_Go_Fishin",
+}
+LONG, FLAGGED = "gJS_sFM_cAll_d02_mJS4_ch09", "gBR_sBM_cAll_d04_mBR2_ch08"
+READY = "const r = document.querySelector('[data-dd=root]'), s = window.dancedataViewer && dancedataViewer.state;"
+READY += "return r && r.dataset.ready === '1' && s.clip && !s.dirty && (!arguments[0] || !!s.clip.wave)"
+
+
+@dataclass(frozen=True)
+class Data:
+    """The datasets of the pictures, with their sources."""
+
+    real: Path
+    real_source: Path
+    demo: Path
+    demo_source: Path
+
+
+def build(shared: Path, folder: Path) -> Data:
+    """Build the real clips with the songs that may be shown, and the demo."""
+    source, real = folder / "aist_plusplus_final", shared / "realdata"
+    for name in ("motions", "splits", "cameras"):
+        shutil.copytree(real / "aistpp" / name, source / name)
+    (source / "wavs").mkdir()
+    for song, title in SONGS.items():
+        samples, rate = soundfile.read(real / "music" / f"{title}.hq.ogg", frames=40 * 44100)
+        soundfile.write(source / "wavs" / f"{song}.wav", samples, rate, subtype="PCM_16")
+    cache = folder / "cache"
+    dancedata.build("aist++", source, folder / "aist++", jobs=1, cache=cache, progress=False)
+    dancedata.build("demo", out=folder / "demo", jobs=1, cache=cache, progress=False)
+    return Data(folder / "aist++", source, folder / "demo", folder / "demo-source")
+
+
+class Camera:
+    """Chromium without a display."""
+
+    def __init__(self) -> None:
+        os.environ["SE_OFFLINE"] = "true"
+        from selenium import webdriver
+        from selenium.webdriver.chrome.service import Service
+
+        options = webdriver.ChromeOptions()
+        options.binary_location = str(shutil.which("chromium"))
+        flags = ["headless", "disable-gpu", "hide-scrollbars", "no-first-run", "force-color-profile=srgb"]
+        for flag in [*flags, *(["no-sandbox"] if os.geteuid() == 0 else [])]:
+            options.add_argument(f"--{flag}")
+        self.driver = webdriver.Chrome(options=options, service=Service(str(shutil.which("chromedriver"))))
+
+    def size(self, width: int, height: int, scale: float = 1) -> None:
+        """Set the size of the page, CSS pixels."""
+        about = {"width": width, "height": height, "deviceScaleFactor": scale, "mobile": False}
+        self.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", about)
+
+    def theme(self, name: str) -> None:
+        """Set the system's theme."""
+        features = [{"name": "prefers-color-scheme", "value": name}]
+        self.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": features})
+
+    def open(self, address: str, script: str, *arguments: Any) -> None:
+        """Open a page and wait until a script returns something true."""
+        from selenium.webdriver.support.ui import WebDriverWait
+
+        self.driver.get("about:blank")
+        self.driver.get(address)
+        WebDriverWait(self.driver, 60, poll_frequency=0.05).until(lambda d: d.execute_script(script, *arguments))
+
+    def picture(self) -> Image.Image:
+        """Return what is shown."""
+        return Image.open(io.BytesIO(self.driver.get_screenshot_as_png())).convert("RGB")
+
+
+@contextmanager
+def served(request: ViewRequest) -> Iterator[str]:
+    """Serve a dataset; gives the address with the secret."""
+    lines: list[str] = []
+    there, over = threading.Event(), threading.Event()
+
+    def say(line: str) -> None:
+        lines.append(line)
+        there.set()
+
+    thread = threading.Thread(target=serve, args=(request,), kwargs={"browser": False, "say": say, "until": over})
+    thread.start()
+    try:
+        there.wait(60)
+        yield lines[0].partition("#")[0]
+    finally:
+        over.set()
+        thread.join()
+
+
+def smoothed(data: Data, clip: str) -> Path:
+    """Write a clip's joints, each averaged over half a second, as a model may give them."""
+    with dancedata.open(data.real) as store:
+        joints = dancedata.decode(store.clip(clip).read("edge151"), "edge151", fps=store.fps).joints()
+    folder = data.real.parent / "smoothed"
+    folder.mkdir(exist_ok=True)
+    np.save(folder / f"{clip}.npy", uniform_filter1d(joints, 15, axis=0, mode="nearest"))
+    return folder
+
+
+def viewer(camera: Camera, data: Data, theme: str, clip: str, more: str = "", *, narrow: bool = False) -> Image.Image:
+    """Return a picture of a real clip in the viewer."""
+    camera.size(420, 1000) if narrow else camera.size(1280, 800)
+    camera.theme(theme)
+    compare = (smoothed(data, clip),) if "with=smoothed" in more else ()
+    with served(ViewRequest(data.real, source=data.real_source, compare=compare)) as address:
+        camera.open(f"{address}#clip={clip}&theme={theme}{more}", READY, True)
+        camera.driver.execute_script("document.activeElement.blur()")
+        return camera.picture()
+
+
+def report(camera: Camera, data: Data, theme: str, width: int, height: int, scroll: str = "") -> Image.Image:
+    """Return a picture of the demo's report, from its top or from a section on."""
+    page = data.demo.parent / "demo-report.html"
+    if not page.exists():
+        write_report(data.demo, page)
+    camera.size(width, height)
+    camera.theme(theme)
+    camera.open(page.as_uri(), "return document.readyState === 'complete'")
+    if scroll:
+        camera.driver.execute_script("document.getElementById(arguments[0]).scrollIntoView()", scroll)
+    return camera.picture()
+
+
+def against(camera: Camera, data: Data) -> Image.Image:
+    """Return figures of the report of the real clips against the demo."""
+    page = data.demo.parent / "against.html"
+    if not page.exists():
+        write_report(data.real, page, against=data.demo)
+    camera.size(1280, 900)
+    camera.theme("light")
+    camera.open(page.as_uri(), "return document.readyState === 'complete'")
+    camera.driver.execute_script("document.getElementById('r-s-movement').scrollIntoView()")
+    return camera.picture()
+
+
+Shot = Callable[[Camera, Data], Image.Image]
+SHOTS: dict[str, Shot] = {
+    "viewer-dark": lambda camera, data: viewer(camera, data, "dark", LONG, "&t=21.30&loop=600-750"),
+    "viewer-light": lambda camera, data: viewer(camera, data, "light", FLAGGED, "&t=5.80&mirror=1"),
+    "viewer-narrow": lambda camera, data: viewer(camera, data, "dark", LONG, "&t=21.30", narrow=True),
+    "viewer-compare": lambda camera, data: viewer(camera, data, "dark", FLAGGED, "&t=5.80&with=smoothed&over=1"),
+    "report": lambda camera, data: report(camera, data, "light", 1280, 900),
+    "report-music": lambda camera, data: report(camera, data, "dark", 1280, 900, "r-s-music"),
+    "report-against": against,
+}
+
+
+def save(picture: Image.Image, path: Path) -> None:
+    """Write a PNG with a palette."""
+    colours, place, counts = np.unique(
+        np.asarray(picture).reshape(-1, 3), axis=0, return_inverse=True, return_counts=True
+    )
+    # The most frequent colours as they are, then those farthest from them all: a ring has few pixels.
+    chosen = np.argsort(-counts, kind="stable")[:200].tolist()
+    values = colours.astype(np.int32)
+    distance = np.min([np.square(values - values[k]).sum(axis=1) for k in chosen], axis=0)
+    while len(chosen) < 256 and distance.any():
+        chosen.append(int(distance.argmax()))
+        distance = np.minimum(distance, np.square(values - values[chosen[-1]]).sum(axis=1))
+    palette = colours[chosen]
+    nearest = np.square(values[:, None] - values[chosen]).sum(axis=2).argmin(axis=1).astype(np.uint8)
+    small = Image.fromarray(nearest[place.reshape(-1)].reshape(picture.height, picture.width), "P")
+    small.putpalette(palette.tobytes())
+    small.save(path, optimize=True)
+    print(f"{path.name}: {picture.width} x {picture.height}, {path.stat().st_size / 1000:.0f} kB")
+
+
+def main(shared: Path, names: list[str], out: Path = HERE) -> None:
+    """Build the data and take the pictures."""
+    with tempfile.TemporaryDirectory() as folder:
+        data, camera = build(shared, Path(folder)), Camera()
+        try:
+            for name in names:
+                save(SHOTS[name](camera, data), out / f"{name}.png")
+        finally:
+            camera.driver.quit()
+
+
+if __name__ == "__main__":
+    if len(sys.argv) < 2 or set(sys.argv[2:]) - SHOTS.keys():
+        sys.exit(f"usage: python docs/images/shoot.py SHARED [{' | '.join(SHOTS)} ...]")
+    main(Path(sys.argv[1]), sys.argv[2:] or list(SHOTS))
