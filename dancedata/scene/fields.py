@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dancedata.core.errors import DanceDataError, UsageError, did_you_mean
-from dancedata.core.registry import REPRESENTATIONS
+from dancedata.core.registry import FEATURES, REPRESENTATIONS
 from dancedata.core.rotations import Float64Array
 from dancedata.evaluation.inputs.columns import ColumnsReader, field_readers
 from dancedata.recipes.plugins import make_named, split_instance
@@ -84,9 +84,13 @@ def field_to_draw(store: Store, name: str | None) -> str | None:
 
 
 def rhythm_fields(store: Store) -> tuple[str, ...]:
-    """Return the audio fields that have beats."""
+    """Return the audio fields that have beats, librosa35 first: two datasets are then compared by the same beats."""
     audio = [name for name in store.fields if store.field(name).kind == "audio"]
-    return tuple(name for name in audio if _BEAT in store.fields[name].names)
+    return tuple(sorted((name for name in audio if _BEAT in store.fields[name].names), key=_is_not_librosa35))
+
+
+def _is_not_librosa35(name: str) -> bool:
+    return split_instance(FEATURES, name)[0] != "librosa35"
 
 
 def rhythm_of(rows: Float64Array, store: Store, name: str) -> Rhythm:

@@ -12,10 +12,12 @@ import pytest
 
 import dancedata
 from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.columns import Columns, Group
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.skeleton import SMPL24
 from dancedata.scene import Figure, Scenes
+from dancedata.scene.fields import rhythm_fields
 from dancedata.scene.payload import curve, figure_payload, link, scene_payload
 from dancedata.scene.source import ClipSource, cut, flac
 from dancedata.scene.takes import file_format, take_of, take_payload
@@ -95,6 +97,14 @@ def test_beats_are_the_stored_ones(scenes) -> None:
     assert every.scene(item).rhythm.beats == pytest.approx(np.flatnonzero(rows[:, column].ravel()) / 30)
     assert every.scene(item).rhythm.onset.max() == 1
     assert any("no beats" in note for note in scenes("twenty").scene(scenes("twenty").items[0]).notes)
+
+
+def test_beats_of_librosa35_come_first(tmp_path: Path) -> None:
+    columns = Columns((Group("beat", 1, "1"),))
+    fields = tuple(Field(name, "audio", columns, Fraction(30)) for name in ("beats", "librosa35.own", "other"))
+    fields = (Field("joints", "motion", random_columns(3), Fraction(30)), *fields)
+    made = write_random_store(tmp_path / "store", fields=fields)
+    assert rhythm_fields(dancedata.open(made.path)) == ("librosa35.own", "beats", "other")
 
 
 def test_window_scope_lists_windows(scenes) -> None:
