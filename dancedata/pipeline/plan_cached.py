@@ -131,11 +131,12 @@ def not_ready(job: FeatureJob) -> str:
     """Return what would end a build with this field here, such as weights that are missing; "" if nothing would."""
 
     def unread(path: Path) -> str:
+        path.stat()
         raise _UnknownError  # there are weights: a build reads them, a plan does not
 
     try:
         job.feature.resolved(unread)
-    except (UsageError, SourceError) as error:
+    except (UsageError, SourceError, OSError) as error:
         return str(error)
     except (_UnknownError, ImportError):
         pass

@@ -139,6 +139,9 @@ def test_plan_names_weights_that_a_build_will_miss(larger: Path, monkeypatch: py
     monkeypatch.delenv("DANCEDATA_JUKEBOX", raising=False)
     said = run("plan", "aist++", "--source", larger, *ALL, "--set", "audio=jukebox").stdout
     assert "note: a build here ends with: jukebox: the folder of the weights is unknown" in said
+    network = "audio={beats: {source: beat_this, weights: none.ckpt}}"
+    said = run("plan", "aist++", "--source", larger, *ALL, "--set", network).stdout
+    assert "beats: the file of the weights does not exist" in said
     assert "a build here ends" not in run("plan", "aist++", "--source", larger, *ALL).stdout
 
 
