@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from dancedata.report.measure import ClipNumbers, Measured
-from dancedata.report.tally import Tally, fine_edges, nice_edges
+from dancedata.report.measure import SLIDE_M_S, ClipNumbers, Measured
+from dancedata.report.tally import fine_edges, nice_edges
 
 __all__ = ["Scales"]
 
@@ -50,8 +50,8 @@ class Scales:
             length_s=_of(lengths, 0.1),
             tempo_bpm=_of([c.tempo_bpm for _, c in clips if c.tempo_bpm is not None], 1),
             music_minus_motion_s=_of(gaps, 0.1),
-            speed=_fine([m.speed for m in datasets]),
-            sliding=_fine([m.sliding for m in datasets]),
+            speed=fine_edges([m.speed for m in datasets]),
+            sliding=fine_edges([m.sliding for m in datasets], beyond=SLIDE_M_S),
             offset_ms=_offsets(datasets),
             root_extent_m=_of(_values(numbers, lambda n: n.root_extent_m), 0.05, low=0.0),
             turns=_of(_values(numbers, lambda n: n.turns), 0.05, low=0.0),
@@ -79,10 +79,6 @@ def _of(values: Sequence[float], smallest: float, low: float | None = None) -> t
         return (0.0, 1.0)
     first = min(values) if low is None else min(low, *values)
     return nice_edges(first, max(values), least=smallest)
-
-
-def _fine(tallies: Sequence[Tally]) -> tuple[float, ...]:
-    return fine_edges(tallies)
 
 
 def _offsets(datasets: Sequence[Measured]) -> tuple[float, ...]:

@@ -111,13 +111,16 @@ def nice_edges(low: float, high: float, n: int = 24, least: float = 0.0) -> tupl
     return tuple(round(k * step, 10) for k in range(first, last + 1))
 
 
-def fine_edges(tallies: Sequence[Tally], n: int = 30, keep: float = 0.995) -> tuple[float, ...]:
+def fine_edges(
+    tallies: Sequence[Tally], n: int = 30, keep: float = 0.995, beyond: float | None = None
+) -> tuple[float, ...]:
     """Return borders of bins for tallies of equal bins, up to the quantile `keep` of the widest of them.
 
-    The last bin also counts what lies beyond it.
+    The last bin also counts what lies beyond it. The borders reach further than `beyond`, if it is given.
     """
     low, width = tallies[0].low, tallies[0].width
     high = max((t.quantile(keep) or low + width for t in tallies), default=low + width)
+    high = high if beyond is None else max(high, beyond + width)
     bins = max(1, int(np.ceil((high - low) / width - _SLACK)))
     group = next(g for g in _groups() if bins / g <= n)
     last = int(np.ceil(bins / group))

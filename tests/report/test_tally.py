@@ -42,6 +42,7 @@ def test_values_on_borders_and_outside() -> None:
     empty = Tally.of(0, 1, 0.1)
     assert (empty.mean, empty.quantile(0.5), empty.share_above(0.5)) == (None, None, None)
     assert fine_edges([empty]) == (0.0, 0.1)
+    assert fine_edges([empty], beyond=0.3) == (0.0, 0.1, 0.2, 0.3, 0.4)
 
 
 @given(st.lists(st.floats(-1e4, 1e4), min_size=1, max_size=50))
