@@ -42,7 +42,8 @@ python trainer.py --config_path ./configs/fact_v5_deeper_t10_cm12.config --model
 - `fk_path` in the configuration names SMPL_MALE.pkl, which is not part of this export.
 - Motion has 219 columns at 60 per second; the loader puts six zeros in front. Music has 35 columns at 60 per second,
   of the whole song. Motion ends where its music ends.
-- The records were read by an independent reader of TFRecords; tensorflow itself was not run on them.
+- mint's own create_input read such records with tensorflow 2.21. Its `*_pb2.py` are refused by protobuf 4 and later:
+  compile the protocols first, `python -m grpc_tools.protoc -I. --python_out=. mint/protos/*.proto`.
 """
 
 
