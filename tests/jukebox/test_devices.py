@@ -113,7 +113,7 @@ def test_one_network_a_process_and_the_one_before_goes_first(
     assert first is feature._encoder(1725)  # a code more or less, as sample rates have it
     assert first.max_codes == 1728
     monkeypatch.setattr(jukebox_feature, "config_of", counting)
-    other = jukebox_feature._loaded(tiny.folder, "other weights by now", 3, "fp32", "cpu", 1728)
+    other = jukebox_feature._loaded(tiny.folder, "", 3, "fp32", "cpu", 1728)
     assert other is not first
     assert loaded == [(0, 0)]
     assert list(jukebox_feature._network.values()) == [other]
