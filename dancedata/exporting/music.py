@@ -58,7 +58,7 @@ class SourceMusic:
         if source is None:
             raise UsageError("the music is needed", fix="name the folder with it: --source DIR, or source=DIR")
         if not source.is_dir():
-            raise SourceError("there is no such folder with music", where=source)
+            raise SourceError("the folder of the music does not exist", where=source)
         originals = [clip for clip in store.clips if not clip.source]
         found = _listed(store, source) or _named(originals, source)
         files = {clip.id: found[clip.source or clip.id] for clip in store.clips if (clip.source or clip.id) in found}

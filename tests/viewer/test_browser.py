@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -50,6 +51,17 @@ def test_links_open_the_same_moment(browser: Browser, served: str) -> None:
     assert browser.js("return document.scripts.length") == 2
     assert browser.js("return document.querySelectorAll('img, iframe').length") == 0
     assert browser.log() == []
+
+
+def test_a_link_that_is_opened_while_the_address_is_written_is_followed(browser: Browser, served: str) -> None:
+    browser.open(at(served, "wav"))
+    wanted = f"clip={quote(HOSTILE[0], safe='')}&t=1.5"
+    # As in a busy page: the address is due to be written before the event of the link arrives.
+    browser.js(
+        f"{V}.seek(1); history.replaceState(null, '', '#{wanted}'); "
+        "setTimeout(() => window.dispatchEvent(new HashChangeEvent('hashchange')), 300)"
+    )
+    browser.wait(f"return {V}.state.clip.id === {json.dumps(HOSTILE[0])}")
 
 
 def test_music_that_is_on_its_way_is_not_missing(browser: Browser, served: str) -> None:

@@ -103,7 +103,9 @@ function linkNow() {
 
 function writeLink() {
   clearTimeout(linkTimer);
-  if (wholePage) linkTimer = setTimeout(() => { try { history.replaceState(null, '', linkNow()); } catch (e) { /* a page inside another one has no address */ } }, 120);
+  const before = location.hash;
+  // Not over a link that was opened meanwhile and is still to be followed.
+  if (wholePage) linkTimer = setTimeout(() => { try { if (location.hash === before) history.replaceState(null, '', linkNow()); } catch (e) { /* a page inside another one has no address */ } }, 120);
 }
 
 // Not URLSearchParams: it reads a plus sign as a space.
