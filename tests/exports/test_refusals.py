@@ -78,7 +78,7 @@ def test_missing_music(built, tmp_path: Path) -> None:
     text = refusal(made.path, "edge", tmp_path / "out", source=tmp_path / "empty")
     assert f"no music below {tmp_path}/empty for m" in text
     assert not list((tmp_path / "empty").iterdir())
-    assert "there is no such folder" in refusal(made.path, "edge", tmp_path / "out", source=tmp_path / "none")
+    assert "the folder of the music does not exist" in refusal(made.path, "edge", tmp_path / "out", source=tmp_path / "none")
 
 
 def test_music_by_its_name_alone(built, tmp_path: Path) -> None:
@@ -154,7 +154,7 @@ def test_npz_names_fields_that_are_not_there(built, tmp_path: Path) -> None:
 def test_errors_of_the_source_are_their_own(built, tmp_path: Path) -> None:
     made = built("edge")
     (tmp_path / "file").write_text("")
-    with pytest.raises((SourceError, StoreError), match="no such folder"):
+    with pytest.raises((SourceError, StoreError), match="the folder of the music does not exist"):
         dancedata.export(made.path, "npz", tmp_path / "out", source=tmp_path / "file", progress=False)
 
 
