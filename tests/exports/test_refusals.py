@@ -78,7 +78,8 @@ def test_missing_music(built, tmp_path: Path) -> None:
     text = refusal(made.path, "edge", tmp_path / "out", source=tmp_path / "empty")
     assert f"no music below {tmp_path}/empty for m" in text
     assert not list((tmp_path / "empty").iterdir())
-    assert "the folder of the music does not exist" in refusal(made.path, "edge", tmp_path / "out", source=tmp_path / "none")
+    refused = refusal(made.path, "edge", tmp_path / "out", source=tmp_path / "none")
+    assert "the folder of the music does not exist" in refused
 
 
 def test_music_by_its_name_alone(built, tmp_path: Path) -> None:
