@@ -53,7 +53,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_finish() -> None:
-    """Take modules and tests out of garbage collection: going through all of them takes a second each time."""
+    """Exclude modules and tests from garbage collection: a full pass over them takes about a second."""
     gc.collect()
     gc.freeze()
 

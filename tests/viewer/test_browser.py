@@ -287,7 +287,7 @@ requestAnimationFrame(draw); setTimeout(listen, 60);
 def sync_error(browser: Browser, begin: str, seconds: float, loop: tuple[float, float] | None = None) -> float:
     """Greatest difference between the drawn time and that of a click, when the click is heard, seconds."""
     found: list[float] = []
-    for _ in range(20):  # a busy machine draws a few pictures a second, and a click between distant ones says nothing
+    for _ in range(20):  # a busy machine draws few pictures per second; a click between distant ones proves nothing
         browser.later(f"{begin}; if (!{V}.state.playing) await {V}.play(true)")
         found += errors_of_clicks(*(np.array(p) for p in browser.driver.execute_async_script(TAP, seconds)), loop)
         if len(found) >= 2:

@@ -41,7 +41,7 @@ class HuggingFace(AudioFeature):
 
     A recipe may have several: `hf.mert`, `hf.encodec`. Networks are classes of transformers, and for MuQ one of this
     package; code in a model's folder is never run. Each frame has an exact time stamp; row j lies at j / fps. Scope
-    track covers a song with overlapping chunks whose middles are kept, and normalises the song as a whole; scope
+    track computes a song in overlapping chunks, keeps the middle of each, and normalises the song as a whole; scope
     window computes each window alone.
 
     Attributes

@@ -38,7 +38,6 @@ async function figureOf(packed) {
   return figure;
 }
 
-// Height of a dancer who stands: the bones from a foot to the root and on to the head. For the camera.
 // What the camera shows: a dancer who stands, less where a clip stays near the floor in 99 % of its frames.
 function roomOf(figure) {
   const tops = new Float32Array(figure.frames);
@@ -51,6 +50,7 @@ function roomOf(figure) {
   return Math.max(0.7 * figure.tall, Math.min(figure.tall, high));
 }
 
+// Height of a dancer who stands: the bones from a foot to the root and on to the head. For the camera.
 function tallness(figure) {
   const to = j => {
     if (figure.parents[j] < 0) return 0;
