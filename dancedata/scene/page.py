@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import html
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
@@ -18,6 +19,7 @@ from dancedata.scene.scenes import Item, Scenes
 __all__ = ["PageSound", "Parts", "clip_page", "data_script", "page_data", "page_parts", "source_hash", "whole_page"]
 
 _STATIC = Path(__file__).resolve().parent / "static"
+_IMPORT = re.compile(r"^import \{[^}]*\} from '\./(\w+)\.js';\n", re.MULTILINE)
 
 
 @dataclass(frozen=True)
@@ -46,10 +48,22 @@ class Parts:
 @cache
 def page_parts() -> Parts:
     """Read the viewer's files. The script is one function, so that it shares no name with others of its page."""
-    scripts = [path.read_text(encoding="utf-8") for path in sorted((_STATIC / "js").glob("*.js"))]
-    script = "'use strict';\n(() => {\n" + "".join(scripts) + "})();\n"
+    script = "'use strict';\n(() => {\n" + "".join(_modules("viewer", {}).values()) + "})();\n"
     css, body = ((_STATIC / name).read_text(encoding="utf-8") for name in ("viewer.css", "viewer.html"))
     return Parts(css, body, script)
+
+
+def _modules(name: str, read: dict[str, str]) -> dict[str, str]:
+    """Read a module after those that it imports, without its imports and exports.
+
+    A page that is opened as a file may not load modules, so all of them become one script.
+    """
+    text = (_STATIC / "js" / f"{name}.js").read_text(encoding="utf-8")
+    for imported in _IMPORT.findall(text):
+        if imported not in read:
+            _modules(imported, read)
+    read[name] = re.sub(r"^export ", "", _IMPORT.sub("", text), flags=re.MULTILINE)
+    return read
 
 
 def source_hash(text: str) -> str:

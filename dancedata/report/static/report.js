@@ -1,7 +1,7 @@
-'use strict';
 // The report is shown, or the player of its clips: the address says which. The player starts with the first clip.
 (() => {
-  const html = document.documentElement, body = document.body;
+  const html = document.documentElement;
+  const body = document.body;
   let anchor = '#r-report';
 
   function start() {
@@ -32,7 +32,7 @@
     }
     anchor = location.hash || '#r-report';
     if (event) event.stopImmediatePropagation();
-    if (viewer && viewer.state.playing) viewer.play(false);
+    if (viewer?.state.playing) viewer.play(false);
     setTimeout(keepAddress, 400);
     const place = document.getElementById(location.hash.slice(1));
     if (place) place.scrollIntoView();
@@ -41,9 +41,9 @@
   // Back from a clip to the place where its name was clicked.
   document.getElementById('r-report').addEventListener('click', event => {
     const link = event.target.closest('a[href^="#clip="]');
-    const section = link && link.closest('figure[id], section');
+    const section = link?.closest('figure[id], section');
     const heading = section && (section.id ? section : section.querySelector('h2'));
-    if (heading) anchor = '#' + heading.id;
+    if (heading) anchor = `#${heading.id}`;
   });
   window.addEventListener('hashchange', show);
   show();

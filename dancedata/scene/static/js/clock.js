@@ -1,14 +1,17 @@
 // Time: the clock of the sound, where there is any; else that of the page.
-const state = { clip: null, item: null, t: 0, playing: false, rate: 1, loop: null, mirror: false, over: false, other: null,
-  click: false, mute: false, field: '', drawn: 0, dirty: true };
-let context = null, gain = null, source = null, anchor = null, clicked = -1;
+import { el } from './data.js';
+import { writeLink } from './link.js';
+import { camera, duration, frameRate, loopSeconds, state } from './state.js';
 
-const duration = () => state.clip ? state.clip.seconds : 0;
-const frameRate = () => state.clip.figure ? state.clip.figure.rate : state.clip.fps;
-const loopSeconds = () => state.loop && [state.loop[0] / state.clip.fps, Math.min(duration(), state.loop[1] / state.clip.fps)];
+export let context = null;
+export let gain = null;
+export let anchor = null;
+let source = null;
+let clicked = -1;
+
 const sounding = () => context && context.state === 'running';
-const clockNow = () => sounding() ? context.currentTime : performance.now() / 1000;
-const latency = () => sounding() ? context.outputLatency || 0 : 0;
+const clockNow = () => (sounding() ? context.currentTime : performance.now() / 1000);
+const latency = () => (sounding() ? context.outputLatency || 0 : 0);
 
 async function wakeSound() {
   if (!context && window.AudioContext) {
@@ -16,7 +19,8 @@ async function wakeSound() {
     gain = context.createGain();
     gain.connect(context.destination);
   }
-  if (context && context.state !== 'running') await Promise.race([context.resume(), new Promise(r => setTimeout(r, 400))]);
+  if (context && context.state !== 'running')
+    await Promise.race([context.resume(), new Promise(r => setTimeout(r, 400))]);
   if (gain) gain.gain.value = state.mute ? 0 : 1;
 }
 
@@ -24,18 +28,28 @@ async function wakeSound() {
 function positionAt(instant) {
   let x = anchor.t + Math.max(0, instant - anchor.at) * anchor.rate;
   const loop = loopSeconds();
-  if (loop && x >= loop[1]) x = loop[0] + (x - loop[0]) % (loop[1] - loop[0]);
+  if (loop && x >= loop[1]) x = loop[0] + ((x - loop[0]) % (loop[1] - loop[0]));
   return x;
 }
 
 function stopSource() {
-  if (source) { source.onended = null; try { source.stop(); } catch (e) { /* not started */ } source.disconnect(); source = null; }
+  if (source) {
+    source.onended = null;
+    try {
+      source.stop();
+    } catch (_e) {
+      /* not started */
+    }
+    source.disconnect();
+    source = null;
+  }
 }
 
 // Starts the music and the picture at one instant; called again after every jump and change of speed. The instant lies
 // ahead: music that is asked to start in the past starts late, and would stay late.
 const LEAD = 0.1;
-function restart() {
+
+export function restart() {
   stopSource();
   anchor = { at: clockNow() + (sounding() ? LEAD : 0), t: state.t, rate: state.rate };
   clicked = -1;
@@ -45,16 +59,24 @@ function restart() {
   source.buffer = music;
   source.playbackRate.value = state.rate;
   const loop = loopSeconds();
-  if (loop) { source.loop = true; source.loopStart = loop[0]; source.loopEnd = loop[1]; }
+  if (loop) {
+    source.loop = true;
+    source.loopStart = loop[0];
+    source.loopEnd = loop[1];
+  }
   source.connect(gain);
   source.start(anchor.at, Math.min(state.t, music.duration));
 }
 
-async function play(on) {
+export async function play(on) {
   if (!state.clip || on === state.playing) return;
   state.playing = on;
   showPlaying();
-  if (!on) { stopSource(); writeLink(); return; }
+  if (!on) {
+    stopSource();
+    writeLink();
+    return;
+  }
   await wakeSound();
   if (!state.playing) return;
   const loop = loopSeconds();
@@ -62,7 +84,7 @@ async function play(on) {
   restart();
 }
 
-function seek(x) {
+export function seek(x) {
   if (!state.clip) return;
   const last = Math.max(0, duration() - 1 / frameRate());
   state.t = Math.max(0, Math.min(last, x));
@@ -74,7 +96,7 @@ function seek(x) {
 }
 
 // A loop is in frames of the dataset, as in links: [first, end).
-function setLoop(frames) {
+export function setLoop(frames) {
   state.loop = frames;
   el('loop').setAttribute('aria-pressed', !!frames);
   const loop = loopSeconds();
@@ -84,17 +106,22 @@ function setLoop(frames) {
   writeLink();
 }
 
-function advance() {
+export function advance() {
   if (!state.playing || !anchor) return;
   const x = positionAt(clockNow() - latency());
-  if (!state.loop && x >= duration()) { state.t = Math.max(0, duration() - 1 / frameRate()); play(false); } else state.t = x;
+  if (!state.loop && x >= duration()) {
+    state.t = Math.max(0, duration() - 1 / frameRate());
+    play(false);
+  } else state.t = x;
   state.dirty = true;
 }
 
 // The metronome looks ahead, so that a busy page does not delay a click.
-function metronome() {
+export function metronome() {
   if (!state.playing || !state.click || !sounding() || !anchor) return;
-  const now = context.currentTime, x = positionAt(now), loop = loopSeconds();
+  const now = context.currentTime;
+  const x = positionAt(now);
+  const loop = loopSeconds();
   for (const beat of state.clip.beats) {
     if (loop && (beat < loop[0] || beat >= loop[1])) continue;
     let ahead = (beat - x) / state.rate;
@@ -102,7 +129,8 @@ function metronome() {
     const at = now + ahead;
     if (ahead < 0 || ahead > 0.15 || at <= clicked + 0.02) continue;
     clicked = at;
-    const tone = context.createOscillator(), loud = context.createGain();
+    const tone = context.createOscillator();
+    const loud = context.createGain();
     tone.frequency.value = 1600;
     loud.gain.setValueAtTime(0.35, at);
     loud.gain.exponentialRampToValueAtTime(0.001, at + 0.05);
@@ -110,4 +138,15 @@ function metronome() {
     tone.start(at);
     tone.stop(at + 0.06);
   }
+}
+
+const PLAY = 'M3 1.5v13L14 8z';
+const PAUSE = 'M3 2h4v12H3zM9 2h4v12H9z';
+
+function showPlaying() {
+  el('play')
+    .querySelector('path')
+    .setAttribute('d', state.playing ? PAUSE : PLAY);
+  el('play').setAttribute('aria-label', state.playing ? 'Pause' : 'Play');
+  camera.still = true;
 }

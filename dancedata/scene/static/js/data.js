@@ -1,18 +1,33 @@
 // The page's data, and clips as they are loaded: joints, contacts, curves.
-const page = JSON.parse(document.getElementById('dd-data').textContent);
-const root = document.querySelector('[data-dd=root]');
-const el = name => root.querySelector('[data-dd="' + name + '"]');
-const head = page.head, clipRows = page.list.clips;
+export const page = JSON.parse(document.getElementById('dd-data').textContent);
+export const root = document.querySelector('[data-dd=root]');
+export const el = name => root.querySelector(`[data-dd="${name}"]`);
+export const head = page.head;
+const clipRows = page.list.clips;
 
 // One row of the list: a clip, in window scope a window of it.
-const items = page.list.items.map(([c, start, n, flags], number) => {
+export const items = page.list.items.map(([c, start, n, flags], number) => {
   const [id, split, genre, music, dancer, source] = clipRows[c];
-  const name = page.list.windows ? id + '@' + start : id;
-  return { number, id, name, split, genre, music, dancer, source, start, n, flags, seconds: n / head.fps,
-    text: [name, music, dancer, genre].join('\n').toLowerCase() };
+  const name = page.list.windows ? `${id}@${start}` : id;
+  return {
+    number,
+    id,
+    name,
+    split,
+    genre,
+    music,
+    dancer,
+    source,
+    start,
+    n,
+    flags,
+    seconds: n / head.fps,
+    text: [name, music, dancer, genre].join('\n').toLowerCase(),
+  };
 });
 
 const bytesOf = text => Uint8Array.from(atob(text), c => c.charCodeAt(0));
+
 async function unpacked(text) {
   const stream = new Blob([bytesOf(text)]).stream().pipeThrough(new DecompressionStream('gzip'));
   return new Uint8Array(await new Response(stream).arrayBuffer());
@@ -20,21 +35,27 @@ async function unpacked(text) {
 
 // Low bytes, then high bytes, of differences in time, coordinate by coordinate.
 async function figureOf(packed) {
-  const bytes = await unpacked(packed.data), n = bytes.length / 2, frames = packed.frames, width = n / frames;
+  const bytes = await unpacked(packed.data);
+  const n = bytes.length / 2;
+  const frames = packed.frames;
+  const width = n / frames;
   const places = new Float32Array(n);
   for (let k = 0; k < width; k++) {
     for (let f = 0, sum = 0; f < frames; f++) {
       const i = k * frames + f;
-      sum = (sum + (bytes[i] | bytes[n + i] << 8)) << 16 >> 16;
+      sum = ((sum + (bytes[i] | (bytes[n + i] << 8))) << 16) >> 16;
       places[f * width + k] = packed.origin[k % 3] + sum * packed.unit;
     }
   }
   const figure = { ...packed, places, width, count: width / 3, contacts: await unpacked(packed.contacts) };
   figure.mirror = packed.joints.map((_, j) => j);
-  for (const [a, b] of packed.pairs) { figure.mirror[a] = b; figure.mirror[b] = a; }
+  for (const [a, b] of packed.pairs) {
+    figure.mirror[a] = b;
+    figure.mirror[b] = a;
+  }
   figure.tall = tallness(figure);
   figure.room = roomOf(figure);
-  figure.thick = packed.joints.map((name, j) => thickness(figure, name, j));
+  figure.thick = packed.joints.map(name => thickness(figure, name));
   return figure;
 }
 
@@ -54,15 +75,17 @@ function roomOf(figure) {
 function tallness(figure) {
   const to = j => {
     if (figure.parents[j] < 0) return 0;
-    const a = 3 * j, b = 3 * figure.parents[j], p = figure.places;
+    const a = 3 * j;
+    const b = 3 * figure.parents[j];
+    const p = figure.places;
     return Math.hypot(p[a] - p[b], p[a + 1] - p[b + 1], p[a + 2] - p[b + 2]) + to(figure.parents[j]);
   };
-  const middle = figure.joints.map((_, j) => figure.sides[j] ? 0 : to(j));
+  const middle = figure.joints.map((_, j) => (figure.sides[j] ? 0 : to(j)));
   return Math.max(0.05, to(figure.feet[2] ?? figure.feet[0]) + Math.max(...middle)) * 0.98 || 1.7;
 }
 
 // Width of a bone, for a dancer of 1.7 m.
-function thickness(figure, name, j) {
+function thickness(figure, name) {
   const scale = figure.tall / 1.7;
   if (/eye|jaw/i.test(name)) return 0;
   if (/thumb|index|middle|ring|pinky|finger/i.test(name)) return 0.014 * scale;
@@ -76,12 +99,12 @@ function thickness(figure, name, j) {
 async function curveOf(packed) {
   if (!packed) return null;
   const steps = new Uint16Array((await unpacked(packed.data)).buffer);
-  return { ...packed, values: Float32Array.from(steps, v => v / 65535 * packed.max) };
+  return { ...packed, values: Float32Array.from(steps, v => (v / 65535) * packed.max) };
 }
 
 async function clipOf(payload) {
   const clip = { ...payload };
-  clip.figure = payload.figure && await figureOf(payload.figure);
+  clip.figure = payload.figure && (await figureOf(payload.figure));
   clip.speed = await curveOf(payload.speed);
   clip.onset = await curveOf(payload.onset);
   clip.flagTimes = [...new Set(clip.flags.map(f => f[0]).filter(t => t !== null))].sort((a, b) => a - b);
@@ -91,8 +114,12 @@ async function clipOf(payload) {
 
 const loaded = new Map();
 const waiting = new Map();
+
 // Side files of a saved page are scripts: a page that is opened as a file may not fetch anything.
-window.dancedataClip = (number, payload) => { const done = waiting.get(number); if (done) done(payload); };
+window.dancedataClip = (number, payload) => {
+  const done = waiting.get(number);
+  if (done) done(payload);
+};
 
 function sideFile(number, address) {
   return new Promise((done, fail) => {
@@ -104,22 +131,23 @@ function sideFile(number, address) {
   });
 }
 
-async function fetched(address) {
+export async function fetched(address) {
   const reply = await fetch(address);
   if (!reply.ok) throw new Error(await reply.text());
   return reply;
 }
 
 async function payloadOf(number, field) {
-  if (page.server) return (await fetched('clip/' + number + (field ? '?field=' + encodeURIComponent(field) : ''))).json();
+  if (page.server)
+    return (await fetched(`clip/${number}${field ? `?field=${encodeURIComponent(field)}` : ''}`)).json();
   if (page.clips[number]) return page.clips[number];
-  if (page.side && page.side[number]) return sideFile(number, page.side[number]);
+  if (page.side?.[number]) return sideFile(number, page.side[number]);
   throw new Error('this clip is not part of this page');
 }
 
 // The last few clips stay in memory; more would fill it.
-async function loadClip(number, field) {
-  const key = number + ' ' + field;
+export async function loadClip(number, field) {
+  const key = `${number} ${field}`;
   if (!loaded.has(key)) {
     loaded.set(key, payloadOf(number, field).then(clipOf));
     loaded.get(key).catch(() => loaded.delete(key));
@@ -128,13 +156,18 @@ async function loadClip(number, field) {
   return loaded.get(key);
 }
 
-async function loadOther(clip, name) {
+export async function loadOther(clip, name) {
   if (!clip.others.has(name)) {
-    const take = head.takes.indexOf(name), query = '?field=' + encodeURIComponent(clip.field);
-    const found = page.server ? await (await fetched('clip/' + clip.number + '/with/' + take + query)).json()
-      : clip.with && clip.with[name] || { note: 'this page has no ' + name + ' of this clip' };
+    const take = head.takes.indexOf(name);
+    const query = `?field=${encodeURIComponent(clip.field)}`;
+    const found = page.server
+      ? await (await fetched(`clip/${clip.number}/with/${take}${query}`)).json()
+      : clip.with?.[name] || { note: `this page has no ${name} of this clip` };
     const other = { ...found, name };
-    if (found.figure) { other.figure = await figureOf(found.figure); other.distance = await curveOf(found.distance); }
+    if (found.figure) {
+      other.figure = await figureOf(found.figure);
+      other.distance = await curveOf(found.distance);
+    }
     clip.others.set(name, other);
   }
   return clip.others.get(name);
@@ -142,24 +175,31 @@ async function loadOther(clip, name) {
 
 // Music is decoded whole: an <audio> element would be off by up to 0.2 s after a jump.
 const decoder = window.OfflineAudioContext ? new OfflineAudioContext(1, 1, 44100) : null;
-async function loadMusic(clip) {
+
+export async function loadMusic(clip) {
   if (clip.sound !== undefined) return clip.sound;
   clip.sound = null;
   let data = null;
   if (page.server && head.sound) {
-    const reply = await fetch('clip/' + clip.number + '/music');
+    const reply = await fetch(`clip/${clip.number}/music`);
     clip.silence = decodeURIComponent(reply.headers.get('Dancedata-Note') || '');
-    if (reply.ok) data = await reply.arrayBuffer(); else clip.silence = await reply.text();
-  } else if (page.audio && page.audio[clip.number]) data = bytesOf(page.audio[clip.number]).buffer;
-  if (data && decoder) { clip.sound = await decoder.decodeAudioData(data); clip.wave = waveOf(clip.sound); }
+    if (reply.ok) data = await reply.arrayBuffer();
+    else clip.silence = await reply.text();
+  } else if (page.audio?.[clip.number]) data = bytesOf(page.audio[clip.number]).buffer;
+  if (data && decoder) {
+    clip.sound = await decoder.decodeAudioData(data);
+    clip.wave = waveOf(clip.sound);
+  }
   return clip.sound;
 }
 
 function waveOf(buffer) {
-  const x = buffer.getChannelData(0), n = Math.min(4000, Math.ceil(x.length / 64)), peaks = new Float32Array(n);
+  const x = buffer.getChannelData(0);
+  const n = Math.min(4000, Math.ceil(x.length / 64));
+  const peaks = new Float32Array(n);
   for (let i = 0; i < n; i++) {
-    const end = Math.floor((i + 1) * x.length / n);
-    for (let k = Math.floor(i * x.length / n); k < end; k++) peaks[i] = Math.max(peaks[i], Math.abs(x[k]));
+    const end = Math.floor(((i + 1) * x.length) / n);
+    for (let k = Math.floor((i * x.length) / n); k < end; k++) peaks[i] = Math.max(peaks[i], Math.abs(x[k]));
   }
   const top = Math.max(1e-6, ...peaks);
   return peaks.map(v => v / top);

@@ -1,0 +1,201 @@
+// Buttons, keys, themes and the camera.
+import { compareWith, openItem } from './clip.js';
+import { advance, gain, play, restart, seek, setLoop } from './clock.js';
+import { el, head, root } from './data.js';
+import { canvas, readColours } from './figure.js';
+import { linkNow, wholePage, writeLink } from './link.js';
+import { step } from './list.js';
+import { camera, duration, failed, frameRate, plain, state } from './state.js';
+import { loopAt, redraw, zoomAround } from './timeline.js';
+
+export function setTheme(name, chosen) {
+  document.documentElement.dataset.theme = name === 'light' ? 'light' : 'dark';
+  state.themeChosen = state.themeChosen || chosen;
+  readColours();
+  redraw();
+}
+
+export function setMode(name, on) {
+  state[name] = on;
+  el(name).setAttribute('aria-pressed', on);
+  state.dirty = true;
+}
+
+const toggle = name => () => {
+  setMode(name, !state[name]);
+  camera.still = true;
+  writeLink();
+};
+
+function nextFlag(back) {
+  const times = state.clip.flagTimes;
+  const now = state.t;
+  const next = back
+    ? (times.findLast(t => t < now - 1e-4) ?? times[times.length - 1])
+    : (times.find(t => t > now + 1e-4) ?? times[0]);
+  if (next !== undefined) seek(next);
+}
+
+function nextBeat(back) {
+  const found = back
+    ? state.clip.beats.findLast(b => b < state.t - 0.01)
+    : state.clip.beats.find(b => b > state.t + 0.01);
+  if (found !== undefined) seek(found);
+}
+
+const nextFrame = by => seek((Math.round(state.t * frameRate()) + by) / frameRate());
+
+function setRate(value) {
+  state.rate = value;
+  el('rate').value = String(value);
+  if (state.playing) {
+    advance();
+    restart();
+  }
+}
+
+const RATES = { 1: 0.25, 2: 0.5, 3: 1, 4: 1.5, 5: 2 };
+const KEYS = [
+  [' ', 'space', 'play or pause', () => play(!state.playing)],
+  ['ArrowLeft', '←', 'one frame back; with shift one beat', e => (e.shiftKey ? nextBeat(true) : nextFrame(-1))],
+  ['ArrowRight', '→', 'one frame on; with shift one beat', e => (e.shiftKey ? nextBeat(false) : nextFrame(1))],
+  ['Home', 'Home', 'to the beginning', () => seek(0)],
+  ['End', 'End', 'to the end', () => seek(duration())],
+  ['[', '[', 'previous clip', () => step(-1)],
+  [']', ']', 'next clip', () => step(1)],
+  ['l', 'L', 'loop the window under the cursor', () => el('loop').click()],
+  ['m', 'M', 'mirrored copy', () => el('mirror').click()],
+  ['o', 'O', 'overlay, or side by side', () => el('over').click()],
+  ['c', 'C', 'metronome', () => el('click').click()],
+  ['u', 'U', 'mute the music', () => el('mute').click()],
+  ['f', 'F', 'next quality flag; with shift the one before', e => nextFlag(e.shiftKey)],
+  ...Object.keys(RATES).map(k => [k, k, `${RATES[k]} times the speed`, () => setRate(RATES[k])]),
+  ['+', '+', 'zoom the time axis in', () => zoomAround(state.t, 0.7)],
+  ['-', '-', 'zoom it out', () => zoomAround(state.t, 1 / 0.7)],
+  [
+    '/',
+    '/',
+    'filter clips',
+    () => {
+      el('picker').classList.add('open');
+      el('q').focus();
+    },
+  ],
+  ['?', '?', 'this table', () => el('keys').showModal()],
+];
+
+export function onKey(e) {
+  if (e.ctrlKey || e.metaKey || e.altKey || el('keys').open) return;
+  if (e.target.matches?.('input,select,textarea')) {
+    if (e.key === 'Escape') e.target.blur();
+    else if (!e.target.matches('[type=checkbox]') || e.key === ' ') return;
+  }
+  if (e.target.matches?.('button,summary,a') && (e.key === ' ' || e.key === 'Enter')) return;
+  const key = e.key.length === 1 ? e.key.toLowerCase() : e.key;
+  const found = KEYS.find(k => k[0] === key);
+  if (found && state.clip) {
+    e.preventDefault();
+    found[3](e);
+  }
+}
+
+export function startControls() {
+  const click = (name, action) =>
+    el(name).addEventListener('click', e => {
+      action(e);
+      if (e.detail) el(name).blur();
+    });
+  click('play', () => play(!state.playing));
+  click('prev', () => step(-1));
+  click('next', () => step(1));
+  click('loop', () => {
+    if (state.loop) setLoop(null);
+    else if (!loopAt(state.t)) setLoop([0, state.clip.n]);
+  });
+  click('mirror', toggle('mirror'));
+  click('over', toggle('over'));
+  click('click', toggle('click'));
+  click('mute', () => {
+    setMode('mute', !state.mute);
+    if (gain) gain.gain.value = state.mute ? 0 : 1;
+  });
+  click('flag', () => nextFlag(false));
+  click('help', () => el('keys').showModal());
+  click('theme', () => {
+    setTheme(document.documentElement.dataset.theme === 'light' ? 'dark' : 'light', true);
+    writeLink();
+  });
+  click('link', copyLink);
+  el('rate').addEventListener('change', () => {
+    setRate(+el('rate').value);
+    el('rate').blur();
+  });
+  el('with').addEventListener('change', () => {
+    compareWith(el('with').value).catch(failed);
+    el('with').blur();
+  });
+  el('field').addEventListener('change', () => {
+    const t = state.t;
+    const loop = state.loop;
+    openItem(state.item, { t, loop, field: el('field').value });
+    el('field').blur();
+  });
+  el('with').replaceChildren(
+    new Option('compare with…', ''),
+    ...head.takes.map(name => new Option(plain(name), name)),
+  );
+  el('with').hidden = !head.takes.length;
+  el('over').hidden = !head.takes.length;
+  el('field').replaceChildren(...head.fields.map(name => new Option(name, name)));
+  el('field').hidden = head.fields.length < 2;
+  for (const [, label, what] of KEYS) {
+    const row = el('keytable').insertRow();
+    const kbd = document.createElement('kbd');
+    kbd.textContent = label;
+    row.insertCell().append(kbd);
+    row.insertCell().textContent = what;
+  }
+  startCamera();
+}
+
+async function copyLink() {
+  const address = location.href.split('#')[0] + linkNow();
+  try {
+    await navigator.clipboard.writeText(address);
+    el('link').textContent = 'Copied';
+  } catch (_e) {
+    prompt('Link', address);
+  }
+  setTimeout(() => {
+    el('link').textContent = 'Copy link';
+  }, 1200);
+}
+
+function startCamera() {
+  let from = null;
+  canvas.addEventListener('pointerdown', e => {
+    from = [e.clientX, e.clientY];
+    canvas.setPointerCapture(e.pointerId);
+  });
+  canvas.addEventListener('pointermove', e => {
+    if (!from) return;
+    camera.yaw -= (e.clientX - from[0]) * 0.008;
+    camera.pitch = Math.max(-0.1, Math.min(1.5, camera.pitch + (e.clientY - from[1]) * 0.006));
+    from = [e.clientX, e.clientY];
+    state.dirty = true;
+  });
+  for (const end of ['pointerup', 'pointercancel'])
+    canvas.addEventListener(end, () => {
+      from = null;
+    });
+  canvas.addEventListener(
+    'wheel',
+    e => {
+      if (!wholePage && !root.contains(document.activeElement)) return;
+      e.preventDefault();
+      camera.zoom = Math.max(0.3, Math.min(6, camera.zoom * Math.exp(e.deltaY * 0.001)));
+      state.dirty = true;
+    },
+    { passive: false },
+  );
+}

@@ -1,0 +1,286 @@
+// The stage: the dancer in perspective, drawn on a canvas.
+import { el } from './data.js';
+import { camera, frameRate, state } from './state.js';
+
+export const canvas = el('figure');
+const pen = canvas.getContext('2d');
+const COLOURS = [
+  'bg',
+  'panel',
+  'line',
+  'ink',
+  'dim',
+  'accent',
+  'left',
+  'right',
+  'mid',
+  'contact',
+  'flag',
+  'floor',
+  'shadow',
+  'wave',
+  'win',
+  'other',
+];
+
+export const css = {};
+export let ratio = 1;
+let project = null;
+
+export function readColours() {
+  const style = getComputedStyle(document.documentElement);
+  for (const name of COLOURS) css[name] = style.getPropertyValue(`--${name}`).trim();
+}
+
+export function sizeCanvas(target) {
+  ratio = Math.min(2, window.devicePixelRatio || 1);
+  const box = target.getBoundingClientRect();
+  const w = Math.round(box.width * ratio);
+  const h = Math.round(box.height * ratio);
+  if (target.width !== w || target.height !== h) {
+    target.width = w;
+    target.height = h;
+    state.dirty = true;
+  }
+}
+
+// Returns a function from metres to [x, y, depth, pixels a metre]; null behind the camera.
+function aim(figures) {
+  const w = canvas.width;
+  const h = canvas.height;
+  const tall = Math.max(...figures.map(f => f.room));
+  const wide = figures.length > 1 && !state.over ? 1.25 + 0.9 * (figures.length - 1) : 1.05;
+  const focus = h * 1.25;
+  const distance = Math.max(tall * 1.85, (tall * wide * 1.25 * h) / w) * camera.zoom;
+  const cy = Math.cos(camera.yaw);
+  const sy = Math.sin(camera.yaw);
+  const cp = Math.cos(camera.pitch);
+  const sp = Math.sin(camera.pitch);
+  project = (x, y, z) => {
+    x -= camera.x;
+    y -= camera.y;
+    z -= camera.z;
+    const right = x * cy - z * sy;
+    const away = x * sy + z * cy;
+    const up = y * cp - away * sp;
+    const depth = distance - (y * sp + away * cp);
+    return depth < 0.1
+      ? null
+      : [w / 2 + (right * focus) / depth, h * 0.5 - (up * focus) / depth, depth, focus / depth];
+  };
+}
+
+function stroke(a, b, width, colour) {
+  if (!a || !b) return;
+  pen.strokeStyle = colour;
+  pen.lineWidth = width;
+  pen.beginPath();
+  pen.moveTo(a[0], a[1]);
+  pen.lineTo(b[0], b[1]);
+  pen.stroke();
+}
+
+// Joints at a time, between two frames; returns the frame that is shown.
+function pose(figure, t, out) {
+  const at = Math.max(0, Math.min(figure.frames - 1, t * figure.rate));
+  const k = figure.width;
+  const i = Math.max(0, Math.min(figure.frames - 2, at | 0));
+  const u = at - i;
+  const a = i * k;
+  const b = figure.frames > 1 ? a + k : a;
+  for (let j = 0; j < k; j++) out[j] = figure.places[a + j] * (1 - u) + figure.places[b + j] * u;
+  return Math.min(figure.frames - 1, Math.floor(at + 1e-4));
+}
+
+function mirrored(figure, places) {
+  const out = new Float32Array(places.length);
+  const axis = figure.places[0];
+  for (let j = 0; j < figure.count; j++) {
+    const m = figure.mirror[j] * 3;
+    out[3 * j] = 2 * axis - places[m];
+    out[3 * j + 1] = places[m + 1];
+    out[3 * j + 2] = places[m + 2];
+  }
+  return out;
+}
+
+function drawContacts(figure, places, frame, shift, swap) {
+  figure.feet.forEach((joint, bit) => {
+    if (!((figure.contacts[frame] >> bit) & 1)) return;
+    const j = 3 * (swap ? figure.mirror[joint] : joint);
+    const p = project(places[j] + shift[0], figure.floor, places[j + 2] + shift[1]);
+    if (!p) return;
+    const r = ((0.085 * figure.tall) / 1.7) * p[3];
+    pen.strokeStyle = css.contact;
+    pen.lineWidth = 2.6 * ratio;
+    pen.beginPath();
+    pen.ellipse(p[0], p[1], r, r * Math.max(0.18, Math.sin(camera.pitch)), 0, 0, 7);
+    pen.stroke();
+  });
+}
+
+export function triangle(ink, x, y, r, colour, edge) {
+  ink.beginPath();
+  ink.moveTo(x, y - r);
+  ink.lineTo(x + r, y + r * 0.8);
+  ink.lineTo(x - r, y + r * 0.8);
+  ink.closePath();
+  ink.fillStyle = colour;
+  ink.fill();
+  if (edge) {
+    ink.strokeStyle = edge;
+    ink.lineWidth = 1.5 * ratio;
+    ink.stroke();
+  }
+}
+
+// `thin`: a figure that lies over another one is drawn as lines in a colour of its own.
+function drawBody(figure, places, frame, { shift = [0, 0], swap = false, thin = false, alpha = 1, label = '' }) {
+  const points = [];
+  const parents = figure.parents;
+  for (let j = 0; j < figure.count; j++)
+    points.push(project(places[3 * j] + shift[0], places[3 * j + 1], places[3 * j + 2] + shift[1]));
+  pen.lineCap = 'round';
+  pen.globalAlpha = (thin ? 0.12 : 0.32) * alpha;
+  for (let j = 1; j < figure.count; j++) {
+    if (!figure.thick[j]) continue;
+    const ground = i => project(places[3 * i] + shift[0], figure.floor, places[3 * i + 2] + shift[1]);
+    const a = ground(j);
+    const b = ground(parents[j]);
+    if (a && b) stroke(a, b, figure.thick[j] * a[3] * 0.8, css.shadow);
+  }
+  pen.globalAlpha = alpha;
+  drawContacts(figure, places, frame, shift, swap);
+  const order = [];
+  for (let j = 1; j < figure.count; j++) if (points[j] && points[parents[j]] && figure.thick[j]) order.push(j);
+  order.sort((a, b) => points[b][2] + points[parents[b]][2] - points[a][2] - points[parents[a]][2]);
+  for (const j of order) {
+    const a = points[parents[j]];
+    const b = points[j];
+    const width = ((figure.thick[j] * (a[3] + b[3])) / 2) * (thin ? 0.3 : 1);
+    if (!thin) stroke(a, b, width + 2.5 * ratio, css.bg);
+    stroke(a, b, Math.max(width, 1.2 * ratio), thin ? css.other : [css.mid, css.left, css.right][figure.sides[j]]);
+    if (/^head$/i.test(figure.joints[j])) {
+      const r = ((0.095 * figure.tall) / 1.7) * b[3];
+      pen.beginPath();
+      pen.arc(b[0], b[1] - 0.03 * b[3], r, 0, 7);
+      if (thin) {
+        pen.strokeStyle = css.other;
+        pen.lineWidth = 1.6 * ratio;
+        pen.stroke();
+      } else {
+        pen.fillStyle = css.mid;
+        pen.fill();
+      }
+    }
+  }
+  pen.globalAlpha = 1;
+  if (label && points[0]) {
+    const p = project(places[0] + shift[0], figure.floor, places[2] + shift[1]);
+    pen.fillStyle = thin ? css.other : css.dim;
+    pen.textAlign = 'center';
+    pen.font = `${12 * ratio}px system-ui,"DejaVu Sans",sans-serif`;
+    if (p)
+      pen.fillText(label, p[0], Math.min(canvas.height - 34 * ratio, p[1] + ((0.24 * figure.tall) / 1.7) * p[3]));
+  }
+  return points;
+}
+
+function drawFloor(figure) {
+  const step = figure.tall / 3.4;
+  const reach = 6;
+  const sx = Math.round(camera.x / step);
+  const sz = Math.round(camera.z / step);
+  const y = figure.floor;
+  for (let k = -reach; k <= reach; k++) {
+    const bold = i => (i % 2 ? 0.9 : 1.6) * ratio;
+    const at = (i, j) => project(i * step, y, j * step);
+    stroke(at(sx + k, sz - reach), at(sx + k, sz + reach), bold(sx + k), css.floor);
+    stroke(at(sx - reach, sz + k), at(sx + reach, sz + k), bold(sz + k), css.floor);
+  }
+}
+
+function drawPath(figure, shift, from, to, width, colour, alpha) {
+  pen.globalAlpha = alpha;
+  pen.strokeStyle = colour;
+  pen.lineWidth = width;
+  pen.lineJoin = 'round';
+  pen.beginPath();
+  let up = true;
+  for (let i = from; i <= to; i += 2) {
+    const p = project(
+      figure.places[i * figure.width] + shift[0],
+      figure.floor,
+      figure.places[i * figure.width + 2] + shift[1],
+    );
+    if (p) up ? pen.moveTo(p[0], p[1]) : pen.lineTo(p[0], p[1]);
+    up = !p;
+  }
+  pen.stroke();
+  pen.globalAlpha = 1;
+}
+
+const here = new Float32Array(3 * 1024);
+const there = new Float32Array(3 * 1024);
+
+export function drawStage() {
+  pen.fillStyle = css.bg;
+  pen.fillRect(0, 0, canvas.width, canvas.height);
+  const clip = state.clip;
+  const figure = clip.figure;
+  if (!figure) {
+    state.drawn = Math.floor(state.t * clip.fps + 1e-4);
+    return;
+  }
+  const other = state.other?.figure;
+  const frame = pose(figure, state.t, here);
+  const move = state.playing && !camera.still ? 0.25 : 1;
+  camera.x += (here[0] - camera.x) * move;
+  camera.z += (here[2] - camera.z) * move;
+  camera.y = figure.floor + figure.room * 0.47 + Math.max(0, here[1] - figure.floor - figure.room);
+  camera.still = false;
+  const copies = (state.mirror ? 1 : 0) + (other && !state.over ? 1 : 0);
+  aim(Array(1 + copies).fill(figure));
+  drawFloor(figure);
+  const gap = figure.tall * 0.85;
+  const right = [Math.cos(camera.yaw) * gap, -Math.sin(camera.yaw) * gap];
+  const place = k => {
+    const at = k - copies / 2;
+    return [right[0] * at, right[1] * at];
+  };
+  drawPath(figure, place(0), 0, figure.frames - 1, 1.2 * ratio, css.dim, 0.5);
+  drawPath(figure, place(0), Math.max(0, frame - Math.round(1.5 * figure.rate)), frame, 2.6 * ratio, css.accent, 0.9);
+  const points = drawBody(figure, here, frame, { shift: place(0), label: copies ? 'this' : '' });
+  let k = 1;
+  if (state.mirror)
+    drawBody(figure, mirrored(figure, here), frame, {
+      shift: place(k++),
+      swap: true,
+      alpha: 0.85,
+      label: 'mirrored',
+    });
+  if (other) {
+    const at = pose(other, state.t, there);
+    const root = [there[0], there[2]];
+    const past = state.t * other.rate > other.frames - 0.5;
+    const beside = place(k);
+    const shift = state.over ? place(0) : [here[0] - root[0] + beside[0], here[2] - root[1] + beside[1]];
+    drawBody(other, there, at, {
+      shift,
+      thin: state.over,
+      alpha: past ? 0.35 : state.over ? 1 : 0.9,
+      label: past ? `${state.other.name} has ended` : state.other.name,
+    });
+  }
+  for (const f of flagsNear()) {
+    const p = points[figure.joints.indexOf(f[2])];
+    if (p) triangle(pen, p[0], p[1] - 15 * ratio, 7 * ratio, css.flag, css.bg);
+  }
+  state.drawn = frame;
+}
+
+// A flag is shown for a fifth of a second around its frame, and a little longer while the clip plays.
+export const flagsNear = () =>
+  state.clip.flags.filter(
+    f => f[0] !== null && Math.abs(f[0] - state.t) < (state.playing ? 0.15 : 0.6 / frameRate()),
+  );

@@ -1,0 +1,48 @@
+// The address of the page: #clip=ID&t=5.800&loop=90-240
+import { page } from './data.js';
+import { state } from './state.js';
+
+export const wholePage = document.documentElement.classList.contains('dd-page');
+
+export function linkNow() {
+  const parts = [`clip=${encodeURIComponent(state.item.id)}`];
+  if (page.list.windows) parts.push(`window=${state.item.start}`);
+  parts.push(`t=${state.t.toFixed(3)}`);
+  if (state.loop) parts.push(`loop=${state.loop.join('-')}`);
+  if (state.field) parts.push(`field=${encodeURIComponent(state.field)}`);
+  if (state.other) parts.push(`with=${encodeURIComponent(state.other.name)}`);
+  if (state.mirror) parts.push('mirror=1');
+  if (state.over) parts.push('over=1');
+  if (state.themeChosen) parts.push(`theme=${document.documentElement.dataset.theme}`);
+  return `#${parts.join('&')}`;
+}
+
+let linkTimer = 0;
+
+export function writeLink() {
+  clearTimeout(linkTimer);
+  const before = location.hash;
+  // Not over a link that was opened meanwhile and is still to be followed.
+  if (wholePage)
+    linkTimer = setTimeout(() => {
+      try {
+        if (location.hash === before) history.replaceState(null, '', linkNow());
+      } catch (_e) {
+        /* a page inside another one has no address */
+      }
+    }, 120);
+}
+
+// Not URLSearchParams: it reads a plus sign as a space.
+export function readLink() {
+  const found = {};
+  for (const part of location.hash.slice(1).split('&')) {
+    const [key, value = ''] = part.split(/=(.*)/s);
+    try {
+      found[key] = decodeURIComponent(value);
+    } catch (_e) {
+      found[key] = value;
+    }
+  }
+  return found;
+}
