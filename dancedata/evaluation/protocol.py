@@ -1,7 +1,7 @@
 """What a protocol is: joints, rate, pieces, metrics, music and published figures, as data.
 
 A published number means something only together with all of these. A protocol is a frozen dataclass without
-parameters, derived from `Protocol` and registered under a name, in a file of its own (docs/add-a-protocol.md).
+parameters, derived from `Protocol` and registered under a name, in a file of its own (docs/plug-ins.md).
 """
 
 from __future__ import annotations

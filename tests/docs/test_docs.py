@@ -8,11 +8,13 @@ import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from dancedata.cli.new import write_plugin
 from dancedata.core.registry import EXPORTS
 from dancedata.pipeline.build import build
 from dancedata.pipeline.summary import describe_built
@@ -78,28 +80,22 @@ def test_ci_runs_the_readmes_commands() -> None:
 
 
 @pytest.fixture
-def plug_in(tmp_path: Path):
-    """Install a page's Python block as a distribution of its own, and run dancedata beside it."""
+def distribution(tmp_path: Path) -> Callable[[dict[str, tuple[str, str]]], dict[str, str]]:
+    """Install modules as a distribution with entry points; returns the environment in which dancedata sees them."""
 
-    def install(page: str, kind: str, name: str):
-        code = _blocks(page, "python")[0]
+    def install(modules: dict[str, tuple[str, str]]) -> dict[str, str]:
         site = tmp_path / "site"
-        info = site / f"{name}_plugin-1.0.dist-info"
+        info = site / "plugins-1.0.dist-info"
         info.mkdir(parents=True)
-        (site / f"my_{name}.py").write_text(code, encoding="utf-8")
-        (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}-plugin\nVersion: 1.0\n")
-        (info / "entry_points.txt").write_text(f"[dancedata.{kind}]\n{name} = my_{name}\n")
-        for recipe in _blocks(page, "yaml"):
-            (tmp_path / "recipe.yaml").write_text(recipe, encoding="utf-8")
+        for name, (_, code) in modules.items():
+            (site / f"{name}.py").write_text(code, encoding="utf-8")
+        (info / "METADATA").write_text("Metadata-Version: 2.1\nName: plugins\nVersion: 1.0\n")
+        groups = (f"[dancedata.{group}]\n{name} = {name}\n" for name, (group, _) in modules.items())
+        (info / "entry_points.txt").write_text("".join(groups))
         paths = [str(site), str(ROOT), os.environ.get("PYTHONPATH", "")]
         return {**os.environ, "PYTHONPATH": os.pathsep.join(paths), "DANCEDATA_CACHE": str(tmp_path / "cache")}
 
     return install
-
-
-def _python(environment: dict[str, str], folder: Path, code: str) -> None:
-    done = subprocess.run([sys.executable, "-c", code], env=environment, cwd=folder, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
 
 
 def _dancedata(environment: dict[str, str], folder: Path, *arguments: str) -> str:
@@ -109,102 +105,78 @@ def _dancedata(environment: dict[str, str], folder: Path, *arguments: str) -> st
     return done.stdout
 
 
-def test_added_feature_keeps_the_contract(plug_in, tmp_path: Path) -> None:
-    environment = plug_in("docs/add-a-feature.md", "audio", "loudness")
-    assert "loudness" in json.loads(_dancedata(environment, tmp_path, "list", "--json"))["audio features"]
-    code = "import my_loudness; from dancedata.testing import conformance as c; "
-    _python(environment, tmp_path, code + "c.check_audio_feature(my_loudness.Loudness)")
+def _template(kind: str, name: str, folder: Path) -> str:
+    """Write a plug-in as `dancedata new` does, and return its code."""
+    return write_plugin(kind, name, folder).module.read_text(encoding="utf-8")
 
 
-# As on the page, and by itself in the other scope.
-@pytest.mark.parametrize(
-    "override", ["fps=30", pytest.param("scope=window audio={loudness:{}}", marks=pytest.mark.nightly)]
-)
-def test_added_feature_builds(plug_in, tmp_path: Path, override: str) -> None:
-    environment = plug_in("docs/add-a-feature.md", "audio", "loudness")
-    overrides = [word for setting in override.split() for word in ("--set", setting)]
-    _dancedata(environment, tmp_path, "build", "recipe.yaml", "--out", "out", "--jobs", "2", *overrides)
-    about = json.loads(_dancedata(environment, tmp_path, "info", "out", "--json"))
-    assert about["fields"]["loudness"]["columns"] == 1
-    assert json.loads(_dancedata(environment, tmp_path, "check", "out", "--json"))["ok"]
+#: A recipe with a plug-in of every kind that `_plugins` writes.
+_RECIPE = """
+recipe: 1
+name: plug-ins
+dataset: {synthetic: {songs: 4, clips_per_song: 2, clip_s: 6}}
+windows: {length_s: 5, stride_s: 0.5, filter: {small: {limit: 50}}}
+motion: {edge151: {contacts: {low: {}}}, pelvis: {}}
+audio: {librosa35: {}, peaks: {scale: 0.5}}
+keymotion: {speeds: {}}
+augment: {mirror: true, aside: {step_m: 0.25}}
+"""
 
 
-def test_added_dataset_builds(plug_in, tmp_path: Path) -> None:
-    environment = plug_in("docs/add-a-dataset.md", "datasets", "pairs")
-    code = "import my_pairs; from pathlib import Path; from dancedata.testing import conformance as c; "
-    code += "c.check_dataset(my_pairs.Pairs, Path('.')); my_pairs.Pairs().make_example(Path('source'))"
-    _python(environment, tmp_path, code)
-    (tmp_path / "source" / "train" / "silent.npz").write_bytes(b"not a zip")
-    (tmp_path / "source" / "train" / "broken.npz").write_bytes(b"not a zip")
-    (tmp_path / "source" / "train" / "broken.wav").write_bytes((tmp_path / "source/train/step.wav").read_bytes())
-    _dancedata(environment, tmp_path, "build", "recipe.yaml", "--source", "source", "--out", "out", "--jobs", "1")
-    about = json.loads(_dancedata(environment, tmp_path, "info", "out", "--json"))
-    assert {split: n["clips"] for split, n in about["counts"].items()} == {"train": 1, "test": 1}
-    assert about["rejects"] == {"broken_file": 1, "missing_music": 1}
-    assert json.loads(_dancedata(environment, tmp_path, "check", "out", "--json"))["ok"]
+def _plugins(folder: Path) -> dict[str, tuple[str, str]]:
+    """Group and code of the templates of all kinds that a recipe names beside its dataset, by module."""
+    kinds = {
+        "small": ("filter", "filters"),
+        "low": ("contact-rule", "contacts"),
+        "pelvis": ("representation", "representations"),
+        "peaks": ("feature", "audio"),
+        "speeds": ("key-motion", "keymotion"),
+        "aside": ("augmentation", "augment"),
+    }
+    return {name: (group, _template(kind, name, folder)) for name, (kind, group) in kinds.items()}
 
 
-def test_added_augmentation_keeps_the_contract(plug_in, tmp_path: Path) -> None:
-    environment = plug_in("docs/add-an-augmentation.md", "augment", "turn")
-    code = "import my_turn; from pathlib import Path; from dancedata.testing import conformance as c; "
-    _python(environment, tmp_path, code + "c.check(my_turn.Turn, Path('.'))")
+def _build_and_check(environment: dict[str, str], folder: Path) -> None:
+    """Build `_RECIPE` and look at what each plug-in made."""
+    (folder / "recipe.yaml").write_text(_RECIPE, encoding="utf-8")
+    planned = json.loads(_dancedata(environment, folder, "plan", "recipe.yaml", "--out", "out", "--json"))
+    _dancedata(environment, folder, "build", "recipe.yaml", "--out", "out", "--jobs", "2")
+    about = json.loads(_dancedata(environment, folder, "info", "out", "--json"))
+    assert {name: about["fields"][name]["columns"] for name in ("pelvis", "peaks", "speeds")} == {
+        "pelvis": 3, "peaks": 1, "speeds": 1,
+    }  # fmt: skip
+    assert about["counts"]["train"]["clips"] == planned["splits"]["train"]["clips"]
+    assert json.loads(_dancedata(environment, folder, "check", "out", "--json"))["ok"]
+    with open_store(folder / "out") as store:
+        clip = next(c for c in store.clips if c.split == "train" and not c.source)
+        copy = store.clip(f"{clip.id}__aside")
+        assert copy.source == store.clip(f"{clip.id}__mirror").source == clip.id
+        np.testing.assert_allclose(
+            copy.read("pelvis") - clip.read("pelvis"), [[0.25, 0, 0]] * clip.n_frames, atol=1e-6
+        )
+        assert 0 < clip.read("peaks").max() <= 0.5
+
+
+def test_plug_ins_of_another_distribution_build(distribution, tmp_path: Path) -> None:
+    _build_and_check(distribution(_plugins(tmp_path / "new")), tmp_path)
 
 
 @pytest.mark.nightly
-def test_an_augmentation_is_one_file_of_the_tree(tmp_path: Path) -> None:
-    page = "docs/add-an-augmentation.md"
+def test_a_plug_in_is_one_file_of_the_tree(tmp_path: Path) -> None:
     for folder in ("dancedata", "pipelines", "manifests"):
         shutil.copytree(ROOT / folder, tmp_path / "tree" / folder, ignore=shutil.ignore_patterns("__pycache__"))
-    (tmp_path / "tree/dancedata/augment/turn.py").write_text(_blocks(page, "python")[0], encoding="utf-8")
-    (tmp_path / "recipe.yaml").write_text(_blocks(page, "yaml")[0], encoding="utf-8")
+    plugins = {**_plugins(tmp_path / "new"), "tables": ("exports", _template("export", "tables", tmp_path / "new"))}
+    for name, (group, code) in plugins.items():
+        (tmp_path / "tree" / "dancedata" / group / f"{name}.py").write_text(code, encoding="utf-8")
     paths = os.pathsep.join([str(tmp_path / "tree"), os.environ.get("PYTHONPATH", "")])
     environment = {**os.environ, "PYTHONPATH": paths, "DANCEDATA_CACHE": str(tmp_path / "cache")}
-    assert "turn" in json.loads(_dancedata(environment, tmp_path, "list", "--json"))["augmentations"]
-    planned = json.loads(_dancedata(environment, tmp_path, "plan", "recipe.yaml", "--out", "out", "--json"))
-    _dancedata(environment, tmp_path, "build", "recipe.yaml", "--out", "out", "--jobs", "2")
-    about = json.loads(_dancedata(environment, tmp_path, "info", "out", "--json"))
-    assert about["counts"]["train"]["clips"] == planned["splits"]["train"]["clips"]
-    assert json.loads(_dancedata(environment, tmp_path, "check", "out", "--json"))["ok"]
-    with open_store(tmp_path / "out") as store:
-        clip = next(c for c in store.clips if c.split == "train" and not c.source)
-        joints = clip.read("joints").reshape(-1, 24, 3)
-        turned = store.clip(f"{clip.id}__turn").read("joints").reshape(-1, 24, 3)
-        root = joints[0, 0] * (1, 0, 1)
-        np.testing.assert_allclose(turned - root, (joints - root) * (-1, 1, -1), atol=1e-5)
-        assert store.clip(f"{clip.id}__turn").source == store.clip(f"{clip.id}__mirror").source == clip.id
-
-
-def test_added_filter_builds(plug_in, tmp_path: Path) -> None:
-    environment = plug_in("docs/add-a-filter.md", "filters", "grounded")
-    code = "import my_grounded; from pathlib import Path; from dancedata.testing import conformance as c; "
-    _python(environment, tmp_path, code + "c.check(my_grounded.Grounded, Path('.'))")
-    _dancedata(environment, tmp_path, "build", "recipe.yaml", "--out", "out", "--jobs", "2", "--strict")
-    with open_store(tmp_path / "out") as store:
-        left_out = {(r["clip"], r["window"]) for r in store.rejects if r["reason"] == "filtered" and "window" in r}
-        contact = store.fields["edge151"].slice("contact")
-        shares = {
-            (c.id, start): float(c.read("edge151")[start : start + 60, contact].any(axis=1).mean())
-            for c in store.clips
-            if c.split == "train"
-            for start in range(0, c.n_frames - 59, 15)
-        }
-        kept = {(w.clip, w.start) for w in store.windows("train")}
-        assert left_out == {window for window, share in shares.items() if share < 0.9}
-        assert kept == shares.keys() - left_out
-        assert kept
-        assert left_out
-
-
-def test_added_metric_measures(plug_in, tmp_path: Path) -> None:
-    page = "docs/add-a-metric.md"
-    environment = plug_in(page, "metrics", "jerk")
-    assert "jerk" in json.loads(_dancedata(environment, tmp_path, "list", "--json"))["metrics"]
-    code = "import my_jerk; from pathlib import Path; from dancedata.testing import conformance as c; "
-    _python(environment, tmp_path, code + "c.check(my_jerk.Jerk, Path('.'))")
-    _, use = _blocks(page, "python")
-    command = [sys.executable, "-W", "error", "-c", use]
-    done = subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert done.stdout == _blocks(page, "text")[0], done.stderr
+    _build_and_check(environment, tmp_path)
+    _dancedata(environment, tmp_path, "build", "demo", "--out", "data", "--jobs", "2", "--set", "motion={joints: {}}")
+    _dancedata(environment, tmp_path, "export", "data", "--to", "tables", "--out", "tables", "--set", "digits=3")
+    with open_store(tmp_path / "data") as store:
+        for clip in store.clips:
+            table = np.loadtxt(tmp_path / "tables" / "clips" / f"{clip.id}.csv", delimiter=",", skiprows=1)
+            np.testing.assert_allclose(table, clip.read("joints"), atol=5.1e-4)
 
 
 def test_the_page_of_exports_prints_what_it_says(
@@ -224,30 +196,6 @@ def test_the_page_of_exports_names_every_target_and_option() -> None:
         reference = EXPORTS.get(name).reference
         _, _, commit = reference.partition(", commit ")
         assert commit[:7] in table, name
-
-
-@pytest.mark.nightly
-def test_an_export_is_one_file_of_the_tree(plug_in, tmp_path: Path) -> None:
-    page = "docs/add-an-export.md"
-    environment = plug_in(page, "exports", "poses")
-    code = "import my_poses; from pathlib import Path; from dancedata.testing import conformance as c; "
-    _python(environment, tmp_path, code + "c.check(my_poses.Poses, Path('conformance'))")
-    shutil.rmtree(tmp_path / "site")
-    for folder in ("dancedata", "pipelines", "manifests"):
-        shutil.copytree(ROOT / folder, tmp_path / "tree" / folder, ignore=shutil.ignore_patterns("__pycache__"))
-    (tmp_path / "tree/dancedata/exports/poses.py").write_text(_blocks(page, "python")[0], encoding="utf-8")
-    environment["PYTHONPATH"] = os.pathsep.join([str(tmp_path / "tree"), os.environ.get("PYTHONPATH", "")])
-    assert "poses" in json.loads(_dancedata(environment, tmp_path, "list", "--json"))["exports"]
-    _dancedata(environment, tmp_path, "build", "recipe.yaml", "--out", "data", "--jobs", "1")
-    arguments = ("export", "data", "--to", "poses", "--out", "poses", "--set", "scale=100", "--json")
-    about = json.loads(_dancedata(environment, tmp_path, *arguments))
-    assert about["parameters"] == {"scale": 100.0}
-    with open_store(tmp_path / "data") as store:
-        for clip in store.clips:
-            positions = np.load(tmp_path / "poses" / "poses" / f"{clip.id}.npy")
-            np.testing.assert_allclose(positions.reshape(clip.n_frames, -1), 100 * clip.read("joints"), rtol=1e-6)
-        names = (tmp_path / "poses" / "train.txt").read_text().split()
-        assert names == sorted(clip.id for clip in store.clips if clip.split == "train")
 
 
 @pytest.mark.parametrize("page", PAGES)
@@ -291,11 +239,11 @@ def test_the_pages_on_evaluation_print_what_they_say(
         assert capsys.readouterr().out == output
 
 
-def test_added_protocol_evaluates(plug_in, demo: Path, tmp_path: Path) -> None:
-    page = "docs/add-a-protocol.md"
-    environment = plug_in(page, "evaluation.protocols", "ten_seconds")
+def test_the_protocol_of_the_page_evaluates(distribution, demo: Path) -> None:
+    (code,) = _blocks("docs/plug-ins.md", "python")
+    environment = distribution({"ten_seconds": ("evaluation.protocols", code)})
     environment["DANCEDATA_CACHE"] = str(demo / "cache")
-    (command,) = _blocks(page, "sh")
+    _, command = _blocks("docs/plug-ins.md", "sh")
     printed = _dancedata(environment, demo, *command.split()[1:])
     assert printed.splitlines()[0] == f"ten-seconds, version 1: {demo}/data/demo as truth"
     assert "pieces, 30 frames per second, 10.00 s" in printed
