@@ -7,6 +7,7 @@ import json
 import lzma
 import os
 import shutil
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
@@ -27,6 +28,10 @@ settings.load_profile("dancedata")
 # they keep the kernels that the processor or OPENBLAS_CORETYPE chooses: tests of numbers have to pass on all of them.
 if not os.environ.get("DANCEDATA_TEST_NATIVE"):
     arithmetic.adopt()
+
+# A shell without job control starts `pytest ... &` with SIGINT ignored, and every process that tests start inherits it.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # pytest's workers share the cores: threads of torch that wait for each other would take most of their time.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
