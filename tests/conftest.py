@@ -29,7 +29,7 @@ settings.load_profile("dancedata")
 if not os.environ.get("DANCEDATA_TEST_NATIVE"):
     arithmetic.adopt()
 
-# A shell without job control starts `pytest ... &` with SIGINT ignored, and every process that tests start inherits it.
+# A shell without job control starts `pytest ... &` with SIGINT ignored, and processes that tests start inherit it.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 

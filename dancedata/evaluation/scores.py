@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -238,8 +237,3 @@ def describe_outcome(outcome: str) -> str:
     """Return what an outcome means."""
     own = {"no_music": "there are no beats of music for the clip", _NOT_FINITE: "the numbers overflow"}
     return OUTCOMES.get(outcome) or own.get(outcome, outcome)
-
-
-def outcome_counts(score: Score) -> list[tuple[str, int]]:
-    """Return outcomes with their numbers of pieces, the most frequent first."""
-    return Counter({name: len(ids) for name, ids in score.undefined.items()}).most_common()

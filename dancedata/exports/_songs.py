@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,14 +13,6 @@ from dancedata.exporting.job import ExportJob, Lack
 if TYPE_CHECKING:
     from dancedata.core.audio_signal import AudioSignal
     from dancedata.store import ClipView
-
-
-@dataclass(frozen=True)
-class Song:
-    """A song: the clip with its longest signal, and the signal."""
-
-    clip: ClipView
-    signal: AudioSignal
 
 
 def find_songs(job: ExportJob, clips: list[ClipView]) -> tuple[dict[str, ClipView], list[Lack]]:

@@ -17,7 +17,7 @@ import pytest
 
 from dancedata.core.errors import DataError
 from dancedata.formats.value_arrays import load_values
-from dancedata.testing.video_files import joblib_bytes, torch_file, wham, wham_person
+from tests.video_files import joblib_bytes, torch_file, wham, wham_person
 
 COMPRESSIONS = [0, 3, ("gzip", 3), ("bz2", 1), ("lzma", 1), ("xz", 1)]
 CONTENT = {

@@ -20,7 +20,7 @@ from dancedata.formats.body_model import SMPLH52, body_model_skeleton, find_mode
 from dancedata.pipeline.build import build
 from dancedata.recipes.parse import parse_recipe
 from dancedata.store import open_store
-from dancedata.testing.video_files import smpl_pickle
+from tests.video_files import smpl_pickle
 
 N = 20
 

@@ -23,7 +23,7 @@ from dancedata.datasets.folder.facts import Declared
 from dancedata.datasets.folder.load import Reading, load_motion
 from dancedata.formats.safe_pickle import load_pickle
 from dancedata.synthetic import synthesise_motion
-from dancedata.testing import video_files
+from tests import video_files
 
 READING = Reading(Declared("60", "y", "m"), Declared())
 NOT = "oint positions are not rotations"

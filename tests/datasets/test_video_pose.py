@@ -23,7 +23,7 @@ from dancedata.formats.video_pose import open_people
 from dancedata.pipeline.build import build
 from dancedata.recipes.documents import document_of
 from dancedata.recipes.parse import parse_recipe
-from dancedata.testing.video_files import dance, gvhmr, in_camera, joblib_bytes, phalp, torch_file, wham, wham_person
+from tests.video_files import dance, gvhmr, in_camera, joblib_bytes, phalp, torch_file, wham, wham_person
 
 N = 60
 

@@ -17,7 +17,7 @@ import dancedata
 from dancedata.cli.app import app
 from dancedata.datasets.folder import Folder
 from dancedata.synthetic import write_synthetic
-from dancedata.testing.video_files import dance, gvhmr, joblib_bytes, phalp, torch_file, wham, wham_person
+from tests.video_files import dance, gvhmr, joblib_bytes, phalp, torch_file, wham, wham_person
 
 ROOT = Path(__file__).resolve().parents[2]
 N = 170

@@ -26,7 +26,7 @@ from random import Random
 from typing import Any
 
 HERE = Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE))
+sys.path[:0] = [str(HERE), str(HERE.parents[1])]
 
 from targets import DEFECT, TARGETS, Target, is_plain  # noqa: E402 -- lies beside this script
 

@@ -15,7 +15,7 @@ try:
 except ImportError:
     sys.exit("skipped: atheris is not installed (pip install atheris)")
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))
+sys.path[:0] = [str(Path(__file__).resolve().parents[k]) for k in (0, 2)]
 
 with atheris.instrument_imports(include=["dancedata"]):
     from targets import TARGETS

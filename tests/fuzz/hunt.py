@@ -93,7 +93,7 @@ def _child(
 
 
 def _file_of(target: str) -> str:
-    sys.path.insert(0, str(HERE))
+    sys.path[:0] = [str(HERE), str(HERE.parents[1])]
     from targets import DEFECT, TARGETS
 
     return TARGETS.get(target, DEFECT).file
@@ -145,7 +145,7 @@ WITHOUT_STRUCTURE = ("flac", "mp3", "ogg")
 
 def main() -> int:
     """Hunt and print; exit code 1 if anything was found."""
-    sys.path.insert(0, str(HERE))
+    sys.path[:0] = [str(HERE), str(HERE.parents[1])]
     from targets import TARGETS
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)

@@ -108,7 +108,7 @@ def _model() -> dict[str, Any]:
 
 def joblibs() -> list[bytes]:
     """Return files of WHAM, plain and packed in each way, by old and new protocols."""
-    from dancedata.testing.video_files import wham, wham_person
+    from tests.video_files import wham, wham_person
 
     people = {0: wham_person(5, 2, vertices=3), 7: wham_person(4, seed=1, vertices=3)}
     mixed = np.array([None, "x", {"a": 1}], dtype=object)
@@ -119,7 +119,7 @@ def joblibs() -> list[bytes]:
 
 def phalps() -> list[bytes]:
     """Return files of PHALP with two people, one of whom is not seen in some frames."""
-    from dancedata.testing.video_files import dance, phalp
+    from tests.video_files import dance, phalp
 
     people = {1: (*dance(4), np.arange(4)), 2: (*dance(2), np.array([0, 3]))}
     return [phalp(people, 0), phalp(people, 0, 2), phalp(people)]
@@ -127,14 +127,14 @@ def phalps() -> list[bytes]:
 
 def torches() -> list[bytes]:
     """Return files of GVHMR."""
-    from dancedata.testing.video_files import gvhmr, torch_file
+    from tests.video_files import gvhmr, torch_file
 
     return [torch_file(gvhmr(4)), torch_file(gvhmr(3), "big")]
 
 
 def model_pickles() -> list[bytes]:
     """Return SMPL models with few vertices, as they are published."""
-    from dancedata.testing.video_files import smpl_pickle
+    from tests.video_files import smpl_pickle
 
     arrays = _model()
     return [smpl_pickle(arrays, ("shapedirs", "v_template"), protocol) for protocol in (0, 2, 4)] + [

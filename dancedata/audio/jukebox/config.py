@@ -104,19 +104,9 @@ class JukeboxConfig:
         return self.n_ctx // self.n_rows
 
     @property
-    def head_width(self) -> int:
-        """Columns per attention head: 150."""
-        return self.attn_width // self.heads
-
-    @property
     def total_length(self) -> int:
         """The label "length of the song" in samples, the same for every clip: 2,734,080."""
         return TOTAL_LENGTH_S * self.sample_rate // self.hop * self.hop
-
-    @property
-    def max_seconds(self) -> float:
-        """The longest clip: 23.777 s."""
-        return float(self.n_ctx / self.code_rate)
 
     @classmethod
     def from_hparams(cls, hparams: Mapping[str, Any]) -> JukeboxConfig:
