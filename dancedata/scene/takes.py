@@ -25,6 +25,7 @@ from dancedata.scene.payload import Json, curve, figure_payload
 from dancedata.scene.scenes import Scene, Scenes
 from dancedata.scene.source import ClipSource
 from dancedata.store import Store, open_store
+from dancedata.store.scaling import Scaling
 
 __all__ = ["FilesTake", "OriginalTake", "StoreTake", "Take", "file_format", "take_of", "take_payload"]
 
@@ -119,7 +120,9 @@ def file_format(
     store: Store,
     *,
     representation: str | None = None,
-    normalized: bool = False,
+    normalized: bool | None = None,
+    scaler: MinMax | str | Path | None = None,
+    clip: bool = False,
     fps: str | None = None,
     up: str = "y",
     unit: str = "m",
@@ -131,14 +134,19 @@ def file_format(
     representation
         What two-dimensional arrays are columns of, as in `dancedata.decode`. Default: they are refused.
     normalized
-        Whether the scaler of the store's field of that name is undone.
+        Whether they are normalised by the scaler of the store's field of that name; has to be stated where the store
+        has it, here or by the entry ``normalized`` of the files.
+    scaler
+        Another scaler, or its file: they are normalised by it.
+    clip
+        Whether normalised values are cut to [-1, 1] before, as EDGE and Lodge do.
     fps
         Frames per second of files that do not state them. Default: the representation's own rate, else the store's.
 
     Raises
     ------
     UsageError
-        For an unknown representation, axis, unit or rate.
+        For an unknown representation, axis, unit or rate, and a scaler of another field or dataset.
     """
     grid = store.grid if fps is None else FrameGrid.of(fps)
     if representation is None:
@@ -149,8 +157,9 @@ def file_format(
         grid = store.field(representation).grid if fps is None else grid
     elif fps is None and plugin.rate is not None:
         grid = FrameGrid(plugin.rate)
-    scaler: MinMax | None = store.normalizer(representation) if normalized else None
-    return FileFormat(fps=str(grid), up=up, unit=unit, columns=ColumnsReader(plugin, grid, scaler))
+    like = store if representation in store.fields or normalized else None
+    scaling = Scaling.of(like, representation, plugin.columns.labels, normalized=normalized, scaler=scaler, clip=clip)
+    return FileFormat(fps=str(grid), up=up, unit=unit, columns=ColumnsReader(plugin, grid, scaling))
 
 
 def take_of(path: Path, store: Store, form: FileFormat) -> Take:
