@@ -96,7 +96,8 @@ def evaluate(
         what, protocol=protocol or "dancedata", pool=pool, split=split, pool_split=pool_split, role=chosen, like=like,
         field=field, representation=representation, normalized=normalized, scaler=scaler, clip=clip, fps=fps,
         up=up, unit=unit, body=body, source=source, music_of=music_of, metrics=metric or (),
-        bootstrap=bootstrap, save_pool=save_pool, jobs=jobs, cache=cache, backend=backend, scheduler=scheduler, progress=progress,
+        bootstrap=bootstrap, save_pool=save_pool, jobs=jobs, cache=cache, backend=backend, scheduler=scheduler,
+        progress=progress,
     )  # fmt: skip
     if per_clip is not None:
         _write_rows(per_clip, report.per_clip)

@@ -142,7 +142,16 @@ class Evaluator:
             raise scaling.unstated(f"{dataset.path}, field {name}")
         reader = replace(reader, scaling=scaling)
         beats = music or (None if made.music is None else beat_field(dataset, made.music, made.generated))
-        request = Request(what={}, protocol=made, pool=pool, pool_split=split, like=dataset, field=name)
+        request = Request(
+            what={},
+            protocol=made,
+            pool=pool,
+            pool_split=split,
+            like=dataset,
+            field=name,
+            normalized=scaling.normalized,
+            scaler=scaling.scaler if scaling.normalized else None,
+        )
         found = pool_for(request, jobs=jobs, cache=None if cache is None else Path(cache))
         return cls(
             made,

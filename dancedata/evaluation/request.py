@@ -171,6 +171,14 @@ class Request:
         plugin: Representation = make_named(REPRESENTATIONS, "motion", self.representation, {})
         return ColumnsReader(plugin, FrameGrid.of(self.fps), self._scaling(self.representation, plugin))
 
+    @property
+    def scaler_sha256(self) -> str:
+        """Hash of the scaler that columns are stated to be normalised by; "" without one."""
+        stated = self.normalized or self.scaler is not None or self.reader is not None
+        columns = self._columns() if stated else None
+        scaler = None if columns is None or not columns.scaling.normalized else columns.scaling.scaler
+        return "" if scaler is None else scaler.sha256
+
     def _scaling(self, field: str, plugin: Representation) -> Scaling:
         return Scaling.of(
             self.reader or self.like, field, plugin.columns.labels, normalized=self.normalized, scaler=self.scaler,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -168,7 +169,7 @@ def take_of(path: Path, store: Store, form: FileFormat) -> Take:
     Raises
     ------
     UsageError
-        If there is nothing that can be compared.
+        If there is nothing that can be compared, or nothing states whether columns are normalised.
     StoreError
         If the dataset cannot be opened.
     """
@@ -177,6 +178,7 @@ def take_of(path: Path, store: Store, form: FileFormat) -> Take:
     if path.is_file() and path.suffix.lower() in SUFFIXES:
         named = any(path.stem == clip.id for clip in store.clips)
         any_clip = None if named else path
+        _require_stated(path, form)
         return FilesTake(paths={path.stem: path}, any_clip=any_clip, form=form, body=store.skeleton, name=path.name)
     if not path.is_dir():
         allowed = f"a built dataset, a folder of motion files, or a file {', '.join(SUFFIXES)}"
@@ -188,7 +190,15 @@ def take_of(path: Path, store: Store, form: FileFormat) -> Take:
     if len(paths) < len(found):
         twice = [p.name for p in found if paths[p.stem] != p]
         raise UsageError("two files have one name", where=path, found=listed(twice), fix="rename one of them")
+    _require_stated(found[0], form)
     return FilesTake(paths=paths, any_clip=None, form=form, body=store.skeleton, name=path.name)
+
+
+def _require_stated(path: Path, form: FileFormat) -> None:
+    """Raise UsageError if nothing states how the columns of a file are scaled, or they are clearly not so."""
+    if form.columns is not None:
+        with suppress(DataError):  # which is a note on the page
+            FileClip(id=path.stem, path=path, format=form).load()
 
 
 def take_payload(take: Take, scene: Scene) -> Json:
