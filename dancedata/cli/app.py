@@ -24,7 +24,7 @@ from dancedata.core.version import __version__
 
 
 class _Group(TyperGroup):
-    """Commands whose flags are False where they are not given, `--help` included.
+    """Commands whose flags are False where they are not given, `--help` included; except --normalized.
 
     Typer leaves some of them None, and loads pydantic, a fifth of what `list` takes, to find that None is None.
     """
@@ -42,7 +42,7 @@ class _Group(TyperGroup):
 
 
 def _false_by_default(parameter: Any) -> Any:
-    if getattr(parameter, "is_flag", False) and parameter.default is None:
+    if getattr(parameter, "is_flag", False) and parameter.default is None and parameter.name != "normalized":
         parameter.default = False
     return parameter
 

@@ -182,7 +182,7 @@ def test_no_scaler_file(tmp_path: Path) -> None:
             MinMax.load(missing)
 
 
-# Ranges of columns as learned features have them, stored as float16: wide, narrow, far from 0, a step apart, constant.
+# Ranges of columns as encoders have them, stored as float16: wide, narrow, far from 0, a step apart, constant.
 HALF = np.array([[-2, 0.3, 100, 1, 1e-4, 0], [3, 0.3004, 140, 1.001, 1.2e-4, 0]], np.float16)
 
 

@@ -60,7 +60,7 @@ def evaluated(store: Store, rows: Any, **options: Any) -> Any:
 def test_what_readers_normalise_comes_back(store: Store, tmp_path: Path, kind: str, reader: Any) -> None:
     changed, plain = (reader(store, fields=(FIELD,), normalize=n, **KINDS[kind]) for n in (True, False))
     beyond = 0.0
-    for place in (0, 5):
+    for place in (0, 3):
         rows, wanted = changed[place][FIELD].numpy(), joints(plain[place][FIELD], store)
         beyond = max(beyond, float(np.abs(rows).max()))
         for like in (store, changed):
@@ -93,7 +93,7 @@ def test_a_wider_scaler_is_named_and_travels(store: Store, tmp_path: Path) -> No
     rows, wanted = wide[3][FIELD].numpy(), joints(plain[3][FIELD], store)
     scaler, path = wide.normalizer(FIELD), tmp_path / "scaler.json"
     scaler.save(path)
-    assert np.abs(rows).max() <= 1
+    assert np.abs(rows).max() <= 1 + 1e-4
     assert worst(dancedata.decode(rows, FIELD, like=store, normalized=True).joints(), wanted) > 0.01  # the stored one
     for given in (scaler, path, str(path)):
         assert worst(dancedata.decode(rows, FIELD, like=store, scaler=given).joints(), wanted) < 1e-5
@@ -118,7 +118,8 @@ def test_a_scaler_of_something_else_is_refused(store: Store, tmp_path: Path) -> 
     named = MinMax(scaler.data_min, scaler.data_max, field="edge151.second")
     columns = MinMax(scaler.data_min, scaler.data_max, columns=scaler.columns[::-1])
     for wrong, problem in (
-        (lodge, "different width"), (other, "another dataset"), (named, "another field"), (columns, "another columns"),
+        (lodge, "different width"), (other, "another dataset"), (named, "another field"),
+        (columns, "another columns"),
     ):  # fmt: skip
         wrong.save(tmp_path / "wrong.json")
         for given in (wrong, tmp_path / "wrong.json"):
