@@ -198,8 +198,8 @@ def decode_file(
     Examples
     --------
     >>> import dancedata
-    >>> dancedata.decode_file("samples.npy", "edge151", to="bvh", like="data/aistpp", out="generated")
-    [PosixPath('generated/samples_000.bvh'), PosixPath('generated/samples_001.bvh')]
+    >>> dancedata.decode_file("samples.npy", "edge151", to="bvh", like="data/aistpp", normalized=True, out="x")
+    [PosixPath('x/samples_000.bvh'), PosixPath('x/samples_001.bvh')]
     """
     path, out = Path(path).expanduser(), Path(out).expanduser()
     if to not in MOTION_FILES:

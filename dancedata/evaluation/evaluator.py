@@ -57,7 +57,7 @@ class Evaluator:
     Examples
     --------
     >>> from dancedata.metrics import Evaluator
-    >>> evaluator = Evaluator.of("data/aistpp", "edge151", protocol="dancedata")
+    >>> evaluator = Evaluator.of("data/aistpp", "edge151", protocol="dancedata", normalized=True)
     >>> for batch in loader:
     ...     evaluator.update(model.sample(batch["librosa35"]), music=batch["librosa35"])
     >>> report = evaluator.gather().compute()
