@@ -272,6 +272,10 @@ def test_edges_clip_is_asked_for_by_name(store: Store) -> None:
     whole, cut = WindowDataset(store, mirror=1.0), WindowDataset(store, mirror=1.0, clip=True)
     np.testing.assert_allclose(whole[7][MOTION].numpy(), expected, atol=1e-6)
     np.testing.assert_allclose(cut[7][MOTION].numpy(), expected.clip(-1, 1), atol=1e-6)
+    presets = [
+        WindowDataset(store, preset="edge", **options).clip for options in ({}, {"mirror": 0.5}, {"clip": False})
+    ]
+    assert presets == [True, False, False]
 
 
 def test_val_has_the_scaler_of_train(store: Store) -> None:
