@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, overload
 
@@ -20,26 +21,32 @@ from dancedata.formats.motion_files import MOTION_FILES, motion_file
 from dancedata.recipes.plugins import make_named, split_instance
 
 if TYPE_CHECKING:
+    from dancedata.core.normalize import MinMax
     from dancedata.store import Store
+    from dancedata.store.scaling import Reader
 
 __all__ = ["decode", "decode_file"]
 
-#: A dataset, open or not.
-Like: TypeAlias = "Store | str | Path | None"
+#: A dataset, open or not, or a reader of it.
+Like: TypeAlias = "Store | Reader | str | Path | None"
+#: A scaler, or its file.
+Scaler: TypeAlias = "MinMax | str | Path | None"
 _OneMotion = np.ndarray[tuple[int, int], Any]
 _Batch = np.ndarray[tuple[int, int, int], Any]
 
 
 @overload
 def decode(
-    array: _Batch, representation: str, *, fps: Number | None = ..., like: Like = ..., **parameters: Any
-) -> list[Motion]: ...
+    array: _Batch, representation: str, *, fps: Number | None = ..., like: Like = ..., normalized: bool | None = ...,
+    scaler: Scaler = ..., clip: bool = ..., **parameters: Any,
+) -> list[Motion]: ...  # fmt: skip
 
 
 @overload
 def decode(
-    array: _OneMotion, representation: str, *, fps: Number | None = ..., like: Like = ..., **parameters: Any
-) -> Motion: ...
+    array: _OneMotion, representation: str, *, fps: Number | None = ..., like: Like = ...,
+    normalized: bool | None = ..., scaler: Scaler = ..., clip: bool = ..., **parameters: Any,
+) -> Motion: ...  # fmt: skip
 
 
 def decode(
@@ -48,6 +55,9 @@ def decode(
     *,
     fps: Number | None = None,
     like: Like = None,
+    normalized: bool | None = None,
+    scaler: Scaler = None,
+    clip: bool = False,
     **parameters: Any,
 ) -> Motion | list[Motion]:
     """Decode the columns of a representation into a motion, or a batch of them into a list.
@@ -55,16 +65,22 @@ def decode(
     Parameters
     ----------
     array
-        (T, D) columns, or a batch (B, T, D). Not normalised, as stored or as `unnormalize` returns them; with `like`
-        normalised, as a trainer puts them out.
+        (T, D) columns, or a batch (B, T, D): as stored, or normalised, as `normalized` states.
     representation
         Name of the representation that the columns are in; with `like` the name of the dataset's field, such as
         "edge151.second".
     fps
         Frames per second of the rows. Default: those of `like`, else the representation's own rate, else 30.
     like
-        The dataset that the trainer read: its scaler of the field is undone. Values beyond [-1, 1] are clipped
-        before, as EDGE and Lodge do.
+        The dataset that the trainer read, or its reader. A reader states its scaler, and whether it normalises.
+    normalized
+        Whether the columns are normalised by the scaler of the dataset's field; with a dataset as `like` it has to be
+        stated. Columns that are clearly not as stated are refused.
+    scaler
+        Another scaler, or the file of its ``save``: the columns are normalised by it.
+    clip
+        Whether normalised values are cut to [-1, 1] before, as EDGE and Lodge do. False: mirrored and turned
+        motion, which lies a little outside, comes back whole.
     parameters
         The representation's own, as in a recipe.
 
@@ -77,7 +93,8 @@ def decode(
     ------
     UsageError
         For an unknown representation or parameter, for a representation that holds positions only, for another shape
-        or a rate that the dataset does not have.
+        or a rate that the dataset does not have; if nothing states whether the columns are normalised, or they are
+        clearly not as stated; for a scaler of another field or dataset.
     DataError
         If the columns are not those of the representation, or not finite; for a batch with the number of the motion.
 
@@ -89,6 +106,25 @@ def decode(
     """
     name, _ = split_instance(REPRESENTATIONS, representation)
     plugin = make_named(REPRESENTATIONS, "motion", name, parameters)
+    return _decoded(array, representation, plugin, fps, _Statement(like, normalized, scaler, clip))
+
+
+@dataclass(frozen=True)
+class _Statement:
+    """What a call states, and its file, of how columns are scaled."""
+
+    like: Like
+    normalized: bool | None
+    scaler: Scaler
+    clip: bool
+    file: bool | None = None
+
+
+def _decoded(
+    array: Any, representation: str, plugin: Representation, fps: Number | None, stated: _Statement
+) -> Motion | list[Motion]:
+    from dancedata.store.scaling import Scaling, opened, store_of
+
     if not plugin.decodes:
         raise UsageError(
             f"{representation} cannot be decoded: positions do not determine how a bone turns about its own axis",
@@ -96,10 +132,14 @@ def decode(
         )
     array = _numbers(array, representation)
     _require_shape(array, plugin, representation)
-    store = _opened(like)
+    like = None if stated.like is None else opened(stated.like)
+    store = None if like is None else store_of(like)
     grid = _grid(plugin, representation, fps, store)
-    if store is not None:
-        array = _unnormalised(array, representation, store)
+    scaling = Scaling.of(
+        like, representation, plugin.columns.labels, normalized=stated.normalized, scaler=stated.scaler,
+        clip=stated.clip,
+    )  # fmt: skip
+    array = scaling.undo(array, plugin, file=stated.file)
     if array.ndim == 2:
         return plugin.decode(array, grid)
     return [_numbered(plugin, one, grid, number) for number, one in enumerate(array)]
@@ -115,6 +155,9 @@ def decode_file(
     fps: Number | None = None,
     key: str | None = None,
     overwrite: bool = False,
+    normalized: bool | None = None,
+    scaler: Scaler = None,
+    clip: bool = False,
     **parameters: Any,
 ) -> list[Path]:
     """Decode a file that a trainer wrote into motion files, as ``dancedata decode`` does.
@@ -122,8 +165,9 @@ def decode_file(
     Parameters
     ----------
     path
-        .npy, .npz or .pkl with columns (T, D), or a batch (B, T, D). Pickles are read without executing them.
-    representation, like, parameters
+        .npy, .npz or .pkl with columns (T, D), or a batch (B, T, D). Pickles are read without executing them. An
+        entry ``normalized``, True or False, states whether the columns are normalised.
+    representation, like, normalized, scaler, clip, parameters
         As in `decode`.
     to
         "bvh": metres, +Y up. "npz": translation, rotations, positions, skeleton. "smpl": AMASS's arrays on SMPL-H,
@@ -154,14 +198,16 @@ def decode_file(
     Examples
     --------
     >>> import dancedata
-    >>> dancedata.decode_file("samples.npy", "edge151", to="bvh", like="data/aistpp", out="generated")
-    [PosixPath('generated/samples_000.bvh'), PosixPath('generated/samples_001.bvh')]
+    >>> dancedata.decode_file("samples.npy", "edge151", to="bvh", like="data/aistpp", normalized=True, out="x")
+    [PosixPath('x/samples_000.bvh'), PosixPath('x/samples_001.bvh')]
     """
     path, out = Path(path).expanduser(), Path(out).expanduser()
     if to not in MOTION_FILES:
         raise UsageError(f"unknown format {to!r}", fix=did_you_mean(to, MOTION_FILES))
     name, _ = split_instance(REPRESENTATIONS, representation)
     plugin = make_named(REPRESENTATIONS, "motion", name, parameters)
+    from dancedata.store.scaling import stated_in
+
     if like is None and fps is None and plugin.rate is None:
         raise UsageError(
             "the frame rate of these columns is unknown",
@@ -169,9 +215,9 @@ def decode_file(
             fix="give it with --fps, or name the dataset that the trainer read with --like",
         )
     with open_arrays(path) as arrays:
-        array = arrays.read(_key(arrays, plugin, key))
+        array, file = arrays.read(_key(arrays, plugin, key)), stated_in(arrays)
     try:
-        found: Any = decode(array, representation, fps=fps, like=like, **parameters)
+        found = _decoded(array, representation, plugin, fps, _Statement(like, normalized, scaler, clip, file))
     except DanceDataError as error:
         error.where = f"{path}, {error.where}" if error.where else path
         raise
@@ -179,14 +225,6 @@ def decode_file(
     if any(file.exists() and file.samefile(path) for file in files):
         raise UsageError("the file that is decoded would be replaced", where=path, fix="choose another --out")
     return _written(files, overwrite)
-
-
-def _opened(like: Like) -> Store | None:
-    if not isinstance(like, str | Path):
-        return like
-    from dancedata.store import open_store
-
-    return open_store(Path(like).expanduser())
 
 
 def _numbers(array: Any, name: str) -> npt.NDArray[Any]:
@@ -232,12 +270,6 @@ def _grid(plugin: Representation, name: str, fps: Number | None, store: Store | 
             fix="omit fps: the rate is the dataset's",
         )
     return grid
-
-
-def _unnormalised(array: npt.NDArray[Any], name: str, store: Store) -> npt.NDArray[Any]:
-    normalised = np.asarray(array, dtype=np.float64)
-    undone: npt.NDArray[Any] = store.normalizer(name).unnormalize(normalised, clip=True)
-    return np.where(np.isfinite(normalised), undone, np.nan)  # clipping would hide infinity
 
 
 def _numbered(plugin: Representation, array: npt.NDArray[Any], grid: FrameGrid, number: int) -> Motion:

@@ -18,10 +18,13 @@ from dancedata.evaluation.request import Request, protocol_named
 from dancedata.evaluation.self_test import SelfTest
 from dancedata.evaluation.self_test import self_test as _self_test
 from dancedata.execution.progress import Progress
-from dancedata.store import Store, open_store
+from dancedata.store import Store
+from dancedata.store.scaling import opened, store_of
 
 if TYPE_CHECKING:
     from dancedata.core.motion import Motion
+    from dancedata.core.normalize import MinMax
+    from dancedata.store.scaling import Reader
 
 __all__ = ["evaluate", "self_test"]
 
@@ -34,10 +37,12 @@ def evaluate(
     split: str | None = None,
     pool_split: str | None = None,
     role: Literal["truth", "generated"] | None = None,
-    like: str | Path | Store | None = None,
+    like: str | Path | Store | Reader | None = None,
     field: str | None = None,
     representation: str | None = None,
-    normalized: bool = False,
+    normalized: bool | None = None,
+    scaler: str | Path | MinMax | None = None,
+    clip: bool = False,
     fps: Number | None = None,
     up: str | None = None,
     unit: str | None = None,
@@ -72,13 +77,20 @@ def evaluate(
         "truth" or "generated", where a protocol cuts the two differently. Default: datasets are ground truth, all
         else is generated.
     like
-        Dataset that a model was trained on: its rate, columns, scaler, music, and by default the pool.
+        Dataset that a model was trained on, or its reader: its rate, columns, scaler, music, and by default the pool.
+        A reader states its scaler, and whether it normalises.
     field
         Motion field of the dataset, or of `like`. Default: the first one that has the protocol's joints.
     representation
         Columns of two-dimensional arrays, where `like` is not given.
     normalized
-        Whether columns are normalised to [-1, 1], so that the scaler of `like` has to undo it.
+        Whether columns are normalised by the scaler of `like`. Where columns are read with a dataset as `like`, it
+        has to be stated, here or by the entry ``normalized`` of their files; columns that are clearly not as stated
+        are refused.
+    scaler
+        Another scaler, or the file of its ``save``: columns are normalised by it.
+    clip
+        Whether normalised values are cut to [-1, 1] before, as EDGE and Lodge do.
     fps, up, unit, body
         Declarations for files that do not state them; `body` is the body of joint positions, such as "smpl24".
     source
@@ -105,7 +117,7 @@ def evaluate(
     ------
     UsageError
         If the protocol cannot be computed from this motion, clips have different rates, or the pool is of another
-        protocol, version or rate.
+        protocol, version, rate or scaler; if nothing states whether columns are normalised, or they are not so.
     DataError
         If no clip can be measured.
 
@@ -119,6 +131,7 @@ def evaluate(
         songs = {clip: song_name(song) for clip, song in music_of.items()}
     else:
         songs = {} if music_of is None else read_songs(Path(music_of))
+    named = None if like is None else opened(like)
     request = Request(
         what=what,
         protocol=protocol_named(protocol),
@@ -126,10 +139,13 @@ def evaluate(
         split=split,
         pool_split=pool_split,
         role=role,
-        like=like if like is None or isinstance(like, Store) else open_store(like),
+        like=None if named is None else store_of(named),
+        reader=None if isinstance(named, Store) else named,
         field=field,
         representation=representation,
         normalized=normalized,
+        scaler=scaler,
+        clip=clip,
         fps=fps,
         up=up,
         unit=unit,

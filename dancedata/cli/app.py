@@ -13,7 +13,7 @@ import typer
 from typer.core import TyperGroup
 
 from dancedata.cli.errors import errors_to_exit_codes as _errors_to_exit_codes
-from dancedata.cli.evaluate import evaluate
+from dancedata.cli.evaluate import Clip, Normalized, ScalerFile, evaluate
 from dancedata.cli.hf import app as hf
 from dancedata.cli.jukebox import app as jukebox
 from dancedata.cli.report import report
@@ -24,7 +24,7 @@ from dancedata.core.version import __version__
 
 
 class _Group(TyperGroup):
-    """Commands whose flags are False where they are not given, `--help` included.
+    """Commands whose flags are False where they are not given, `--help` included; except --normalized.
 
     Typer leaves some of them None, and loads pydantic, a fifth of what `list` takes, to find that None is None.
     """
@@ -42,7 +42,7 @@ class _Group(TyperGroup):
 
 
 def _false_by_default(parameter: Any) -> Any:
-    if getattr(parameter, "is_flag", False) and parameter.default is None:
+    if getattr(parameter, "is_flag", False) and parameter.default is None and parameter.name != "normalized":
         parameter.default = False
     return parameter
 
@@ -189,7 +189,10 @@ def decode(
     representation: Annotated[str, typer.Option("--as", metavar="NAME", help="What its columns are: edge151, ...")],
     to: Annotated[str, typer.Option(help="bvh, npz, smpl (AMASS's arrays) or smplx.")],
     out: Annotated[Path, typer.Option(help="Folder for the files.")],
-    like: Annotated[Path | None, typer.Option(metavar="STORE", help="Undo the normaliser of this dataset.")] = None,
+    like: Annotated[Path | None, typer.Option(metavar="STORE", help="The trainer's dataset: scaler, rate.")] = None,
+    normalized: Normalized = None,
+    scaler: ScalerFile = None,
+    clip: Clip = False,
     fps: Annotated[str | None, typer.Option(help="Frames per second; default: the dataset's.")] = None,
     key: Annotated[str | None, typer.Option(help="Array in a file with several.")] = None,
     overwrite: Annotated[bool, typer.Option(help="Replace files that are there.")] = False,
@@ -199,7 +202,10 @@ def decode(
     from dancedata.api.decoding import decode_file
 
     kind: Any = to  # checked there
-    files = decode_file(file, representation, to=kind, out=out, like=like, fps=fps, key=key, overwrite=overwrite)
+    files = decode_file(
+        file, representation, to=kind, out=out, like=like, fps=fps, key=key, overwrite=overwrite,
+        normalized=normalized, scaler=scaler, clip=clip,
+    )  # fmt: skip
     if as_json:
         _print_json({"files": [str(path) for path in files]})
     else:

@@ -19,7 +19,16 @@ SOURCE_HELP = "Folder of music files, by song; with --self-test, of the dataset'
 LIKE_HELP = "Dataset that the model was trained on: rate, columns, scaler, music, and by default the pool."
 POOL_HELP = "Dataset, folder or --save-pool file to compare with; default: the dataset itself, or --like."
 METRIC_HELP = "Compute only this metric or score, such as pfc or fid_k; may be given several times."
+NORMALIZED_HELP = "Whether columns are normalised by the dataset's scaler; has to be stated, here or in their files."
+SCALER_HELP = "Another scaler than the dataset's, a file of normalizer.save(...): columns are normalised by it."
+CLIP_HELP = "Cut normalised values to [-1, 1] first, as EDGE and Lodge do."
 ROLE_HELP = "truth or generated; default: truth for datasets."
+
+Normalized = Annotated[
+    bool | None, typer.Option("--normalized/--not-normalized", help=NORMALIZED_HELP, show_default=False)
+]
+ScalerFile = Annotated[Path | None, typer.Option("--scaler", metavar="FILE", help=SCALER_HELP)]
+Clip = Annotated[bool, typer.Option("--clip", help=CLIP_HELP)]
 
 
 @errors_to_exit_codes
@@ -34,7 +43,9 @@ def evaluate(
     like: Annotated[Path | None, typer.Option(help=LIKE_HELP)] = None,
     field: Annotated[str | None, typer.Option(help="Motion field of the dataset, or of --like.")] = None,
     representation: Annotated[str | None, typer.Option(help="Columns of arrays (T, D), without --like.")] = None,
-    normalized: Annotated[bool, typer.Option(help="Columns are normalised, by the scaler of --like.")] = False,
+    normalized: Normalized = None,
+    scaler: ScalerFile = None,
+    clip: Clip = False,
     fps: Annotated[str | None, typer.Option(help="Frame rate of files that do not state it.")] = None,
     up: Annotated[str | None, typer.Option(help="Up axis of files that do not state it: y or z.")] = None,
     unit: Annotated[str | None, typer.Option(help="Unit of files that do not state it: m, cm, mm, inch.")] = None,
@@ -83,9 +94,10 @@ def evaluate(
     chosen: Any = role
     report = evaluation.evaluate(
         what, protocol=protocol or "dancedata", pool=pool, split=split, pool_split=pool_split, role=chosen, like=like,
-        field=field, representation=representation, normalized=normalized, fps=fps, up=up, unit=unit, body=body,
-        source=source, music_of=music_of, metrics=metric or (), bootstrap=bootstrap, save_pool=save_pool,
-        jobs=jobs, cache=cache, backend=backend, scheduler=scheduler, progress=progress,
+        field=field, representation=representation, normalized=normalized, scaler=scaler, clip=clip, fps=fps,
+        up=up, unit=unit, body=body, source=source, music_of=music_of, metrics=metric or (),
+        bootstrap=bootstrap, save_pool=save_pool, jobs=jobs, cache=cache, backend=backend, scheduler=scheduler,
+        progress=progress,
     )  # fmt: skip
     if per_clip is not None:
         _write_rows(per_clip, report.per_clip)

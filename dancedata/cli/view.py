@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from dancedata.cli.errors import errors_to_exit_codes
+from dancedata.cli.evaluate import Clip, Normalized, ScalerFile
 from dancedata.core.errors import UsageError
 
 SOURCE_HELP = "Folder that the dataset was built from: its music, and the original motion to compare with."
@@ -25,7 +26,9 @@ def view(
     source: Annotated[Path | None, typer.Option(help=SOURCE_HELP)] = None,
     compare: Annotated[list[Path] | None, typer.Option(help=COMPARE_HELP)] = None,
     compare_as: Annotated[str | None, typer.Option(metavar="REPRESENTATION", help=AS_HELP)] = None,
-    normalized: Annotated[bool, typer.Option("--normalized", help="These columns are normalised.")] = False,
+    normalized: Normalized = None,
+    scaler: ScalerFile = None,
+    clip_to_range: Clip = False,
     fps: Annotated[str | None, typer.Option(help="Frame rate of --compare; default: the dataset's.")] = None,
     up: Annotated[str, typer.Option(help="Up axis of --compare: y or z.")] = "y",
     unit: Annotated[str, typer.Option(help="Unit of --compare: m, cm, mm, inch.")] = "m",
@@ -49,8 +52,9 @@ def view(
         _write_video(store, clip, video, field, source, embed=audio == "embed", shared=share, overwrite=overwrite)
         return
     request = ViewRequest(
-        store, clip, field, source, tuple(compare or ()), compare_as, normalized, fps, up, unit, at, window
-    )
+        store, clip, field, source, tuple(compare or ()), compare_as, normalized, fps, up, unit, at, window, scaler,
+        clip_to_range,
+    )  # fmt: skip
     if export is not None:
         made = export_page(request, export, audio=audio == "embed", shared=share, overwrite=overwrite)
         typer.echo(str(made))

@@ -124,12 +124,15 @@ class _Run:
         numbers = [n for n in asked if protocol.measures[n].metric.needs_pool]
         given = self.request.pool
         if isinstance(given, str | Path) and Path(given).suffix == ".npz":
-            return load_pool(Path(given).expanduser(), protocol)
+            read = load_pool(Path(given).expanduser(), protocol)
+            read.require(protocol, read.fps, self.request.scaler_sha256)
+            return read
         side = self.request.pool_side() if numbers else None
         if side is None:
             return None
         measured, _ = self._measure(side.clips, side, numbers, {})
-        return pool_of(protocol, measured, side.source)
+        pool = pool_of(protocol, measured, side.source)
+        return pool if side.store is not None else replace(pool, scaler=self.request.scaler_sha256)
 
     def _music(self, side: Side) -> tuple[dict[str, ClipMusic], list[str]]:
         """Return beats by clip: given ones, those of music files, then those of stores; and problems in words."""

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from dancedata.core.dance import MusicBeats
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
+from dancedata.core.normalize import MinMax
 from dancedata.core.text import counted, listed
 from dancedata.evaluation.clip_music import BEAT, ClipMusic
 from dancedata.evaluation.evaluate import pool_for, report_of
@@ -26,7 +27,8 @@ from dancedata.evaluation.pool import Pool
 from dancedata.evaluation.protocol import Protocol
 from dancedata.evaluation.report import Report
 from dancedata.evaluation.request import Request, protocol_named
-from dancedata.store import Store, open_store
+from dancedata.store import Store
+from dancedata.store.scaling import Reader, Scaling, opened, store_of
 
 __all__ = ["Evaluator"]
 
@@ -55,7 +57,7 @@ class Evaluator:
     Examples
     --------
     >>> from dancedata.metrics import Evaluator
-    >>> evaluator = Evaluator.of("data/aistpp", "edge151", protocol="dancedata")
+    >>> evaluator = Evaluator.of("data/aistpp", "edge151", protocol="dancedata", normalized=True)
     >>> for batch in loader:
     ...     evaluator.update(model.sample(batch["librosa35"]), music=batch["librosa35"])
     >>> report = evaluator.gather().compute()
@@ -85,14 +87,16 @@ class Evaluator:
     @classmethod
     def of(
         cls,
-        store: str | Path | Store,
+        store: str | Path | Store | Reader,
         field: str | None = None,
         *,
         protocol: str | Protocol = "dancedata",
         pool: str | Path | Store | None = None,
         split: str | None = None,
         music: str | None = None,
-        normalized: bool = True,
+        normalized: bool | None = None,
+        scaler: MinMax | str | Path | None = None,
+        clip: bool = False,
         jobs: int = 1,
         cache: str | Path | None = None,
     ) -> Self:
@@ -101,7 +105,8 @@ class Evaluator:
         Parameters
         ----------
         store
-            The dataset: its columns, scaler and rate are those of the samples.
+            The dataset, or a reader of it: its columns, scaler and rate are those of the samples. A reader states
+            whether samples are normalised, as its own are.
         field
             Motion field that the model generates. Default: the first one that has the protocol's joints.
         protocol
@@ -113,22 +118,40 @@ class Evaluator:
         music
             Audio field that `update` gets rows of. Default: the one with the protocol's beats, if the dataset has it.
         normalized
-            Whether samples are in [-1, 1], as the dataset's readers give them.
+            Whether samples are normalised by the dataset's scaler; with a dataset it has to be stated.
+        scaler
+            Another scaler, or the file of its ``save``: samples are normalised by it.
+        clip
+            Whether normalised values are cut to [-1, 1] before, as EDGE and Lodge do.
         jobs, cache
             As in `dancedata.evaluate`, for the pool, which is measured now.
 
         Raises
         ------
         UsageError
-            If the field does not have the protocol's joints, or the pool is of another protocol, version or rate.
+            If the field does not have the protocol's joints, the pool is of another protocol, version, rate or
+            scaler, or nothing states whether samples are normalised.
         """
         made = protocol_named(protocol)
-        dataset = store if isinstance(store, Store) else open_store(store)
+        like = opened(store)
+        dataset = store_of(like)
         name, reader = reader_for(dataset, made.motion, field)
-        if normalized:
-            reader = replace(reader, scaler=dataset.normalizer(name))
+        columns = reader.representation.columns.labels
+        scaling = Scaling.of(like, name, columns, normalized=normalized, scaler=scaler, clip=clip)
+        if scaling.normalized is None:
+            raise scaling.unstated(f"{dataset.path}, field {name}")
+        reader = replace(reader, scaling=scaling)
         beats = music or (None if made.music is None else beat_field(dataset, made.music, made.generated))
-        request = Request(what={}, protocol=made, pool=pool, pool_split=split, like=dataset, field=name)
+        request = Request(
+            what={},
+            protocol=made,
+            pool=pool,
+            pool_split=split,
+            like=dataset,
+            field=name,
+            normalized=scaling.normalized,
+            scaler=scaling.scaler if scaling.normalized else None,
+        )
         found = pool_for(request, jobs=jobs, cache=None if cache is None else Path(cache))
         return cls(
             made,
@@ -190,7 +213,7 @@ class Evaluator:
         grid = self._music_grid
         music = None if beats is None or grid is None else ClipMusic(MusicBeats.of(np.flatnonzero(beats), grid))
         try:
-            pose = self.reader.pose(columns)
+            pose = self.reader.pose(columns, where=f"sample {name}")
             found = measure_pose(self.protocol, "generated", range(len(self.protocol.measures)), pose, music)
         except DataError as error:
             self._left_out[name] = str(error)

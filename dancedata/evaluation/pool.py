@@ -51,6 +51,8 @@ class Pool:
         Where it is from, for the report.
     undefined
         Pieces without features, by outcome.
+    scaler
+        Hash of the scaler that its columns were normalised by; "" if they were not.
     """
 
     protocol: str
@@ -60,6 +62,7 @@ class Pool:
     rows: Mapping[int, Float64Array]
     source: str
     undefined: Mapping[str, int]
+    scaler: str = ""
 
     @property
     def n(self) -> int:
@@ -70,8 +73,16 @@ class Pool:
         """Return what a report says of it."""
         return {"source": self.source, "clips": len(self.ids), "vectors": self.n, "undefined": dict(self.undefined)}
 
-    def require(self, protocol: Protocol, fps: str) -> None:
-        """Raise UsageError unless it was measured by this protocol, in this version, at this rate."""
+    def require(self, protocol: Protocol, fps: str, scaler: str = "") -> None:
+        """Raise UsageError unless it was measured by this protocol, in this version, at this rate, by this scaler.
+
+        A pool, or a set, whose columns were not normalised has no scaler and goes with each.
+        """
+        if self.scaler and scaler and self.scaler != scaler:
+            raise UsageError(
+                "the columns of the pool were normalised by another scaler", where=self.source, found=self.scaler,
+                allowed=scaler, fix=_AGAIN,
+            )  # fmt: skip
         if (self.protocol, self.version) != (protocol.name, protocol.version):
             raise UsageError(
                 "the pool was measured by another protocol",
@@ -163,6 +174,7 @@ def save_pool(path: Path, protocol: Protocol, pool: Pool) -> None:
     about = {"pool": POOL_FORMAT, "protocol": pool.protocol, "version": pool.version, "fps": pool.fps}
     about["measured"] = _measured_by(protocol)
     about |= {"dancedata": __version__, "undefined": dict(pool.undefined)}
+    about |= {"scaler": pool.scaler} if pool.scaler else {}
     arrays: dict[str, Any] = {
         _ABOUT: _as_bytes(json.dumps(about, sort_keys=True)),
         _IDS: _as_bytes("\n".join(json.dumps(i) for i in pool.ids)),
@@ -193,7 +205,7 @@ def load_pool(path: Path, protocol: Protocol) -> Pool:
             rows = {int(name.removeprefix(_ROWS)): checked_rows(arrays.read(name)) for name in names}
         pool = Pool(
             str(about["protocol"]), int(about["version"]), str(about["fps"]), tuple(ids), rows, str(path),
-            {str(k): int(v) for k, v in about["undefined"].items()},
+            {str(k): int(v) for k, v in about["undefined"].items()}, str(about.get("scaler", "")),
         )  # fmt: skip
     except (DataError, LookupError, TypeError, ValueError, AttributeError) as error:
         raise UsageError(

@@ -15,6 +15,7 @@ from dancedata.core.dance import MusicBeats
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.grid import FrameGrid, Number
 from dancedata.core.motion import Motion
+from dancedata.core.normalize import MinMax
 from dancedata.core.plugins import Representation
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.text import listed, quoted, shown
@@ -27,6 +28,7 @@ from dancedata.evaluation.report import LABELS
 from dancedata.evaluation.song_beats import song_files
 from dancedata.recipes.plugins import make_named
 from dancedata.store import Store, open_store
+from dancedata.store.scaling import Reader, Scaling
 from dancedata.store.schema import DATASET_FILE
 
 __all__ = ["Request", "Side", "protocol_named"]
@@ -57,9 +59,12 @@ class Request:
     pool_split: str | None = None
     role: Role | None = None
     like: Store | None = None
+    reader: Reader | None = None
     field: str | None = None
     representation: str | None = None
-    normalized: bool = False
+    normalized: bool | None = None
+    scaler: MinMax | str | Path | None = None
+    clip: bool = False
     fps: Number | None = None
     up: str | None = None
     unit: str | None = None
@@ -76,8 +81,12 @@ class Request:
             raise UsageError("unknown role", found=self.role, allowed=", ".join(ROLES))
         if self.draws < 0:
             raise UsageError("invalid number of bootstrap draws", found=self.draws, allowed="0 and above")
-        if self.normalized and self.like is None:
-            raise UsageError("normalised columns need the scaler of a dataset", fix="name it: --like STORE")
+        if self.normalized and self.like is None and self.scaler is None:
+            raise UsageError(
+                "normalised columns need the scaler of a dataset", fix="name it: --like STORE, or --scaler FILE"
+            )
+        if self.scaler is not None and self.like is None and self.representation is None:
+            raise UsageError("a scaler is of columns", fix="name them: --like STORE, or --representation NAME")
 
     @property
     def numbers(self) -> list[int]:
@@ -151,9 +160,8 @@ class Request:
                     fix=did_you_mean(str(name), readers),
                 )  # fmt: skip
             own = readers[name]
-            scaler = self.like.normalizer(name) if self.normalized else None
             grid = own.grid if self.fps is None else FrameGrid.of(self.fps)
-            return ColumnsReader(own.representation, grid, scaler)
+            return ColumnsReader(own.representation, grid, self._scaling(name, own.representation))
         if self.representation is None:
             return None
         if self.fps is None:
@@ -161,7 +169,21 @@ class Request:
                 "the frame rate of the columns is unknown", fix="declare it: --fps RATE, or --like STORE"
             )
         plugin: Representation = make_named(REPRESENTATIONS, "motion", self.representation, {})
-        return ColumnsReader(plugin, FrameGrid.of(self.fps))
+        return ColumnsReader(plugin, FrameGrid.of(self.fps), self._scaling(self.representation, plugin))
+
+    @property
+    def scaler_sha256(self) -> str:
+        """Hash of the scaler that columns are stated to be normalised by; "" without one."""
+        stated = self.normalized or self.scaler is not None or self.reader is not None
+        columns = self._columns() if stated else None
+        scaler = None if columns is None or not columns.scaling.normalized else columns.scaling.scaler
+        return "" if scaler is None else scaler.sha256
+
+    def _scaling(self, field: str, plugin: Representation) -> Scaling:
+        return Scaling.of(
+            self.reader or self.like, field, plugin.columns.labels, normalized=self.normalized, scaler=self.scaler,
+            clip=self.clip,
+        )  # fmt: skip
 
     def music_files(self) -> dict[str, Path]:
         """Return the music files by song; empty where none are given."""

@@ -83,7 +83,8 @@ class Npz(Export):
         for name, about in fields.items():
             about["axes"] = store.meta.get("axes", {}).get(name)
             if "train" in store.splits and len(store.windows("train")):
-                about["scaler"] = store.normalizer(name).state_dict()
+                scaler = store.normalizer(name)
+                about |= {"scaler": scaler.state_dict(), "scaler_sha256": scaler.sha256}
         windows = {split: [[w.clip, w.start, w.length] for w in store.windows(split)] for split in store.splits}
         about = {"layout": LAYOUT, "fps": str(store.grid), "scope": store.scope, "skeleton": store.skeleton.to_json()}
         return {**about, "fields": fields, "clips": clips, "windows": windows}

@@ -143,7 +143,8 @@ class WebDataset(Export):
         about = {name: job.store.field(name).to_json() for name in self._names(job)}
         for name, field in about.items():
             if "train" in job.store.splits and len(job.store.windows("train")):
-                field["scaler"] = job.store.normalizer(name).state_dict()
+                scaler = job.store.normalizer(name)
+                field |= {"scaler": scaler.state_dict(), "scaler_sha256": scaler.sha256}
         return about
 
 

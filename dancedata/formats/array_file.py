@@ -45,13 +45,13 @@ class ArrayFile:
         raise NotImplementedError
 
     def text(self, name: str) -> str:
-        """Return a short text such as a gender; "" if the entry is not a text."""
+        """Return a short text such as a gender, "True" or "False" for a truth value; "" for any other entry."""
         raise NotImplementedError
 
 
 def text_of(array: Array) -> str:
-    """Return the text of an array of one text; "" for any other."""
-    if array.size != 1 or array.dtype.kind not in "US":
+    """Return the text of an array of one text, "True" or "False" for one truth value; "" for any other."""
+    if array.size != 1 or array.dtype.kind not in "USb":
         return ""
     try:
         value = array.reshape(-1)[0]

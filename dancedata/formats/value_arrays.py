@@ -70,12 +70,12 @@ class ValueArrays(ArrayFile):
         return as_numbers(self._array(name))
 
     def text(self, name: str) -> str:
-        """Return a short text; "" if the entry is not a text."""
+        """See `ArrayFile.text`."""
         value = self._content[name]
         if isinstance(value, bytes):
             return value[:20].decode("latin1")
-        if isinstance(value, str):
-            return value[:20]
+        if isinstance(value, str | bool):
+            return str(value)[:20]
         return text_of(np.asarray(value)) if isinstance(value, np.ndarray | np.generic) else ""
 
     def _array(self, name: str) -> Array:

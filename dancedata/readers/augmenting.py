@@ -197,7 +197,7 @@ class Augmenter:
         for step in self.steps:
             if step.p > 0:
                 low, high = step.augmentation.cover(low, high, own)
-        return scaler if low is scaler.data_min and high is scaler.data_max else MinMax(low, high)
+        return scaler if low is scaler.data_min and high is scaler.data_max else scaler.with_range(low, high)
 
     def _happening(self, epoch: int, index: int) -> Iterator[_Step]:
         """Yield the steps that change sample `index`."""

@@ -63,6 +63,8 @@ class FieldReader:
         Columns that become relative to a window's first row.
     scaler
         Applied last; the result is float32.
+    clip
+        Whether scaled values are cut to [-1, 1].
     """
 
     name: str
@@ -70,6 +72,7 @@ class FieldReader:
     mirror: Mirror | None
     root: slice | None
     scaler: MinMax | None
+    clip: bool = False
 
     @property
     def dtype(self) -> np.dtype[Any]:
@@ -95,14 +98,18 @@ class FieldReader:
         if self.root is not None:
             rows[:, self.root] -= rows[:1, self.root].copy()
 
-    def scale(self, rows: Array) -> None:
-        """Scale rows, (..., D) of the stored type, in place; as `MinMax.normalize` does, operation by operation."""
+    def scale(self, rows: Array) -> Array:
+        """Scale rows, (..., D) of the stored type; as `MinMax.normalize` does, operation by operation.
+
+        In place, except for half precision, whose arithmetic is float32.
+        """
         if self.scaler is None:
-            return
+            return rows
+        rows = rows.astype(self._arithmetic, copy=False)
         scale, offset = self._whole_window if rows.shape == self.rows.shape else self._row
         rows *= scale
         rows += offset
-        rows.clip(-1, 1, out=rows)
+        return rows.clip(-1, 1, out=rows) if self.clip else rows
 
     # Operations on columns take half the time where the operands have the shape of a window.
 
@@ -119,7 +126,11 @@ class FieldReader:
     def _row(self) -> tuple[Array, Array]:
         if self.scaler is None:
             return np.empty(0), np.empty(0)
-        return self.scaler.scale.astype(self.rows.dtype), self.scaler.offset.astype(self.rows.dtype)
+        return self.scaler.scale.astype(self._arithmetic), self.scaler.offset.astype(self._arithmetic)
+
+    @property
+    def _arithmetic(self) -> np.dtype[Any]:
+        return np.promote_types(self.rows.dtype, np.float32)
 
     @cached_property
     def _whole_window(self) -> tuple[Array, Array]:
@@ -190,9 +201,9 @@ class BatchReader:
                 if self._labels is not None and field.name == self._labels.field:
                     for label, own in self._labels.of(rows).items():
                         out[label][nth] = own
-                field.scale(rows)
-                if target.dtype != rows.dtype:
-                    target[nth] = rows
+                scaled = field.scale(rows)
+                if scaled is not rows or target.dtype != rows.dtype:
+                    target[nth] = scaled
         for nth, place in enumerate(request.places):
             for name in self._augmenter.dropped(request.epoch, place):
                 out[name][nth] = 0
@@ -222,6 +233,6 @@ class BatchReader:
         window = self._windows[place]
         window = replace(window, start=window.start + request.shifts[nth])
         found = self._primitives.of(self._store, window, rows, self._bias(place, request.epoch))
-        field.scale(found[PRIMITIVES])
+        found[PRIMITIVES] = field.scale(found[PRIMITIVES])
         for name, value in found.items():
             out[name][nth] = value

@@ -20,6 +20,7 @@ from dancedata.readers.clip_collate import pack_clips, pad_clips
 from dancedata.readers.epoch_random import crop_choices, mirrored_windows
 from dancedata.readers.metadata import metadata
 from dancedata.readers.music_beats import StartAt, beat_labels, beat_starts, no_start, require_start_at
+from dancedata.readers.scalers import ScalerLike
 from dancedata.readers.selection import GivenFilter, no_window_error
 from dancedata.readers.split_dataset import Changes, SplitDataset
 from dancedata.store.dataset import Store
@@ -80,9 +81,11 @@ class ClipDataset(SplitDataset):
         protocol: str | None = None,
         filter: GivenFilter = None,
         start_at: StartAt | None = None,
-        normalizer_covers_mirror: bool | None = None,
-        normalizer_covers: Augment | None = None,
+        normalizer_covers_mirror: bool = False,
+        normalizer_covers: Augment = (),
         normalizer_over: Literal["train", "all"] = "train",
+        scaler: ScalerLike = None,
+        clip: bool | None = None,
         seed: int = 0,
     ) -> None:
         """Open a split of a built dataset; parameters that are not named here are those of `WindowDataset`.
@@ -126,8 +129,9 @@ class ClipDataset(SplitDataset):
             raise no_window_error(self.store, split, self.rejects, self.start_at)
         self.windows = spans.take(np.repeat(np.arange(len(spans)), self.crops))
         changes = Changes(
-            mirror, augment, normalize, normalizer_covers_mirror, normalizer_covers, normalizer_over, seed
-        )
+            mirror, augment, normalize, normalizer_covers_mirror, normalizer_covers, normalizer_over, scaler, clip,
+            seed,
+        )  # fmt: skip
         self._prepare(changes, allow_crop=False)
         self._drawn: tuple[int, npt.NDArray[np.int64], npt.NDArray[np.bool_]] | None = None
 
@@ -246,7 +250,7 @@ class ClipDataset(SplitDataset):
             rows = self._mirrors[field].apply(rows)
         rows = self._augmenter.rows(field, rows, request.epoch, place)
         if field in self._normalizers:
-            rows = self._normalizers[field].normalize(rows).astype(np.float32, copy=False)
+            rows = self._normalizers[field].normalize(rows, clip=self.clip).astype(np.float32, copy=False)
         if field in self._augmenter.dropped(request.epoch, place):
             rows = np.zeros_like(rows)
         return torch.from_numpy(rows)

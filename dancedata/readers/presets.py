@@ -42,6 +42,8 @@ class Preset:
         Whether the root's translation is relative to the window's first frame.
     normalize
         Whether motion is scaled to [-1, 1].
+    clip
+        Whether scaled values are cut to [-1, 1].
     """
 
     fields: tuple[str, ...]
@@ -54,6 +56,7 @@ class Preset:
     filter: Movement | None = None
     relative_root: bool = False
     normalize: bool = True
+    clip: bool = False
 
 
 def _lodge(length: int, stride: int) -> Preset:
@@ -67,12 +70,13 @@ def _lodge(length: int, stride: int) -> Preset:
         ignore=("ignored",),
         protocol="cross_genre",
         filter=Movement(field="lodge139"),
+        clip=True,
     )
 
 
 PRESETS = {
     # EDGE (Tseng et al. 2023, data/slice.py): 5 s every 0.5 s.
-    "edge": Preset(("edge151",), ("librosa35",), 30, {"length_s": 5, "stride_s": 0.5}),
+    "edge": Preset(("edge151",), ("librosa35",), 30, {"length_s": 5, "stride_s": 0.5}, clip=True),
     "lodge-global": _lodge(1024, 1024 // 10),
     "lodge-local": _lodge(256, 256 // 8),
     # FineDance (Li et al. 2023): whole tracks, 130 ignored as well, the root relative to each window's first frame.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,8 +14,42 @@ from dancedata.core.clip import Window
 from dancedata.core.columns import Mirror
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.normalize import MinMax
+from dancedata.core.text import shown
 from dancedata.readers.selection import Choice, select
 from dancedata.store.dataset import Store
+from dancedata.store.scaling import Reader, Scaling
+
+#: A scaler that the caller names: itself, its file, those of several fields, or a reader that has them.
+ScalerLike = MinMax | str | Path | Mapping[str, MinMax | str | Path] | Reader | None
+
+
+def named_scalers(store: Store, fields: tuple[str, ...], scaler: ScalerLike) -> dict[str, MinMax]:
+    """Return the scalers that the caller names, by field.
+
+    Raises
+    ------
+    UsageError
+        For a scaler of a field that is not read, of other columns or of another dataset.
+    """
+    if scaler is None:
+        return {}
+    given: Mapping[str, MinMax | str | Path]
+    if isinstance(scaler, Mapping):
+        given = scaler
+    elif isinstance(scaler, MinMax | str | Path):
+        one = scaler if isinstance(scaler, MinMax) else MinMax.load(scaler)
+        fitting = [name for name in fields if store.fields[name].width == one.width]
+        given = {one.field or (fitting[0] if len(fitting) == 1 else ""): one}
+    else:
+        given = {name: scaler.normalizer(name) for name in scaler.normalized if name in fields}
+    for name in given:
+        if name not in fields:
+            raise UsageError(
+                "the scaler is not of a field that is read", found=shown(name), allowed=", ".join(fields),
+                fix="name the field: scaler={FIELD: ...}",
+            )  # fmt: skip
+    joined = {name: Scaling.of(store, name, store.fields[name].labels, scaler=own) for name, own in given.items()}
+    return {name: own.scaler for name, own in joined.items() if own.scaler is not None}
 
 
 def normalized_fields(store: Store, fields: tuple[str, ...], normalize: bool | Sequence[str]) -> tuple[str, ...]:
@@ -68,7 +103,7 @@ def root_columns(store: Store, fields: tuple[str, ...], normalizers: Mapping[str
 
 
 def scaler_of(store: Store, name: str, choice: Choice, *, covers_mirror: bool, over: str) -> MinMax:
-    """Return the scaler of a field.
+    """Return the scaler of a field: the stored one, or a wider one that the caller names.
 
     Parameters
     ----------
@@ -85,7 +120,7 @@ def scaler_of(store: Store, name: str, choice: Choice, *, covers_mirror: bool, o
     if covers and field.columns.mirror is None:
         raise _no_mirror(store, name)
     if over == "all":
-        plain = _fit(_all_rows(store, name, choice.trim), field.columns.width)
+        plain = _fit(store, name, _all_rows(store, name, choice.trim))
     elif over != "train":
         raise UsageError(
             "a scaler is fitted over train or over all", found=over, fix=did_you_mean(over, ("train", "all"))
@@ -95,7 +130,7 @@ def scaler_of(store: Store, name: str, choice: Choice, *, covers_mirror: bool, o
         if train is None:
             plain = store.normalizer(name)
         else:
-            plain = _fit((store.read(window, name) for window in train), field.columns.width)
+            plain = _fit(store, name, (store.read(window, name) for window in train))
     return plain.with_mirror(field.columns.mirror) if covers and field.columns.mirror else plain
 
 
@@ -123,14 +158,16 @@ def _all_rows(store: Store, name: str, trim: bool) -> Iterable[npt.NDArray[Any]]
             yield clip.read(name)[first:]
 
 
-def _fit(pieces: Iterable[npt.NDArray[Any]], width: int) -> MinMax:
-    low, high = np.full(width, np.inf), np.full(width, -np.inf)
+def _fit(store: Store, name: str, pieces: Iterable[npt.NDArray[Any]]) -> MinMax:
+    field = store.field(name)
+    low, high = np.full(field.columns.width, np.inf), np.full(field.columns.width, -np.inf)
     for rows in pieces:
         if len(rows):
             low, high = np.minimum(low, rows.min(axis=0)), np.maximum(high, rows.max(axis=0))
     if not np.isfinite(low).all():
         raise UsageError("there are no rows to fit a scaler on", fix="pass normalize=False")
-    return MinMax(low, high)
+    stored = store.normalizer(name).sha256 if name in store.stats["fields"] else ""
+    return MinMax(low, high, dtype=field.dtype, field=name, columns=field.columns.labels, dataset=stored)
 
 
 def _no_mirror(store: Store, field: str) -> UsageError:

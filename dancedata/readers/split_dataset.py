@@ -17,7 +17,7 @@ from dancedata.readers.arguments import probability, whole
 from dancedata.readers.augmenting import Augment, Augmenter
 from dancedata.readers.music_beats import StartAt
 from dancedata.readers.presets import Preset, fields_to_read, find_preset, given_or_preset
-from dancedata.readers.scalers import mirrors_of, normalized_fields, scaler_of
+from dancedata.readers.scalers import ScalerLike, mirrors_of, named_scalers, normalized_fields, scaler_of
 from dancedata.readers.selection import Choice, GivenFilter, Selection, require_protocol, select, window_filter
 from dancedata.readers.shared_epoch import shared_number
 from dancedata.store.dataset import Store, open_store, reopen
@@ -31,9 +31,11 @@ class Changes:
     mirror: float
     augment: Augment | None
     normalize: bool | Sequence[str] | None
-    normalizer_covers_mirror: bool | None
-    normalizer_covers: Augment | None
+    normalizer_covers_mirror: bool
+    normalizer_covers: Augment
     normalizer_over: Literal["train", "all"]
+    scaler: ScalerLike
+    clip: bool | None
     seed: int
 
 
@@ -96,16 +98,19 @@ class SplitDataset(Dataset[dict[str, Any]]):
         """Make what mirrors, augments and normalises samples."""
         self.mirror = probability("mirror", changes.mirror)
         mirrored = self.mirror > 0
-        covers_mirror = changes.normalizer_covers_mirror
-        self.normalizer_covers_mirror = bool(mirrored if covers_mirror is None else covers_mirror)
+        self.normalizer_covers_mirror = bool(changes.normalizer_covers_mirror)
         self.normalizer_over = changes.normalizer_over
+        wider = self.normalizer_covers_mirror or changes.normalizer_covers or self.normalizer_over != "train"
+        if changes.scaler is not None and wider:
+            raise UsageError("scaler and normalizer_... name two scalers", fix="leave one of them out")
+        self._named_scalers = named_scalers(self.store, self.fields, changes.scaler)
         self.seed, self.augment = whole("seed", changes.seed), changes.augment
         self._augmenter = Augmenter.of(
             self.store, self.fields, changes.augment, seed=self.seed, mirrored=mirrored, allow_crop=allow_crop
         )
-        self._covering = self._augmenter
-        if changes.normalizer_covers is not None:
-            self._covering = Augmenter.covering(self.store, self.fields, changes.normalizer_covers)
+        self._covering = Augmenter.covering(self.store, self.fields, changes.normalizer_covers)
+        changed = mirrored or bool(self._augmenter.steps)
+        self.clip = bool(given_or_preset(changes.clip, None if changed else self._known, "clip", False))
         self._mirrors = mirrors_of(self.store, self.fields) if mirrored else {}
         normalize = given_or_preset(changes.normalize, self._known, "normalize", True)
         self._normalizers = {
@@ -180,7 +185,8 @@ class SplitDataset(Dataset[dict[str, Any]]):
     def normalizer(self, field: str) -> MinMax:
         """Return the scaler that a field of this dataset is normalised with.
 
-        For a field that is not normalised, it is the scaler that ``normalize=(field,)`` would use.
+        It is the stored one, whatever is mirrored or augmented, unless another one was named. For a field that is not
+        normalised, it is the scaler that ``normalize=(field,)`` would use.
 
         Raises
         ------
@@ -196,7 +202,33 @@ class SplitDataset(Dataset[dict[str, Any]]):
         known = self._normalizers.get(field)
         return known if known is not None else self._scaler(field)
 
+    @property
+    def normalized(self) -> tuple[str, ...]:
+        """Names of the fields that are normalised."""
+        return tuple(self._normalizers)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return the hashes of the scalers, {"scalers": {field: hash}}, for a checkpoint."""
+        return {"scalers": {name: scaler.sha256 for name, scaler in self._normalizers.items()}}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Check that the model of a checkpoint was trained with the scalers of this reader; changes nothing.
+
+        Raises
+        ------
+        UsageError
+            For the state of a reader with other scalers.
+        """
+        known = self.state_dict()["scalers"]
+        if state.get("scalers") != known:
+            raise UsageError(
+                "the state is of a reader with other scalers", found=state.get("scalers"), allowed=known,
+                fix="name the scaler of that training: WindowDataset(..., scaler=FILE)",
+            )  # fmt: skip
+
     def _scaler(self, field: str) -> MinMax:
+        if field in self._named_scalers:
+            return self._named_scalers[field]
         covers = self.normalizer_covers_mirror
         found = scaler_of(self.store, field, self._choice, covers_mirror=covers, over=self.normalizer_over)
         return self._covering.scaler(field, found)

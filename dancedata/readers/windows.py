@@ -22,7 +22,7 @@ from dancedata.readers.metadata import metadata
 from dancedata.readers.music_beats import StartAt, beat_labels, require_start_at
 from dancedata.readers.presets import given_or_preset, preset_windows
 from dancedata.readers.primitives import PrimitiveSpec, primitive_spec
-from dancedata.readers.scalers import root_columns
+from dancedata.readers.scalers import ScalerLike, root_columns
 from dancedata.readers.selection import GivenFilter, no_window_error
 from dancedata.readers.split_dataset import Changes, SplitDataset
 from dancedata.store.dataset import Store
@@ -44,7 +44,7 @@ class WindowDataset(SplitDataset):
     Notes
     -----
     *Normalising* is EDGE's: per column to [-1, 1] with the range of the train split, whatever the split
-    read here, clipped. `normalizer` gives the same scaler for generated motion.
+    read here. `normalizer` gives the same scaler for generated motion.
 
     *Choosing windows.* `rejects` lists the clips and windows that were left out, and why: clips on an ignored list
     ("ignored") or shorter than a window ("too_short"), windows with hardly any movement ("still").
@@ -58,10 +58,8 @@ class WindowDataset(SplitDataset):
     ``"beat"`` and ``"downbeat"``, (rows,) bool each, of the first such field.
 
     *Mirroring* comes before normalising. Whether a sample is mirrored is a pure function of (seed, epoch,
-    index): the same in every worker, on every rank, and after a resume. Audio is never changed by it. The
-    scaler's range then covers x and mirror(x), because the model is trained on both. For validation and testing of
-    such a model, use the same scaler without mirroring: ``WindowDataset(out, split="val",
-    normalizer_covers_mirror=True)``.
+    index): the same in every worker, on every rank, and after a resume. Audio is never changed by it. The scaler
+    stays the stored one, so mirrored and turned samples lie a little outside [-1, 1].
 
     *Augmenting.* `augment` names the augmentations of samples. What happens to a sample is a pure function of (seed,
     epoch, index), as for mirroring, and so is the sample. Windows are chosen first (``crop``; "start" is then that of
@@ -107,9 +105,11 @@ class WindowDataset(SplitDataset):
         relative_root: bool | None = None,
         primitive_n: int = 256,
         primitive_variant: Literal["paper", "code"] = "paper",
-        normalizer_covers_mirror: bool | None = None,
-        normalizer_covers: Augment | None = None,
+        normalizer_covers_mirror: bool = False,
+        normalizer_covers: Augment = (),
         normalizer_over: Literal["train", "all"] = "train",
+        scaler: ScalerLike = None,
+        clip: bool | None = None,
         mapped: bool = True,
         seed: int = 0,
     ) -> None:
@@ -159,14 +159,18 @@ class WindowDataset(SplitDataset):
         primitive_n, primitive_variant
             Frames of a local segment; "paper" takes the clip's stored key motions, "code" what Lodge's released
             code finds in the window, shifted by a bias in -2 .. 2 that is a pure function of (seed, epoch, index).
-        normalizer_covers_mirror
-            Whether the scaler's range covers mirrored motion too. Default: if mirror > 0. False keeps EDGE's.
-        normalizer_covers
-            Augmentations that the scaler's range covers as well, as for `augment`. Default: those of `augment`. For
-            val and test: those of train. ``()``: none, values beyond the stored range are clipped.
+        normalizer_covers_mirror, normalizer_covers
+            A wider scaler than the stored one: its range covers mirrored motion, or these augmentations, as for
+            `augment`. Every reader and command that meets the model's columns then needs that scaler by name.
         normalizer_over
             "train", or "all": every row of every clip, as Lodge's released scaler was fitted. It includes test
             data, and is here to reproduce Lodge's results.
+        scaler
+            A scaler of another reader, such as one that is wider: a normaliser, the file of its ``save``, either by
+            field, or the reader itself. Default: the stored one of each field.
+        clip
+            Whether normalised values are cut to [-1, 1]. Default: as EDGE and Lodge do in their presets, unless
+            samples are mirrored or augmented; else False, and values beyond come back whole.
         mapped
             False: read by position, for files that may be overwritten in place, or file systems that map poorly.
         seed
@@ -197,9 +201,18 @@ class WindowDataset(SplitDataset):
         self._primitives: PrimitiveSpec | None = None
         if self._with_primitives:
             self._primitives = primitive_spec(self.store, self.fields, length, primitive_n, primitive_variant)
-        self._prepare(
-            Changes(mirror, augment, normalize, normalizer_covers_mirror, normalizer_covers, normalizer_over, seed)
+        changes = Changes(
+            mirror,
+            augment,
+            normalize,
+            normalizer_covers_mirror,
+            normalizer_covers,
+            normalizer_over,
+            scaler,
+            clip,
+            seed,
         )
+        self._prepare(changes)
         if start is not None and self._augmenter.crops:
             raise UsageError("start_at and the augmentation crop both choose windows", fix="leave one of them out")
         if self._primitives is not None and self._primitives.field in self._normalizers:
@@ -300,7 +313,7 @@ class WindowDataset(SplitDataset):
         if self._cached_reader is None:
             rows = {name: self.store.window_rows(self.windows, name, mapped=self.mapped) for name in self.fields}
             fields = [
-                FieldReader(n, rows[n], self._mirrors.get(n), self._roots.get(n), self._normalizers.get(n))
+                FieldReader(n, rows[n], self._mirrors.get(n), self._roots.get(n), self._normalizers.get(n), self.clip)
                 for n in self.fields
             ]
             for name, found in rows.items():

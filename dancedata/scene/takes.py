@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,7 @@ from dancedata.scene.payload import Json, curve, figure_payload
 from dancedata.scene.scenes import Scene, Scenes
 from dancedata.scene.source import ClipSource
 from dancedata.store import Store, open_store
+from dancedata.store.scaling import Scaling
 
 __all__ = ["FilesTake", "OriginalTake", "StoreTake", "Take", "file_format", "take_of", "take_payload"]
 
@@ -119,7 +121,9 @@ def file_format(
     store: Store,
     *,
     representation: str | None = None,
-    normalized: bool = False,
+    normalized: bool | None = None,
+    scaler: MinMax | str | Path | None = None,
+    clip: bool = False,
     fps: str | None = None,
     up: str = "y",
     unit: str = "m",
@@ -131,14 +135,19 @@ def file_format(
     representation
         What two-dimensional arrays are columns of, as in `dancedata.decode`. Default: they are refused.
     normalized
-        Whether the scaler of the store's field of that name is undone.
+        Whether they are normalised by the scaler of the store's field of that name; has to be stated where the store
+        has it, here or by the entry ``normalized`` of the files.
+    scaler
+        Another scaler, or its file: they are normalised by it.
+    clip
+        Whether normalised values are cut to [-1, 1] before, as EDGE and Lodge do.
     fps
         Frames per second of files that do not state them. Default: the representation's own rate, else the store's.
 
     Raises
     ------
     UsageError
-        For an unknown representation, axis, unit or rate.
+        For an unknown representation, axis, unit or rate, and a scaler of another field or dataset.
     """
     grid = store.grid if fps is None else FrameGrid.of(fps)
     if representation is None:
@@ -149,8 +158,9 @@ def file_format(
         grid = store.field(representation).grid if fps is None else grid
     elif fps is None and plugin.rate is not None:
         grid = FrameGrid(plugin.rate)
-    scaler: MinMax | None = store.normalizer(representation) if normalized else None
-    return FileFormat(fps=str(grid), up=up, unit=unit, columns=ColumnsReader(plugin, grid, scaler))
+    like = store if representation in store.fields or normalized else None
+    scaling = Scaling.of(like, representation, plugin.columns.labels, normalized=normalized, scaler=scaler, clip=clip)
+    return FileFormat(fps=str(grid), up=up, unit=unit, columns=ColumnsReader(plugin, grid, scaling))
 
 
 def take_of(path: Path, store: Store, form: FileFormat) -> Take:
@@ -159,7 +169,7 @@ def take_of(path: Path, store: Store, form: FileFormat) -> Take:
     Raises
     ------
     UsageError
-        If there is nothing that can be compared.
+        If there is nothing that can be compared, or nothing states whether columns are normalised.
     StoreError
         If the dataset cannot be opened.
     """
@@ -168,6 +178,7 @@ def take_of(path: Path, store: Store, form: FileFormat) -> Take:
     if path.is_file() and path.suffix.lower() in SUFFIXES:
         named = any(path.stem == clip.id for clip in store.clips)
         any_clip = None if named else path
+        _require_stated(path, form)
         return FilesTake(paths={path.stem: path}, any_clip=any_clip, form=form, body=store.skeleton, name=path.name)
     if not path.is_dir():
         allowed = f"a built dataset, a folder of motion files, or a file {', '.join(SUFFIXES)}"
@@ -179,7 +190,15 @@ def take_of(path: Path, store: Store, form: FileFormat) -> Take:
     if len(paths) < len(found):
         twice = [p.name for p in found if paths[p.stem] != p]
         raise UsageError("two files have one name", where=path, found=listed(twice), fix="rename one of them")
+    _require_stated(found[0], form)
     return FilesTake(paths=paths, any_clip=None, form=form, body=store.skeleton, name=path.name)
+
+
+def _require_stated(path: Path, form: FileFormat) -> None:
+    """Raise UsageError if nothing states how the columns of a file are scaled, or they are clearly not so."""
+    if form.columns is not None:
+        with suppress(DataError):  # which is a note on the page
+            FileClip(id=path.stem, path=path, format=form).load()
 
 
 def take_payload(take: Take, scene: Scene) -> Json:

@@ -56,7 +56,9 @@ class SideFiles:
                 fix="pass normalize=False, or build with a train split",
             )
         try:
-            scaler = MinMax.from_state(self.stats["fields"][f.name]["scaler"])
+            state = self.stats["fields"][f.name]["scaler"]
+            scaler = MinMax.from_state(state, dtype=f.dtype, field=f.name, columns=f.columns.labels)
+            scaler.dataset = scaler.sha256
             found = f"{scaler.width} columns"
         except (KeyError, TypeError, ValueError, OverflowError, UsageError) as error:
             scaler, found = None, shown(error)

@@ -46,7 +46,7 @@ class ViewRequest:
         Folder that the dataset was built from, for its music and the original motion.
     compare
         Datasets, folders of motion files, or files.
-    compare_as, normalized, fps, up, unit
+    compare_as, normalized, scaler, clip_to_range, fps, up, unit
         How motion files are read; see `file_format`.
     at
         Seconds to begin at.
@@ -60,12 +60,14 @@ class ViewRequest:
     source: Path | None = None
     compare: Sequence[Path] = ()
     compare_as: str | None = None
-    normalized: bool = False
+    normalized: bool | None = None
     fps: str | None = None
     up: str = "y"
     unit: str = "m"
     at: float = 0.0
     window: int | None = None
+    scaler: Path | None = None
+    clip_to_range: bool = False
 
     def scenes(self) -> Scenes:
         """Open the dataset; UsageError if it has no clips."""
@@ -76,12 +78,15 @@ class ViewRequest:
 
     def takes(self, store: Store, source: ClipSource | None) -> tuple[Take, ...]:
         """Return all that clips are compared with; names that two of them share get a number."""
-        if self.normalized and self.compare_as is None:
-            raise UsageError("--normalized goes with --compare-as", fix="name the columns of the files")
+        if (self.normalized is not None or self.scaler is not None) and self.compare_as is None:
+            named = "--scaler" if self.normalized is None else "--normalized"
+            raise UsageError(f"{named} goes with --compare-as", fix="name the columns of the files")
         form = file_format(
             store,
             representation=self.compare_as,
             normalized=self.normalized,
+            scaler=self.scaler,
+            clip=self.clip_to_range,
             fps=self.fps,
             up=self.up,
             unit=self.unit,

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -97,8 +99,8 @@ def test_range_at_the_limit_of_constant() -> None:
 def test_clipping() -> None:
     scaler = MinMax([0.0], [2.0])
     x = np.array([[-1.0], [3.0], [1.0]], np.float32)
-    assert scaler.normalize(x).ravel().tolist() == [-1, 1, 0]
-    assert scaler.normalize(x, clip=False).ravel().tolist() == [-2, 2, 0]
+    assert scaler.normalize(x, clip=True).ravel().tolist() == [-1, 1, 0]
+    assert scaler.normalize(x).ravel().tolist() == [-2, 2, 0]
     assert scaler.unnormalize(np.array([[2.0], [-3.0]])).ravel().tolist() == [3, -2]
     assert scaler.unnormalize(np.array([[2.0], [-3.0]]), clip=True).ravel().tolist() == [2, 0]
     assert x.ravel().tolist() == [-1, 3, 1]
@@ -139,3 +141,83 @@ def test_state_and_wrong_widths() -> None:
         scaler.normalize(np.zeros((2, 5)))
     with pytest.raises(UsageError, match="one minimum"):
         MinMax([0.0], [1.0, 2.0])
+
+
+def test_a_scaler_file_comes_back(tmp_path: Path) -> None:
+    scaler = MinMax(
+        DATA.min(axis=0), DATA.max(axis=0), dtype="float16", field="f", columns=list("abcd"), dataset="d" * 64
+    )
+    scaler.save(tmp_path / "scaler.json")
+    back = MinMax.load(tmp_path / "scaler.json")
+    for name in ("scale", "offset", "data_min", "data_max"):
+        np.testing.assert_array_equal(getattr(back, name), getattr(scaler, name))
+    known = ("f", tuple("abcd"), "d" * 64, np.float16, scaler.sha256)
+    assert (back.field, back.columns, back.dataset, back.dtype, back.sha256) == known
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"scaler": 2}, {"scaler": True}, {"field": 1}, {"columns": ["a"]}, {"columns": [1] * 4}, {"dataset": None},
+        {"dtype": "float64"}, {"data_min": [0] * 4}, {"data_min": [True] * 4}, {"data_max": ["1"] * 4},
+        {"data_max": [-1e9] * 4}, {"data_max": [1e300] * 4}, {"data_max": 1}, {"more": 1}, {"sha256": ""},
+    ],
+)  # fmt: skip
+def test_a_changed_scaler_file_is_refused(tmp_path: Path, change: dict[str, Any]) -> None:
+    path = tmp_path / "scaler.json"
+    MinMax(DATA.min(axis=0), DATA.max(axis=0), columns=list("abcd")).save(path)
+    path.write_text(json.dumps(json.loads(path.read_text()) | change))
+    with pytest.raises(UsageError, match="not a scaler file"):
+        MinMax.load(path)
+
+
+def test_no_scaler_file(tmp_path: Path) -> None:
+    path = tmp_path / "scaler.json"
+    for text in ("", "[]", "nan", '{"scaler": 1}', "[" * 100_000):
+        path.write_text(text)
+        with pytest.raises(UsageError, match="not a scaler file"):
+            MinMax.load(path)
+    for missing in (tmp_path, tmp_path / "gone.json"):
+        with pytest.raises(UsageError, match="not a scaler file"):
+            MinMax.load(missing)
+
+
+# Ranges of columns as encoders have them, stored as float16: wide, narrow, far from 0, a step apart, constant.
+HALF = np.array([[-2, 0.3, 100, 1, 1e-4, 0], [3, 0.3004, 140, 1.001, 1.2e-4, 0]], np.float16)
+
+
+def test_half_precision_is_computed_in_float32() -> None:
+    rng = np.random.default_rng(0)
+    wide = np.array([[0.001, -4.0], [0.00103, 4.0]], np.float16)
+    rows = (wide[0] + rng.uniform(0, 1, (200, 2)) * (wide[1].astype(np.float64) - wide[0])).astype(np.float16)
+    scaler = MinMax(rows.min(axis=0), rows.max(axis=0), dtype=np.float16)
+    exact = rows.astype(np.float64)
+    low, high = exact.min(axis=0), exact.max(axis=0)
+    wanted = 2 * (exact - low) / (high - low) - 1
+    found = scaler.normalize(rows)
+    assert found.dtype == np.float32
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=2e-5)
+    np.testing.assert_allclose(scaler.unnormalize(found), exact, rtol=0, atol=1e-6)
+
+
+def test_constant_columns_are_judged_by_the_stored_type() -> None:
+    half, single = (MinMax(HALF[0], HALF[1], dtype=dtype) for dtype in (np.float16, np.float32))
+    np.testing.assert_array_equal(half.scale == 2, [False, True, False, True, False, True])
+    np.testing.assert_array_equal(single.scale == 2, [False, False, False, False, False, True])
+    assert np.isfinite(half.normalize(HALF)).all()
+    assert np.abs(half.normalize(HALF)).max() <= 1 + 1e-4
+
+
+@pytest.mark.parametrize("name", ["float16", "bfloat16"])
+def test_half_precision_of_torch(name: str) -> None:
+    torch = pytest.importorskip("torch")
+    scaler = MinMax([-0.2, 3.0], [0.1, 3.5])
+    x = torch.rand(50, 2).to(getattr(torch, name)) * 2 - 1
+    low, high = scaler.data_min, scaler.data_max
+    wanted = low + (x.double().numpy() + 1) / 2 * (high - low)
+    for clip in (False, True):
+        found = scaler.unnormalize(x, clip=clip)
+        assert found.dtype == torch.float32
+        np.testing.assert_allclose(found.numpy(), wanted, rtol=0, atol=1e-6)
+        assert scaler.normalize(x, clip=clip).dtype == torch.float32
+    assert scaler.normalize(torch.zeros(1, 2, dtype=torch.int64)).tolist() == [pytest.approx([1 / 3, -13.0])]

@@ -20,8 +20,13 @@ def test_its_code_prints_what_it_shows(
     small = {"audio": {}, "dataset.synthetic.songs": 3, "dataset.synthetic.clips_per_song": 2}
     dancedata.build("demo", out="data/demo", overrides=small, cache="cache", jobs=1, progress=False)
     ((code, output),) = re.findall(r"^```python\n(.*?)^```\n\n```text\n(.*?)^```", TEXT, re.DOTALL | re.MULTILINE)
-    exec(compile(code, "decoding.md", "exec"), {})
+    names: dict[str, object] = {}
+    exec(compile(code, "decoding.md", "exec"), names)
     assert capsys.readouterr().out == output
+    pytest.importorskip("torch")
+    _, scaler = re.findall(r"^```python\n(.*?)^```", TEXT, re.DOTALL | re.MULTILINE)
+    exec(compile(scaler, "decoding.md", "exec"), names)
+    assert (tmp_path / "scaler.json").is_file()
 
 
 def test_every_format_is_on_the_page() -> None:

@@ -29,7 +29,7 @@ def batch(store: Store) -> tuple[list[str], np.ndarray, np.ndarray]:
 
 @pytest.fixture(scope="module")
 def evaluator(store: Store) -> Evaluator:
-    return Evaluator.of(store, "edge151", split="train")
+    return Evaluator.of(store, "edge151", split="train", normalized=True)
 
 
 def values(report: Any) -> dict[str, float | None]:
@@ -45,7 +45,7 @@ def test_batches_give_what_the_motions_give(store: Store, evaluator: Evaluator, 
     found = evaluator.compute()
     scaler = store.normalizer("edge151")
     motions: Mapping[str, Motion] = {
-        name: dancedata.decode(scaler.unnormalize(rows.astype(np.float64), clip=True), "edge151", fps=30)
+        name: dancedata.decode(scaler.unnormalize(rows.astype(np.float64)), "edge151", fps=30)
         for name, rows in zip(ids, columns, strict=True)
     }
     beats = {
@@ -130,7 +130,7 @@ def test_samples_that_cannot_be_measured_are_named(evaluator: Evaluator, batch: 
 def test_columns_that_do_not_fit_the_protocol(store: Store) -> None:
     with pytest.raises(UsageError, match="not on SMPL-X"):
         Evaluator.of(store, "edge151", protocol="lodge-finedance")
-    assert "Evaluator('dancedata', 0 samples)" in repr(Evaluator.of(store, "edge151"))
+    assert "Evaluator('dancedata', 0 samples)" in repr(Evaluator.of(store, "edge151", normalized=True))
 
 
 def _of_rank(rank: int, world: int, path: str, file: str, results: Any) -> None:
@@ -138,7 +138,7 @@ def _of_rank(rank: int, world: int, path: str, file: str, results: Any) -> None:
 
     torch.distributed.init_process_group("gloo", init_method=f"file://{file}", rank=rank, world_size=world)
     dataset = dancedata.open(path)
-    evaluator = Evaluator.of(dataset, "edge151", split="train")
+    evaluator = Evaluator.of(dataset, "edge151", split="train", normalized=True)
     scaler = dataset.normalizer("edge151")
     windows = list(dataset.windows("train"))[rank::world]
     evaluator.update(np.stack([scaler.normalize(dataset.read(w, "edge151")) for w in windows]))
@@ -230,12 +230,12 @@ def test_a_pool_of_another_rate_is_refused_before_the_epoch(store: Store, tmp_pa
     path = tmp_path / "pool.npz"
     dancedata.evaluate(dances, fps=60, pool=dances, save_pool=path, bootstrap=0)
     with pytest.raises(UsageError, match="60 frames per second in the pool, 30 in the set"):
-        Evaluator.of(store, "edge151", pool=path)
+        Evaluator.of(store, "edge151", pool=path, normalized=True)
 
 
 def test_the_pool_is_of_the_field_that_is_generated(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[str | None] = []
     monkeypatch.setattr("dancedata.evaluation.evaluator.pool_for", lambda request, **_: asked.append(request.field))
-    Evaluator.of(store, "lodge139")
-    Evaluator.of(store)
+    Evaluator.of(store, "lodge139", normalized=True)
+    Evaluator.of(store, normalized=True)
     assert asked == ["lodge139", "edge151"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -42,10 +43,11 @@ def test_generated_clips_take_the_song_that_is_named(store: Store, tmp_path: Pat
     clip = store.clips[0]
     np.save(tmp_path / "sample.npy", clip.read("edge151"))
     (tmp_path / "songs.csv").write_text(f"sample,{clip.music}.wav\n", encoding="utf-8")
-    named = dancedata.evaluate(tmp_path, like=store, music_of=tmp_path / "songs.csv", bootstrap=0)
+    options: dict[str, Any] = {"like": store, "normalized": False, "bootstrap": 0}
+    named = dancedata.evaluate(tmp_path, music_of=tmp_path / "songs.csv", **options)
     stored = dancedata.evaluate({clip.id: dancedata.decode(clip.read("edge151"), "edge151")}, like=store, bootstrap=0)
     assert named["bas"] == stored["bas"] is not None
-    nameless = dancedata.evaluate(tmp_path, like=store, bootstrap=0)
+    nameless = dancedata.evaluate(tmp_path, **options)
     assert nameless["bas"] is None
     assert any("no beats of music" in warning for warning in nameless.warnings)
 

@@ -171,6 +171,7 @@ def _beats() -> Any:
         ({"protocol": "bailando"}, "unknown protocol 'bailando'.*Did you mean 'bailando-aistpp'"),
         ({"role": "ground truth"}, "unknown role"),
         ({"normalized": True}, "normalised columns need the scaler"),
+        ({"scaler": "scaler.json"}, "a scaler is of columns"),
         ({"split": "test"}, "only a dataset has splits"),
         ({"bootstrap": -1}, "invalid number of bootstrap draws"),
         ({"fps": None}, "the frame rate of the joints is unknown"),

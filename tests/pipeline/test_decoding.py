@@ -75,14 +75,16 @@ def test_the_normaliser_is_undone(store: Store) -> None:
     rows = np.stack([store.read(window, "edge151") for window in windows])
     normal = store.normalizer("edge151").normalize(rows)
     for like in (store, store.path, str(store.path)):
-        motions = dancedata.decode(normal, "edge151", like=like)
+        motions = dancedata.decode(normal, "edge151", like=like, normalized=True)
         for motion, wanted in zip(motions, rows, strict=True):
             assert motion.grid == FrameGrid.of(24)  # the dataset's
             plain = dancedata.decode(wanted, "edge151", fps=24)
             np.testing.assert_allclose(motion.joints(), plain.joints(), rtol=0, atol=1e-5)
-    beyond = dancedata.decode(normal * 3, "edge151", like=store)[0].translation
-    clipped = dancedata.decode(np.clip(normal * 3, -1, 1), "edge151", like=store)[0].translation
-    np.testing.assert_array_equal(beyond, clipped)
+    options: dict[str, Any] = {"like": store, "normalized": True}
+    cut = dancedata.decode(np.clip(normal * 3, -1, 1), "edge151", **options)[0].translation
+    np.testing.assert_array_equal(dancedata.decode(normal * 3, "edge151", clip=True, **options)[0].translation, cut)
+    beyond = dancedata.decode(normal * 3, "edge151", **options)[0].translation
+    assert np.abs(beyond - cut).max() > 0.1
 
 
 def test_what_decode_refuses(store: Store) -> None:
@@ -105,7 +107,8 @@ def test_what_decode_refuses(store: Store) -> None:
             with pytest.raises(UsageError, match="these are not columns of edge151"):
                 dancedata.decode(value, "edge151", **options)  # type: ignore[call-overload]
     batch = np.stack([array, array, array]).astype(np.float64)
-    for value, options in ((np.nan, {}), (1e200, {}), (np.nan, {"like": store}), (np.inf, {"like": store})):
+    liked = {"like": store, "normalized": False}
+    for value, options in ((np.nan, {}), (1e200, {}), (np.nan, liked), (np.inf, liked)):
         batch[1, 7, 20] = value
         with pytest.raises(DataError, match="motion 1 of the batch, edge151: the columns have NaN"):
             dancedata.decode(batch, "edge151", **options)
@@ -134,7 +137,8 @@ def test_a_trainers_file(store: Store, tmp_path: Path, to: Any) -> None:
     window = store.windows("train")[0]
     normal = store.normalizer("edge151").normalize(store.read(window, "edge151"))
     np.save(tmp_path / "sample.npy", np.stack([normal, normal]))
-    files = dancedata.decode_file(tmp_path / "sample.npy", "edge151", to=to, out=tmp_path / "out", like=store)
+    options: dict[str, Any] = {"out": tmp_path / "out", "like": store, "normalized": True}
+    files = dancedata.decode_file(tmp_path / "sample.npy", "edge151", to=to, **options)
     suffix = "bvh" if to == "bvh" else "npz"
     assert [path.name for path in files] == [f"sample_000.{suffix}", f"sample_001.{suffix}"]
     wanted = dancedata.decode(store.read(window, "edge151"), "edge151", fps=24)
@@ -206,6 +210,7 @@ def test_the_command(store: Store, tmp_path: Path) -> None:
     window = store.windows("train")[0]
     np.save(tmp_path / "x.npy", store.normalizer("edge151").normalize(store.read(window, "edge151")))
     options = ["--as", "edge151", "--to", "bvh", "--like", str(store.path), "--out", str(tmp_path / "out")]
+    options += ["--normalized"]
     done = CliRunner().invoke(app, ["decode", str(tmp_path / "x.npy"), *options])
     assert (done.exit_code, done.stdout) == (0, f"{tmp_path / 'out' / 'x.bvh'}\n")
     done = CliRunner().invoke(app, ["decode", str(tmp_path / "x.npy"), *options, "--overwrite", "--json"])

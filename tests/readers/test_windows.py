@@ -254,7 +254,7 @@ def test_mirrored_before_normalised_in_a_range_that_covers_both(store: Store) ->
     mirror = store.field(MOTION).columns.mirror
     assert mirror is not None
     raw = WindowDataset(store, normalize=False)
-    dataset = WindowDataset(store, mirror=1.0)
+    dataset = WindowDataset(store, mirror=1.0, normalizer_covers_mirror=True)
     scaler = dataset.normalizer(MOTION)
     for place in range(0, len(raw), 97):
         plain = raw[place][MOTION].numpy()
@@ -263,25 +263,35 @@ def test_mirrored_before_normalised_in_a_range_that_covers_both(store: Store) ->
         np.testing.assert_allclose(dataset[place][MOTION].numpy(), scaler.normalize(mirror.apply(plain)), atol=1e-6)
 
 
-def test_edges_range_can_be_kept(store: Store) -> None:
+def test_edges_clip_is_asked_for_by_name(store: Store) -> None:
     raw, edges = WindowDataset(store, normalize=False), store.normalizer(MOTION)
-    kept = WindowDataset(store, mirror=1.0, normalizer_covers_mirror=False)
     mirror = store.field(MOTION).columns.mirror
     assert mirror is not None
     expected = edges.normalize(mirror.apply(raw[7][MOTION].numpy()))
-    np.testing.assert_allclose(kept[7][MOTION].numpy(), expected, atol=1e-6)
-    assert float(kept[7][MOTION].abs().max()) <= 1.0
+    assert np.abs(expected).max() > 1.1
+    whole, cut = WindowDataset(store, mirror=1.0), WindowDataset(store, mirror=1.0, clip=True)
+    np.testing.assert_allclose(whole[7][MOTION].numpy(), expected, atol=1e-6)
+    np.testing.assert_allclose(cut[7][MOTION].numpy(), expected.clip(-1, 1), atol=1e-6)
+    presets = [
+        WindowDataset(store, preset="edge", **options).clip for options in ({}, {"mirror": 0.5}, {"clip": False})
+    ]
+    assert presets == [True, False, False]
 
 
-def test_val_can_have_the_scaler_of_a_mirrored_train(store: Store) -> None:
-    train, val = (
-        WindowDataset(store, mirror=0.5),
-        WindowDataset(store, split="val", normalizer_covers_mirror=True),
-    )
+def test_val_has_the_scaler_of_train(store: Store) -> None:
     probe = np.linspace(-3, 3, 151)
-    wanted = train.normalizer(MOTION).normalize(probe, clip=False)
-    np.testing.assert_array_equal(val.normalizer(MOTION).normalize(probe, clip=False), wanted)
-    assert not np.array_equal(store.normalizer(MOTION).normalize(probe, clip=False), wanted)
+    plain = store.normalizer(MOTION).normalize(probe)
+    train, val = WindowDataset(store, mirror=0.5), WindowDataset(store, split="val")
+    for reader in (train, val):
+        np.testing.assert_array_equal(reader.normalizer(MOTION).normalize(probe), plain)
+    val.load_state_dict(train.state_dict())
+    wide = WindowDataset(store, mirror=0.5, normalizer_covers_mirror=True)
+    assert not np.array_equal(wide.normalizer(MOTION).normalize(probe), plain)
+    with pytest.raises(UsageError, match="a reader with other scalers"):
+        WindowDataset(store, split="val").load_state_dict(wide.state_dict())
+    val = WindowDataset(store, split="val", scaler=wide)
+    np.testing.assert_array_equal(val.normalizer(MOTION).data_max, wide.normalizer(MOTION).data_max)
+    val.load_state_dict(wide.state_dict())
     assert not val[0]["mirrored"]
 
 

@@ -10,8 +10,6 @@ import numpy.typing as npt
 
 from dancedata.core.errors import DataError, UsageError, did_you_mean
 from dancedata.core.grid import FrameGrid
-from dancedata.core.hashing import json_sha256
-from dancedata.core.normalize import MinMax
 from dancedata.core.plugins import Representation
 from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import listed
@@ -21,10 +19,12 @@ from dancedata.recipes.documents import document_of
 from dancedata.recipes.fields import MotionField
 from dancedata.recipes.parse import parse_recipe
 from dancedata.store import Store
+from dancedata.store.scaling import Scaling
 
 __all__ = ["ColumnsReader", "field_readers", "reader_for"]
 
 _POSITION = "position"
+_AS_STORED = Scaling()
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,19 +37,18 @@ class ColumnsReader:
         Plug-in of the columns.
     grid
         Rate of the rows.
-    scaler
-        Undoes the normalising; None for columns that are not normalised.
+    scaling
+        Whether columns are normalised, and by which scaler.
     """
 
     representation: Representation
     grid: FrameGrid
-    scaler: MinMax | None = None
+    scaling: Scaling = _AS_STORED
 
     def identity(self) -> list[Any]:
         """Return JSON data for cache keys."""
-        scaler = None if self.scaler is None else json_sha256(self.scaler.state_dict())
         plugin = self.representation
-        return [plugin.name, plugin.version, document_of(plugin), str(self.grid), scaler]
+        return [plugin.name, plugin.version, document_of(plugin), str(self.grid), self.scaling.identity()]
 
     def problem(self, rule: MotionRule) -> str:
         """Return why the columns cannot give the joints of a protocol; "" if they can."""
@@ -69,8 +68,11 @@ class ColumnsReader:
             return f"they have {self.grid} rows per second, not {grid} or a whole multiple"
         return ""
 
-    def pose(self, columns: npt.NDArray[Any]) -> Pose:
-        """Return the pose of (T, D) columns; DataError "nan", "bad_rotation" or "bad_shape"."""
+    def pose(self, columns: npt.NDArray[Any], *, file: bool | None = None, where: object = None) -> Pose:
+        """Return the pose of (T, D) columns; DataError "nan", "bad_rotation" or "bad_shape".
+
+        `file` is what their file states of normalising; UsageError as `Scaling.undo`.
+        """
         plugin = self.representation
         rows = np.asarray(columns)
         if rows.ndim != 2 or rows.shape[1] != plugin.columns.width:
@@ -80,8 +82,7 @@ class ColumnsReader:
                 found=f"shape {rows.shape}",
                 allowed=f"(T, {plugin.columns.width})",
             )
-        if self.scaler is not None:
-            rows = self.scaler.unnormalize(rows.astype(np.float64), clip=True)
+        rows = self.scaling.undo(rows, plugin, file=file, where=where)
         if plugin.decodes:
             return Pose.of_motion(plugin.decode(rows, self.grid))
         positions = rows[:, plugin.columns.slice(_POSITION)].reshape(len(rows), -1, 3).astype(np.float64)

@@ -23,6 +23,7 @@ from dancedata.evaluation.pose import Pose
 from dancedata.execution.cache import Cache
 from dancedata.formats.arrays import ArrayFile, open_arrays
 from dancedata.recipes.documents import document_of
+from dancedata.store.scaling import stated_in
 
 __all__ = ["FileClip", "FileFormat", "folder_clips"]
 
@@ -130,7 +131,7 @@ class FileClip(ClipInput):
             )  # fmt: skip
         if name is None or len(arrays.shape(name)) != 2:
             return None
-        return reader.pose(arrays.read(name))
+        return reader.pose(arrays.read(name), file=stated_in(arrays), where=self.path)
 
     def _grid(self, arrays: ArrayFile) -> FrameGrid:
         stored = next((n for n in _RATES if n in arrays.names), None)

@@ -1,0 +1,264 @@
+"""Whether columns are normalised, and by which scaler: what a call or a file states, checked against the columns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.errors import DataError, UsageError, did_you_mean
+from dancedata.core.normalize import MinMax
+from dancedata.core.plugins import Representation
+from dancedata.formats.array_file import ArrayFile
+from dancedata.store.dataset import Store, open_store
+
+__all__ = ["Like", "Reader", "Scaling", "opened", "stated_in", "store_of"]
+
+_ENTRY = "normalized"
+_STATE = "state it: normalized=True or normalized=False, in a command --normalized or --not-normalized"
+#: Mean distance from unit length, and relative one from a bone's length, of motion that a good model generates.
+_UNIT, _BONE = 0.03, 0.1
+#: What is stated is wrong if its distance is above this plus 3 times that of the other choice.
+_WORSE = 0.02
+#: Mean distance from [-1, 1] of motion in its own units, after normalising; and of values that no scaler gave.
+_INSIDE, _FAR = 0.05, 10.0
+#: Mean size of values that are about 0.
+_NEAR_0 = 0.1
+
+
+class Reader(Protocol):
+    """A `WindowDataset` or `ClipDataset`."""
+
+    @property
+    def store(self) -> Store:
+        """The dataset."""
+
+    @property
+    def normalized(self) -> tuple[str, ...]:
+        """Names of the fields that it normalises."""
+
+    def normalizer(self, field: str) -> MinMax:
+        """Return the scaler of a field."""
+
+
+#: An open dataset, or a reader of it.
+Like = Store | Reader
+
+
+def opened(like: Like | str | Path) -> Like:
+    """Return a dataset or reader, opened if it is a path."""
+    return open_store(Path(like).expanduser()) if isinstance(like, str | Path) else like
+
+
+def store_of(like: Like) -> Store:
+    """Return the dataset, or that of a reader."""
+    return like if isinstance(like, Store) else like.store
+
+
+def stated_in(arrays: ArrayFile) -> bool | None:
+    """Return what the entry "normalized" of a file states of its columns; None if it has none.
+
+    Raises
+    ------
+    DataError
+        "undeclared" if the entry is neither True nor False.
+    """
+    if _ENTRY not in arrays.names:
+        return None
+    text = arrays.text(_ENTRY)
+    if text not in ("True", "False"):
+        raise DataError(
+            f"the entry {_ENTRY!r} is not a truth value", reason="undeclared", where=str(arrays.path), found=text,
+            allowed="True, False",
+        )  # fmt: skip
+    return text == "True"
+
+
+@dataclass(frozen=True, eq=False)
+class Scaling:
+    """How columns of a field are scaled.
+
+    Attributes
+    ----------
+    scaler
+        The scaler that normalised columns have; None if nothing names one.
+    normalized
+        Whether columns are normalised; None if only their file can state that.
+    clip
+        Whether normalised values are cut to [-1, 1] first, as EDGE and Lodge do.
+    """
+
+    scaler: MinMax | None = None
+    normalized: bool | None = None
+    clip: bool = False
+
+    @classmethod
+    def of(
+        cls,
+        like: Like | None,
+        field: str,
+        columns: tuple[str, ...],
+        *,
+        normalized: bool | None = None,
+        scaler: MinMax | str | Path | None = None,
+        clip: bool = False,
+    ) -> Scaling:
+        """Join what a caller states.
+
+        Parameters
+        ----------
+        like
+            A dataset, whose stored scaler it is; or a reader, which states its scaler and whether it normalises.
+        field, columns
+            Name of the field, and names of its columns.
+        scaler
+            Another scaler, or its file: the columns are then normalised.
+
+        Raises
+        ------
+        UsageError
+            For statements that contradict each other, no scaler, or one that is not of these columns or this dataset.
+        StoreError
+            If the dataset has no scaler, and columns are stated to be normalised.
+        """
+        store = None if like is None else store_of(like)
+        if scaler is not None:
+            if normalized is False:
+                raise UsageError(
+                    "a scaler is given for columns that are not normalised", fix="leave out the one that is wrong"
+                )
+            read = scaler if isinstance(scaler, MinMax) else MinMax.load(scaler)
+            stored = None if store is None else _stored(store, field)
+            return cls(read.require(field=field, columns=columns, dataset=_hash(stored)), True, clip)
+        if like is None or store is None:
+            if normalized:
+                raise UsageError(
+                    "normalised columns need the scaler of a dataset",
+                    fix="name it: like=, in a command --like STORE; or scaler=, in a command --scaler FILE",
+                )
+            return cls(None, False)
+        if field not in store.fields:
+            raise UsageError(f"no field named {field!r}", where=store.path, fix=did_you_mean(field, store.fields))
+        if not isinstance(like, Store):
+            normalized = field in like.normalized if normalized is None else normalized
+            if field in like.normalized:
+                return cls(like.normalizer(field), normalized, clip)
+        own = store.normalizer(field) if normalized else _stored(store, field)
+        return cls(own, False if own is None else normalized, clip)
+
+    def identity(self) -> Any:
+        """Return JSON data for cache keys."""
+        return None if self.scaler is None else [self.scaler.sha256, self.normalized, self.clip]
+
+    @staticmethod
+    def unstated(where: object = None) -> UsageError:
+        """Return the error for columns of which nothing states whether they are normalised."""
+        return UsageError("nothing states whether these columns are normalised", where=where, fix=_STATE)
+
+    def undo(
+        self,
+        columns: npt.NDArray[Any],
+        representation: Representation,
+        *,
+        file: bool | None = None,
+        where: Any = None,
+    ) -> npt.NDArray[Any]:
+        """Return columns (..., D) as they are stored: float64 if they were normalised.
+
+        Parameters
+        ----------
+        file
+            What the file of the columns states.
+
+        Raises
+        ------
+        UsageError
+            If nothing states whether they are normalised, call and file differ, or the columns are not as stated.
+        """
+        normalized = self.normalized if file is None else file
+        if file is not None and self.normalized not in (None, file) and self.scaler is not None:
+            raise UsageError(
+                "the file and the call differ in whether the columns are normalised", where=where,
+                found=f"normalized={file} in the file", allowed=f"normalized={self.normalized}",
+            )  # fmt: skip
+        if self.scaler is None:
+            if file:
+                raise UsageError(
+                    "the file states that its columns are normalised, and no scaler is named", where=where,
+                    fix="name it: like= or scaler=, in a command --like STORE or --scaler FILE",
+                )  # fmt: skip
+            return columns
+        if normalized is None:
+            raise self.unstated(where)
+        rows = np.asarray(columns, dtype=np.float64)
+        _check(rows.reshape(-1, rows.shape[-1]), representation, self.scaler, normalized, where)
+        if not normalized:
+            return columns
+        undone: npt.NDArray[Any] = self.scaler.unnormalize(rows, clip=self.clip)
+        return np.where(np.isfinite(rows), undone, np.nan)  # clipping would hide infinity
+
+
+def _stored(store: Store, field: str) -> MinMax | None:
+    return store.normalizer(field) if field in store.fields and field in store.stats["fields"] else None
+
+
+def _hash(stored: MinMax | None) -> str:
+    return "" if stored is None else stored.sha256
+
+
+def _check(
+    rows: npt.NDArray[np.float64], representation: Representation, scaler: MinMax, normalized: bool, where: Any
+) -> None:
+    """Raise UsageError if rows (N, D) are clearly not as stated.
+
+    They are not if the other choice, and it alone, gives what motion has: vectors of 6D and matrices of unit length,
+    bones of the skeleton's length, values within the range of the scaler. The output of a network that is not
+    trained has that with neither choice, or is near 0, and passes.
+    """
+    rows = rows[np.isfinite(rows).all(axis=1)]
+    if not len(rows) or np.abs(rows).mean() < _NEAR_0:
+        return
+    found = ""
+    (own, least), (undone, _) = (_distance(r, representation) for r in (rows, scaler.unnormalize(rows)))
+    stated, other = (undone, own) if normalized else (own, undone)
+    if other < least and stated > _WORSE + 3 * other:
+        found = f"vectors or bones {stated:.1%} off their length; {other:.1%} with the other choice"
+    if normalized and not found:
+        range_ = np.tile(np.linspace(-1, 1, 5)[:, None], scaler.width)
+        inside = _outside(scaler.normalize(rows)) < _INSIDE and _outside(scaler.normalize(range_)) > 3 * _INSIDE
+        if inside or _outside(rows) > _FAR:
+            found = f"values from {rows.min():.3g} to {rows.max():.3g}, which are not of this scaler"
+    if found:
+        words = ("normalised", "not normalised")
+        spelt = ("normalized=True, --normalized", "normalized=False, --not-normalized")
+        raise UsageError(
+            f"the columns are stated to be {words[not normalized]}, and are not", where=where, found=found,
+            fix=f"if they are {words[normalized]}: {spelt[normalized]}",
+        )  # fmt: skip
+
+
+def _outside(rows: npt.NDArray[np.float64]) -> float:
+    """Return the mean distance of values from [-1, 1]."""
+    return float(np.maximum(np.abs(rows) - 1, 0).mean())
+
+
+def _distance(rows: npt.NDArray[np.float64], representation: Representation) -> tuple[float, float]:
+    """Return the mean distance of lengths in rows (N, D) from those in motion, each divided by it, and a limit.
+
+    nan if the columns hold neither vectors of rotations nor positions.
+    """
+    columns, skeleton = representation.columns, representation.skeleton
+    for name in columns.names:
+        if name.startswith(("rotation_6d", "rotation_matrix")):
+            vectors = rows[:, columns.slice(name)].reshape(len(rows), -1, 3)
+            return float(np.abs(np.linalg.norm(vectors, axis=-1) - 1).mean()), _UNIT
+    if "position" not in columns.names:
+        return float("nan"), 0.0
+    joints = rows[:, columns.slice("position")].reshape(len(rows), -1, 3)
+    length = np.linalg.norm(skeleton.offsets[1:], axis=1)
+    bones = np.linalg.norm(joints[:, 1:] - joints[:, list(skeleton.parents[1:])], axis=-1)
+    there = length > 0
+    return float(np.abs(bones[:, there] / length[there] - 1).mean()), _BONE

@@ -1,0 +1,256 @@
+"""One scaler from training to table: what readers normalise, decode, evaluate and view undo, or refuse."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch")
+
+from typer.testing import CliRunner
+
+import dancedata
+from dancedata.cli.app import app
+from dancedata.core.errors import UsageError
+from dancedata.core.normalize import MinMax
+from dancedata.evaluation.evaluator import Evaluator
+from dancedata.evaluation.inputs.files import FileClip
+from dancedata.evaluation.protocol import PROTOCOLS
+from dancedata.evaluation.request import Request
+from dancedata.readers import ClipDataset, WindowDataset
+from dancedata.scene.takes import file_format, take_of
+from dancedata.store import Store
+
+FIELD = "edge151"
+KINDS: dict[str, dict[str, Any]] = {
+    "mirror": {"mirror": 1.0},
+    "yaw": {"augment": ["yaw"]},
+    "root_offset": {"augment": ["root_offset"]},
+}
+STATED = "nothing states whether these columns are normalised.*normalized=True or normalized=False.*--not-normalized"
+
+
+def joints(rows: Any, store: Store, field: str = FIELD) -> Any:
+    """Joints of plain columns, by forward kinematics alone."""
+    return dancedata.decode(np.asarray(rows, np.float64), field, fps=store.fps).joints()
+
+
+def worst(found: Any, wanted: Any) -> float:
+    return float(np.linalg.norm(found - wanted, axis=-1).max())
+
+
+def view(path: Path, rows: Any, store: Store, **options: Any) -> Any:
+    np.save(path / "x.npy", rows)
+    return FileClip(id="x", path=path / "x.npy", format=file_format(store, representation=FIELD, **options)).load()
+
+
+def evaluated(store: Store, rows: Any, **options: Any) -> Any:
+    request = Request(what={}, protocol=PROTOCOLS.get("dancedata")(), like=store, field=FIELD, **options)
+    columns = request._columns()
+    assert columns is not None
+    return columns.pose(rows)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("reader", [WindowDataset, ClipDataset])
+def test_what_readers_normalise_comes_back(store: Store, tmp_path: Path, kind: str, reader: Any) -> None:
+    changed, plain = (reader(store, fields=(FIELD,), normalize=n, **KINDS[kind]) for n in (True, False))
+    beyond = 0.0
+    for place in (0, 3):
+        rows, wanted = changed[place][FIELD].numpy(), joints(plain[place][FIELD], store)
+        beyond = max(beyond, float(np.abs(rows).max()))
+        for like in (store, changed):
+            stated = {"normalized": True} if like is store else {}
+            assert worst(dancedata.decode(rows, FIELD, like=like, **stated).joints(), wanted) < 1e-5
+        assert worst(evaluated(store, rows, normalized=True).joints, wanted) < 1e-5
+        assert worst(evaluated(store, rows, reader=changed).joints, wanted) < 1e-5
+        assert worst(view(tmp_path, rows, store, normalized=True).joints, wanted) < 1e-5
+        half = changed.normalizer(FIELD).unnormalize(changed[place][FIELD].half())
+        assert worst(joints(half, store), wanted) < 0.02
+    assert beyond > 1.01
+
+
+def test_an_evaluator_of_the_reader_gives_the_numbers_of_the_motions(store: Store) -> None:
+    changed, plain = (WindowDataset(store, fields=(FIELD,), normalize=n, mirror=1.0) for n in (True, False))
+    evaluator = Evaluator.of(changed, FIELD)
+    batch, places = [], range(0, len(changed), 6)
+    for place in places:
+        batch.append(changed[place][FIELD].numpy())
+    evaluator.update(np.stack(batch), ids=[f"{place}" for place in places])
+    motions = {f"{place}": dancedata.decode(plain[place][FIELD].numpy(), FIELD, fps=30) for place in places}
+    wanted = dancedata.evaluate(motions, pool=store, bootstrap=0)
+    for name in ("fid_k", "pfc", "div_k"):
+        assert evaluator.compute()[name] == pytest.approx(wanted[name], rel=1e-3), name
+
+
+def test_a_wider_scaler_is_named_and_travels(store: Store, tmp_path: Path) -> None:
+    wide = WindowDataset(store, fields=(FIELD,), mirror=1.0, normalizer_covers_mirror=True, normalizer_covers=["yaw"])
+    plain = WindowDataset(store, fields=(FIELD,), mirror=1.0, normalize=False)
+    rows, wanted = wide[3][FIELD].numpy(), joints(plain[3][FIELD], store)
+    scaler, path = wide.normalizer(FIELD), tmp_path / "scaler.json"
+    scaler.save(path)
+    assert np.abs(rows).max() <= 1 + 1e-4
+    assert worst(dancedata.decode(rows, FIELD, like=store, normalized=True).joints(), wanted) > 0.01  # the stored one
+    for given in (scaler, path, str(path)):
+        assert worst(dancedata.decode(rows, FIELD, like=store, scaler=given).joints(), wanted) < 1e-5
+        assert worst(dancedata.decode(rows, FIELD, fps=30, scaler=given).joints(), wanted) < 1e-5
+        assert worst(evaluated(store, rows, scaler=given).joints, wanted) < 1e-5
+        assert worst(view(tmp_path, rows, store, scaler=given).joints, wanted) < 1e-5
+    assert worst(dancedata.decode(rows, FIELD, like=wide).joints(), wanted) < 1e-5
+    for given in (wide, scaler, path, {FIELD: path}):
+        val = WindowDataset(store, "val", (FIELD,), scaler=given)
+        np.testing.assert_array_equal(val.normalizer(FIELD).data_min, scaler.data_min)
+        val.load_state_dict(json.loads(json.dumps(wide.state_dict())))
+    with pytest.raises(UsageError, match="other scalers"):
+        WindowDataset(store, "val", (FIELD,)).load_state_dict(wide.state_dict())
+    with pytest.raises(UsageError, match="two scalers"):
+        WindowDataset(store, "val", (FIELD,), scaler=wide, normalizer_covers_mirror=True)
+
+
+def test_a_scaler_of_something_else_is_refused(store: Store, tmp_path: Path) -> None:
+    scaler, rows = store.normalizer(FIELD), store.read(store.windows("train")[0], FIELD)
+    lodge = store.normalizer("lodge139")
+    other = MinMax(scaler.data_min, scaler.data_max, field=FIELD, columns=scaler.columns, dataset="0" * 64)
+    named = MinMax(scaler.data_min, scaler.data_max, field="edge151.second")
+    columns = MinMax(scaler.data_min, scaler.data_max, columns=scaler.columns[::-1])
+    for wrong, problem in (
+        (lodge, "different width"), (other, "another dataset"), (named, "another field"),
+        (columns, "another columns"),
+    ):  # fmt: skip
+        wrong.save(tmp_path / "wrong.json")
+        for given in (wrong, tmp_path / "wrong.json"):
+            with pytest.raises(UsageError, match=problem):
+                dancedata.decode(scaler.normalize(rows), FIELD, like=store, scaler=given)
+    with pytest.raises(UsageError, match="not of a field that is read"):
+        WindowDataset(store, fields=(FIELD,), scaler=lodge)
+    with pytest.raises(UsageError, match="another dataset"):
+        WindowDataset(store, fields=(FIELD,), scaler=other)
+    with pytest.raises(UsageError, match="a scaler is given for columns that are not normalised"):
+        dancedata.decode(rows, FIELD, like=store, scaler=scaler, normalized=False)
+
+
+def test_whether_columns_are_normalised_is_stated(store: Store, tmp_path: Path) -> None:
+    rows = store.clip(store.clips[0].id).read(FIELD)
+    normal = store.normalizer(FIELD).normalize(rows)
+    for wrong in (rows, normal):
+        with pytest.raises(UsageError, match=STATED):
+            dancedata.decode(wrong, FIELD, like=store)
+        with pytest.raises(UsageError, match=STATED):
+            view(tmp_path, wrong, store)
+        with pytest.raises(UsageError, match=STATED):
+            dancedata.evaluate(tmp_path, like=store, field=FIELD, bootstrap=0)
+        with pytest.raises(UsageError, match=STATED):
+            take_of(tmp_path, store, file_format(store, representation=FIELD))
+    with pytest.raises(UsageError, match=STATED):
+        Evaluator.of(store, FIELD)
+    # A file may state it; then nobody has to.
+    (tmp_path / "x.npy").unlink()
+    for normalized, columns in ((True, normal), (False, rows)):
+        np.savez(tmp_path / "x.npz", columns=columns, normalized=normalized)
+        dancedata.decode_file(tmp_path / "x.npz", FIELD, to="npz", like=store, out=tmp_path / f"{normalized}")
+        with np.load(tmp_path / f"{normalized}" / "x.npz") as made:
+            assert worst(made["positions"], joints(rows, store)) < 1e-5
+        with pytest.raises(UsageError, match="the file and the call differ"):
+            dancedata.evaluate(tmp_path / "x.npz", like=store, field=FIELD, normalized=not normalized, bootstrap=0)
+    assert dancedata.evaluate(tmp_path / "x.npz", like=store, field=FIELD, bootstrap=0)["pfc"] is not None
+
+
+@pytest.mark.parametrize("field", [FIELD, "lodge139", "joints"])
+def test_columns_that_are_not_as_stated_are_refused(store: Store, field: str) -> None:
+    scaler = store.normalizer(field)
+    other = {True: "normalized=False, --not-normalized", False: "normalized=True, --normalized"}
+    rng = np.random.default_rng(0)
+    options: dict[str, Any] = {"protocol": "dancedata", "metrics": ["pfc"]}
+    for window in list(store.windows("train"))[:3]:
+        rows = store.read(window, field)
+        for normalized, right in ((True, scaler.normalize(rows)), (False, rows)):
+            noisy = right + rng.normal(0, 0.01, right.shape)
+            evaluator = Evaluator.of(store, field, normalized=normalized, protocol=options["protocol"])
+            evaluator.update(np.stack([right, noisy]))
+            wrong = Evaluator.of(store, field, normalized=not normalized, protocol=options["protocol"])
+            for columns in (right, noisy):
+                with pytest.raises(UsageError, match=f"and are not.*{other[not normalized]}"):
+                    wrong.update(columns[None])
+
+
+@pytest.mark.parametrize("field", [FIELD, "lodge139", "joints"])
+@pytest.mark.parametrize("normalized", [True, False])
+def test_the_output_of_an_untrained_network_passes(store: Store, field: str, normalized: bool) -> None:
+    rng, width = np.random.default_rng(1), store.fields[field].width
+    evaluator = Evaluator.of(store, field, normalized=normalized)
+    for size in (0.0, 0.1, 0.3, 1.0, 3.0):
+        evaluator.update(rng.normal(0, size, (2, 150, width)) + 1e-4)
+        evaluator.update(np.tile(rng.normal(0, size, (1, 1, width)), (2, 150, 1)) + 1e-4)
+
+
+def test_the_commands(store: Store, tmp_path: Path) -> None:
+    wide = WindowDataset(store, fields=(FIELD,), mirror=1.0, normalizer_covers=["root_offset"])
+    wide.normalizer(FIELD).save(tmp_path / "scaler.json")
+    (tmp_path / "made").mkdir()
+    np.save(tmp_path / "made" / "x.npy", wide[0][FIELD].numpy())
+    wanted = joints(WindowDataset(store, fields=(FIELD,), mirror=1.0, normalize=False)[0][FIELD], store)
+
+    def run(*arguments: object) -> Any:
+        return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+    decode = (
+        "decode",
+        tmp_path / "made" / "x.npy",
+        "--as",
+        FIELD,
+        "--to",
+        "npz",
+        "--like",
+        store.path,
+        "--overwrite",
+    )
+    evaluate = (
+        "evaluate",
+        tmp_path / "made",
+        "--like",
+        store.path,
+        "--field",
+        FIELD,
+        "--metric",
+        "pfc",
+        "--bootstrap",
+        0,
+    )
+    view_ = ("view", store.path, "--compare", tmp_path / "made", "--compare-as", FIELD, "--no-browser")
+    for command in (decode, evaluate, view_):
+        out = ("--out", tmp_path / "out") if command is decode else ()
+        done = run(*command, *out)
+        assert done.exit_code == 2
+        assert "nothing states whether these columns are normalised" in done.stderr
+        done = run(*command, *out, "--not-normalized")
+        assert done.exit_code == 2
+        assert "normalized=True, --normalized" in done.stderr
+        if command is not view_:
+            assert run(*command, *out, "--scaler", tmp_path / "scaler.json").exit_code == 0
+        (tmp_path / "bad.json").write_text("{}")
+        done = run(*command, *out, "--scaler", tmp_path / "bad.json")
+        assert (done.exit_code, "not a scaler file" in done.stderr) == (2, True)
+    assert run(*decode, "--out", tmp_path / "out", "--scaler", tmp_path / "scaler.json").exit_code == 0
+    with np.load(tmp_path / "out" / "x.npz") as made:
+        assert worst(made["positions"], wanted) < 1e-5
+
+
+def test_a_pool_knows_the_scaler_of_its_columns(store: Store, tmp_path: Path) -> None:
+    scaler = store.normalizer(FIELD)
+    wide = WindowDataset(store, fields=(FIELD,), normalizer_covers_mirror=True).normalizer(FIELD)
+    for name, own in (("plain", scaler), ("wide", wide)):
+        (tmp_path / name).mkdir()
+        for clip in list(store.clips)[:3]:
+            np.save(tmp_path / name / f"{clip.id}.npy", own.normalize(clip.read(FIELD)))
+    options: dict[str, Any] = {"like": store, "field": FIELD, "bootstrap": 0, "metrics": ["fid_k"]}
+    pool, saved = tmp_path / "wide", tmp_path / "pool.npz"
+    wanted = dancedata.evaluate(pool, pool=pool, scaler=wide, save_pool=saved, **options)
+    assert dancedata.evaluate(pool, pool=saved, scaler=wide, **options)["fid_k"] == pytest.approx(wanted["fid_k"])
+    with pytest.raises(UsageError, match="the columns of the pool were normalised by another scaler"):
+        dancedata.evaluate(tmp_path / "plain", pool=saved, normalized=True, **options)
+    with pytest.raises(UsageError, match="the columns of the pool were normalised by another scaler"):
+        Evaluator.of(store, FIELD, normalized=True, pool=saved)
