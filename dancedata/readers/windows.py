@@ -121,7 +121,7 @@ class WindowDataset(SplitDataset):
             One of ``store.splits``.
         fields
             Names of the fields to read, and "primitives" if wanted. Default: the preset's, else edge151 and
-            librosa35.
+            librosa35, else all fields of the dataset.
         normalize
             True: motion fields only. A sequence of field names: those. False: none. Default: the preset's, else
             True.
