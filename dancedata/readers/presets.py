@@ -143,7 +143,7 @@ def fields_to_read(
 ) -> tuple[tuple[str, ...], bool]:
     """Return the stored fields to read, and whether primitives are computed beside them.
 
-    Where neither the caller nor a preset names fields: edge151 and librosa35, or all where the store lacks one of them.
+    Where neither the caller nor a preset names any: edge151 and librosa35, or all if the store lacks one of them.
     """
     usual = DEFAULT_FIELDS if set(DEFAULT_FIELDS) <= set(store.fields) else tuple(store.fields)
     default = usual if preset is None else preset_fields(store, preset)
