@@ -180,6 +180,16 @@ def test_not_a_built_dataset(tmp_path: Path) -> None:
         WindowDataset(tmp_path)
 
 
+def test_genres_that_the_dataset_does_not_number_are_numbered_by_name(store: Store) -> None:
+    genres = sorted({clip.genre for clip in store.clips})
+    assert genres == ["break", "house"]
+    for split in ("train", "val"):  # val has one clip of each, and the numbers of train
+        dataset = WindowDataset(store, split)
+        assert dict(dataset.genre_ids) == {"break": 0, "house": 1}
+        for sample in dataset.__getitems__(range(0, len(dataset), 40)):
+            assert sample["genre_id"] == genres.index(store.clip(sample["clip"]).genre)
+
+
 @pytest.mark.parametrize("names", [("lodge139", "librosa35"), ("edge151", "half"), ("lodge139",)])
 def test_without_the_usual_fields_all_are_read(tmp_path: Path, names: tuple[str, ...]) -> None:
     audio = {name: 20 for name in names[1:]}
