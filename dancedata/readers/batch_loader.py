@@ -29,7 +29,7 @@ Buffer = dict[str, torch.Tensor]
 
 
 class BatchLoader:
-    """Batches of a `WindowDataset`, equal bit for bit to those of a DataLoader with the same sampler, and faster.
+    """Batches of a `WindowDataset`, equal bit for bit to a DataLoader's with the same EpochSampler, and faster.
 
     Threads copy windows from the mapped shards into batches, and mirror and normalise them there. Nothing passes
     through another process, and the memory of a batch without references is reused for a later one, so that new

@@ -51,7 +51,8 @@ class ClipDataset(SplitDataset):
     Notes
     -----
     *Mirroring, augmenting, cropping* are pure functions of (seed, epoch, index): the same in every worker, on every
-    rank, and after a resume. The epoch is that of `set_epoch`, which an `EpochSampler` calls, or of `samples`.
+    rank, and after a resume. The epoch is that of `set_epoch`, which an `EpochSampler` calls, or of `samples`; while
+    none is set, each reading draws anew, from torch's generator.
 
     *Normalising* is that of `WindowDataset`, with the same scalers.
 

@@ -66,10 +66,15 @@ class WindowDataset(SplitDataset):
     the window that was read), rows are changed in the order given, after `mirror`, before the root is made relative
     and before normalising; masked fields (``drop``) are 0 after normalising, and "<field>_dropped" says so.
 
-    *Epochs.* `set_epoch` writes to a number in shared memory, which forked, spawned and persistent workers all read:
-    call it before ``iter(loader)``, as with torch's DistributedSampler. An `EpochSampler` made with this dataset
-    calls it itself. Batches that were already prefetched keep the old epoch. A copy made with pickle or
-    copy.deepcopy, outside torch's own workers, has an epoch of its own.
+    *Epochs.* As long as no epoch is set, each reading draws a number from torch's generator instead, in a worker from
+    the worker's: samples are other ones each time, and reproducible from torch's seed. `set_epoch` writes to a number
+    in shared memory, which forked, spawned and persistent workers all read: call it before ``iter(loader)``, as with
+    torch's DistributedSampler. An `EpochSampler` made with this dataset, or with a ConcatDataset or Subset of it,
+    calls it itself. Batches that were already prefetched keep the old epoch. A copy made with pickle or copy.deepcopy,
+    outside torch's own workers, has an epoch of its own.
+
+    *Names.* "id" is CLIP@START+LENGTH, and of a sample that was changed ":CHANGES:SEED.EPOCH.INDEX" after it: the
+    sample is ``samples([INDEX], EPOCH)`` again.
 
     *Batches.* A DataLoader reads a batch at once, into memory that becomes the batch: samples from
     ``__getitems__`` are its rows, and torch's default collate, or `collate`, returns it without a copy. Samples
