@@ -70,8 +70,8 @@ class WindowDataset(SplitDataset):
     the worker's: samples are other ones each time, and reproducible from torch's seed. `set_epoch` writes to a number
     in shared memory, which forked, spawned and persistent workers all read: call it before ``iter(loader)``, as with
     torch's DistributedSampler. An `EpochSampler` made with this dataset, or with a ConcatDataset or Subset of it,
-    calls it itself. Batches that were already prefetched keep the old epoch. A copy made with pickle or copy.deepcopy,
-    outside torch's own workers, has an epoch of its own.
+    calls it itself. Batches that were already prefetched keep the old epoch. A copy made with pickle or
+    copy.deepcopy, outside torch's own workers, has an epoch of its own.
 
     *Names.* "id" is CLIP@START+LENGTH, and of a sample that was changed ":CHANGES:SEED.EPOCH.INDEX" after it: the
     sample is ``samples([INDEX], EPOCH)`` again.
