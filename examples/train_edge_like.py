@@ -5,8 +5,8 @@
     python examples/train_edge_like.py --data data/demo --out runs/edge --steps 600  # resumes
     accelerate launch examples/train_edge_like.py --data data/aistpp --out runs/edge --width 512 --steps 200000
 
-`--data` is AIST++ (edge151) or FineDance (lodge139), built with this package. OUT/dance.bvh, for Blender, and
-OUT/dance.svg, for a browser, are a dance for `--song`. The original's model is larger, with features of Jukebox.
+`--data` has edge151, lodge139 or finedance319, and librosa35: AIST++, FineDance, or data of one's own. OUT/dance.bvh,
+for Blender, and OUT/dance.svg, for a browser, are a dance for `--song`. The original's model is larger, with Jukebox.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from torch import Tensor, nn
 from torch.utils.data import DataLoader
 
 import dancedata
+from dancedata.core.errors import DanceDataError
 from dancedata.formats.bvh.write import write_bvh
 from dancedata.readers import BatchStream, WindowDataset
 from dancedata.readers.torch_kinematics import Poses, decode, joints
@@ -33,11 +34,8 @@ class Denoiser(nn.Module):
 
     def __init__(self, motion: int, music: int, width: int, layers: int, length: int) -> None:
         super().__init__()
-        self.motion, self.music, self.out = (
-            nn.Linear(motion, width),
-            nn.Linear(music, width),
-            nn.Linear(width, motion),
-        )
+        self.motion, self.music = nn.Linear(motion, width), nn.Linear(music, width)
+        self.out = nn.Linear(width, motion)
         self.place = nn.Parameter(torch.randn(length, width) * 0.02)
         self.level = nn.Sequential(nn.Linear(width, width), nn.SiLU(), nn.Linear(width, width))
         self.unconditional = nn.Parameter(torch.zeros(width))
@@ -82,8 +80,7 @@ class Losses:
 
     def __call__(self, found: Tensor, clean: Tensor) -> dict[str, Tensor]:
         """Return the losses by name."""
-        square = nn.functional.mse_loss
-        found, clean = found.float(), clean.float()
+        found, clean, square = found.float(), clean.float(), nn.functional.mse_loss
         places, wanted = (joints(self.scaler.unnormalize(x), self.field) for x in (found, clean))
         contact = self.scaler.unnormalize(found)[..., :-1, self.columns.slice("contact")] > 0.95
         slide = places[..., self.feet, :].diff(dim=-3) * contact[..., None]
@@ -182,7 +179,7 @@ def main() -> None:
     args = options(__doc__, seconds=5.0).parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
     store = dancedata.open(args.data)
-    field = next(name for name in ("edge151", "lodge139", "finedance319") if name in store.fields)
+    field = next((name for name in ("edge151", "lodge139", "finedance319") if name in store.fields), "edge151")
     both = (field, "librosa35")
     data = WindowDataset(store, fields=both, normalize=both, length_s=args.seconds, stride_s=0.5, mirror=0.5)
     torch.manual_seed(args.seed)
@@ -196,4 +193,7 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except DanceDataError as error:
+        raise SystemExit(f"error: {error}") from None

@@ -19,6 +19,7 @@ from torch import Tensor, nn
 from train_edge_like import Denoiser, Losses, options, sample, train, write_dance
 
 import dancedata
+from dancedata.core.errors import DanceDataError
 from dancedata.core.rotations import slerp
 from dancedata.keymotion import primitives
 from dancedata.readers import WindowDataset
@@ -120,4 +121,7 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except DanceDataError as error:
+        raise SystemExit(f"error: {error}") from None

@@ -5,9 +5,10 @@ from __future__ import annotations
 import sys
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from itertools import count, islice
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -34,8 +35,46 @@ __all__ = ["Evaluator"]
 
 #: Takes a list of objects of this process and returns those of all, as accelerate.utils.gather_object does.
 Gather = Callable[[list[Any]], list[Any]]
-#: What a process has measured: samples, those that could not be, and which of their names were made here.
-_Part = tuple[list[MeasuredClip], list[tuple[str, str]], list[str]]
+#: What a process has measured: samples, those that could not be, which of their names were made here, and traces.
+_Part = tuple[list[MeasuredClip], list[tuple[str, str]], list[str], dict[str, "_Trace"]]
+#: How far the trace of a sample that is generated again may be off: the same network in batches of other sizes.
+_SAME = 1e-4
+
+
+@dataclass(frozen=True)
+class _Trace:
+    """What tells whether two samples of one name are the same.
+
+    Attributes
+    ----------
+    motion
+        (3, D) of the columns: mean, mean square, and mean weighted by time.
+    frames
+        Number of frames.
+    beats
+        Rows of music that are beats; None without music.
+    """
+
+    motion: npt.NDArray[np.float64]
+    frames: int
+    beats: tuple[int, ...] | None
+
+    @classmethod
+    def of(cls, columns: npt.NDArray[Any], beats: npt.NDArray[np.bool_] | None) -> _Trace:
+        """Return the trace of columns (L, D) and of which rows of music are beats."""
+        rows = columns.astype(np.float64)
+        weights = np.stack([np.ones(len(rows)), np.linspace(-1, 1, len(rows))]) / max(1, len(rows))
+        with np.errstate(all="ignore"):  # columns that cannot be measured are traced as well
+            motion = np.concatenate([weights @ rows, weights[:1] @ rows**2])
+        return cls(motion, len(rows), None if beats is None else tuple(np.flatnonzero(beats).tolist()))
+
+    def same(self, other: _Trace) -> bool:
+        """Whether the other trace is of the same sample."""
+        return (
+            (self.frames, self.beats) == (other.frames, other.beats)
+            and self.motion.shape == other.motion.shape
+            and bool(np.allclose(self.motion, other.motion, rtol=_SAME, atol=_SAME, equal_nan=True))
+        )
 
 
 class Evaluator:
@@ -59,7 +98,7 @@ class Evaluator:
     >>> from dancedata.metrics import Evaluator
     >>> evaluator = Evaluator.of("data/aistpp", "edge151", protocol="dancedata", normalized=True)
     >>> for batch in loader:
-    ...     evaluator.update(model.sample(batch["librosa35"]), music=batch["librosa35"])
+    ...     evaluator.update(model.sample(batch["librosa35"]), music=batch["librosa35"], ids=batch["id"])
     >>> report = evaluator.gather().compute()
     >>> report["fid_k"]
     """
@@ -174,6 +213,7 @@ class Evaluator:
         self._measured: dict[str, MeasuredClip] = {}
         self._left_out: dict[str, str] = {}
         self._unnamed: list[str] = []
+        self._traces: dict[str, _Trace] = {}
 
     def update(self, motion: Any, *, ids: Sequence[str] | None = None, music: Any = None) -> None:
         """Measure a batch.
@@ -183,10 +223,15 @@ class Evaluator:
         motion
             (B, L, D) columns, torch or numpy, on any device.
         ids
-            Names of the samples. One that was there before is left out: samplers of several processes repeat samples
-            to fill up. Default: the number of the process and of the sample.
+            Names of the samples: ``batch["id"]`` of a reader. One that was there before, with the same motion, counts
+            once: samplers repeat samples to fill up. Default: the number of the process and of the sample.
         music
             (B, M, D') rows of the audio field, or (B, M) its column of beats; None: beat metrics are not computed.
+
+        Raises
+        ------
+        UsageError
+            For arrays that are not such a batch, or another motion or music under a name that was there before.
         """
         batch = _as_numpy(motion)
         if batch.ndim != 3:
@@ -198,7 +243,7 @@ class Evaluator:
                 found=f"shape {batch.shape}",
                 allowed=f"(B, L, {width})",
             )
-        named = [f"{_rank()}/{len(self) + k}" for k in range(len(batch))] if ids is None else [str(i) for i in ids]
+        named = self._numbered(len(batch)) if ids is None else [str(i) for i in ids]
         rows = None if music is None else self._beats(_as_numpy(music))
         for what, n in (("ids", len(named)), ("music", len(batch) if rows is None else len(rows))):
             if n != len(batch):
@@ -206,8 +251,23 @@ class Evaluator:
         if ids is None:
             self._unnamed += named
         for k, name in enumerate(named):
-            if name not in self._measured and name not in self._left_out:
-                self._measure(name, batch[k], None if rows is None else rows[k])
+            beats = None if rows is None else rows[k]
+            if not self._repeats(name, _Trace.of(batch[k], beats)):
+                self._measure(name, batch[k], beats)
+
+    def _numbered(self, n: int) -> list[str]:
+        """Return names of samples without ids, which no other sample has."""
+        numbers = (f"{_rank()}/{k}" for k in count(len(self)))
+        return list(islice((name for name in numbers if name not in self._traces), n))
+
+    def _repeats(self, name: str, trace: _Trace) -> bool:
+        """Whether a sample was there before; UsageError if it has the name of another one."""
+        known = self._traces.setdefault(name, trace)
+        if not known.same(trace):
+            raise UsageError(
+                "samples that differ have one id", found=name, fix='give each its own, as readers do: ids=batch["id"]'
+            )
+        return known is not trace
 
     def _measure(self, name: str, columns: npt.NDArray[Any], beats: npt.NDArray[np.bool_] | None) -> None:
         grid = self._music_grid
@@ -239,7 +299,7 @@ class Evaluator:
             )  # fmt: skip
         return np.asarray((music if music.ndim == 2 else music[..., self._beat_column]) > 0.5)
 
-    def gather(self, gather: Gather | None = None) -> Self:
+    def gather(self, gather: Gather | None = None, *, repeated: Literal["same", "first"] = "same") -> Self:
         """Join the samples of all processes; every process has to call it, and then has all of them.
 
         Parameters
@@ -247,24 +307,39 @@ class Evaluator:
         gather
             Returns the objects of all processes, such as ``accelerate.utils.gather_object``. Default:
             torch.distributed, where it is initialised, as under Lightning; a single process keeps its own.
+        repeated
+            What samples of two processes with one id have to be: "same", the same motion and music, as of a model
+            without noise; "first": that of the first process counts, whatever the others made of it.
 
         Raises
         ------
         UsageError
-            If samples without ids have equal numbers in two processes: they run without torch.distributed.
+            If samples without ids have equal numbers in two processes: they run without torch.distributed. If samples
+            that differ have one id.
         """
-        own: _Part = (list(self._measured.values()), list(self._left_out.items()), self._unnamed)
-        parts: list[_Part] = (gather or _gather_by_torch)([own])
-        unnamed = Counter(name for _, _, names in parts for name in names)
+        mine: _Part = (list(self._measured.values()), list(self._left_out.items()), self._unnamed, self._traces)
+        parts: list[_Part] = (gather or _gather_by_torch)([mine])
+        unnamed = Counter(name for _, _, names, _ in parts for name in names)
         twice = [name for name, n in unnamed.items() if n > 1]
         if twice:
             raise UsageError(
                 "samples of two processes have one name", found=listed(twice),
                 fix="name them: update(..., ids=[...])",
             )  # fmt: skip
+        first: dict[str, _Trace] = {}
+        differ = {
+            name for *_, traces in parts for name, own in traces.items() if not first.setdefault(name, own).same(own)
+        }
+        if differ and repeated == "same":
+            raise UsageError(
+                "samples of two processes differ, and have one id", found=listed(sorted(differ)),
+                fix='give each its own, as readers do: ids=batch["id"]; where samplers repeat samples to fill up, '
+                'and a model with noise makes other motion of them: gather(..., repeated="first")',
+            )  # fmt: skip
         # The first process that has a sample counts: the same one in every process.
         self.reset()
-        for measured, left_out, _ in parts:
+        self._traces = first
+        for measured, left_out, _, _ in parts:
             for clip in measured:
                 if clip.id not in self._left_out:
                     self._measured.setdefault(clip.id, clip)

@@ -183,10 +183,9 @@ class Augmenter:
                 found += step.augmentation.dropped(self.fields, self._draw(step, epoch, index))
         return tuple(dict.fromkeys(found))
 
-    def mirrored(self, epoch: int, index: int) -> bool:
-        """Whether sample `index` is mirrored."""
-        happening = (step.augmentation.name for step in self._happening(epoch, index))
-        return sum(name == "mirror" for name in happening) % 2 == 1
+    def changes(self, epoch: int, index: int) -> tuple[str, ...]:
+        """Return the names of the augmentations that change sample `index`, in their order."""
+        return tuple(step.augmentation.name for step in self._happening(epoch, index))
 
     def scaler(self, field: str, scaler: MinMax) -> MinMax:
         """Return the scaler of a field whose range covers what augmentations make of motion."""

@@ -29,7 +29,7 @@ Buffer = dict[str, torch.Tensor]
 
 
 class BatchLoader:
-    """Batches of a `WindowDataset`, equal bit for bit to those of a DataLoader with the same sampler, and faster.
+    """Batches of a `WindowDataset`, equal bit for bit to a DataLoader's with the same EpochSampler, and faster.
 
     Threads copy windows from the mapped shards into batches, and mirror and normalise them there. Nothing passes
     through another process, and the memory of a batch without references is reused for a later one, so that new
@@ -189,6 +189,7 @@ class _Iteration(Iterator[dict[str, Any]]):
         self._loader = loader
         self._reader = loader.dataset._batch_reader()  # made here, not by several threads at once
         self._indices = iter(loader._batches())
+        self._epoch = loader.sampler.epoch if isinstance(loader.sampler, EpochSampler) else None
         for _ in range(loader.prefetch):
             self._submit()
 
@@ -227,7 +228,7 @@ class _Iteration(Iterator[dict[str, Any]]):
         indices = next(self._indices, None)
         if indices is None or self._threads is None:
             return
-        request = self._loader.dataset._request(indices)
+        request = self._loader.dataset._request(indices, self._epoch)
         memory = self._loader._memory(self._reader)
         tensors = {name: tensor[: len(request)] for name, tensor in memory.items()}
         reading = self._threads.submit(_read, self._loader.dataset, self._reader, request, tensors)

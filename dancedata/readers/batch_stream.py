@@ -1,13 +1,14 @@
-"""BatchStream: batches by their global step, without an end, as an iterable torch dataset."""
+"""BatchStream: batches by their global step, without an end, as an iterable torch dataset; or epoch by epoch."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from copy import copy
 from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
-from torch.utils.data import IterableDataset, default_collate, get_worker_info
+from torch.utils.data import DataLoader, IterableDataset, default_collate, get_worker_info
 
 from dancedata.core.errors import UsageError
 from dancedata.readers.arguments import whole
@@ -47,7 +48,8 @@ class BatchStream(IterableDataset[Any]):
     change of the number of ranks, a step has the same samples, on all ranks together, if batch size times ranks is
     the same; what an epoch's last step repeats, so that ranks have equally many, depends on the number of ranks.
 
-    *Epochs.* Each worker passes the epoch of a step to the dataset, whatever `set_epoch` was called with.
+    *Epochs.* Each worker passes the epoch of a step to the dataset, whatever `set_epoch` was called with. A trainer
+    that does something between epochs, as Lightning validates, takes them from `by_epoch`.
     """
 
     def __init__(
@@ -82,9 +84,15 @@ class BatchStream(IterableDataset[Any]):
         Raises
         ------
         UsageError
-            For numbers that cannot be, or an epoch without a batch.
+            For numbers that cannot be, an epoch without a batch, or a dataset that cannot be asked for an epoch.
         """
         super().__init__()
+        if not callable(getattr(dataset, "samples", None)):
+            raise UsageError(
+                "a stream reads a WindowDataset or a ClipDataset",
+                found=type(dataset).__name__,
+                fix="read others with a DataLoader and an EpochSampler, which sets the epoch of their parts",
+            )
         self.dataset, self.collate, self.drop_last = dataset, collate, bool(drop_last)
         self.sampler = EpochSampler(len(dataset), seed=seed) if sampler is None else sampler
         if isinstance(self.sampler, BucketSampler) != (batch_size is None):
@@ -119,6 +127,18 @@ class BatchStream(IterableDataset[Any]):
         order, size = self.sampler.order(epoch), self.batch_size or 1
         return [order[first : first + size] for first in range(0, len(order), size)]
 
+    def by_epoch(self, **options: Any) -> EpochLoader:
+        """Return a loader that ends with each epoch; `options` are those of a DataLoader, such as ``num_workers``.
+
+        Raises
+        ------
+        UsageError
+            For a stream that ends after a number of steps.
+        """
+        if self.n_steps is not None:
+            raise UsageError("this stream ends by steps", found=f"steps={self.n_steps}", fix="leave out steps")
+        return EpochLoader(self, options)
+
     def batch(self, step: int) -> Any:
         """Return the batch of a step."""
         epoch, indices = self.indices(step)
@@ -136,3 +156,31 @@ class BatchStream(IterableDataset[Any]):
     def __getstate__(self) -> dict[str, Any]:
         """Leave the order of the epoch out."""
         return {**self.__dict__, "_order": None}
+
+
+class EpochLoader:
+    """Batches of a `BatchStream`: those of one epoch, or of what is left of it, each time it is iterated over.
+
+    Made by `BatchStream.by_epoch`.
+
+    Attributes
+    ----------
+    step
+        Global step of the next batch.
+    """
+
+    def __init__(self, stream: BatchStream, options: dict[str, Any]) -> None:
+        self._stream, self._options = copy(stream), options
+        self.step = stream.start_step
+
+    def __len__(self) -> int:
+        """Return the number of batches of a whole epoch."""
+        return self._stream.steps_per_epoch
+
+    def __iter__(self) -> Iterator[Any]:
+        """Yield the batches from `step` to the end of its epoch."""
+        stream, first = self._stream, self.step
+        stream.start_step, stream.n_steps = first, len(self) - first % len(self)
+        for step, batch in enumerate(DataLoader(stream, batch_size=None, **self._options), start=first + 1):
+            self.step = step
+            yield batch

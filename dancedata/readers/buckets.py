@@ -13,6 +13,7 @@ from dancedata.core.errors import UsageError
 from dancedata.core.text import counted
 from dancedata.readers.arguments import whole
 from dancedata.readers.sampler import EpochSampler, permutation
+from dancedata.readers.shared_epoch import set_epoch_of
 
 #: Apart from the stream of orders, which shuffles the batches.
 _BUCKET_STREAM = 7
@@ -128,9 +129,7 @@ class BucketSampler(Sampler[list[int]]):
     def __iter__(self) -> Iterator[list[int]]:
         """Yield the rest of the current epoch's batches, then move on to the next epoch."""
         epoch = self.order_of_batches.epoch
-        set_epoch = getattr(self._source, "set_epoch", None)
-        if callable(set_epoch):
-            set_epoch(epoch)
+        set_epoch_of(self._source, epoch)
         batches = self.batches(epoch)
         for number in self.order_of_batches:
             yield batches[number].tolist()

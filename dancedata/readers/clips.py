@@ -17,8 +17,7 @@ from dancedata.readers.arguments import whole
 from dancedata.readers.augmenting import Augment
 from dancedata.readers.batch_reader import Request
 from dancedata.readers.clip_collate import pack_clips, pad_clips
-from dancedata.readers.epoch_random import crop_choices, mirrored_windows
-from dancedata.readers.metadata import metadata
+from dancedata.readers.epoch_random import crop_choices, mirrored_samples
 from dancedata.readers.music_beats import StartAt, beat_labels, beat_starts, no_start, require_start_at
 from dancedata.readers.scalers import ScalerLike
 from dancedata.readers.selection import GivenFilter, no_window_error
@@ -53,7 +52,8 @@ class ClipDataset(SplitDataset):
     Notes
     -----
     *Mirroring, augmenting, cropping* are pure functions of (seed, epoch, index): the same in every worker, on every
-    rank, and after a resume. The epoch is that of `set_epoch`, which an `EpochSampler` calls, or of `samples`.
+    rank, and after a resume. The epoch is that of `set_epoch`, which an `EpochSampler` calls, or of `samples`; while
+    none is set, each reading draws anew, from torch's generator.
 
     *Normalising* is that of `WindowDataset`, with the same scalers.
 
@@ -133,7 +133,7 @@ class ClipDataset(SplitDataset):
             seed,
         )  # fmt: skip
         self._prepare(changes, allow_crop=False)
-        self._drawn: tuple[int, npt.NDArray[np.int64], npt.NDArray[np.bool_]] | None = None
+        self._random |= self.crop_frames is not None
 
     @property
     def lengths(self) -> npt.NDArray[np.int64]:
@@ -148,13 +148,13 @@ class ClipDataset(SplitDataset):
 
     def samples(self, indices: Sequence[int], epoch: int | None = None) -> list[dict[str, Any]]:
         """Return samples as of an epoch, or of the current one."""
-        epoch = self.epoch if epoch is None else whole("epoch", epoch)
-        starts, flags = self._draws(epoch)
+        epoch = self._drawn_epoch(epoch)
         places = [self._place(index) for index in indices]
-        shifts = (starts - self.windows.start)[places]
-        request = Request(tuple(places), tuple(flags[places].tolist()), tuple(shifts.tolist()), epoch)
+        mirrored = mirrored_samples(self.seed, epoch, places, self.mirror)
+        shifts = self._random_starts(epoch, places) - self.windows.start[places]
+        request = Request(tuple(places), tuple(mirrored.tolist()), tuple(shifts.tolist()), epoch)
         cuts = replace(self.windows, length=self.lengths)
-        about = metadata(self.store, cuts, self.split, request, self._augmenter)
+        about = self._metadata(request, cuts, () if self.crop_frames is None else ("crop",))
         return [
             {name: self._rows(request, nth, name) for name in self.fields}
             | self._labels(request, nth)
@@ -170,10 +170,6 @@ class ClipDataset(SplitDataset):
             f"fields: {', '.join(self.fields)}; normalised: {', '.join(self._normalizers) or 'nothing'}; "
             f"mirror={self.mirror:g})"
         )
-
-    def __getstate__(self) -> dict[str, Any]:
-        """As `SplitDataset` does."""
-        return {**super().__getstate__(), "_drawn": None}
 
     def _crop(self, crop_s: float | str | None, crop_frames: int | None) -> int | None:
         if crop_s is not None and crop_frames is not None:
@@ -213,20 +209,14 @@ class ClipDataset(SplitDataset):
             self._starts[clip] = beat_starts(self.store, clip, length, at=at, fields=self.fields, trim=trim)
         return self._starts[clip]
 
-    def _draws(self, epoch: int) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.bool_]]:
-        """Return the first frame of each sample in an epoch, and whether it is mirrored; (N,) each."""
-        if self._drawn is None or self._drawn[0] != epoch:
-            starts = self._random_starts(epoch)
-            self._drawn = epoch, starts, mirrored_windows(self.seed, epoch, len(self), self.mirror)
-        return self._drawn[1:]
-
-    def _random_starts(self, epoch: int) -> npt.NDArray[np.int64]:
+    def _random_starts(self, epoch: int, places: list[int]) -> npt.NDArray[np.int64]:
+        """Return the first frames of the samples at `places` in an epoch, (len(places),)."""
         if self.start_at is None:
             period = self._period()
-            n_choices = (self.windows.length - self.lengths) // period + 1
-            return self.windows.start + period * crop_choices(self.seed, epoch, n_choices)
-        beats = [self._beat_starts(span.clip) for span in self.windows]
-        drawn = crop_choices(self.seed, epoch, np.array([len(own) for own in beats], dtype=np.int64))
+            n_choices = ((self.windows.length - self.lengths) // period + 1)[places]
+            return self.windows.start[places] + period * crop_choices(self.seed, epoch, places, n_choices)
+        beats = [self._beat_starts(self.windows[place].clip) for place in places]
+        drawn = crop_choices(self.seed, epoch, places, np.array([len(own) for own in beats], dtype=np.int64))
         return np.array([own[nth] for own, nth in zip(beats, drawn, strict=True)], dtype=np.int64)
 
     def _labels(self, request: Request, nth: int) -> dict[str, torch.Tensor]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
@@ -114,6 +115,37 @@ def beat_starts(store: Store, clip: str, length: int, *, at: StartAt, fields: Se
     nearest = starts.start + (frames - starts.start + starts.step // 2) // starts.step * starts.step
     found: IntArray = np.unique(nearest[(nearest >= starts.start) & (nearest < starts.stop)])
     return found
+
+
+def estimated_tempo(store: Store, windows: WindowList, clip: str, fields: Sequence[str]) -> float:
+    """Return the tempo of a clip's stored beats, beats per minute: 60 / the mean time from one to the next.
+
+    Times that differ from the median by more than a quarter, where a beat was missed, do not count.
+
+    Parameters
+    ----------
+    windows
+        Windows of the clip's split; in window scope the beats are those of all of the clip's.
+    fields
+        Fields that are read; the beats are those that `beat_starts` takes.
+
+    Returns
+    -------
+    float
+        nan if no field has beats, or no two beats follow each other.
+    """
+    if not any("beat" in store.fields[name].names for name in store.fields):
+        return math.nan
+    beats = store.field(_field_with(store, "beat", fields))
+    if store.scope == "track":
+        pieces = [store.read_clip(clip, beats.name)]
+    else:
+        places = np.flatnonzero(windows.clip == windows.clip_ids.index(clip)).tolist()
+        pieces = [store.read(windows[place], beats.name) for place in places]
+    column = beats.columns.slice("beat").start
+    rows = np.concatenate([np.diff(np.flatnonzero(rows[:, column])) for rows in pieces])
+    near = rows[np.abs(rows - np.median(rows)) <= np.median(rows) / 4] if len(rows) else rows
+    return 60.0 / (float(beats.grid.seconds(1)) * float(near.mean())) if len(near) else math.nan
 
 
 def no_start(clip: str, length: int, at: StartAt) -> Reject:

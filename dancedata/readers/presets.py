@@ -14,8 +14,6 @@ from dancedata.store.dataset import Store
 
 #: Fields that are read by default.
 DEFAULT_FIELDS = ("edge151", "librosa35")
-#: In place of a preset's name: the fields are the default ones, named by neither the caller nor a preset.
-NO_FIELDS = ""
 
 
 @dataclass(frozen=True)
@@ -134,10 +132,7 @@ def preset_windows(preset: Preset | None, given: Mapping[str, Any]) -> dict[str,
 
 
 def field_names(store: Store, fields: Sequence[str] | str, preset: str | None = None) -> tuple[str, ...]:
-    """Check that the store has the fields, each named once.
-
-    `preset` is the preset that names them, or `NO_FIELDS` where neither the caller nor a preset does.
-    """
+    """Check that the store has the fields, each named once; `preset` is the preset that names them."""
     names = (fields,) if isinstance(fields, str) else tuple(fields)
     if not names or len(set(names)) != len(names):
         raise UsageError("fields must name at least one field, each once", found=", ".join(names) or "none")
@@ -150,12 +145,16 @@ def field_names(store: Store, fields: Sequence[str] | str, preset: str | None = 
 def fields_to_read(
     store: Store, preset: Preset | None, fields: Sequence[str] | None, preset_name: str | None
 ) -> tuple[tuple[str, ...], bool]:
-    """Return the stored fields to read, and whether primitives are computed beside them."""
-    default = DEFAULT_FIELDS if preset is None else preset_fields(store, preset)
+    """Return the stored fields to read, and whether primitives are computed beside them.
+
+    Where neither the caller nor a preset names any: edge151 and librosa35, or all if the store lacks one of them.
+    """
+    usual = DEFAULT_FIELDS if set(DEFAULT_FIELDS) <= set(store.fields) else tuple(store.fields)
+    default = usual if preset is None else preset_fields(store, preset)
     given = default if fields is None else (fields,) if isinstance(fields, str) else tuple(fields)
     with_primitives = PRIMITIVES in given and PRIMITIVES not in store.fields
     stored = tuple(name for name in given if not (with_primitives and name == PRIMITIVES))
-    named = (preset_name or NO_FIELDS) if fields is None or not stored else None
+    named = preset_name if fields is None or not stored else None
     return field_names(store, stored or (preset.fields if preset is not None else stored), named), with_primitives
 
 
@@ -168,9 +167,6 @@ def _missing_field(store: Store, name: str, preset: str | None) -> UsageError:
     else:
         fix = build if preset else f"name fields that the dataset has, or {build}"
     why = f", which the preset {preset!r} reads" if preset else ""
-    if preset == NO_FIELDS:
-        why = ", which is read where no fields are named"
-        fix = f"name fields: fields={tuple(store.fields)}; or {build}"
     return UsageError(
         f"the dataset has no field {name!r}{why}",
         where=str(store.path),

@@ -11,6 +11,7 @@ from torch.utils.data import Sampler
 
 from dancedata.core.errors import UsageError
 from dancedata.readers.arguments import whole
+from dancedata.readers.shared_epoch import set_epoch_of
 
 #: Indices turned into Python ints at a time: a list of a million ints would take 36 MB.
 _CHUNK = 4096
@@ -29,7 +30,9 @@ class EpochSampler(Sampler[int]):
     plain ``for epoch in range(n): for batch in loader:`` sees a new order every time without `set_epoch`.
 
     If the data source has a `set_epoch` (a `WindowDataset` with mirroring), it is told the epoch before the
-    epoch's first index is handed out, so that the two cannot disagree.
+    epoch's first index is handed out, so that the two cannot disagree. So are the parts of torch's ConcatDataset,
+    Subset and random_split, and a dataset that another one has as an attribute. A number as data source reaches no
+    dataset: the order resumes exactly, random augmentations do not.
 
     Notes
     -----
@@ -143,9 +146,7 @@ class EpochSampler(Sampler[int]):
         """Yield the rest of the current epoch's indices, then move on to the next epoch."""
         self._turn += 1
         turn, epoch, position = self._turn, self._epoch, self._position
-        set_epoch = getattr(self._source, "set_epoch", None)
-        if callable(set_epoch):
-            set_epoch(epoch)
+        set_epoch_of(self._source, epoch)
         order = self.order(epoch)
         for first in range(position, len(order), _CHUNK):
             for sample in order[first : first + _CHUNK].tolist():

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from operator import index as as_int
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
+import torch
 from torch.utils.data import Dataset
 
 from dancedata.core.clip import Reject
@@ -15,13 +19,17 @@ from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.normalize import MinMax
 from dancedata.readers.arguments import probability, whole
 from dancedata.readers.augmenting import Augment, Augmenter
-from dancedata.readers.music_beats import StartAt
+from dancedata.readers.batch_reader import Request
+from dancedata.readers.music_beats import StartAt, estimated_tempo
 from dancedata.readers.presets import Preset, fields_to_read, find_preset, given_or_preset
 from dancedata.readers.scalers import ScalerLike, mirrors_of, named_scalers, normalized_fields, scaler_of
 from dancedata.readers.selection import Choice, GivenFilter, Selection, require_protocol, select, window_filter
 from dancedata.readers.shared_epoch import shared_number
 from dancedata.store.dataset import Store, open_store, reopen
 from dancedata.store.window_list import WindowList
+
+#: In place of an epoch while none is set.
+_NOT_SET = -1
 
 
 @dataclass(frozen=True)
@@ -72,7 +80,8 @@ class SplitDataset(Dataset[dict[str, Any]]):
             require_protocol(self.store, protocol)
         self._protocol: str | None = given_or_preset(protocol, self._known, "protocol", None)
         self.fields, self._with_primitives = fields_to_read(self.store, self._known, fields, preset)
-        self._epoch = shared_number(0)
+        self._epoch = shared_number(_NOT_SET)
+        self._tempos: dict[str, float] = {}
 
     def _select(
         self,
@@ -111,6 +120,7 @@ class SplitDataset(Dataset[dict[str, Any]]):
         self._covering = Augmenter.covering(self.store, self.fields, changes.normalizer_covers)
         changed = mirrored or bool(self._augmenter.steps)
         self.clip = bool(given_or_preset(changes.clip, None if changed else self._known, "clip", False))
+        self._random = bool(0 < self.mirror < 1 or self._augmenter.steps)
         self._mirrors = mirrors_of(self.store, self.fields) if mirrored else {}
         normalize = given_or_preset(changes.normalize, self._known, "normalize", True)
         self._normalizers = {
@@ -165,22 +175,39 @@ class SplitDataset(Dataset[dict[str, Any]]):
         # torch's own workers receive the shared number itself; any other copy gets a number of its own, which has to
         # be shared as well, because workers may be started from that copy.
         if not self._epoch.is_shared():  # type: ignore[no-untyped-call]
-            self._epoch = shared_number(self.epoch)
+            self._epoch = shared_number(int(self._epoch.item()))
 
     @property
-    def epoch(self) -> int:
-        """The current epoch, which decides what happens to each sample."""
-        return int(self._epoch.item())
+    def epoch(self) -> int | None:
+        """The current epoch, which decides what happens to each sample; None: every reading draws anew."""
+        epoch = int(self._epoch.item())
+        return None if epoch == _NOT_SET else epoch
 
-    def set_epoch(self, epoch: int) -> None:
+    def set_epoch(self, epoch: int | None) -> None:
         """Set the current epoch, here and in all workers; see the notes of `WindowDataset`.
+
+        Parameters
+        ----------
+        epoch
+            Whole number >= 0. None, as at first: every reading draws anew, from torch's generator.
 
         Raises
         ------
         UsageError
             For a negative epoch.
         """
-        self._epoch.fill_(whole("epoch", epoch))
+        self._epoch.fill_(_NOT_SET if epoch is None else whole("epoch", epoch))
+
+    def _drawn_epoch(self, epoch: int | None) -> int:
+        """Return the number that decides what happens to samples: an epoch, or one from torch's generator.
+
+        A DataLoader seeds that generator in each of its workers, from that of the process that iterates.
+        """
+        epoch = self.epoch if epoch is None else whole("epoch", epoch)
+        if epoch is None:
+            # Nothing is taken from the generator where it would not be used.
+            epoch = int(torch.empty((), dtype=torch.int64, device="cpu").random_()) if self._random else 0
+        return epoch
 
     def normalizer(self, field: str) -> MinMax:
         """Return the scaler that a field of this dataset is normalised with.
@@ -232,6 +259,64 @@ class SplitDataset(Dataset[dict[str, Any]]):
         covers = self.normalizer_covers_mirror
         found = scaler_of(self.store, field, self._choice, covers_mirror=covers, over=self.normalizer_over)
         return self._covering.scaler(field, found)
+
+    @cached_property
+    def genre_ids(self) -> Mapping[str, int]:
+        """The number of each genre: as the dataset numbers them, else 0, 1, ... by name, over all splits."""
+        known: Mapping[str, int] = self.store.meta.get("genre_ids") or {}
+        return known or {name: k for k, name in enumerate(sorted({clip.genre for clip in self.store.clips} - {""}))}
+
+    def _metadata(
+        self, request: Request, windows: WindowList | None = None, changes: Sequence[str] = ()
+    ) -> dict[str, list[Any]]:
+        """Return the values of samples beside their arrays, (B,) each by name, in the order of a sample's keys.
+
+        Parameters
+        ----------
+        windows
+            Those that the places of `request` are of. Default: those of the dataset.
+        changes
+            How every sample was changed, beside mirroring and augmentations.
+        """
+        windows = self.windows if windows is None else windows
+        chosen, epoch = np.asarray(request.places, dtype=np.int64), request.epoch
+        clips = [windows.clip_ids[number] for number in windows.clip[chosen].tolist()]
+        starts = (windows.start[chosen] + np.asarray(request.shifts, dtype=np.int64)).tolist()
+        lengths = windows.length[chosen].tolist()
+        made = [
+            (*changes, *["mirror"] * flag, *self._augmenter.changes(epoch, place))
+            for place, flag in zip(request.places, request.mirrored, strict=True)
+        ]
+        drawn = [f":{'+'.join(m)}:{self.seed}.{epoch}.{k}" * bool(m) for m, k in zip(made, chosen, strict=True)]
+        droppable = self._augmenter.droppable
+        dropped = [self._augmenter.dropped(epoch, place) for place in request.places] if droppable else []
+        known = {clip: self.store.clip(clip) for clip in set(clips)}
+        records = [known[clip] for clip in clips]
+        return {
+            "id": [f"{c}@{s}+{n}{d}" for c, s, n, d in zip(clips, starts, lengths, drawn, strict=True)],
+            "clip": clips,
+            "start": starts,
+            "length": lengths,
+            "split": [self.split] * len(clips),
+            "genre": [record.genre for record in records],
+            "genre_id": [int(self.genre_ids.get(record.genre, -1)) for record in records],
+            "music": [record.music for record in records],
+            "dancer": [record.dancer for record in records],
+            "tempo_bpm": [
+                self._estimated_tempo(record.id) if record.tempo_bpm is None else float(record.tempo_bpm)
+                for record in records
+            ],
+            "tempo_estimated": [r.tempo_bpm is None and not math.isnan(self._tempos[r.id]) for r in records],
+            "mirrored": [names.count("mirror") % 2 == 1 for names in made],
+            **{f"{name}_dropped": [name in found for found in dropped] for name in droppable},
+            "index": [int(place) for place in request.places],
+        }
+
+    def _estimated_tempo(self, clip: str) -> float:
+        """Return the tempo of a clip for which the dataset states none, by its beats; nan without any."""
+        if clip not in self._tempos:
+            self._tempos[clip] = estimated_tempo(self.store, self.windows, clip, self.fields)
+        return self._tempos[clip]
 
     def _place(self, index: int) -> int:
         """Return the place of a sample in `windows`; negative indices count from the end."""

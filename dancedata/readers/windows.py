@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 import torch
 from torch.utils.data import get_worker_info
 
@@ -17,8 +16,7 @@ from dancedata.readers.augmenting import Augment
 from dancedata.readers.batch_memory import MemoryPool, shared_tensor
 from dancedata.readers.batch_reader import BatchReader, FieldReader, Request
 from dancedata.readers.collate import Batch, Sample, collate
-from dancedata.readers.epoch_random import mirrored_windows, primitive_shift
-from dancedata.readers.metadata import metadata
+from dancedata.readers.epoch_random import mirrored_samples, primitive_shift
 from dancedata.readers.music_beats import StartAt, beat_labels, require_start_at
 from dancedata.readers.presets import given_or_preset, preset_windows
 from dancedata.readers.primitives import PrimitiveSpec, primitive_spec
@@ -33,11 +31,11 @@ _log = logging.getLogger(__name__)
 class WindowDataset(SplitDataset):
     """Windows of one split, each a dict of tensors and metadata that torch's default collate can batch.
 
-    ``dataset[i]`` is ``{field: tensor (rows, D), ..., "clip": id, "start": first frame in the clip at the
-    store's fps, "length": frames, "split", "genre", "music", "dancer": str, "genre_id": int (-1 if the dataset
-    numbers no genres), "tempo_bpm": float (nan if unknown), "mirrored": bool, "index": int}``. Rows of a field are
-    length * field rate / fps. Tensors have the stored dtype, or float32 where they are normalised, and
-    are the caller's own.
+    ``dataset[i]`` is ``{field: tensor (rows, D), ..., "id": name of the sample, "clip": id, "start": first frame in
+    the clip at the store's fps, "length": frames, "split", "genre", "music", "dancer": str, "genre_id": int (see
+    `genre_ids`; -1 without a genre), "tempo_bpm": float (nan if unknown), "tempo_estimated": bool, "mirrored": bool,
+    "index": int}``. Rows of a field are length * field rate / fps. Tensors have the stored dtype, or float32 where
+    they are normalised, and are the caller's own.
 
     Pickling copies no data: each process opens the files itself, so fork, spawn and forkserver all work.
 
@@ -66,10 +64,15 @@ class WindowDataset(SplitDataset):
     the window that was read), rows are changed in the order given, after `mirror`, before the root is made relative
     and before normalising; masked fields (``drop``) are 0 after normalising, and "<field>_dropped" says so.
 
-    *Epochs.* `set_epoch` writes to a number in shared memory, which forked, spawned and persistent workers all read:
-    call it before ``iter(loader)``, as with torch's DistributedSampler. An `EpochSampler` made with this dataset
+    *Epochs.* As long as no epoch is set, each reading draws a number from torch's generator instead, in a worker from
+    the worker's: samples are other ones each time, and reproducible from torch's seed. `set_epoch` writes to a number
+    in shared memory, which forked, spawned and persistent workers all read: call it before ``iter(loader)``, as with
+    torch's DistributedSampler. An `EpochSampler` made with this dataset, or with a ConcatDataset or Subset of it,
     calls it itself. Batches that were already prefetched keep the old epoch. A copy made with pickle or
     copy.deepcopy, outside torch's own workers, has an epoch of its own.
+
+    *Names.* "id" is CLIP@START+LENGTH, and of a sample that was changed ":CHANGES:SEED.EPOCH.INDEX" after it: the
+    sample is ``samples([INDEX], EPOCH)`` again.
 
     *Batches.* A DataLoader reads a batch at once, into memory that becomes the batch: samples from
     ``__getitems__`` are its rows, and torch's default collate, or `collate`, returns it without a copy. Samples
@@ -123,7 +126,7 @@ class WindowDataset(SplitDataset):
             One of ``store.splits``.
         fields
             Names of the fields to read, and "primitives" if wanted. Default: the preset's, else edge151 and
-            librosa35.
+            librosa35, else all fields of the dataset.
         normalize
             True: motion fields only. A sequence of field names: those. False: none. Default: the preset's, else
             True.
@@ -215,6 +218,7 @@ class WindowDataset(SplitDataset):
         self._prepare(changes)
         if start is not None and self._augmenter.crops:
             raise UsageError("start_at and the augmentation crop both choose windows", fix="leave one of them out")
+        self._random |= self._with_primitives and primitive_variant == "code"
         if self._primitives is not None and self._primitives.field in self._normalizers:
             self._primitives.refuse_scaling(length)
         self.relative_root = given_or_preset(relative_root, self._known, "relative_root", False)
@@ -222,7 +226,6 @@ class WindowDataset(SplitDataset):
         self.mapped = mapped
         self._stride = self.store.window_grid(**self._choice.windows).stride
         self._starts: dict[str, range] = {}
-        self._mirror_flags: tuple[int, npt.NDArray[np.bool_]] | None = None
         self._cached_reader: BatchReader | None = None
         self._pool = MemoryPool()
 
@@ -270,29 +273,22 @@ class WindowDataset(SplitDataset):
 
     def __getstate__(self) -> dict[str, Any]:
         """As `SplitDataset` does; memory that was given out stays here."""
-        return {**super().__getstate__(), "_mirror_flags": None, "_cached_reader": None, "_pool": MemoryPool()}
+        return {**super().__getstate__(), "_cached_reader": None, "_pool": MemoryPool()}
 
     @property
     def unmapped(self) -> dict[str, str]:
         """By field, why it is not copied from mapped files; empty if all are."""
         return {field.name: field.rows.unmapped for field in self._batch_reader().fields if field.rows.unmapped}
 
-    def _mirrored(self, epoch: int) -> npt.NDArray[np.bool_]:
-        """Return which windows are mirrored in an epoch, (windows,) bool; drawn once an epoch."""
-        if self._mirror_flags is None or self._mirror_flags[0] != epoch:
-            self._mirror_flags = epoch, mirrored_windows(self.seed, epoch, len(self.windows), self.mirror)
-        return self._mirror_flags[1]
-
     def _bias(self, place: int, epoch: int | None = None) -> int:
         """Return the shift, -2 .. 2 frames, of a sample's primitives in an epoch, or in the current one."""
-        return primitive_shift(self.seed, self.epoch if epoch is None else epoch, place)
+        return primitive_shift(self.seed, self._drawn_epoch(epoch), place)
 
     def _request(self, indices: Sequence[int], epoch: int | None = None) -> Request:
         """Return the windows at some indices, and which of them are mirrored in an epoch, or in the current one."""
-        epoch = self.epoch if epoch is None else epoch
+        epoch = self._drawn_epoch(epoch)
         places = tuple(self._place(index) for index in indices)
-        flags = self._mirrored(epoch) if self.mirror > 0 else None
-        mirrored = tuple(flags is not None and bool(flags[place]) for place in places)
+        mirrored = tuple(mirrored_samples(self.seed, epoch, places, self.mirror).tolist())
         shifts = tuple(self._shift(place, epoch) for place in places) if self._augmenter.crops else (0,) * len(places)
         return Request(places, mirrored, shifts, epoch)
 
@@ -304,9 +300,6 @@ class WindowDataset(SplitDataset):
             self._starts[window.clip] = self.store.starts(window.clip, window.length, fields=self.fields, trim=trim)
         start = self._augmenter.start(window.start, self._starts[window.clip], self._stride, epoch, place)
         return start - window.start
-
-    def _metadata(self, request: Request) -> dict[str, list[Any]]:
-        return metadata(self.store, self.windows, self.split, request, self._augmenter)
 
     def _batch_reader(self) -> BatchReader:
         """Return the reader of batches, which each process makes when it first needs it."""

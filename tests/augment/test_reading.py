@@ -28,8 +28,11 @@ ALL = {"mirror": 0.5, "yaw": {}, "root_offset": {"p": 0.7}, "noise": {"p": 0.5},
 
 
 def dataset(path: Path, augment: Any = None, **options: Any) -> WindowDataset:
+    """Samples as of epoch 0, until a sampler sets another."""
     options = {"fields": FIELDS, "split": "train", **options}
-    return WindowDataset(path, augment=augment, seed=3, **options)
+    made = WindowDataset(path, augment=augment, seed=3, **options)
+    made.set_epoch(0)
+    return made
 
 
 def digest(sample: dict[str, Any]) -> str:

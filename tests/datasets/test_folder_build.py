@@ -35,6 +35,30 @@ def test_the_example_says_what_it_is(tmp_path: Path) -> None:
     assert all(1.2 < height < 2.2 for height in heights.values())
 
 
+def test_samples_have_the_numbers_of_genres_and_the_tempo_of_the_beats(tmp_path: Path) -> None:
+    """Without tempo_bpm in the manifest it is estimated; the example's songs have 80 and 125 beats per minute."""
+    readers = pytest.importorskip("dancedata.readers.windows", exc_type=ImportError)
+    source = tmp_path / "source"
+    Folder().make_example(source)
+    text = (source / "manifest.csv").read_text()
+    (source / "manifest.csv").write_text(text.replace(",80,", ",,").replace(",125,", ",,"))
+    document = {
+        "recipe": 1,
+        "name": "own",
+        "dataset": {"folder": {}},
+        "fps": 30,
+        "windows": {"length_s": 2, "stride_s": 1},
+        "motion": {"edge151": {}},
+        "audio": {"librosa35": {}},
+    }
+    build(parse_recipe(document), source, tmp_path / "out", cache=tmp_path / "cache")
+    for split, genre, number, tempo in (("train", "break", 0, 80), ("test", "house", 1, 125)):
+        data = readers.WindowDataset(tmp_path / "out", split)
+        for sample in data.samples(range(len(data))):
+            assert (sample["genre"], sample["genre_id"], sample["tempo_estimated"]) == (genre, number, True)
+            assert sample["tempo_bpm"] == pytest.approx(tempo, rel=0.01)
+
+
 @pytest.mark.parametrize("scope", ["track", "window"])
 def test_real_and_made_files_build(shared: Path, tmp_path: Path, scope: str) -> None:
     """The three real BVH files and an AMASS file, two seconds windows, down to a sound store."""

@@ -165,13 +165,13 @@ def test_torch_distributed(store: Store, tmp_path: Any) -> None:
         process.join()
 
 
-def gathered(*ranks: Evaluator) -> None:
+def gathered(*ranks: Evaluator, **options: Any) -> None:
     """Gather evaluators as the processes of one job do."""
     parts: list[Any] = []
     for own in ranks:
         parts += Collecting()(own)
     for own in ranks:
-        own.gather(lambda objects: list(parts))
+        own.gather(lambda objects: list(parts), **options)
 
 
 class Collecting:
@@ -202,9 +202,53 @@ def test_processes_agree_on_a_sample_that_they_generated_differently(evaluator: 
     first, second = two(evaluator)
     first.update(columns[:2], ids=["a", "b"])
     second.update(columns[2:5], ids=["a", "c", "d"])
-    gathered(first, second)
+    with pytest.raises(UsageError, match="samples of two processes differ, and have one id; found a"):
+        gathered(first, second)
+    gathered(first, second, repeated="first")
     assert len(first) == len(second) == 4
     assert values(first.compute()) == values(second.compute())
+
+
+def test_ids_of_readers_keep_all_and_ids_of_clips_are_refused(store: Store, evaluator: Evaluator) -> None:
+    """`batch["clip"]` under several windows of one clip used to leave all except the first out, without a word."""
+    data = pytest.importorskip("torch.utils.data")
+    from dancedata.readers import WindowDataset
+
+    windows = WindowDataset(store, split="train", fields=("edge151", "librosa35"))
+    evaluator.reset()
+    for batch in data.DataLoader(windows, batch_size=7):
+        evaluator.update(batch["edge151"], ids=batch["id"], music=batch["librosa35"])
+    assert len(evaluator) == len(windows) > len(set(windows.windows.clip.tolist()))
+    before = values(evaluator.compute())
+    for batch in data.DataLoader(windows, batch_size=5):  # the same samples, in other batches: once is enough
+        noise = 1e-6 * (-1) ** np.arange(151, dtype=np.float32)
+        evaluator.update(batch["edge151"].numpy() + noise, ids=batch["id"], music=batch["librosa35"])
+    assert values(evaluator.compute()) == before
+    evaluator.reset()
+    batch = next(iter(data.DataLoader(windows, batch_size=7)))
+    with pytest.raises(UsageError, match=r"samples that differ have one id; found .* ids=batch\[\"id\"\]"):
+        evaluator.update(batch["edge151"], ids=batch["clip"], music=batch["librosa35"])
+
+
+def test_one_motion_to_other_music_is_another_sample(evaluator: Evaluator, batch: Any) -> None:
+    _, columns, music = batch
+    evaluator.reset()
+    evaluator.update(columns[:1], ids=["a"], music=music[:1])
+    with pytest.raises(UsageError, match="samples that differ have one id"):
+        evaluator.update(columns[:1], ids=["a"], music=np.roll(music[:1], 3, axis=1))
+    with pytest.raises(UsageError, match="samples that differ have one id"):
+        evaluator.update(columns[:1, ::-1], ids=["a"], music=music[:1])
+
+
+def test_calls_with_and_without_ids_keep_all(evaluator: Evaluator, batch: Any) -> None:
+    _, columns, _ = batch
+    evaluator.reset()
+    evaluator.update(columns[:2], ids=["0/2", "0/3"])
+    evaluator.update(columns[2:5])
+    evaluator.update(columns[5:6], ids=["a"])
+    evaluator.update(columns[6:8])
+    assert len(evaluator) == 8
+    assert len(evaluator.compute().clips) == 8
 
 
 def test_samples_without_ids_of_processes_that_cannot_be_told_apart(evaluator: Evaluator, batch: Any) -> None:

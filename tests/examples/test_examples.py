@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import os
 import re
+import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -23,6 +25,7 @@ from safetensors.torch import load_file
 import dancedata
 from dancedata.formats.bvh.kinematics import world
 from dancedata.formats.bvh.parse import read_bvh
+from dancedata.testing.stores import random_fields, write_random_store
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SMALL = ["--cpu", "--width", "16", "--layers", "1", "--ddim", "2", "--rate", "5e-3"]
@@ -108,6 +111,25 @@ def test_edge_like_learns_generates_and_resumes(run: Callable[..., ModuleType], 
     weights = [load_file(tmp_path / name / "checkpoint" / "model.safetensors") for name in ("once", "twice")]
     assert all(torch.equal(weights[0][name], weights[1][name]) for name in weights[0])
     check_dance(tmp_path / "twice", len(dancedata.open(data).clips[-1].read("librosa35")))
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("train_edge_like", "no field 'edge151'; found joints, librosa35"),
+        ("train_lodge_like", "no field 'lodge139'; found joints, librosa35"),
+    ],
+)
+def test_data_that_an_example_cannot_use_is_said_in_a_line(tmp_path: Path, name: str, words: str) -> None:
+    fields = random_fields({"joints": 72}, {"librosa35": 35})
+    write_random_store(tmp_path / "own", n_frames=(40, 40), length=20, fields=fields)
+    command = [sys.executable, str(EXAMPLES / f"{name}.py"), "--data", str(tmp_path / "own"), "--out", str(tmp_path)]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(EXAMPLES.parent), str(EXAMPLES)])}
+    done = subprocess.run([*command, *SMALL], env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr.splitlines()[-1].startswith("error: ")
+    assert words in done.stderr
+    assert "Traceback" not in done.stderr
 
 
 def test_lodge_like_learns_and_generates(run: Callable[..., ModuleType], data: Path, tmp_path: Path) -> None:

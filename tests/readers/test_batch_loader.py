@@ -51,7 +51,10 @@ MODES: dict[str, dict[str, Any]] = {
 
 
 def dataset_of(store: Store, mode: str = "mirrored and normalised", **options: Any) -> WindowDataset:
-    return WindowDataset(store, **{"fields": FIELDS, "seed": 3, **MODES[mode], **options})
+    """Samples as of epoch 0, until a sampler sets another."""
+    dataset = WindowDataset(store, **{"fields": FIELDS, "seed": 3, **MODES[mode], **options})
+    dataset.set_epoch(0)
+    return dataset
 
 
 def bits(batch: dict[str, Any]) -> dict[str, Any]:

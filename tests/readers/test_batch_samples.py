@@ -44,7 +44,10 @@ MODES: dict[str, dict[str, Any]] = {
 
 
 def dataset_of(store: Store, mode: str, **options: Any) -> WindowDataset:
-    return WindowDataset(store, **{"fields": FIELDS, **MODES[mode], **options})
+    """Samples as of epoch 0, until a sampler sets another."""
+    dataset = WindowDataset(store, **{"fields": FIELDS, **MODES[mode], **options})
+    dataset.set_epoch(0)
+    return dataset
 
 
 def bits(value: Any) -> Any:

@@ -18,6 +18,7 @@ import torch
 from torch.utils.data import DataLoader
 
 from dancedata.audio.beats import Beats
+from dancedata.audio.librosa35 import Librosa35
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.readers import (
     BatchLoader,
@@ -29,7 +30,7 @@ from dancedata.readers import (
     pack_clips,
     pad_clips,
 )
-from dancedata.store.dataset import Store
+from dancedata.store.dataset import Store, open_store
 from dancedata.store.schema import Field
 from dancedata.store.writer import write_store
 from dancedata.testing.stores import random_fields, write_random_store
@@ -53,6 +54,38 @@ def rows_of(store: Store, sample: dict[str, Any]) -> np.ndarray:
 
 def downbeats_of(store: Store, clip: str) -> np.ndarray:
     return np.flatnonzero(store.read_clip(clip, "beats")[:, 1])
+
+
+@pytest.mark.parametrize("fields", [FIELDS, ("edge151", "librosa35"), ("edge151",)])
+@pytest.mark.parametrize("scope", ["track", "window"])
+def test_a_tempo_that_is_not_stated_is_that_of_the_beats(
+    store: Store, tmp_path: Path, fields: tuple[str, ...], scope: str
+) -> None:
+    if scope == "window":
+        made = write_random_store(tmp_path / "w", n_frames=(300, 300), length=100, stride=50, scope="window", fields=[
+            *random_fields({"edge151": 151}, {}), Field("librosa35", "audio", Librosa35().columns, Fraction(30)),
+            Field("beats", "audio", Beats().columns, Fraction(30)),
+        ])  # fmt: skip
+        store = open_store(made.path)
+    data = WindowDataset(store, "train", fields)
+    field = next((name for name in fields if "beat" in store.fields[name].names), next(
+        name for name in store.fields if "beat" in store.fields[name].names))  # fmt: skip
+    column = store.fields[field].slice("beat").start
+    estimated = 0
+    for sample in data.samples(range(len(data))):
+        stated = store.clip(sample["clip"]).tempo_bpm
+        assert sample["tempo_estimated"] == (stated is None)
+        if stated is not None:
+            assert sample["tempo_bpm"] == stated
+            continue
+        pieces = [store.read_clip(sample["clip"], field)] if scope == "track" else [
+            store.read(w, field) for w in data.windows if w.clip == sample["clip"]]  # fmt: skip
+        gaps = np.concatenate([np.diff(np.flatnonzero(rows[:, column])) for rows in pieces])
+        middle = np.median(gaps)
+        mean = gaps[(gaps >= 0.75 * middle) & (gaps <= 1.25 * middle)].mean()
+        assert sample["tempo_bpm"] == pytest.approx(60 * 30 / mean)
+        estimated += 1
+    assert estimated > 10
 
 
 @pytest.mark.parametrize("normalize", [True, FIELDS, False])

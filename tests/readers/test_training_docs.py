@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -16,6 +17,7 @@ pytest.importorskip("torch")
 import torch
 
 from dancedata.readers import EpochSampler, WindowDataset
+from dancedata.testing.stores import write_random_store
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "training.md"
@@ -79,21 +81,55 @@ def test_accelerate_with_two_processes(store_path: Path, tmp_path: Path) -> None
     assert seen == {"whole": wanted, "parts": wanted, "same": True}
 
 
-@pytest.mark.filterwarnings("ignore")
-def test_lightning_resumes(store_path: Path, tmp_path: Path) -> None:
+@pytest.fixture
+def lightning_page(tmp_path: Path) -> dict[str, Any]:
+    """The names of the page's block for Lightning, for 24 windows of train and 4 of val: 2 steps of 16 an epoch."""
     pytest.importorskip("lightning")
+    made = write_random_store(tmp_path / "s", clips={"train": 2, "val": 1}, n_frames=(200, 200), length=35, stride=15)
     (ours,) = [block for block in BLOCKS if "import lightning" in block]
-    names: dict[str, object] = {"torch": torch, "train": WindowDataset(store_path, seed=0)}
-    exec("from torch.utils.data import DataLoader\nfrom dancedata.readers import BatchStream\n", names)
+    train = WindowDataset(made.path, mirror=0.5, seed=0)
+    assert len(train) == 24
+    names: dict[str, Any] = {"torch": torch, "train": train, "OUT": made.path, "seen": [], "validated": []}
+    exec("from torch.utils.data import DataLoader\nfrom dancedata.readers import BatchStream, WindowDataset\n", names)
     exec(compile(ours, str(PAGE), "exec"), names)
-    names["trainer"].save_checkpoint(tmp_path / "four.ckpt")  # type: ignore[attr-defined]
-    indices: list[list[int]] = []
+    page = names["Dance"]
 
-    def training_step(self: torch.nn.Module, batch: dict, number: int) -> torch.Tensor:
-        indices.append(batch["index"].tolist())
-        return torch.nn.functional.mse_loss(self.model(batch["librosa35"]), batch["edge151"])
+    class Watched(page):  # type: ignore[misc, valid-type]
+        def training_step(self, batch: dict[str, Any], number: int) -> torch.Tensor:
+            names["seen"].append(batch["id"])
+            return super().training_step(batch, number)
 
-    names["Dance"].training_step = training_step  # type: ignore[attr-defined]
-    names["fit"](7, tmp_path / "four.ckpt")  # type: ignore[operator]
-    order = EpochSampler(len(WindowDataset(store_path)), seed=0).order(0).tolist()
-    assert indices == [order[16 * step : 16 * step + 16] for step in range(4, 7)]
+        def validation_step(self, batch: dict[str, Any], number: int) -> None:
+            names["validated"].append((len(names["seen"]), batch["id"]))
+            super().validation_step(batch, number)
+
+    names["Dance"] = Watched
+    return names
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_lightning_validates_after_each_epoch(lightning_page: dict[str, Any]) -> None:
+    names = lightning_page
+    trainer, _ = names["fit"](6)
+    assert [len({*names["seen"][k], *names["seen"][k + 1]}) for k in (0, 2, 4)] == [24, 24, 24]
+    val = [f"{w.clip}@{w.start}+{w.length}" for w in WindowDataset(names["OUT"], split="val").windows]
+    sanity, *rest = names["validated"]
+    assert sanity == (0, val)
+    assert rest == [(2, val), (4, val), (6, val)]
+    assert trainer.callback_metrics["val_loss"] > 0
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("stop", [1, 2, 3])
+def test_lightning_resumes(lightning_page: dict[str, Any], tmp_path: Path, stop: int) -> None:
+    """In the middle of an epoch and at its end: the same samples, with the same draws; each epoch is validated."""
+    names = lightning_page
+    names["fit"](6)
+    whole = list(names["seen"])
+    trainer, _ = names["fit"](stop)
+    trainer.save_checkpoint(tmp_path / "some.ckpt")
+    names["seen"].clear()
+    names["validated"].clear()
+    names["fit"](6, tmp_path / "some.ckpt")
+    assert names["seen"] == whole[stop:]
+    assert [n + stop for n, _ in names["validated"] if n] == [step for step in (2, 4, 6) if step > stop]

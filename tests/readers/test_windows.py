@@ -21,7 +21,7 @@ import torch
 from torch.utils.data import DataLoader, default_collate
 
 from dancedata.core.errors import DanceDataError, StoreError, UsageError
-from dancedata.readers import WindowDataset
+from dancedata.readers import BatchLoader, ClipDataset, WindowDataset
 from dancedata.store.dataset import Store, open_store
 from dancedata.store.schema import Field
 from dancedata.testing.stores import random_fields, write_random_store
@@ -87,6 +87,7 @@ def test_negative_and_foreign_indices(store: Store) -> None:
 
 def test_batched_reading_keeps_order_and_repeats(store: Store) -> None:
     dataset = WindowDataset(store, mirror=0.5)
+    dataset.set_epoch(0)
     wanted = [700, 3, -1, 3, 12]
     for one, item in zip(wanted, dataset.__getitems__(wanted), strict=True):
         assert item["index"] == one % len(dataset)
@@ -179,11 +180,30 @@ def test_not_a_built_dataset(tmp_path: Path) -> None:
         WindowDataset(tmp_path)
 
 
-def test_fields_that_nobody_named_and_a_probability_that_is_none(tmp_path: Path) -> None:
+def test_genres_that_the_dataset_does_not_number_are_numbered_by_name(store: Store) -> None:
+    genres = sorted({clip.genre for clip in store.clips})
+    assert genres == ["break", "house"]
+    for split in ("train", "val"):  # val has one clip of each, and the numbers of train
+        dataset = WindowDataset(store, split)
+        assert dict(dataset.genre_ids) == {"break": 0, "house": 1}
+        for sample in dataset.__getitems__(range(0, len(dataset), 40)):
+            assert sample["genre_id"] == genres.index(store.clip(sample["clip"]).genre)
+
+
+@pytest.mark.parametrize("names", [("lodge139", "librosa35"), ("edge151", "half"), ("lodge139",)])
+def test_without_the_usual_fields_all_are_read(tmp_path: Path, names: tuple[str, ...]) -> None:
+    audio = {name: 20 for name in names[1:]}
+    write_random_store(tmp_path, fields=random_fields({names[0]: 139}, audio))
+    windows, clips = WindowDataset(tmp_path), ClipDataset(tmp_path)
+    assert windows.fields == clips.fields == names
+    (batch,) = BatchLoader(windows, 2, sampler=[0, 1])
+    for name in names:
+        np.testing.assert_array_equal(batch[name][1], windows[1][name])
+        assert clips[0][name].shape[1] == windows.store.fields[name].width
+
+
+def test_a_probability_that_is_none(tmp_path: Path) -> None:
     write_random_store(tmp_path, fields=random_fields({"lodge139": 139}, {}))
-    said = r"no field 'edge151', which is read where no fields are named.*fields=\('lodge139',\)"
-    with pytest.raises(UsageError, match=said):
-        WindowDataset(tmp_path)
     with pytest.raises(UsageError, match="mirror is a probability; found yes; allowed: 0 to 1"):
         WindowDataset(tmp_path, fields="lodge139", normalize=False, mirror="yes")  # type: ignore[arg-type]
 
@@ -301,7 +321,9 @@ def mirrored(dataset: WindowDataset) -> list[bool]:
 
 def test_what_is_mirrored_is_a_pure_function_of_seed_epoch_and_index(store: Store) -> None:
     def build(mirror: float, seed: int) -> WindowDataset:
-        return WindowDataset(store, fields=(AUDIO,), mirror=mirror, seed=seed)
+        made = WindowDataset(store, fields=(AUDIO,), mirror=mirror, seed=seed)
+        made.set_epoch(0)
+        return made
 
     dataset = build(0.5, seed=1)
     first = mirrored(dataset)
