@@ -45,6 +45,7 @@ class ClipMusic:
     @classmethod
     def of_rows(cls, rows: npt.NDArray[Any], field: Field | FeatureJob) -> ClipMusic:
         """Return the beats of rows (T, D) of an audio field."""
+        rows = np.asarray(rows)
         return cls(field_beats(rows, field), float(field.grid.seconds(len(rows))))
 
     def after(self, start: int, grid: FrameGrid) -> MusicBeats:
@@ -65,9 +66,9 @@ class ClipMusic:
 def field_beats(rows: npt.NDArray[Any], field: Field | FeatureJob) -> MusicBeats:
     """Return the beats of rows (T, D) of an audio field, or of its column of beats alone (T,), at their instants."""
     late = beat_rows_late(field.name)
-    if np.ndim(rows) == 1:
-        return MusicBeats.of_rows(np.asarray(rows)[:, None], _BEAT_ALONE, field.grid, late=late)
-    return MusicBeats.of_rows(np.asarray(rows), field.columns, field.grid, late=late)
+    if rows.ndim == 1:
+        return MusicBeats.of_rows(rows[:, None], _BEAT_ALONE, field.grid, late=late)
+    return MusicBeats.of_rows(rows, field.columns, field.grid, late=late)
 
 
 def beats_after(beats: MusicBeats, start: int, grid: FrameGrid) -> MusicBeats:

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from dancedata.core.dance import MusicBeats
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.text import counted, listed
-from dancedata.evaluation.clip_music import ClipMusic, field_beats
+from dancedata.evaluation.clip_music import BEAT, ClipMusic, field_beats
 from dancedata.evaluation.evaluate import pool_for, report_of
 from dancedata.evaluation.inputs.clip import MemoryClip
 from dancedata.evaluation.inputs.columns import ColumnsReader, reader_for
@@ -210,7 +210,7 @@ class Evaluator:
         if music.ndim == 3 and music.shape[2] != field.columns.width:
             raise UsageError(
                 "music is not of the audio field of the dataset", found=f"shape {music.shape}",
-                allowed=f"(B, M, {field.columns.width}) as {field.name}, or (B, M)",
+                allowed=f"(B, M, {field.columns.width}), beats in column {field.columns.slice(BEAT).start}; or (B, M)",
             )  # fmt: skip
         return [field_beats(rows, field) for rows in music]
 

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from dancedata.core.clip import Reject
 from dancedata.core.dance import MusicBeats
 from dancedata.core.errors import UsageError
@@ -175,6 +177,6 @@ def _windows(cache: Cache, job: FeatureJob, songs: Sequence[_Song], *, jobs: Job
         if not isinstance(found, Reject):
             own = pieces.setdefault(song, {})
             for number, window in found.items():
-                own[job.window_spec.start(number)] = field_beats(window, job)
+                own[job.window_spec.start(number)] = field_beats(np.asarray(window), job)
     nothing = MusicBeats.of([], job.grid)
     return {song: ClipMusic(nothing, by_piece=own) for song, own in pieces.items()}, rows

@@ -40,6 +40,7 @@ class Dancedata(Protocol):
     )
     music: ClassVar[MusicRule] = MusicRule(("librosa35", "bailando438"))
     notes: ClassVar[tuple[str, ...]] = (
+        "all is measured at 120 frames per second, beats at their instants; numbers of version 1 do not compare",
         "pieces of 5 s every 2.5 s, so that clips of different lengths compare; intervals draw whole clips",
         "features that are the same in all clips of the pool do not count",
         "the 22 joints that SMPL and SMPL-X share, on the dancer's own bones",
