@@ -61,7 +61,7 @@ INSTANTS = "instants"
 #: Of the Gaussian that smooths its speed, seconds: Bailando's 5 frames at 60 per second.
 _SIGMA_S = 1 / 12
 #: How far the speed has to rise on both sides of a beat, m/s, a mean over joints: rounding and float32 do not.
-_DEPTH_M_S = 0.001
+_DEPTH_M_S = 0.0001
 #: Nearer to an end of a clip, the Gaussian reaches beyond it, and a beat of the motion may not be found, seconds.
 _MARGIN_S = 2 * _SIGMA_S
 
@@ -113,7 +113,7 @@ def motion_beat_times(joints: Float64Array, fps: float) -> Float64Array:
     """Return the beats of a motion in seconds: the instants, between frames too, at which it is slowest.
 
     The speed is a mean over joints of `steady` positions, smoothed by a Gaussian of 1/12 s. A beat is a minimum
-    from which it rises by 1 mm/s on both sides, at the vertex of a parabola; equal neighbours are one beat, in their
+    from which it rises by 0.1 mm/s on both sides, at the vertex of a parabola; equal neighbours are one beat, in their
     middle. The same motion at 20 to 60 frames per second has the same beats, mostly within 5 ms.
 
     Parameters
