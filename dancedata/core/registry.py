@@ -198,7 +198,7 @@ EXPORTS = Registry("export", "dancedata.exports", Export)
 
 
 def beat_rows_late(field: str) -> int:
-    """Return `AudioFeature.beat_rows_late` of a stored field: "librosa35", or "librosa35.60"; 0 without its plug-in."""
+    """Return `AudioFeature.beat_rows_late` of a field, "librosa35" or "librosa35.60"; 0 without its plug-in."""
     plugin = field.split(".")[0]
     return FEATURES.get(plugin).beat_rows_late if plugin in FEATURES else 0
 

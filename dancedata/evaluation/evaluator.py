@@ -210,7 +210,8 @@ class Evaluator:
         if music.ndim == 3 and music.shape[2] != field.columns.width:
             raise UsageError(
                 "music is not of the audio field of the dataset", found=f"shape {music.shape}",
-                allowed=f"(B, M, {field.columns.width}), beats in column {field.columns.slice(BEAT).start}; or (B, M)",
+                allowed=f"(B, M, {field.columns.width}), "
+                f"beats in column {field.columns.slice(BEAT).start}, or (B, M)",
             )  # fmt: skip
         return [field_beats(rows, field) for rows in music]
 

@@ -113,7 +113,7 @@ def motion_beat_times(joints: Float64Array, fps: float) -> Float64Array:
     """Return the beats of a motion in seconds: the instants, between frames too, at which it is slowest.
 
     The speed is a mean over joints of `steady` positions, smoothed by a Gaussian of 1/12 s. A beat is a minimum
-    from which it rises by 0.1 mm/s on both sides, at the vertex of a parabola; equal neighbours are one beat, in their
+    from which it rises by 0.1 mm/s on both sides, at the vertex of a parabola; equal neighbours are one beat, in the
     middle. The same motion at 20 to 60 frames per second has the same beats, mostly within 5 ms.
 
     Parameters
@@ -267,7 +267,9 @@ class BeatAlignment(Metric):
         """Check the detector, sigma and its unit."""
         known_name("detector", self.detector, (INSTANTS, *DETECTORS))
         if self.needs_instants and self.unit != "s":
-            raise UsageError("beats at their instants are in seconds", found=f"unit {self.unit!r}", fix='take unit="s"')
+            raise UsageError(
+                "beats at their instants are in seconds", found=f"unit {self.unit!r}", fix='take unit="s"'
+            )
         if not (np.isfinite(self.sigma) and self.sigma > 0):
             raise UsageError("sigma must be above 0", found=self.sigma)
 

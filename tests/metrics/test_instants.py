@@ -6,7 +6,6 @@ Dancers, songs and scores are of the numpy of this file.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -29,7 +28,9 @@ RATES = (20, 24, 30, 60)
 SECONDS = 5
 
 
-def planted(beats: np.ndarray, fps: float, *, seed: int = 0, noise: float = 0.0, seconds: float = SECONDS) -> np.ndarray:
+def planted(
+    beats: np.ndarray, fps: float, *, seed: int = 0, noise: float = 0.0, seconds: float = SECONDS
+) -> np.ndarray:
     """Return (T, 22, 3) of a dancer who goes from pose to pose by a polynomial of degree 5, at rest on each beat."""
     rng = np.random.default_rng(seed)
     period = np.diff(beats).mean()
@@ -58,7 +59,7 @@ def at(seconds: np.ndarray, fps: int = 1000) -> MusicBeats:
     return MusicBeats(np.rint(seconds * fps).astype(np.int64), FrameGrid.of(fps), seconds)
 
 
-@pytest.mark.parametrize("noise", [0.0, 0.003])
+@pytest.mark.parametrize("noise", [0.0, 0.01])
 def test_a_perfect_dancer_is_perfect_at_each_rate(noise: float) -> None:
     means = []
     for fps in RATES:
@@ -88,7 +89,8 @@ def test_a_pause_is_one_beat_in_its_middle() -> None:
         moving = planted(np.array([1.0, 2.0]), fps)[: fps + 1]
         still = np.repeat(moving[-1:], fps, axis=0)
         pause = np.concatenate([moving, still, moving[::-1]])  # at rest from 1 to 2 s and a frame
-        for joints in (pause, pause.astype(np.float32)):
+        rounded = pause + 1e-14 * np.random.default_rng(fps).normal(size=pause.shape)
+        for joints in (pause, rounded, pause.astype(np.float32)):
             found = motion_beat_times(joints, fps)
             inside = found[(found > 0.9) & (found < 2.2)]
             assert len(inside) == 1
@@ -182,7 +184,8 @@ def same_numbers(dances: list[dict[int, np.ndarray]], music: list[MusicBeats]) -
     # A dance has as many pieces at all rates, up to a frame at its end.
     counts = [min(len(of[f][0]) for f in RATES) for of in rows]
     found = {
-        f: [np.concatenate([of[f][k][:n] for of, n in zip(rows, counts, strict=True)]) for k in range(5)] for f in RATES
+        f: [np.concatenate([of[f][k][:n] for of, n in zip(rows, counts, strict=True)]) for k in range(5)]
+        for f in RATES
     }
     for fps in RATES:
         for k, limit in ((0, 1.0), (1, 0.1)):  # version 1: 14 to 40, and 134 to 624
