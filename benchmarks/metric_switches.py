@@ -125,7 +125,7 @@ def beat_switches() -> list[tuple[str, BeatAlignment, int]]:
         ("no smoothing, order 1", BeatAlignment("unsmoothed", "music", 3, **frames), 60),
         ("no smoothing, order 10", BeatAlignment("unsmoothed, order 10", "music", 3, **frames), 60),
         ("the same frame constants at 30", bailando, 30),
-        ("constants in seconds at 30", BeatAlignment(), 30),
+        ("constants in seconds at 30", BeatAlignment("seconds"), 30),
         ("sigma 6 frames", BeatAlignment("bailando", "music", 6, **frames), 60),
         ("fact at 60", BeatAlignment("fact", "motion", 3, unit="frames", cut="frames"), 60),
         ("fact at 30", BeatAlignment("fact", "motion", 3, unit="frames", cut="frames"), 30),

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from dancedata.core.columns import Columns
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.rotations import Float64Array
@@ -70,6 +71,18 @@ def checked_joints(joints: npt.ArrayLike) -> Float64Array:
     return array
 
 
+def peak_offsets(curve: npt.ArrayLike, at: IntArray) -> Float64Array:
+    """Return how far the peak of a curve (n,) is from each of its indices `at` (B,): -1/2 to 1/2.
+
+    It is that of the parabola through the index and its two neighbours; 0 at the ends, and where it has no peak.
+    """
+    values = np.asarray(curve, dtype=np.float64)
+    before, here, after = (values[(at + k).clip(0, len(values) - 1)] for k in (-1, 0, 1))
+    bend = before - 2 * here + after
+    peaked = (at > 0) & (at < len(values) - 1) & (bend < 0)
+    return np.where(peaked, (before - after) / np.where(peaked, 2 * bend, 1), 0).clip(-0.5, 0.5)
+
+
 @dataclass(frozen=True, eq=False)
 class MusicBeats:
     """Beats of music: frames of a grid that begins with the clip.
@@ -80,10 +93,32 @@ class MusicBeats:
         (B,) int64, ascending; those behind the end of the clip may be among them.
     grid
         Rate of these frames.
+    instants
+        (B,) seconds from the first frame, where these are known better than by frames: some may lie before it.
+        None: those of the frames.
     """
 
     frames: IntArray
     grid: FrameGrid
+    instants: Float64Array | None = None
+
+    @property
+    def seconds(self) -> Float64Array:
+        """Instants of the beats (B,), seconds from the first frame."""
+        return self.frames / float(self.grid.rate) if self.instants is None else self.instants
+
+    @classmethod
+    def of_rows(cls, rows: npt.NDArray[Any], columns: Columns, grid: FrameGrid, *, late: int = 0) -> MusicBeats:
+        """Return the beats of rows (T, D) of an audio feature: where its group "beat" is 1.
+
+        The instant of a beat is that of its row minus `late` rows (`AudioFeature.beat_rows_late`). Where the feature
+        has an onset envelope, the instant is that of the envelope's peak between the rows beside it.
+        """
+        frames = np.flatnonzero((rows[:, columns.slice("beat")] > 0.5).any(axis=1))
+        places = frames - float(late)
+        if "onset_envelope" in columns.names:
+            places += peak_offsets(rows[:, columns.slice("onset_envelope")].ravel(), frames)
+        return cls(frames, grid, places / float(grid.rate))
 
     @classmethod
     def of(cls, frames: Sequence[int] | npt.NDArray[Any], grid: FrameGrid) -> MusicBeats:

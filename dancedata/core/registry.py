@@ -196,6 +196,13 @@ FILTERS = Registry("window filter", "dancedata.filters", WindowFilter)
 METRICS = Registry("metric", "dancedata.metrics", Metric)
 EXPORTS = Registry("export", "dancedata.exports", Export)
 
+
+def beat_rows_late(field: str) -> int:
+    """Return `AudioFeature.beat_rows_late` of a field, "librosa35" or "librosa35.60"; 0 without its plug-in."""
+    plugin = field.split(".")[0]
+    return FEATURES.get(plugin).beat_rows_late if plugin in FEATURES else 0
+
+
 #: All of them, by what `dancedata list` calls them.
 REGISTRIES: dict[str, Registry[Any]] = {
     "datasets": DATASETS,

@@ -15,10 +15,9 @@ import numpy.typing as npt
 
 from dancedata.core.dance import MusicBeats
 from dancedata.core.errors import DataError, UsageError
-from dancedata.core.grid import FrameGrid
 from dancedata.core.normalize import MinMax
 from dancedata.core.text import counted, listed
-from dancedata.evaluation.clip_music import BEAT, ClipMusic
+from dancedata.evaluation.clip_music import BEAT, ClipMusic, field_beats
 from dancedata.evaluation.evaluate import pool_for, report_of
 from dancedata.evaluation.inputs.clip import MemoryClip
 from dancedata.evaluation.inputs.columns import ColumnsReader, reader_for
@@ -30,6 +29,7 @@ from dancedata.evaluation.report import Report
 from dancedata.evaluation.request import Request, protocol_named
 from dancedata.store import Store
 from dancedata.store.scaling import Reader, Scaling, opened, store_of
+from dancedata.store.schema import Field
 
 __all__ = ["Evaluator"]
 
@@ -60,13 +60,13 @@ class _Trace:
     beats: tuple[int, ...] | None
 
     @classmethod
-    def of(cls, columns: npt.NDArray[Any], beats: npt.NDArray[np.bool_] | None) -> _Trace:
-        """Return the trace of columns (L, D) and of which rows of music are beats."""
+    def of(cls, columns: npt.NDArray[Any], beats: MusicBeats | None) -> _Trace:
+        """Return the trace of columns (L, D) and of the beats of their music."""
         rows = columns.astype(np.float64)
         weights = np.stack([np.ones(len(rows)), np.linspace(-1, 1, len(rows))]) / max(1, len(rows))
         with np.errstate(all="ignore"):  # columns that cannot be measured are traced as well
             motion = np.concatenate([weights @ rows, weights[:1] @ rows**2])
-        return cls(motion, len(rows), None if beats is None else tuple(np.flatnonzero(beats).tolist()))
+        return cls(motion, len(rows), None if beats is None else tuple(beats.frames.tolist()))
 
     def same(self, other: _Trace) -> bool:
         """Whether the other trace is of the same sample."""
@@ -90,8 +90,8 @@ class Evaluator:
         How columns are decoded.
     pool
         What samples are compared with; None: metrics that need a pool are not computed.
-    beat_column, music_grid
-        Column of the beats in rows of music, and the rate of the rows; None without music.
+    music_field
+        Audio field that rows of music are of; None without music.
 
     Examples
     --------
@@ -109,13 +109,12 @@ class Evaluator:
         reader: ColumnsReader,
         pool: Pool | None = None,
         *,
-        beat_column: int | None = None,
-        music_grid: FrameGrid | None = None,
+        music_field: Field | None = None,
     ) -> None:
         self.protocol = protocol_named(protocol)
         self.reader = reader
         self.pool = pool
-        self._beat_column, self._music_grid = beat_column, music_grid
+        self._music_field = music_field
         problem = reader.problem(self.protocol.motion)
         if problem:
             raise UsageError(f"{self.protocol.name} cannot be computed from these columns", found=problem)
@@ -196,8 +195,7 @@ class Evaluator:
             made,
             reader,
             found,
-            beat_column=None if beats is None else dataset.fields[beats].slice(BEAT).start,
-            music_grid=None if beats is None else dataset.field(beats).grid,
+            music_field=None if beats is None else dataset.field(beats),
         )
 
     def __len__(self) -> int:
@@ -269,9 +267,8 @@ class Evaluator:
             )
         return known is not trace
 
-    def _measure(self, name: str, columns: npt.NDArray[Any], beats: npt.NDArray[np.bool_] | None) -> None:
-        grid = self._music_grid
-        music = None if beats is None or grid is None else ClipMusic(MusicBeats.of(np.flatnonzero(beats), grid))
+    def _measure(self, name: str, columns: npt.NDArray[Any], beats: MusicBeats | None) -> None:
+        music = None if beats is None else ClipMusic(beats)
         try:
             pose = self.reader.pose(columns, where=f"sample {name}")
             found = measure_pose(self.protocol, "generated", range(len(self.protocol.measures)), pose, music)
@@ -281,9 +278,10 @@ class Evaluator:
         clip = MemoryClip(id=name, joints=pose.joints, grid=pose.grid)
         self._measured[name] = MeasuredClip.of(clip, found)
 
-    def _beats(self, music: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
-        """Return which rows (B, M) are beats."""
-        if self._music_grid is None or self._beat_column is None:
+    def _beats(self, music: npt.NDArray[Any]) -> list[MusicBeats]:
+        """Return the beats of each sample."""
+        field = self._music_field
+        if field is None:
             raise UsageError(
                 "the dataset has no beats of this protocol", found=f"protocol {self.protocol.name}",
                 fix="leave out music, or name the audio field: Evaluator.of(..., music=FIELD)",
@@ -292,12 +290,13 @@ class Evaluator:
             raise UsageError(
                 "music has two or three axes", found=f"shape {music.shape}", allowed="(B, M, D) or (B, M)"
             )
-        if music.ndim == 3 and music.shape[2] <= self._beat_column:
+        if music.ndim == 3 and music.shape[2] != field.columns.width:
             raise UsageError(
                 "music is not of the audio field of the dataset", found=f"shape {music.shape}",
-                allowed=f"(B, M, D) with the beats in column {self._beat_column}, or (B, M)",
+                allowed=f"(B, M, {field.columns.width}), "
+                f"beats in column {field.columns.slice(BEAT).start}, or (B, M)",
             )  # fmt: skip
-        return np.asarray((music if music.ndim == 2 else music[..., self._beat_column]) > 0.5)
+        return [field_beats(rows, field) for rows in music]
 
     def gather(self, gather: Gather | None = None, *, repeated: Literal["same", "first"] = "same") -> Self:
         """Join the samples of all processes; every process has to call it, and then has all of them.

@@ -21,6 +21,7 @@ from dancedata.execution.cache import Cache, package_version
 from dancedata.execution.progress import Progress
 from dancedata.execution.reference_process import expected
 from dancedata.execution.units import Jobs, run_units
+from dancedata.metrics.root import STEADY_FPS, steady
 from dancedata.pipeline.rejects import reject_of
 from dancedata.recipes.documents import document_of
 
@@ -120,7 +121,9 @@ def _outcome(
     start, length = cut
     beats = music.after(start, grid) if music is not None and measure.metric.needs_music else None
     piece = joints[start : start + length]
-    if measure.fps is not None:
+    if measure.steady:
+        piece, grid = steady(piece, float(grid.rate)), FrameGrid.of(STEADY_FPS)
+    elif measure.fps is not None:
         target = FrameGrid.of(measure.fps)
         piece, grid = interpolated(piece, grid, target), target
     try:
@@ -196,7 +199,7 @@ def _common_key(protocol: Protocol, role: Role, measure: Measure) -> str:
         motion=repr(protocol.motion),
         pieces=repr(protocol.pieces(role)),
         metric=[metric.name, metric.version, document_of(metric)],
-        measured=[measure.fps, measure.frames(role)],
+        measured=[measure.fps, measure.frames(role), *(["steady"] if measure.steady else [])],
         packages={name: package_version(name) for name in ("numpy", "scipy")},
         arithmetic=expected(),
     )
@@ -209,9 +212,9 @@ def _keys(
     identity = clip.identity(cache)
     keys = {}
     for number, shared in common.items():
-        needs_music = protocol.measures[number].metric.needs_music
-        if needs_music and music is None:
+        metric = protocol.measures[number].metric
+        if metric.needs_music and music is None:
             continue
-        beats = music.identity() if needs_music and music is not None else None
+        beats = music.identity(instants=metric.needs_instants) if metric.needs_music and music is not None else None
         keys[number] = Cache.key(_STAGE, common=shared, clip=identity, beats=beats)
     return keys

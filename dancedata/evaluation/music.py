@@ -34,7 +34,7 @@ def stored_beats(
     name = beat_field(store, rule, pieces)
     if name is None:
         return {}
-    column, grid = store.fields[name].slice(BEAT).start, store.field(name).grid
+    field = store.field(name)
     records = {c.id: c for c in store.clips if not c.source}
     longest = {c.music: c.id for c in sorted(records.values(), key=lambda c: (c.n_frames, c.id)) if c.music}
     found = {}
@@ -42,11 +42,11 @@ def stored_beats(
         record = records.get(clip.clip)
         own = record is not None and songs.get(clip.id) in (None, record.music)
         if own and isinstance(clip, StoreClip) and clip.window is not None and clip.reference == store.reference:
-            found[clip.id] = ClipMusic.of_rows(store.read(clip.window, name), column, grid)
+            found[clip.id] = ClipMusic.of_rows(store.read(clip.window, name), field)
             continue
         source = clip.clip if own else longest.get(clip.music)
         if source is not None and store.scope == "track":
-            found[clip.id] = ClipMusic.of_rows(store.read_clip(source, name), column, grid)
+            found[clip.id] = ClipMusic.of_rows(store.read_clip(source, name), field)
     return found
 
 

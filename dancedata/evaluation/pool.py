@@ -153,7 +153,7 @@ def check_target(path: Path, protocol: Protocol) -> None:
 def _measured_by(protocol: Protocol) -> str:
     """Return the hash of what a pool's numbers depend on, for a protocol whose version was not raised."""
     metrics = [
-        [m.metric.name, m.metric.version, document_of(m.metric), m.fps, m.frames("truth")]
+        [m.metric.name, m.metric.version, document_of(m.metric), m.fps, m.frames("truth"), *["steady"] * m.steady]
         for m in protocol.measures
         if m.metric.needs_pool
     ]

@@ -135,6 +135,9 @@ class Measure:
         The metric with its variant.
     fps
         Joint positions are interpolated linearly to this rate first; None: as they are.
+    steady
+        Instead, they are taken at 120 frames per second by `dancedata.metrics.root.steady`, so that numbers do not
+        depend on the clip's rate.
     first, first_generated
         Then at most so many frames of a piece are measured: of every piece, and of generated motion; None: all.
     """
@@ -143,6 +146,7 @@ class Measure:
     fps: int | None = None
     first: int | None = None
     first_generated: int | None = None
+    steady: bool = False
 
     def frames(self, role: Role) -> int | None:
         """Return how many frames of a piece are measured at most; None: all."""

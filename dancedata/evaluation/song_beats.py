@@ -17,7 +17,7 @@ from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
 from dancedata.core.text import listed
 from dancedata.datasets._source import AUDIO_SUFFIXES, best_audio
-from dancedata.evaluation.clip_music import BEAT, ClipMusic
+from dancedata.evaluation.clip_music import ClipMusic, field_beats
 from dancedata.evaluation.inputs.clip import ClipInput
 from dancedata.evaluation.protocol import MusicRule, Protocol, Role
 from dancedata.execution.cache import Cache
@@ -151,9 +151,8 @@ def _tracks(cache: Cache, job: FeatureJob, songs: Sequence[_Song], *, jobs: Jobs
         extract_track, calls, known=known, jobs=jobs, label=f"beats, {job.name}", progress=progress,
         exact=job.feature.exact,
     )  # fmt: skip
-    column = job.columns.slice(BEAT).start
     beats = {
-        song: ClipMusic.of_rows(np.asarray(found), column, job.grid)
+        song: ClipMusic.of_rows(found, job)
         for song, found in zip(songs, rows, strict=True)
         if not isinstance(found, Reject)
     }
@@ -173,12 +172,11 @@ def _windows(cache: Cache, job: FeatureJob, songs: Sequence[_Song], *, jobs: Job
         extract_windows, calls, known=known, jobs=jobs, label=f"beats, {job.name}", progress=progress,
         exact=job.feature.exact,
     )  # fmt: skip
-    column = job.columns.slice(BEAT).start
     pieces: dict[_Song, dict[int, MusicBeats]] = {}
     for (song, _), found in zip(units, rows, strict=True):
         if not isinstance(found, Reject):
             own = pieces.setdefault(song, {})
             for number, window in found.items():
-                own[job.window_spec.start(number)] = ClipMusic.of_rows(np.asarray(window), column, job.grid).beats
+                own[job.window_spec.start(number)] = field_beats(np.asarray(window), job)
     nothing = MusicBeats.of([], job.grid)
     return {song: ClipMusic(nothing, by_piece=own) for song, own in pieces.items()}, rows

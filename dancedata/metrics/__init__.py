@@ -25,6 +25,7 @@ __all__ = [
     "frechet",
     "geometric",
     "kinetic",
+    "motion_beat_times",
     "motion_beats",
     "pbc",
     "pfc",
@@ -36,7 +37,7 @@ __all__ = [
 if TYPE_CHECKING:
     from dancedata.core.dance import Dance, MusicBeats, Undefined
     from dancedata.evaluation.evaluator import Evaluator
-    from dancedata.metrics.beats import beat_alignment, chance_level, motion_beats
+    from dancedata.metrics.beats import beat_alignment, chance_level, motion_beat_times, motion_beats
     from dancedata.metrics.foot_skating import skating
     from dancedata.metrics.geometric_features import geometric
     from dancedata.metrics.intervals import Interval, bootstrap
@@ -63,6 +64,7 @@ else:  # type checkers take the imports above, and so find misspelt names
             "frechet": "dancedata.metrics.set_statistics",
             "geometric": "dancedata.metrics.geometric_features",
             "kinetic": "dancedata.metrics.kinetic_features",
+            "motion_beat_times": "dancedata.metrics.beats",
             "motion_beats": "dancedata.metrics.beats",
             "pbc": "dancedata.metrics.physical_contact",
             "pfc": "dancedata.metrics.physical_contact",

@@ -9,7 +9,7 @@ from typing import ClassVar, Literal
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.dance import Dance, MusicBeats, Undefined, checked_joints
+from dancedata.core.dance import Dance, MusicBeats, Undefined, checked_joints, peak_offsets
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.plugins import Better, Metric
@@ -17,6 +17,7 @@ from dancedata.core.registry import METRICS
 from dancedata.core.rotations import Float64Array
 from dancedata.keymotion.minima import kinetic_curve, local_minima, smoothed
 from dancedata.metrics.arguments import checked_rate, first_joints, known_name
+from dancedata.metrics.root import STEADY_FPS, steady
 
 IntArray = npt.NDArray[np.int64]
 Cut = Literal["frames", "steps", "none"]
@@ -55,7 +56,16 @@ class BeatDetector:
         return local_minima(curve if sigma is None else smoothed(curve, sigma), self.order)
 
 
-#: By name. "seconds" is Bailando's with its Gaussian in seconds, so that it does not depend on the rate.
+#: Detector of `motion_beat_times`.
+INSTANTS = "instants"
+#: Of the Gaussian that smooths its speed, seconds: Bailando's 5 frames at 60 per second.
+_SIGMA_S = 1 / 12
+#: How far the speed has to rise on both sides of a beat, m/s, a mean over joints: rounding and float32 do not.
+_DEPTH_M_S = 0.0001
+#: Nearer to an end of a clip, the Gaussian reaches beyond it, and a beat of the motion may not be found, seconds.
+_MARGIN_S = 2 * _SIGMA_S
+
+#: By name. "seconds" is Bailando's with its Gaussian in seconds (Motius).
 DETECTORS = {
     "seconds": BeatDetector(
         "Bailando's, its 5 frames at 60 per second taken as 1/12 s", "mean", sigma_s=Fraction(1, 12)
@@ -97,6 +107,36 @@ def motion_beats(joints: Float64Array, fps: float, *, detector: str = "seconds")
     """
     known_name("detector", detector, DETECTORS)
     return DETECTORS[detector](joints, fps)
+
+
+def motion_beat_times(joints: Float64Array, fps: float) -> Float64Array:
+    """Return the beats of a motion in seconds: the instants, between frames too, at which it is slowest.
+
+    The speed is a mean over joints of `steady` positions, smoothed by a Gaussian of 1/12 s. A beat is a minimum
+    from which it rises by 0.1 mm/s on both sides, at the vertex of a parabola; equal neighbours are one beat, in the
+    middle. The same motion at 20 to 60 frames per second has the same beats, mostly within 5 ms.
+
+    Parameters
+    ----------
+    joints
+        (T, J, 3) positions, metres.
+    fps
+        Frames per second.
+
+    Returns
+    -------
+    (B,) float64
+        Seconds from the first frame, ascending; empty for a motion without beats.
+    """
+    from scipy.signal import find_peaks
+
+    curve = smoothed(kinetic_curve(steady(joints, fps)) * STEADY_FPS, _SIGMA_S * STEADY_FPS)
+    slow = -np.round(curve, 9)  # a pause is exactly even
+    lows, shape = find_peaks(slow, plateau_size=1, prominence=_DEPTH_M_S)
+    first, last = shape["left_edges"], shape["right_edges"]
+    places = (first + last) / 2 + np.where(first == last, peak_offsets(slow, lows), 0)
+    # Value t of the curve is the step from t to t + 1.
+    return np.asarray((places + 0.5) / STEADY_FPS, dtype=np.float64)
 
 
 def _distances(points: Numbers, to: Numbers) -> Float64Array:
@@ -187,7 +227,8 @@ class BeatAlignment(Metric):
     Attributes
     ----------
     detector
-        How beats of the motion are found, a key of `DETECTORS`.
+        How beats of the motion are found: "instants", in seconds (`motion_beat_times`), against the instants of the
+        music; or a key of `DETECTORS`, whose frames are compared with the music's as programs do it.
     direction
         Which beats the mean is over: of the "music" (to the nearest of the motion), or of the "motion".
     sigma
@@ -195,7 +236,8 @@ class BeatAlignment(Metric):
     unit
         Unit of sigma: "s", or "frames" of the clip; then the beats of the music have to be at the clip's rate.
     cut
-        Beats of the music that count: those within the T "frames", within the T - 1 "steps", or "none" is cut.
+        Beats of the music that count: those within the T "frames", within the T - 1 "steps", or "none" is cut. Of
+        "instants" those count that are at least 1/6 s from both ends, where the other beats are found.
     no_motion_beats
         A clip whose motion has no beat is undefined and set "aside", or has the score "zero".
     no_music_beats
@@ -211,7 +253,7 @@ class BeatAlignment(Metric):
     needs_music: ClassVar[bool] = True
     better: ClassVar[dict[str, Better]] = {"bas": "closer"}
 
-    detector: str = "seconds"
+    detector: str = INSTANTS
     direction: Literal["music", "motion"] = "music"
     sigma: float = 0.05
     unit: Literal["s", "frames"] = "s"
@@ -222,10 +264,19 @@ class BeatAlignment(Metric):
     clips: int = 0
 
     def __post_init__(self) -> None:
-        """Check the detector and sigma."""
-        known_name("detector", self.detector, DETECTORS)
+        """Check the detector, sigma and its unit."""
+        known_name("detector", self.detector, (INSTANTS, *DETECTORS))
+        if self.needs_instants and self.unit != "s":
+            raise UsageError(
+                "beats at their instants are in seconds", found=f"unit {self.unit!r}", fix='take unit="s"'
+            )
         if not (np.isfinite(self.sigma) and self.sigma > 0):
             raise UsageError("sigma must be above 0", found=self.sigma)
+
+    @property
+    def needs_instants(self) -> bool:
+        """Whether beats are compared at their instants."""
+        return self.detector == INSTANTS
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -234,7 +285,7 @@ class BeatAlignment(Metric):
 
     def measure(self, dance: Dance) -> Float64Array:
         """Return score and chance level of one clip, (2,)."""
-        motion, music, step = self._beats(dance)
+        motion, music, end, step = self._beats(dance)
         empty = [
             (not len(motion), "no_motion_beats", self.no_motion_beats),
             (not len(music), "no_music_beats", self.no_music_beats),
@@ -246,25 +297,35 @@ class BeatAlignment(Metric):
             return np.zeros(2)
         here, there = (music, motion) if self.direction == "music" else (motion, music)
         score = beat_alignment(here, there, sigma=self.sigma)
-        chance = chance_level(there, dance.n_frames * step, sigma=self.sigma, step=step)
+        chance = chance_level(there, end, sigma=self.sigma, step=step)
         return np.array([score, chance])
 
-    def _beats(self, dance: Dance) -> tuple[Float64Array, Float64Array, float]:
-        """Return the beats of the motion and of the music, and the duration of a frame, in the unit of sigma."""
+    def _beats(self, dance: Dance) -> tuple[Float64Array, Float64Array, float, float]:
+        """Return beats of motion and music, the length that they are within and a step, in the unit of sigma."""
         if dance.music is None:
             raise UsageError("beat alignment needs the beats of the music", found="a clip without music")
         positions = first_joints(dance.joints, self.joints)
+        if self.needs_instants:
+            # Of the beats that the mean is over, those count whose neighbours can be found.
+            length = (dance.n_frames - 1) / dance.fps - 2 * _MARGIN_S
+            motion, beats = motion_beat_times(positions, dance.fps) - _MARGIN_S, dance.music.seconds - _MARGIN_S
+            if self.direction == "music":
+                beats = beats[(beats >= 0) & (beats <= length)]
+            else:
+                motion = motion[(motion >= 0) & (motion <= length)]
+            return motion, beats, length, 1 / STEADY_FPS
         motion = motion_beats(positions, dance.fps, detector=self.detector).astype(np.float64)
         music = cut_beats(dance.music, dance.n_frames, dance.grid, self.cut).astype(np.float64)
         if self.unit == "s":
-            return motion / dance.fps, music / float(dance.music.grid.rate), 1 / dance.fps
+            step = 1 / dance.fps
+            return motion / dance.fps, music / float(dance.music.grid.rate), dance.n_frames * step, step
         if dance.music.grid != dance.grid:
             raise UsageError(
                 "sigma is in frames, so the beats of the music have to be at the clip's rate",
                 found=f"beats at {dance.music.grid} per second, motion at {dance.grid}",
                 fix='take unit="s"',
             )
-        return motion, music, 1.0
+        return motion, music, float(dance.n_frames), 1.0
 
     def summarise(self, rows: Float64Array, pool: Float64Array | None = None) -> dict[str, float]:
         """Return the means over clips: bas and bas_chance."""

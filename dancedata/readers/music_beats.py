@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from dancedata.core.clip import Reject
 from dancedata.core.errors import UsageError
+from dancedata.core.registry import beat_rows_late
 from dancedata.store.dataset import Store
 from dancedata.store.window_list import WindowList
 
@@ -111,7 +112,8 @@ def beat_starts(store: Store, clip: str, length: int, *, at: StartAt, fields: Se
     if not len(starts):
         return np.empty(0, dtype=np.int64)
     rows = np.flatnonzero(store.read_clip(clip, beats.name)[:, beats.columns.slice(at).start])
-    frames = beats.grid.nearest_rows(rows.astype(np.int64), of=store.grid)
+    rows = np.maximum(rows.astype(np.int64) - beat_rows_late(beats.name), 0)
+    frames = beats.grid.nearest_rows(rows, of=store.grid)
     nearest = starts.start + (frames - starts.start + starts.step // 2) // starts.step * starts.step
     found: IntArray = np.unique(nearest[(nearest >= starts.start) & (nearest < starts.stop)])
     return found

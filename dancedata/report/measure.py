@@ -326,8 +326,9 @@ def _length(path: Float64Array) -> float:
 
 
 def _periods(piece: Piece) -> Float64Array:
-    times = piece.beat_times
-    return np.zeros(0) if times is None else np.diff(times)
+    """Return the times between beats in whole rows, seconds."""
+    beats = piece.beats
+    return np.zeros(0) if beats is None else np.diff(beats.frames) / float(beats.grid.rate)
 
 
 def _thinned(path: Float64Array) -> tuple[tuple[float, float], ...]:

@@ -10,7 +10,7 @@ import numpy as np
 from dancedata.core.clip import Window
 from dancedata.core.dance import MusicBeats
 from dancedata.core.rotations import Float64Array
-from dancedata.evaluation.clip_music import BEAT
+from dancedata.evaluation.clip_music import field_beats
 from dancedata.evaluation.inputs.columns import ColumnsReader
 from dancedata.keymotion.minima import SIGMA_FRAMES, KeyMotion, key_motion
 from dancedata.scene.fields import drawable_fields, rhythm_fields
@@ -60,7 +60,7 @@ class Piece:
     @property
     def beat_times(self) -> Float64Array | None:
         """Instants of the beats, seconds; None without music."""
-        return None if self.beats is None else self.beats.frames / float(self.beats.grid.rate)
+        return None if self.beats is None else self.beats.seconds
 
 
 @dataclass(frozen=True)
@@ -142,8 +142,7 @@ class ClipReader:
         if field is None:
             return None, None
         rows = clip.read_song(field.name) if window is None else self.store.read(window, field.name)
-        frames = np.flatnonzero(rows[:, field.columns.slice(BEAT)].any(axis=1))
-        return MusicBeats.of(frames, field.grid), float(field.grid.seconds(len(rows)))
+        return field_beats(rows, field), float(field.grid.seconds(len(rows)))
 
 
 def _has_contacts(reader: ColumnsReader) -> bool:

@@ -7,15 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from dancedata.core.errors import DanceDataError, UsageError, did_you_mean
-from dancedata.core.registry import FEATURES, REPRESENTATIONS
+from dancedata.core.registry import FEATURES, REPRESENTATIONS, beat_rows_late
 from dancedata.core.rotations import Float64Array
+from dancedata.evaluation.clip_music import BEAT, field_beats
 from dancedata.evaluation.inputs.columns import ColumnsReader, field_readers
 from dancedata.recipes.plugins import make_named, split_instance
 from dancedata.store import Store
 
 __all__ = ["Rhythm", "drawable_fields", "field_to_draw", "rhythm_fields"]
 
-_BEAT, _ONSET = "beat", "onset_envelope"
+_ONSET = "onset_envelope"
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +87,7 @@ def field_to_draw(store: Store, name: str | None) -> str | None:
 def rhythm_fields(store: Store) -> tuple[str, ...]:
     """Return the audio fields that have beats, librosa35 first: two datasets are then compared by the same beats."""
     audio = [name for name in store.fields if store.field(name).kind == "audio"]
-    return tuple(sorted((name for name in audio if _BEAT in store.fields[name].names), key=_is_not_librosa35))
+    return tuple(sorted((name for name in audio if BEAT in store.fields[name].names), key=_is_not_librosa35))
 
 
 def _is_not_librosa35(name: str) -> bool:
@@ -94,12 +95,13 @@ def _is_not_librosa35(name: str) -> bool:
 
 
 def rhythm_of(rows: Float64Array, store: Store, name: str) -> Rhythm:
-    """Return the rhythm of (T, D) rows of an audio field that begin with the clip."""
+    """Return the rhythm of (T, D) rows of an audio field that begin with the clip: at its instants, not late."""
     columns, rate = store.fields[name], float(store.field(name).rate)
-    beats = np.flatnonzero(rows[:, columns.slice(_BEAT)].ravel() > 0.5) / rate
+    beats = field_beats(rows, store.field(name)).seconds.clip(min=0)
     if _ONSET not in columns.names:
         return Rhythm(beats, np.zeros(0), rate, name)
-    onset = np.nan_to_num(rows[:, columns.slice(_ONSET)].ravel().astype(np.float64), posinf=0.0, neginf=0.0)
+    onset = rows[beat_rows_late(name) :, columns.slice(_ONSET)].ravel().astype(np.float64)
+    onset = np.nan_to_num(onset, posinf=0.0, neginf=0.0)
     top = float(onset.max(initial=0.0))
     return Rhythm(beats, np.clip(onset / top, 0, 1) if top > 0 else onset * 0, rate, name)
 

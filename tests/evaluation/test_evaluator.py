@@ -49,7 +49,7 @@ def test_batches_give_what_the_motions_give(store: Store, evaluator: Evaluator, 
         for name, rows in zip(ids, columns, strict=True)
     }
     beats = {
-        name: dancedata.metrics.MusicBeats.of(np.flatnonzero(rows[:, 34]), store.grid)
+        name: dancedata.metrics.MusicBeats.of_rows(rows, store.fields["librosa35"], store.grid, late=1)
         for name, rows in zip(ids, music, strict=True)
     }
     whole = dancedata.evaluate(motions, pool=store, pool_split="train", beats=beats, bootstrap=0)
@@ -66,8 +66,11 @@ def test_torch_on_any_dtype(evaluator: Evaluator, batch: Any) -> None:
     evaluator.update(columns, ids=ids, music=music)
     of_numpy = evaluator.compute()
     evaluator.reset()
-    evaluator.update(torch.from_numpy(columns).requires_grad_(), ids=ids, music=torch.from_numpy(music)[..., 34])
+    evaluator.update(torch.from_numpy(columns).requires_grad_(), ids=ids, music=torch.from_numpy(music))
     assert values(evaluator.compute()) == values(of_numpy)
+    evaluator.reset()
+    evaluator.update(columns, ids=ids, music=torch.from_numpy(music)[..., 34])  # beats between rows are not known
+    assert evaluator.compute()["bas"] == pytest.approx(of_numpy["bas"], abs=0.03)
     evaluator.reset()
     evaluator.update(torch.from_numpy(columns).to(torch.bfloat16), ids=ids)
     report = evaluator.compute()
@@ -81,7 +84,7 @@ def test_processes_are_joined_without_repeated_samples(store: Store, evaluator: 
     evaluator.update(columns, ids=ids, music=music)
     alone = evaluator.compute()
     ranks = [
-        Evaluator(evaluator.protocol, evaluator.reader, evaluator.pool, beat_column=34, music_grid=store.grid)
+        Evaluator(evaluator.protocol, evaluator.reader, evaluator.pool, music_field=store.field("librosa35"))
         for _ in range(2)
     ]
     for rank, own in enumerate(ranks):

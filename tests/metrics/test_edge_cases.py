@@ -125,7 +125,7 @@ def test_no_beats_as_the_originals(metrics_golden: Any) -> None:
 
 def test_the_first_two_frames_are_beats_not_a_mask() -> None:
     """Motius reads the beats [0, 1] as a mask; here they are frames."""
-    metric = BeatAlignment()
+    metric = BeatAlignment("seconds")
     assert metric.measure(dance(walk(60), [0, 1]))[0] < 1
     assert metric.measure(dance(walk(60), [0, 1]))[0] == metric.measure(dance(walk(60), [1, 0]))[0]
 
@@ -281,7 +281,8 @@ def test_too_few_joints() -> None:
     (lambda p: MusicBeats.of([0.5], THIRTY), "beats are frame numbers"),
     (lambda p: MusicBeats.of([-1], THIRTY), "beats are frame numbers"),
     (lambda p: bootstrap(np.ones((3, 2)), lambda r: {}, n=0), "invalid bootstrap"),
-    (lambda p: BeatAlignment(unit="frames", sigma=3).measure(
+    (lambda p: BeatAlignment(unit="frames", sigma=3), "beats at their instants are in seconds"),
+    (lambda p: BeatAlignment("seconds", unit="frames", sigma=3).measure(
         Dance(p, THIRTY, MusicBeats.of([1], FrameGrid.of(60)))), "beats at 60 per second, motion at 30"),
 ])  # fmt: skip
 def test_bad_arguments(call: Callable[[np.ndarray], object], message: str) -> None:

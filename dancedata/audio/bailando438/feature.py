@@ -63,6 +63,7 @@ class Bailando438(AudioFeature):
     onset_fmax: Literal["era", "nyquist"] = "era"
 
     version: ClassVar[int] = 1
+    beat_rows_late: ClassVar[int] = 1
     packages: ClassVar[tuple[str, ...]] = ("librosa", "numpy", "scipy", "soxr")
     #: Bailando's script starts the search for the tempo at 120 beats per minute, whatever the song.
     uses_tempo: ClassVar[bool] = False

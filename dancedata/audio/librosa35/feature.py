@@ -68,6 +68,8 @@ class Librosa35(AudioFeature):
     method: Literal["fast", "librosa"] = "fast"
 
     version: ClassVar[int] = 3
+    #: librosa's onset envelope is the rise from the row before, and a beat is the row that has risen.
+    beat_rows_late: ClassVar[int] = 1
     packages: ClassVar[tuple[str, ...]] = ("librosa", "numpy", "scipy", "soxr")
 
     def __post_init__(self) -> None:

@@ -30,12 +30,15 @@ class AudioFeature(Plugin):
         Whether `start_bpm` has an effect; if not, it is not part of the cache key.
     reads_ahead
         Whether it computes on a device, so that the next song may be decoded meanwhile.
+    beat_rows_late
+        How many rows after its instant a beat stands in the group "beat": whoever wants the instant subtracts them.
     """
 
     packages: ClassVar[tuple[str, ...]]
     exact: ClassVar[bool] = True
     uses_tempo: ClassVar[bool] = True
     reads_ahead: ClassVar[bool] = False
+    beat_rows_late: ClassVar[int] = 0
 
     @property
     @abstractmethod

@@ -23,6 +23,9 @@ class Metric(Plugin):
         Where the definition is from: paper and equation, or repository and file.
     needs_music
         Whether `measure` needs the beats of the music.
+    needs_instants
+        Whether `measure` reads the instants of beats, `MusicBeats.seconds`, not their frames alone; cache keys then
+        hold them.
     needs_pool
         Whether `summarise` compares the set with a pool of other clips, such as all ground truth.
     better
@@ -34,6 +37,11 @@ class Metric(Plugin):
     needs_music: ClassVar[bool] = False
     needs_pool: ClassVar[bool] = False
     better: ClassVar[Mapping[str, Better]] = {}
+
+    @property
+    def needs_instants(self) -> bool:
+        """By default, whatever it reads is in the key."""
+        return self.needs_music
 
     @property
     @abstractmethod

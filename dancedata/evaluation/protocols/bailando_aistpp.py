@@ -44,4 +44,5 @@ class BailandoAistpp(Protocol):
         "predictions are cut to 1,200 frames, the pool is not",
         "the pool is every sequence except those on the ignore list",
         "the energy columns hold the distance from the first pelvis (a slip of the code)",
+        "beats are the program's: of motion half a frame (8.3 ms) early, of music a row (16.7 ms) late",
     )

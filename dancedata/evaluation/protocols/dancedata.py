@@ -19,11 +19,11 @@ _FIVE_SECONDS = Pieces(seconds=(5, 2.5))
 @PROTOCOLS.register("dancedata")
 @dataclass(frozen=True)
 class Dancedata(Protocol):
-    """The recommended protocol: constants in seconds and metres, without the slips, at any frame rate."""
+    """The recommended protocol: constants in seconds and metres, without the slips, the same at any frame rate."""
 
-    version: ClassVar[int] = 1
+    version: ClassVar[int] = 2
     citation: ClassVar[str] = (
-        "dancedata, protocol dancedata, version 1; with Li et al. 2021 (features), Siyao et al. 2022 (beats), "
+        "dancedata, protocol dancedata, version 2; with Li et al. 2021 (features), Siyao et al. 2022 (beats), "
         "Tseng et al. 2023 (PFC) and Li et al. 2024 (skating)."
     )
     source: ClassVar[str] = "this project"
@@ -32,14 +32,15 @@ class Dancedata(Protocol):
     truth: ClassVar[Pieces] = _FIVE_SECONDS
     generated: ClassVar[Pieces] = _FIVE_SECONDS
     measures: ClassVar[tuple[Measure, ...]] = (
-        Measure(Kinetic("fixed", joints=_JOINTS, statistics="varying")),
-        Measure(Geometric(joints=_JOINTS, statistics="varying")),
+        Measure(Kinetic("fixed", joints=_JOINTS, statistics="varying"), steady=True),
+        Measure(Geometric(joints=_JOINTS, statistics="varying"), steady=True),
         Measure(BeatAlignment(joints=_JOINTS)),
-        Measure(Pfc("rescaled")),
-        Measure(FootSkating("speed")),
+        Measure(Pfc("rescaled"), steady=True),
+        Measure(FootSkating("speed"), steady=True),
     )
     music: ClassVar[MusicRule] = MusicRule(("librosa35", "bailando438"))
     notes: ClassVar[tuple[str, ...]] = (
+        "all is measured at 120 frames per second, beats at their instants; numbers of version 1 do not compare",
         "pieces of 5 s every 2.5 s, so that clips of different lengths compare; intervals draw whole clips",
         "features that are the same in all clips of the pool do not count",
         "the 22 joints that SMPL and SMPL-X share, on the dancer's own bones",

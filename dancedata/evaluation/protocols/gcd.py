@@ -35,4 +35,7 @@ class Gcd(Protocol):
         ),
     )
     music: ClassVar[MusicRule] = MusicRule(("librosa35",), 30)
+    notes: ClassVar[tuple[str, ...]] = (
+        "beats are the program's: of motion half a frame (16.7 ms) late, of music a row (33.3 ms) late",
+    )
     not_computable: ClassVar[Mapping[str, str]] = MappingProxyType({"gmr": _GROUPS, "gmc": _GROUPS, "tif": _GROUPS})

@@ -54,6 +54,7 @@ class LodgeFinedance(Protocol):
         "music is not cut to the motion: beats after its end are compared with its last beat",
         "the mean of the signed components of a step counts as its length: gliding along x = -z is not seen",
         "the original leaves out mirrored clips (M*) on both sides; so does this one",
+        "beats are the program's: of motion half a frame (16.7 ms) early, of music a row (33.3 ms) late",
     )
     not_computable: ClassVar[Mapping[str, str]] = MappingProxyType(
         {"genre_matching_score": "needs the trained classifier of FineDance"}
