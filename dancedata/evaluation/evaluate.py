@@ -56,6 +56,8 @@ def evaluate(
     ------
     UsageError
         If the protocol cannot be computed from this motion, rates are mixed, or the pool is another protocol's.
+    StoreError
+        If a dataset has other bytes than the build wrote.
     """
     check_backend(backend, scheduler)
     progress = progress or Progress(quiet=True)
@@ -109,6 +111,8 @@ class _Run:
     def _measure(
         self, clips: Sequence[ClipInput], side: Side, numbers: Sequence[int], music: Mapping[str, ClipMusic]
     ) -> tuple[list[MeasuredClip], list[Reject]]:
+        if side.store is not None:
+            side.store.require_intact({clip.clip for clip in clips}, sha256=self.cache.file_sha256)
         measured, rejects = measure_clips(
             self.cache, self.request.protocol, side.role, numbers, clips, music, jobs=self.workers,
             progress=self.progress,
@@ -148,7 +152,8 @@ class _Run:
         for store in (side.store, request.like):
             left = [clip for clip in side.clips if clip.id not in found]
             if store is not None and left:
-                found |= stored_beats(store, rule, request.protocol.pieces(side.role), left, request.songs)
+                pieces = request.protocol.pieces(side.role)
+                found |= stored_beats(store, rule, pieces, left, request.songs, self.cache.file_sha256)
         if not found:
             problems.append(_no_music(request.protocol))
         return found, problems

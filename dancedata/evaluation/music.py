@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from dancedata.core.clip import Window
 from dancedata.core.errors import UsageError
 from dancedata.core.text import listed, quoted
 from dancedata.datasets._source import AUDIO_SUFFIXES
@@ -24,12 +25,17 @@ _MAX_CSV_BYTES = 1 << 24
 
 
 def stored_beats(
-    store: Store, rule: MusicRule, pieces: Pieces, clips: Sequence[ClipInput], songs: Mapping[str, str]
+    store: Store,
+    rule: MusicRule,
+    pieces: Pieces,
+    clips: Sequence[ClipInput],
+    songs: Mapping[str, str],
+    sha256: Callable[[Path], str],
 ) -> dict[str, ClipMusic]:
     """Return the beats that a store has for clips, by their ids; empty if it has no field of the protocol.
 
     A clip takes its own rows or, if it is not in the store or `songs` names another song for it, those of the longest
-    clip with that song.
+    clip with that song. StoreError if their shards have other bytes than the build wrote, by `sha256` of files.
     """
     name = beat_field(store, rule, pieces)
     if name is None:
@@ -37,17 +43,21 @@ def stored_beats(
     column, grid = store.fields[name].slice(BEAT).start, store.field(name).grid
     records = {c.id: c for c in store.clips if not c.source}
     longest = {c.music: c.id for c in sorted(records.values(), key=lambda c: (c.n_frames, c.id)) if c.music}
-    found = {}
+    sources: dict[str, str | Window] = {}
     for clip in clips:
         record = records.get(clip.clip)
         own = record is not None and songs.get(clip.id) in (None, record.music)
         if own and isinstance(clip, StoreClip) and clip.window is not None and clip.reference == store.reference:
-            found[clip.id] = ClipMusic.of_rows(store.read(clip.window, name), column, grid)
+            sources[clip.id] = clip.window
             continue
         source = clip.clip if own else longest.get(clip.music)
         if source is not None and store.scope == "track":
-            found[clip.id] = ClipMusic.of_rows(store.read_clip(source, name), column, grid)
-    return found
+            sources[clip.id] = source
+    store.require_intact({s.clip if isinstance(s, Window) else s for s in sources.values()}, sha256=sha256)
+    return {
+        clip: ClipMusic.of_rows(store.read(s, name) if isinstance(s, Window) else store.read_clip(s, name), column, grid)
+        for clip, s in sources.items()
+    }
 
 
 def beat_field(store: Store, rule: MusicRule, pieces: Pieces) -> str | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
@@ -15,12 +15,13 @@ import numpy.typing as npt
 from dancedata.core.clip import Window
 from dancedata.core.columns import Columns
 from dancedata.core.errors import StoreError, UsageError, did_you_mean
+from dancedata.core.hashing import sha256_file
 from dancedata.core.normalize import MinMax
 from dancedata.core.text import shown
 from dancedata.core.windows import WindowGrid
 from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.clip_view import Clips, ClipView
-from dancedata.store.dataset_json import Description, self_hash
+from dancedata.store.dataset_json import Description
 from dancedata.store.listed_file import ListedFile, open_listed, rebuilt_error
 from dancedata.store.locate import RowSpan, locate_stored, locate_view, locate_windows
 from dancedata.store.schema import Field, sort_splits
@@ -39,7 +40,7 @@ from dancedata.store.windowing import (
 
 
 def open_store(path: str | Path) -> Store:
-    """Open a built dataset; reads dataset.json and checks the sizes of the shards.
+    """Open a built dataset; reads dataset.json, compares its hash, and checks the sizes of the shards.
 
     Parameters
     ----------
@@ -54,8 +55,8 @@ def open_store(path: str | Path) -> Store:
     Raises
     ------
     StoreError
-        If there is no finished dataset, it has another format version, or a shard is missing or of
-        another size.
+        If there is no finished dataset, it has another format version, dataset.json was changed after the build,
+        or a shard is missing or of another size.
 
     Examples
     --------
@@ -124,7 +125,7 @@ class Store:
     @cached_property
     def reference(self) -> tuple[str, str]:
         """Arguments for `reopen`: the path, and a hash of dataset.json."""
-        return str(self.path), self_hash(self.meta)
+        return str(self.path), self._description.self_sha256
 
     def __repr__(self) -> str:
         """Show path, splits, fields and frame rate."""
@@ -145,6 +146,27 @@ class Store:
         for shards in self._shards.values():
             for shard in shards:
                 shard.close()
+
+    def require_intact(
+        self, clips: Iterable[str] | None = None, *, sha256: Callable[[Path], str] = sha256_file
+    ) -> None:
+        """Compare the bytes of shards with dataset.json, before rows become numbers or files for others.
+
+        Parameters
+        ----------
+        clips
+            Only the shards of these clips; default: all.
+        sha256
+            Returns the hash of a file, such as one that remembers it.
+
+        Raises
+        ------
+        StoreError
+            If a shard has other bytes than the build wrote.
+        """
+        shards = (s for own in self._shards.values() for s in own)
+        for shard in shards if clips is None else dict.fromkeys(self._place(clip)[0] for clip in clips):
+            shard.require_bytes(sha256)
 
     def field(self, name: str) -> Field:
         """Return a field by name; UsageError with the closest name if there is none."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import mmap
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -131,6 +131,10 @@ class ShardReader:
         layout = self.layout(field)
         if self._map is not None and layout.offset is not None:
             self._map.read_ahead(layout.offset + first * layout.row_bytes, n_rows * layout.row_bytes)
+
+    def require_bytes(self, sha256: Callable[[Path], str]) -> None:
+        """Raise StoreError unless the shard has the bytes that dataset.json lists."""
+        self._listed.require_bytes(sha256)
 
     def close(self) -> None:
         """Release file descriptor and mapping; a later read opens the file again."""
