@@ -19,6 +19,7 @@ SOURCE_HELP = "Folder of music files, by song; with --self-test, of the dataset'
 LIKE_HELP = "Dataset that the model was trained on: rate, columns, scaler, music, and by default the pool."
 POOL_HELP = "Dataset, folder or --save-pool file to compare with; default: the dataset itself, or --like."
 METRIC_HELP = "Compute only this metric or score, such as pfc or fid_k; may be given several times."
+BOOTSTRAP_HELP = "Most times that scores are computed again for intervals; 0: none."
 ROLE_HELP = "truth or generated; default: truth for datasets."
 
 
@@ -44,7 +45,7 @@ def evaluate(
     source: Annotated[Path | None, typer.Option(help=SOURCE_HELP)] = None,
     music_of: Annotated[Path | None, typer.Option(help="CSV file with the song of each clip: clip,song.")] = None,
     metric: Annotated[list[str] | None, typer.Option(metavar="NAME", help=METRIC_HELP)] = None,
-    bootstrap: Annotated[int, typer.Option(min=0, help="Draws for intervals; 0: none.")] = 200,
+    bootstrap: Annotated[int, typer.Option(min=0, help=BOOTSTRAP_HELP)] = 200,
     per_clip: Annotated[Path | None, typer.Option(help="Write the numbers of each piece to this CSV file.")] = None,
     table: Annotated[str | None, typer.Option(help="Print the scores as latex or markdown.")] = None,
     list_protocols: Annotated[bool, typer.Option("--list-protocols", help="List the protocols.")] = False,

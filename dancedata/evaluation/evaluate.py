@@ -174,7 +174,7 @@ def report_of(
     Parameters
     ----------
     draws
-        Draws of the bootstrap; 0: no intervals.
+        How many times scores are computed again for intervals, at most; 0: no intervals.
     numbers
         Which of the protocol's measures; None: all.
 
@@ -212,7 +212,7 @@ def report_of(
         seconds=lengths_of([s for m in ordered for s in m.seconds]),
         pool=None if pool is None else pool.to_json(),
         left_out=(),
-        warnings=tuple(warnings),
+        warnings=tuple(dict.fromkeys(warnings)),
         notes=(*changed, *protocol.notes),
         per_clip=tuple(per_clip_rows(protocol, ordered)),
         versions={"dancedata": __version__, **{name: package_version(name) for name in ("numpy", "scipy")}},

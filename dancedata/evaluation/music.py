@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,6 +18,7 @@ from dancedata.evaluation.inputs.clip import ClipInput
 from dancedata.evaluation.inputs.store import StoreClip
 from dancedata.evaluation.protocol import MusicRule, Pieces
 from dancedata.store import Store
+from dancedata.store.listed_file import FileHash
 
 __all__ = ["beat_field", "named_songs", "read_songs", "song_name", "stored_beats"]
 
@@ -30,7 +31,7 @@ def stored_beats(
     pieces: Pieces,
     clips: Sequence[ClipInput],
     songs: Mapping[str, str],
-    sha256: Callable[[Path], str],
+    sha256: FileHash,
 ) -> dict[str, ClipMusic]:
     """Return the beats that a store has for clips, by their ids; empty if it has no field of the protocol.
 
@@ -54,10 +55,8 @@ def stored_beats(
         if source is not None and store.scope == "track":
             sources[clip.id] = source
     store.require_intact({s.clip if isinstance(s, Window) else s for s in sources.values()}, sha256=sha256)
-    return {
-        clip: ClipMusic.of_rows(store.read(s, name) if isinstance(s, Window) else store.read_clip(s, name), column, grid)
-        for clip, s in sources.items()
-    }
+    read = {c: store.read(s, name) if isinstance(s, Window) else store.read_clip(s, name) for c, s in sources.items()}
+    return {clip: ClipMusic.of_rows(rows, column, grid) for clip, rows in read.items()}
 
 
 def beat_field(store: Store, rule: MusicRule, pieces: Pieces) -> str | None:

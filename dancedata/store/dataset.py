@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
@@ -22,7 +22,7 @@ from dancedata.core.windows import WindowGrid
 from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.clip_view import Clips, ClipView
 from dancedata.store.dataset_json import Description
-from dancedata.store.listed_file import ListedFile, open_listed, rebuilt_error
+from dancedata.store.listed_file import FileHash, ListedFile, open_listed, rebuilt_error
 from dancedata.store.locate import RowSpan, locate_stored, locate_view, locate_windows
 from dancedata.store.schema import Field, sort_splits
 from dancedata.store.shard_reader import ShardReader
@@ -147,25 +147,12 @@ class Store:
             for shard in shards:
                 shard.close()
 
-    def require_intact(
-        self, clips: Iterable[str] | None = None, *, sha256: Callable[[Path], str] = sha256_file
-    ) -> None:
-        """Compare the bytes of shards with dataset.json, before rows become numbers or files for others.
+    def require_intact(self, clips: Iterable[str] | None = None, sha256: FileHash = sha256_file) -> None:
+        """Raise StoreError if a shard has other bytes than the build wrote; reading rows does not compare them.
 
-        Parameters
-        ----------
-        clips
-            Only the shards of these clips; default: all.
-        sha256
-            Returns the hash of a file, such as one that remembers it.
-
-        Raises
-        ------
-        StoreError
-            If a shard has other bytes than the build wrote.
+        Only the shards of `clips` are read, by default all; `sha256` gives the hash of a file.
         """
-        shards = (s for own in self._shards.values() for s in own)
-        for shard in shards if clips is None else dict.fromkeys(self._place(clip)[0] for clip in clips):
+        for shard in sum(self._shards.values(), ()) if clips is None else {self._place(clip)[0] for clip in clips}:
             shard.require_bytes(sha256)
 
     def field(self, name: str) -> Field:
@@ -239,17 +226,18 @@ class Store:
             return stored_windows(split, shards)
         if self.scope == "window":
             asked = "whole clips" if whole else f"length {requested.length}, stride {requested.stride} frames"
-            raise StoreError(
-                "a store of window scope holds only the windows that were built",
-                where=str(self.path),
-                found=asked + (", trimmed" if trim else ""),
-                allowed=f"length {stored.length}, stride {stored.stride} frames",
-                fix="build with scope: track",
-            )
+            raise self._only_built_windows(asked + (", trimmed" if trim else ""))
         own = [self.field(name) for name in fields or self._fields]
         if whole:
             return whole_clips(split, shards, self._description, own, trim)
         return cut_windows(split, shards, self._description, requested, own, trim)
+
+    def _only_built_windows(self, found: str | None = None) -> StoreError:
+        stored = f"length {self._description.length}, stride {self._description.stride} frames"
+        return StoreError(
+            "a store of window scope holds only the windows that were built", where=str(self.path), found=found,
+            allowed=stored, fix="build with scope: track",
+        )  # fmt: skip
 
     def window_grid(
         self,
@@ -280,11 +268,7 @@ class Store:
             In window scope, where no other windows than the stored ones can be read.
         """
         if self.scope == "window":
-            raise StoreError(
-                "a store of window scope holds only the windows that were built",
-                where=str(self.path),
-                fix="build with scope: track",
-            )
+            raise self._only_built_windows()
         own = [self.field(name) for name in fields or self._fields]
         shard, number = self._place(clip_id)
         every = WindowGrid(length, whole_period(self._description, own))
@@ -414,12 +398,7 @@ class Store:
     @property
     def weights(self) -> dict[str, str]:
         """By field that a network computed: the network's weights and their licence, as its feature stated them."""
-        stated = self.meta.get("encoders", {})
-        return {
-            name: f"{shown(stated[name].get('model', ''))}, licence: {shown(stated[name]['licence'], 600)}"
-            for name in self._fields
-            if isinstance(stated.get(name), dict) and "licence" in stated[name]
-        }
+        return self._description.weights
 
     @property
     def stats(self) -> dict[str, Any]:

@@ -64,6 +64,16 @@ class Description:
         """The grid of the store's frames."""
         return FrameGrid(self.fps)
 
+    @property
+    def weights(self) -> dict[str, str]:
+        """See `Store.weights`."""
+        stated = self.meta.get("encoders", {})
+        return {
+            f.name: f"{shown(stated[f.name].get('model', ''))}, licence: {shown(stated[f.name]['licence'], 600)}"
+            for f in self.fields
+            if isinstance(stated.get(f.name), dict) and "licence" in stated[f.name]
+        }
+
     @cached_property
     def self_sha256(self) -> str:
         """The hash of the document, which its key self_sha256 states."""

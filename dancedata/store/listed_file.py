@@ -19,6 +19,8 @@ from dancedata.core.regular_file import read_regular
 from dancedata.store.dataset_json import REBUILD, Description, load_description, require_sealed
 from dancedata.store.schema import DATASET_FILE
 
+#: Gives the SHA-256 of a file, such as `Cache.file_sha256`, which remembers it.
+FileHash = Callable[[Path], str]
 _DAMAGED = f"copy the whole folder again, or {REBUILD} with --overwrite"
 #: How many times a folder is read that is being replaced.
 _TRIES = 3
@@ -104,8 +106,8 @@ class ListedFile:
         if mode is None or not stat.S_ISREG(mode):
             raise _missing(self.path, self._size)
 
-    def require_bytes(self, sha256: Callable[[Path], str]) -> None:
-        """Raise StoreError unless the file has the bytes that dataset.json lists; `sha256` gives the hash of a file."""
+    def require_bytes(self, sha256: FileHash) -> None:
+        """Raise StoreError unless the file has the bytes that dataset.json lists, by `sha256` of a path."""
         try:
             found = sha256(self.path)
         except OSError as error:
@@ -136,7 +138,8 @@ def read_listed(folder: Path, description: Description, name: str, limit: int) -
     Raises
     ------
     StoreError
-        If its bytes are not those that the build wrote, or the dataset was built again, so that it belongs to another.
+        If its bytes are not those that the build wrote, or the dataset was built again, so that the file belongs to
+        another one.
     OSError, UnicodeDecodeError
         If it cannot be read.
     """

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import mmap
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +22,7 @@ import numpy.typing as npt
 
 from dancedata.core.errors import StoreError
 from dancedata.store import hdf5
-from dancedata.store.listed_file import ListedFile
+from dancedata.store.listed_file import FileHash, ListedFile
 from dancedata.store.schema import Field
 from dancedata.store.shard_tables import ClipTable, ShardTables, StoredWindows
 
@@ -132,7 +132,7 @@ class ShardReader:
         if self._map is not None and layout.offset is not None:
             self._map.read_ahead(layout.offset + first * layout.row_bytes, n_rows * layout.row_bytes)
 
-    def require_bytes(self, sha256: Callable[[Path], str]) -> None:
+    def require_bytes(self, sha256: FileHash) -> None:
         """Raise StoreError unless the shard has the bytes that dataset.json lists."""
         self._listed.require_bytes(sha256)
 

@@ -14,7 +14,14 @@ from dancedata.core.hashing import sha256_file
 from dancedata.core.regular_file import read_regular
 from dancedata.core.text import listed, shown
 from dancedata.store.clip_columns import ClipRecord
-from dancedata.store.dataset_json import MAX_BYTES, Description, ShardEntry, json_stats, load_description, require_sealed
+from dancedata.store.dataset_json import (
+    MAX_BYTES,
+    Description,
+    ShardEntry,
+    json_stats,
+    load_description,
+    require_sealed,
+)
 from dancedata.store.problem import Problem
 from dancedata.store.schema import (
     CARD_FILE,
