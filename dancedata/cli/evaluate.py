@@ -12,7 +12,7 @@ import typer
 
 from dancedata.cli.errors import errors_to_exit_codes
 from dancedata.core.errors import UsageError
-from dancedata.core.text import json_text, shown
+from dancedata.core.text import csv_cell, json_text, shown
 
 WHAT_HELP = "A built dataset, a folder of generated motion, or one file of it."
 SOURCE_HELP = "Folder of music files, by song; with --self-test, of the dataset's own files."
@@ -119,14 +119,18 @@ def _write_rows(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     from dancedata.core.errors import StoreError
 
     names = list(dict.fromkeys((*_HEAD, *(name for row in rows for name in row))))
-    text = io.StringIO()
-    writer = csv.DictWriter(text, names, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
+    lines = [names, *([row.get(name, "") for name in names] for row in rows)]
+    text = "".join(_csv_line([csv_cell(cell) for cell in line]) for line in lines)
     try:
-        write_text(path, text.getvalue())
+        write_text(path, text)
     except OSError as error:
         raise StoreError("the table of clips cannot be written", where=path, found=str(error)) from error
+
+
+def _csv_line(cells: Sequence[object]) -> str:
+    text = io.StringIO()
+    csv.writer(text).writerow(cells)  # with its own end of line, for which it quotes both \r and \n
+    return text.getvalue().removesuffix("\r\n") + "\n"
 
 
 def _list(as_json: bool) -> None:

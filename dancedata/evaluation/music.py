@@ -10,7 +10,7 @@ from pathlib import Path
 
 from dancedata.core.clip import Window
 from dancedata.core.errors import UsageError
-from dancedata.core.text import listed, quoted
+from dancedata.core.text import csv_text, listed, quoted
 from dancedata.datasets._source import AUDIO_SUFFIXES
 from dancedata.datasets.aistpp.facts import parse_name, tempo_bpm
 from dancedata.evaluation.clip_music import BEAT, ClipMusic
@@ -90,7 +90,7 @@ def read_songs(path: Path) -> dict[str, str]:
     try:
         if path.stat().st_size > _MAX_CSV_BYTES:
             raise UsageError("the list of songs is too large", where=path, allowed=f"{_MAX_CSV_BYTES:,} bytes")
-        lines = list(csv.reader(io.StringIO(path.read_text(encoding="utf-8-sig"), newline=None)))
+        lines = list(csv.reader(io.StringIO(path.read_text(encoding="utf-8-sig"), newline="")))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise UsageError("the list of songs cannot be read", where=path, found=str(error)) from error
     songs: dict[str, str] = {}
@@ -100,7 +100,7 @@ def read_songs(path: Path) -> dict[str, str]:
         where = f"{path}, line {number}"
         if len(line) != 2:
             raise UsageError("a line does not have two columns", where=where, found=len(line), allowed="clip,song")
-        clip, song = line[0].strip(), song_name(line[1])
+        clip, song = csv_text(line[0].strip()), song_name(csv_text(line[1].strip()))
         if not song:
             raise UsageError("a line without a song", where=where, found=quoted(line[1]), allowed="clip,song")
         if songs.setdefault(clip, song) != song:
