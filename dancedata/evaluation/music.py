@@ -90,7 +90,7 @@ def read_songs(path: Path) -> dict[str, str]:
     try:
         if path.stat().st_size > _MAX_CSV_BYTES:
             raise UsageError("the list of songs is too large", where=path, allowed=f"{_MAX_CSV_BYTES:,} bytes")
-        lines = list(csv.reader(io.StringIO(path.read_text(encoding="utf-8-sig"), newline="")))
+        lines = list(csv.reader(io.StringIO(path.read_bytes().decode("utf-8-sig"), newline="")))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise UsageError("the list of songs cannot be read", where=path, found=str(error)) from error
     songs: dict[str, str] = {}
