@@ -86,9 +86,16 @@ def test_side_files_that_were_changed_are_refused(copy: Path, name: str) -> None
             dancedata.decode(np.zeros((9, 151)), "edge151", like=copy)
 
 
-def test_exports_and_reports_compare_what_they_read(copy: Path, flip: Flip, tmp_path: Path) -> None:
+def test_exports_reports_and_diff_compare_what_they_read(
+    store: Store, copy: Path, flip: Flip, tmp_path: Path
+) -> None:
+    assert dancedata.diff(store.path, copy) == []
     flip("edge151")
-    for use in (lambda: dancedata.export(copy, "npz", out=tmp_path / "out"), lambda: write_report(copy)):
+    for use in (
+        lambda: dancedata.export(copy, "npz", out=tmp_path / "out"),
+        lambda: write_report(copy),
+        lambda: dancedata.diff(store.path, copy),
+    ):
         with pytest.raises(StoreError, match="are not those that the build wrote"):
             use()
     assert not (tmp_path / "out").exists()
