@@ -34,7 +34,10 @@ def folder(tmp_path: Path) -> Path:
 
 
 def edit(folder: Path, change: Callable[[dict[str, Any]], Any]) -> None:
+    """Change dataset.json, and make the hashes in it right, as an adversary does."""
     document = json.loads((folder / "dataset.json").read_text(encoding="utf-8"))
+    for name in ("stats.json", "rejects.jsonl", "quality.jsonl"):
+        document["files"][name]["sha256"] = sha256_file(folder / name)
     change(document)
     document["self_sha256"] = self_hash(document)
     (folder / "dataset.json").write_text(json.dumps(document), encoding="utf-8")
@@ -82,8 +85,6 @@ def test_control_characters_in_a_description(folder: Path) -> None:
         document["fields"][0]["columns"]["groups"][0]["name"] = LOUD
         document["counts"][LOUD] = document["counts"]["train"]
         document["fps"] = "\n30 "
-        for name in ("rejects.jsonl", "quality.jsonl"):
-            document["files"][name]["sha256"] = sha256_file(folder / name)
 
     rows = [{"reason": LOUD, "clip": LOUD}, {"reason": "nan", "file": "\ud800"}]
     (folder / "rejects.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
@@ -161,6 +162,7 @@ def test_many_lines_are_told_in_linear_time(folder: Path) -> None:
     (folder / "rejects.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rejects))
     flags = [{"clip": f"c{k}", "frame": 1, "value": 1} for k in range(20_000)]
     (folder / "quality.jsonl").write_text("".join(json.dumps(row) + "\n" for row in flags))
+    edit(folder, lambda document: None)
     assert len(describe_store(folder).split("\n")) > 20_000
 
 
