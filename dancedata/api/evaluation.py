@@ -102,7 +102,7 @@ def evaluate(
     metrics
         Compute only these of the protocol, by the names of metrics ("kinetic") or of scores ("fid_k"). Default: all.
     bootstrap
-        Draws for intervals; 0: none.
+        How many times scores are computed again for intervals, at most; 0: no intervals.
     save_pool
         File (.npz) to write the pool to.
     jobs, cache, backend, scheduler, progress

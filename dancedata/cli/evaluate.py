@@ -12,7 +12,7 @@ import typer
 
 from dancedata.cli.errors import errors_to_exit_codes
 from dancedata.core.errors import UsageError
-from dancedata.core.text import json_text, shown
+from dancedata.core.text import csv_cell, json_text, shown
 
 WHAT_HELP = "A built dataset, a folder of generated motion, or one file of it."
 SOURCE_HELP = "Folder of music files, by song; with --self-test, of the dataset's own files."
@@ -22,6 +22,7 @@ METRIC_HELP = "Compute only this metric or score, such as pfc or fid_k; may be g
 NORMALIZED_HELP = "Whether columns are normalised by the dataset's scaler; has to be stated, here or in their files."
 SCALER_HELP = "Another scaler than the dataset's, a file of normalizer.save(...): columns are normalised by it."
 CLIP_HELP = "Cut normalised values to [-1, 1] first, as EDGE and Lodge do."
+BOOTSTRAP_HELP = "Most times that scores are computed again for intervals; 0: none."
 ROLE_HELP = "truth or generated; default: truth for datasets."
 
 Normalized = Annotated[
@@ -55,7 +56,7 @@ def evaluate(
     source: Annotated[Path | None, typer.Option(help=SOURCE_HELP)] = None,
     music_of: Annotated[Path | None, typer.Option(help="CSV file with the song of each clip: clip,song.")] = None,
     metric: Annotated[list[str] | None, typer.Option(metavar="NAME", help=METRIC_HELP)] = None,
-    bootstrap: Annotated[int, typer.Option(min=0, help="Draws for intervals; 0: none.")] = 200,
+    bootstrap: Annotated[int, typer.Option(min=0, help=BOOTSTRAP_HELP)] = 200,
     per_clip: Annotated[Path | None, typer.Option(help="Write the numbers of each piece to this CSV file.")] = None,
     table: Annotated[str | None, typer.Option(help="Print the scores as latex or markdown.")] = None,
     list_protocols: Annotated[bool, typer.Option("--list-protocols", help="List the protocols.")] = False,
@@ -130,14 +131,18 @@ def _write_rows(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     from dancedata.core.errors import StoreError
 
     names = list(dict.fromkeys((*_HEAD, *(name for row in rows for name in row))))
-    text = io.StringIO()
-    writer = csv.DictWriter(text, names, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
+    lines = [names, *([row.get(name, "") for name in names] for row in rows)]
+    text = "".join(_csv_line([csv_cell(cell) for cell in line]) for line in lines)
     try:
-        write_text(path, text.getvalue())
+        write_text(path, text)
     except OSError as error:
         raise StoreError("the table of clips cannot be written", where=path, found=str(error)) from error
+
+
+def _csv_line(cells: Sequence[object]) -> str:
+    text = io.StringIO()
+    csv.writer(text).writerow(cells)  # with its own end of line, for which it quotes both \r and \n
+    return text.getvalue().removesuffix("\r\n") + "\n"
 
 
 def _list(as_json: bool) -> None:

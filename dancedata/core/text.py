@@ -14,7 +14,19 @@ from numbers import Integral, Real
 from typing import Any
 from unicodedata import category
 
-__all__ = ["MAX_SHOWN", "counted", "is_unicode", "json_text", "listed", "printable", "quoted", "shown", "table"]
+__all__ = [
+    "MAX_SHOWN",
+    "counted",
+    "csv_cell",
+    "csv_text",
+    "is_unicode",
+    "json_text",
+    "listed",
+    "printable",
+    "quoted",
+    "shown",
+    "table",
+]
 
 #: Most characters of a value in a message.
 MAX_SHOWN = 200
@@ -158,6 +170,20 @@ def json_text(obj: Any) -> str:
     if text.isascii() and "\x7f" not in text:
         return text
     return _UNPRINTABLE.sub(lambda found: found[0] if _prints(found[0]) else json.dumps(found[0])[1:-1], text)
+
+
+#: Beginnings of cells that spreadsheets run as formulas, after the apostrophes that `csv_cell` writes.
+_FORMULA = re.compile(r"'*[=+\-@\t\r\n]")
+
+
+def csv_cell(value: object) -> object:
+    """Return a cell for CSV: text that a spreadsheet would run gets an apostrophe before it, numbers stay numbers."""
+    return f"'{value}" if isinstance(value, str) and _FORMULA.match(value) else value
+
+
+def csv_text(cell: str) -> str:
+    """Return the text of a cell that `csv_cell` wrote."""
+    return cell[1:] if cell.startswith("'") and _FORMULA.match(cell) else cell
 
 
 def counted(n: int, noun: str) -> str:

@@ -56,6 +56,8 @@ def evaluate(
     ------
     UsageError
         If the protocol cannot be computed from this motion, rates are mixed, or the pool is another protocol's.
+    StoreError
+        If a dataset has other bytes than the build wrote.
     """
     check_backend(backend, scheduler)
     progress = progress or Progress(quiet=True)
@@ -109,6 +111,8 @@ class _Run:
     def _measure(
         self, clips: Sequence[ClipInput], side: Side, numbers: Sequence[int], music: Mapping[str, ClipMusic]
     ) -> tuple[list[MeasuredClip], list[Reject]]:
+        if side.store is not None:
+            side.store.require_intact({clip.clip for clip in clips}, sha256=self.cache.file_sha256)
         measured, rejects = measure_clips(
             self.cache, self.request.protocol, side.role, numbers, clips, music, jobs=self.workers,
             progress=self.progress,
@@ -151,7 +155,8 @@ class _Run:
         for store in (side.store, request.like):
             left = [clip for clip in side.clips if clip.id not in found]
             if store is not None and left:
-                found |= stored_beats(store, rule, request.protocol.pieces(side.role), left, request.songs)
+                pieces = request.protocol.pieces(side.role)
+                found |= stored_beats(store, rule, pieces, left, request.songs, self.cache.file_sha256)
         if not found:
             problems.append(_no_music(request.protocol))
         return found, problems
@@ -172,7 +177,7 @@ def report_of(
     Parameters
     ----------
     draws
-        Draws of the bootstrap; 0: no intervals.
+        How many times scores are computed again for intervals, at most; 0: no intervals.
     numbers
         Which of the protocol's measures; None: all.
 
@@ -210,7 +215,7 @@ def report_of(
         seconds=lengths_of([s for m in ordered for s in m.seconds]),
         pool=None if pool is None else pool.to_json(),
         left_out=(),
-        warnings=tuple(warnings),
+        warnings=tuple(dict.fromkeys(warnings)),
         notes=(*changed, *protocol.notes),
         per_clip=tuple(per_clip_rows(protocol, ordered)),
         versions={"dancedata": __version__, **{name: package_version(name) for name in ("numpy", "scipy")}},

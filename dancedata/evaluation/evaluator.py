@@ -353,7 +353,7 @@ class Evaluator:
         Parameters
         ----------
         bootstrap
-            Draws for intervals; 0: none.
+            How many times scores are computed again for intervals, at most; 0: no intervals.
 
         Raises
         ------

@@ -8,8 +8,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from dancedata.core.clip import Window
 from dancedata.core.errors import UsageError
-from dancedata.core.text import listed, quoted
+from dancedata.core.text import csv_text, listed, quoted
 from dancedata.datasets._source import AUDIO_SUFFIXES
 from dancedata.datasets.aistpp.facts import parse_name, tempo_bpm
 from dancedata.evaluation.clip_music import BEAT, ClipMusic
@@ -17,6 +18,7 @@ from dancedata.evaluation.inputs.clip import ClipInput
 from dancedata.evaluation.inputs.store import StoreClip
 from dancedata.evaluation.protocol import MusicRule, Pieces
 from dancedata.store import Store
+from dancedata.store.listed_file import FileHash
 
 __all__ = ["beat_field", "named_songs", "read_songs", "song_name", "stored_beats"]
 
@@ -24,12 +26,17 @@ _MAX_CSV_BYTES = 1 << 24
 
 
 def stored_beats(
-    store: Store, rule: MusicRule, pieces: Pieces, clips: Sequence[ClipInput], songs: Mapping[str, str]
+    store: Store,
+    rule: MusicRule,
+    pieces: Pieces,
+    clips: Sequence[ClipInput],
+    songs: Mapping[str, str],
+    sha256: FileHash,
 ) -> dict[str, ClipMusic]:
     """Return the beats that a store has for clips, by their ids; empty if it has no field of the protocol.
 
     A clip takes its own rows or, if it is not in the store or `songs` names another song for it, those of the longest
-    clip with that song.
+    clip with that song. StoreError if their shards have other bytes than the build wrote, by `sha256` of files.
     """
     name = beat_field(store, rule, pieces)
     if name is None:
@@ -37,17 +44,19 @@ def stored_beats(
     field = store.field(name)
     records = {c.id: c for c in store.clips if not c.source}
     longest = {c.music: c.id for c in sorted(records.values(), key=lambda c: (c.n_frames, c.id)) if c.music}
-    found = {}
+    sources: dict[str, str | Window] = {}
     for clip in clips:
         record = records.get(clip.clip)
         own = record is not None and songs.get(clip.id) in (None, record.music)
         if own and isinstance(clip, StoreClip) and clip.window is not None and clip.reference == store.reference:
-            found[clip.id] = ClipMusic.of_rows(store.read(clip.window, name), field)
+            sources[clip.id] = clip.window
             continue
         source = clip.clip if own else longest.get(clip.music)
         if source is not None and store.scope == "track":
-            found[clip.id] = ClipMusic.of_rows(store.read_clip(source, name), field)
-    return found
+            sources[clip.id] = source
+    store.require_intact({s.clip if isinstance(s, Window) else s for s in sources.values()}, sha256=sha256)
+    read = {c: store.read(s, name) if isinstance(s, Window) else store.read_clip(s, name) for c, s in sources.items()}
+    return {clip: ClipMusic.of_rows(rows, field) for clip, rows in read.items()}
 
 
 def beat_field(store: Store, rule: MusicRule, pieces: Pieces) -> str | None:
@@ -81,7 +90,7 @@ def read_songs(path: Path) -> dict[str, str]:
     try:
         if path.stat().st_size > _MAX_CSV_BYTES:
             raise UsageError("the list of songs is too large", where=path, allowed=f"{_MAX_CSV_BYTES:,} bytes")
-        lines = list(csv.reader(io.StringIO(path.read_text(encoding="utf-8-sig"), newline=None)))
+        lines = list(csv.reader(io.StringIO(path.read_bytes().decode("utf-8-sig"), newline="")))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise UsageError("the list of songs cannot be read", where=path, found=str(error)) from error
     songs: dict[str, str] = {}
@@ -91,7 +100,7 @@ def read_songs(path: Path) -> dict[str, str]:
         where = f"{path}, line {number}"
         if len(line) != 2:
             raise UsageError("a line does not have two columns", where=where, found=len(line), allowed="clip,song")
-        clip, song = line[0].strip(), song_name(line[1])
+        clip, song = csv_text(line[0].strip()), song_name(csv_text(line[1].strip()))
         if not song:
             raise UsageError("a line without a song", where=where, found=quoted(line[1]), allowed="clip,song")
         if songs.setdefault(clip, song) != song:

@@ -26,6 +26,7 @@ from dancedata.evaluation.inputs.store import store_clips
 from dancedata.evaluation.protocol import PROTOCOLS, ROLES, Protocol, Role
 from dancedata.evaluation.report import LABELS
 from dancedata.evaluation.song_beats import song_files
+from dancedata.metrics.intervals import MIN_CLIPS
 from dancedata.recipes.plugins import make_named
 from dancedata.store import Store, open_store
 from dancedata.store.scaling import Reader, Scaling
@@ -79,8 +80,10 @@ class Request:
         """Check options that belong together."""
         if self.role not in (None, *ROLES):
             raise UsageError("unknown role", found=self.role, allowed=", ".join(ROLES))
-        if self.draws < 0:
-            raise UsageError("invalid number of bootstrap draws", found=self.draws, allowed="0 and above")
+        if self.draws != 0 and self.draws < MIN_CLIPS:
+            raise UsageError(
+                "invalid number of bootstrap draws", found=self.draws, allowed=f"0, or {MIN_CLIPS} and above"
+            )
         if self.normalized and self.like is None and self.scaler is None:
             raise UsageError(
                 "normalised columns need the scaler of a dataset", fix="name it: --like STORE, or --scaler FILE"
@@ -115,7 +118,7 @@ class Request:
     def pool_side(self) -> Side | None:
         """Return the clips of the pool: by default all of the dataset that is evaluated, or that --like names."""
         if self.pool is not None:
-            return self._side(self.pool, self.pool_split, "truth")
+            return self._side(self.pool, self.pool_split, "truth", self.field)
         own = self.like or _as_store(self.what)
         return None if own is None else self._side(own, self.pool_split, "truth", self.field)
 

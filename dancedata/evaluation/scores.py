@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -12,10 +12,12 @@ from dancedata.core.plugins import Metric
 from dancedata.core.rotations import Float64Array
 from dancedata.core.text import counted, listed
 from dancedata.evaluation.measuring import MeasuredClip
-from dancedata.metrics.intervals import Interval, bootstrap
+from dancedata.metrics.intervals import MIN_CLIPS, Interval, jackknife
 
 __all__ = ["MetricRows", "Score", "rows_of", "scores_of"]
 
+#: Intervals of scores that fewer than 1 / HEAVY of the clips carry are known to be too short.
+HEAVY = 3
 #: Sets and pools with more vectors have no intervals: each draw compares all pairs of vectors.
 MAX_VECTORS = 4_000
 _CHANCE, _MEDIAN, _POOL, _VARYING = "_chance", "_median", "_pool", "_varying"
@@ -36,7 +38,7 @@ class Score:
     value
         None where it is undefined, see `undefined`.
     interval
-        95 percent of bootstrap draws; None where it was not computed.
+        95 percent, see `jackknife`; None where there is none.
     median, chance, pool
         Beside the value, where the metric has them: median over pieces, score of beats shifted at random, the
         pool's own diversity.
@@ -127,7 +129,7 @@ def scores_of(
     pool
         (M, C) numbers of the pool, where the metric needs one; None: there is none.
     draws
-        Draws of the bootstrap; 0: no intervals.
+        How many times scores are computed again for intervals, at most; 0: no intervals.
     """
     if metric.needs_pool and pool is None:
         return [], [f"{metric.name} is not computed: it compares with a pool, and none is given (--pool)"]
@@ -142,8 +144,7 @@ def scores_of(
             Score(name, None, len(found.rows), undefined=missing, better=metric.better.get(name, "closer"))
             for name in names
         ], []
-    intervals, warnings = _intervals(metric, found, pool, draws)
-    beside = {name for name in values if name.endswith(_BESIDE) or name.startswith(_CONSTANT)}
+    intervals, warnings = _intervals(metric, found, pool, values, draws)
     scores = [
         Score(
             name,
@@ -157,7 +158,7 @@ def scores_of(
             better=metric.better.get(name, "closer"),
         )
         for name, value in values.items()
-        if name not in beside
+        if not _is_beside(name)
     ]
     return scores, [*warnings, *_pool_warnings(metric, found, pool, values)]
 
@@ -171,39 +172,48 @@ def _summary(metric: Metric, rows: Float64Array, pool: Float64Array | None) -> d
             return {name: np.nan for name in metric.better if not name.endswith(_BESIDE)}
 
 
+def _is_beside(name: str) -> bool:
+    return name.endswith(_BESIDE) or name.startswith(_CONSTANT)
+
+
 def _finite(value: float | None) -> float | None:
     return value if value is not None and np.isfinite(value) else None
 
 
 def _intervals(
-    metric: Metric, found: MetricRows, pool: Float64Array | None, draws: int
+    metric: Metric, found: MetricRows, pool: Float64Array | None, values: dict[str, float], draws: int
 ) -> tuple[dict[str, Interval], list[str]]:
     clips = np.unique(found.clips)
-    if not draws or len(clips) < 2:
+    if not draws:
         return {}, []
+    if len(clips) < MIN_CLIPS:
+        return {}, [f"{counted(len(clips), 'clip')}: too few for intervals, which need {MIN_CLIPS}"]
     if metric.needs_pool and max(len(found.rows), 0 if pool is None else len(pool)) > MAX_VECTORS:
         return {}, [f"{metric.name}: no intervals for sets of more than {MAX_VECTORS:,} vectors"]
     own = {clip: np.flatnonzero(found.clips == clip) for clip in clips}
 
-    def scores(drawn: Float64Array) -> dict[str, float]:
-        rows = found.rows[np.concatenate([own[clip] for clip in drawn[:, 0]])]
+    def scores(kept: Float64Array) -> dict[str, float]:
+        rows = found.rows[np.concatenate([own[clip] for clip in kept[:, 0]])]
         return _summary(metric, rows, pool)
 
     try:
         with np.errstate(over="ignore", invalid="ignore"):
-            intervals = bootstrap(clips[:, None], scores, n=draws)
+            intervals = jackknife(clips[:, None], scores, n=draws, bounds=metric.bounds)
     except Undefined:
         return {}, [f"{metric.name}: too few clips for intervals"]
-    return {
-        name: _positive(interval) if name.startswith("fid") else interval
-        for name, interval in intervals.items()
-        if np.isfinite([interval.low, interval.high]).all()
-    }, []
-
-
-def _positive(interval: Interval) -> Interval:
-    """Cut the interval of a distance at 0."""
-    return replace(interval, low=max(0.0, interval.low))
+    warnings = []
+    for name in (name for name in values if not _is_beside(name)):
+        interval = intervals.get(name)
+        if interval is None and np.isfinite(values[name]):
+            warnings.append(
+                f"{name}: no interval: no clip changes the score, too few carry it, or it is at an end of its range"
+            )
+        elif interval is not None and interval.clips < min(len(clips), draws) / HEAVY:
+            warnings.append(
+                f"{name}: {interval.clips:.1f} of {min(len(clips), draws)} clips carry the score, so its interval is "
+                "too short"
+            )
+    return intervals, warnings
 
 
 def _pool_warnings(

@@ -84,6 +84,7 @@ def export_dataset(
         job = ExportJob(store, Path(os.path.abspath(out)), source, link, progress or Progress(quiet=True))
         _check_place(job)
         raise_lacks(target, job, file_name_lacks(job) + target.lacks(job))
+        store.require_intact()
         with new_export(job.out, overwrite=overwrite) as new:
             folder = ExportFolder(new, job.out, link)
             target.write(job, folder)

@@ -24,6 +24,7 @@ __all__ = [
     "diversity_bound",
     "frechet",
     "geometric",
+    "jackknife",
     "kinetic",
     "motion_beat_times",
     "motion_beats",
@@ -40,7 +41,7 @@ if TYPE_CHECKING:
     from dancedata.metrics.beats import beat_alignment, chance_level, motion_beat_times, motion_beats
     from dancedata.metrics.foot_skating import skating
     from dancedata.metrics.geometric_features import geometric
-    from dancedata.metrics.intervals import Interval, bootstrap
+    from dancedata.metrics.intervals import Interval, bootstrap, jackknife
     from dancedata.metrics.kinetic_features import kinetic
     from dancedata.metrics.motius_physics import physics
     from dancedata.metrics.physical_contact import pbc, pfc
@@ -63,6 +64,7 @@ else:  # type checkers take the imports above, and so find misspelt names
             "diversity_bound": "dancedata.metrics.set_statistics",
             "frechet": "dancedata.metrics.set_statistics",
             "geometric": "dancedata.metrics.geometric_features",
+            "jackknife": "dancedata.metrics.intervals",
             "kinetic": "dancedata.metrics.kinetic_features",
             "motion_beat_times": "dancedata.metrics.beats",
             "motion_beats": "dancedata.metrics.beats",

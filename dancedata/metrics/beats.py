@@ -252,6 +252,7 @@ class BeatAlignment(Metric):
     source: ClassVar[str] = "Li et al. 2021, AI Choreographer, 5.2.2; Siyao et al. 2022, Bailando, 4.1"
     needs_music: ClassVar[bool] = True
     better: ClassVar[dict[str, Better]] = {"bas": "closer"}
+    bounds: ClassVar[tuple[float, float]] = (0, 1)
 
     detector: str = INSTANTS
     direction: Literal["music", "motion"] = "music"

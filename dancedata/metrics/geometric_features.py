@@ -216,6 +216,7 @@ class Geometric(Metric):
     source: ClassVar[str] = "google/aistplusplus_api 2dd7b3e, features/manual.py; the same in all published programs"
     needs_pool: ClassVar[bool] = True
     better: ClassVar[dict[str, Better]] = {"fid_g": "lower", "div_g": "closer"}
+    bounds: ClassVar[tuple[float, float]] = (0, np.inf)
 
     root: Root = "zero_start"
     up: Up = "y"

@@ -1,4 +1,4 @@
-"""Intervals of scores by the bootstrap: how much they depend on the clips that happen to be in the set."""
+"""Intervals of scores: how much they depend on the clips that happen to be in the set."""
 
 from __future__ import annotations
 
@@ -11,6 +11,9 @@ from dancedata.core.dance import Undefined
 from dancedata.core.errors import UsageError
 from dancedata.core.rotations import Float64Array
 
+#: Sets of fewer clips have no intervals.
+MIN_CLIPS = 3
+
 
 @dataclass(frozen=True)
 class Interval:
@@ -19,29 +22,36 @@ class Interval:
     Attributes
     ----------
     low, high
-        Its ends.
+        Its ends, within the bounds of the score.
     level
-        Share of the resampled scores within.
+        Share of sets of clips whose interval holds the score of the population; docs/evaluation.md has what was
+        measured.
+    clips
+        Effective number of clips (Kish 1965): those that carry the score. Where it is far below the number of clips,
+        tails are heavy, and the interval is too short.
     """
 
     low: float
     high: float
     level: float
+    clips: float
 
 
-def bootstrap(
+def jackknife(
     rows: Float64Array,
     scores: Callable[[Float64Array], Mapping[str, float]],
     *,
-    n: int = 1000,
+    n: int = 200,
     level: float = 0.95,
     seed: int = 0,
+    bounds: tuple[float, float] = (-np.inf, np.inf),
 ) -> dict[str, Interval]:
-    """Return an interval of each score of a set: clips are drawn with replacement, n times (Efron 1979).
+    """Return an interval of each score of a set: Student's t with the standard error of the jackknife (Tukey 1958).
 
-    The quantiles of the drawn scores minus their mean are added to the score. For means this is the percentile
-    interval. The Frechet distance of drawn sets is larger on average, as they have fewer different clips; this bias
-    is left out.
+    Each clip is left out once; of more than `n` clips, each of `n` groups. For means this is the usual standard
+    error; it is defined for Frechet distance and diversity too, whose population score is that of sets of this size.
+    Scores with bounds are transformed: by the logarithm of the distance from a lower bound, or by the logit between
+    two, with as many degrees of freedom as effective clips less one.
 
     Parameters
     ----------
@@ -50,28 +60,68 @@ def bootstrap(
     scores
         Gives the scores of rows, such as ``lambda rows: metric.summarise(rows, pool)``.
     n
-        Number of draws.
+        How many times scores are computed again, at most.
     level
-        Share of the draws within the interval.
+        Share of sets whose interval is to hold the score of the population.
     seed
-        Equal seeds give equal intervals.
+        Deals the clips to groups; equal seeds give equal intervals.
+    bounds
+        Lowest and highest value that the scores can have: of a metric, `Metric.bounds`.
+
+    Returns
+    -------
+    dict
+        By score. One that no clip changes, or that lies at a bound, has no interval.
 
     Raises
     ------
     Undefined
-        "few_clips": fewer than two.
+        "few_clips": fewer than three.
     UsageError
-        For n below 1 or a level that is not between 0 and 1.
+        For n below 3 or a level that is not between 0 and 1.
     """
-    if n < 1 or not 0 < level < 1:
-        raise UsageError("invalid bootstrap", found=f"n={n}, level={level}", allowed="n >= 1, 0 < level < 1")
-    if len(rows) < 2:
-        raise Undefined("few_clips", found=f"{len(rows)} clips", allowed="at least 2")
-    rng = np.random.default_rng(seed)
-    drawn = [scores(rows[rng.integers(0, len(rows), len(rows))]) for _ in range(n)]
+    if n < MIN_CLIPS or not 0 < level < 1:
+        allowed = f"n >= {MIN_CLIPS}, 0 < level < 1"
+        raise UsageError("invalid interval", found=f"n={n}, level={level}", allowed=allowed)
+    if len(rows) < MIN_CLIPS:
+        raise Undefined("few_clips", found=f"{len(rows)} clips", allowed=f"at least {MIN_CLIPS}")
+    groups = [np.array([k]) for k in range(len(rows))]
+    if len(rows) > n:
+        groups = np.array_split(np.random.default_rng(seed).permutation(len(rows)), n)
+    without = [scores(np.delete(rows, group, axis=0)) for group in groups]
     intervals = {}
     for name, score in scores(rows).items():
-        values = np.array([each[name] for each in drawn if name in each])
-        low, high = np.quantile(values - values.mean(), [(1 - level) / 2, (1 + level) / 2])
-        intervals[name] = Interval(float(score + low), float(score + high), level)
+        values = np.array([each.get(name, np.nan) for each in without])
+        error = float(values.std() * np.sqrt(len(groups) - 1))
+        found = _interval(float(score), error, len(groups), level, bounds)
+        if found is not None:
+            intervals[name] = found
     return intervals
+
+
+#: The name that it had when it was one.
+bootstrap = jackknife
+
+
+def _interval(score: float, error: float, n: int, level: float, bounds: tuple[float, float]) -> Interval | None:
+    """Return the interval of a score from its standard error, of n clips or groups; None without one."""
+    from scipy.special import expit, logit
+    from scipy.stats import t
+
+    low, high = bounds
+    if not (np.isfinite(score) and np.isfinite(error) and low < score < high and error > abs(score) * 1e-12):
+        return None
+    if np.isinf(low):
+        reach = error * t.ppf((1 + level) / 2, n - 1)
+        return Interval(float(score - reach), float(score + reach), level, float(n))
+    width = high - low
+    share = (score - low) / width if np.isfinite(width) else 0.0
+    relative = error / (score - low) / (1 - share)
+    clips = n / (1 + (n - 1) * relative**2)
+    reach = relative * t.ppf((1 + level) / 2, max(clips - 1, 1))
+    with np.errstate(over="ignore"):
+        ends = [
+            low + (width * expit(logit(share) + sign) if share else (score - low) * np.exp(sign))
+            for sign in (-reach, reach)
+        ]
+    return Interval(float(ends[0]), float(ends[1]), level, float(clips)) if np.isfinite(ends[1]) else None

@@ -219,6 +219,7 @@ class Kinetic(Metric):
     source: ClassVar[str] = "Li et al. 2021, AI Choreographer, 5.2.1; variants: KINETIC_VARIANTS"
     needs_pool: ClassVar[bool] = True
     better: ClassVar[dict[str, Better]] = {"fid_k": "lower", "div_k": "closer"}
+    bounds: ClassVar[tuple[float, float]] = (0, np.inf)
 
     variant: str = "fixed"
     root: Root = "zero_start"

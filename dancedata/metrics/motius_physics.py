@@ -167,6 +167,7 @@ class MotiusPhysics(Metric):
         "floating": "lower",
         "sliding": "lower",
     }
+    bounds: ClassVar[tuple[float, float]] = (0, np.inf)
 
     up: Up = "y"
 

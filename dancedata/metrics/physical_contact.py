@@ -162,6 +162,7 @@ class Pfc(Metric):
     version: ClassVar[int] = 1
     source: ClassVar[str] = "Tseng et al. 2023, EDGE; Stanford-TML/EDGE 17c3428, eval/eval_pfc.py"
     better: ClassVar[dict[str, Better]] = {"pfc": "lower", "pfc_median": "lower"}
+    bounds: ClassVar[tuple[float, float]] = (0, np.inf)
 
     variant: str = "rescaled"
     up: Up = "y"

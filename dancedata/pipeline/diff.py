@@ -83,7 +83,7 @@ def diff(a: str | Path, b: str | Path, *, atol: float | None = None) -> list[Dif
     Raises
     ------
     StoreError
-        If one of them is not a finished dataset.
+        If one of them is not a finished dataset, or a copy of the other with other bytes.
     UsageError
         If `atol` is not a number >= 0.
 
@@ -96,7 +96,9 @@ def diff(a: str | Path, b: str | Path, *, atol: float | None = None) -> list[Dif
     if atol is not None and not (math.isfinite(atol) and atol >= 0):
         raise UsageError("not a valid tolerance", found=repr(atol), allowed="a number >= 0, such as 0.001")
     with open_store(a) as one, open_store(b) as two:
-        if one.meta.get("self_sha256") == two.meta.get("self_sha256"):
+        if one.meta["self_sha256"] == two.meta["self_sha256"]:
+            one.require_intact()
+            two.require_intact()
             return []
         found = [*_recipes(one, two), *_stores(one, two), *_fields(one, two)]
         pairs = {c.id: c for c in two.clips}

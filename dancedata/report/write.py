@@ -135,10 +135,12 @@ def write_report(
         folder = None if source is None else Path(source)
         wanted = _Page(target, _checked(clips), _embeds(audio), folder, may_share)
     with open_store(store) as own:
+        own.require_intact()
         found = measure(own)
         if against is None:
             return _made(own, document(found, Scales.of([found])), None, (), wanted)
         with open_store(against) as other:
+            other.require_intact()
             beside = measure(other)
             scales = Scales.of([found, beside])
             differences = tuple(diff(own.path, other.path))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
@@ -15,13 +15,14 @@ import numpy.typing as npt
 from dancedata.core.clip import Window
 from dancedata.core.columns import Columns
 from dancedata.core.errors import StoreError, UsageError, did_you_mean
+from dancedata.core.hashing import sha256_file
 from dancedata.core.normalize import MinMax
 from dancedata.core.text import shown
 from dancedata.core.windows import WindowGrid
 from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.clip_view import Clips, ClipView
-from dancedata.store.dataset_json import Description, self_hash
-from dancedata.store.listed_file import ListedFile, open_listed, rebuilt_error
+from dancedata.store.dataset_json import Description
+from dancedata.store.listed_file import FileHash, ListedFile, open_listed, rebuilt_error
 from dancedata.store.locate import RowSpan, locate_stored, locate_view, locate_windows
 from dancedata.store.schema import Field, sort_splits
 from dancedata.store.shard_reader import ShardReader
@@ -39,7 +40,7 @@ from dancedata.store.windowing import (
 
 
 def open_store(path: str | Path) -> Store:
-    """Open a built dataset; reads dataset.json and checks the sizes of the shards.
+    """Open a built dataset; reads dataset.json, compares its hash, and checks the sizes of the shards.
 
     Parameters
     ----------
@@ -54,8 +55,8 @@ def open_store(path: str | Path) -> Store:
     Raises
     ------
     StoreError
-        If there is no finished dataset, it has another format version, or a shard is missing or of
-        another size.
+        If there is no finished dataset, it has another format version, dataset.json was changed after the build,
+        or a shard is missing or of another size.
 
     Examples
     --------
@@ -124,7 +125,7 @@ class Store:
     @cached_property
     def reference(self) -> tuple[str, str]:
         """Arguments for `reopen`: the path, and a hash of dataset.json."""
-        return str(self.path), self_hash(self.meta)
+        return str(self.path), self._description.self_sha256
 
     def __repr__(self) -> str:
         """Show path, splits, fields and frame rate."""
@@ -145,6 +146,14 @@ class Store:
         for shards in self._shards.values():
             for shard in shards:
                 shard.close()
+
+    def require_intact(self, clips: Iterable[str] | None = None, sha256: FileHash = sha256_file) -> None:
+        """Raise StoreError if a shard has other bytes than the build wrote; reading rows does not compare them.
+
+        Only the shards of `clips` are read, by default all; `sha256` gives the hash of a file.
+        """
+        for shard in sum(self._shards.values(), ()) if clips is None else {self._place(clip)[0] for clip in clips}:
+            shard.require_bytes(sha256)
 
     def field(self, name: str) -> Field:
         """Return a field by name; UsageError with the closest name if there is none."""
@@ -217,17 +226,18 @@ class Store:
             return stored_windows(split, shards)
         if self.scope == "window":
             asked = "whole clips" if whole else f"length {requested.length}, stride {requested.stride} frames"
-            raise StoreError(
-                "a store of window scope holds only the windows that were built",
-                where=str(self.path),
-                found=asked + (", trimmed" if trim else ""),
-                allowed=f"length {stored.length}, stride {stored.stride} frames",
-                fix="build with scope: track",
-            )
+            raise self._only_built_windows(asked + (", trimmed" if trim else ""))
         own = [self.field(name) for name in fields or self._fields]
         if whole:
             return whole_clips(split, shards, self._description, own, trim)
         return cut_windows(split, shards, self._description, requested, own, trim)
+
+    def _only_built_windows(self, found: str | None = None) -> StoreError:
+        stored = f"length {self._description.length}, stride {self._description.stride} frames"
+        return StoreError(
+            "a store of window scope holds only the windows that were built", where=str(self.path), found=found,
+            allowed=stored, fix="build with scope: track",
+        )  # fmt: skip
 
     def window_grid(
         self,
@@ -258,11 +268,7 @@ class Store:
             In window scope, where no other windows than the stored ones can be read.
         """
         if self.scope == "window":
-            raise StoreError(
-                "a store of window scope holds only the windows that were built",
-                where=str(self.path),
-                fix="build with scope: track",
-            )
+            raise self._only_built_windows()
         own = [self.field(name) for name in fields or self._fields]
         shard, number = self._place(clip_id)
         every = WindowGrid(length, whole_period(self._description, own))
@@ -392,12 +398,7 @@ class Store:
     @property
     def weights(self) -> dict[str, str]:
         """By field that a network computed: the network's weights and their licence, as its feature stated them."""
-        stated = self.meta.get("encoders", {})
-        return {
-            name: f"{shown(stated[name].get('model', ''))}, licence: {shown(stated[name]['licence'], 600)}"
-            for name in self._fields
-            if isinstance(stated.get(name), dict) and "licence" in stated[name]
-        }
+        return self._description.weights
 
     @property
     def stats(self) -> dict[str, Any]:

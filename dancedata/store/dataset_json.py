@@ -64,6 +64,21 @@ class Description:
         """The grid of the store's frames."""
         return FrameGrid(self.fps)
 
+    @property
+    def weights(self) -> dict[str, str]:
+        """See `Store.weights`."""
+        stated = self.meta.get("encoders", {})
+        return {
+            f.name: f"{shown(stated[f.name].get('model', ''))}, licence: {shown(stated[f.name]['licence'], 600)}"
+            for f in self.fields
+            if isinstance(stated.get(f.name), dict) and "licence" in stated[f.name]
+        }
+
+    @cached_property
+    def self_sha256(self) -> str:
+        """The hash of the document, which its key self_sha256 states."""
+        return self_hash(self.meta)
+
 
 def load_description(folder: Path) -> Description:
     """Read ``folder / dataset.json``.
@@ -106,6 +121,19 @@ def load_description(folder: Path) -> Description:
 def self_hash(document: Mapping[str, Any]) -> str:
     """Return the hash of dataset.json without its own key self_sha256."""
     return json_sha256({k: v for k, v in document.items() if k != "self_sha256"})
+
+
+def require_sealed(description: Description, folder: Path) -> None:
+    """Raise StoreError unless `self_sha256` is the hash of dataset.json: else it was changed after the build."""
+    stated, content = description.meta.get("self_sha256"), description.self_sha256
+    if stated != content:
+        raise StoreError(
+            "dataset.json was changed after the build: its content does not match its self_sha256",
+            where=str(folder / DATASET_FILE),
+            found=f"self_sha256 {quoted(stated)}",
+            allowed=content,
+            fix=f"copy the file again, or {REBUILD}; if the change is your own, set self_sha256 to the allowed value",
+        )
 
 
 def json_rejects(text: str) -> list[dict[str, Any]]:

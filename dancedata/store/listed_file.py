@@ -9,16 +9,18 @@ from __future__ import annotations
 import errno
 import os
 import stat
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from dancedata.core.errors import StoreError
 from dancedata.core.hashing import sha256_bytes
 from dancedata.core.regular_file import read_regular
-from dancedata.store.dataset_json import REBUILD, Description, load_description
+from dancedata.store.dataset_json import REBUILD, Description, load_description, require_sealed
 from dancedata.store.schema import DATASET_FILE
 
+#: Gives the SHA-256 of a file, such as `Cache.file_sha256`, which remembers it.
+FileHash = Callable[[Path], str]
 _DAMAGED = f"copy the whole folder again, or {REBUILD} with --overwrite"
 #: How many times a folder is read that is being replaced.
 _TRIES = 3
@@ -104,6 +106,15 @@ class ListedFile:
         if mode is None or not stat.S_ISREG(mode):
             raise _missing(self.path, self._size)
 
+    def require_bytes(self, sha256: FileHash) -> None:
+        """Raise StoreError unless the file has the bytes that dataset.json lists, by `sha256` of a path."""
+        try:
+            found = sha256(self.path)
+        except OSError as error:
+            raise StoreError("a shard cannot be read", where=str(self.path), found=str(error)) from error
+        if found != self._sha256:
+            raise other_bytes(self.path, found, self._sha256) if self._is_still_listed() else self._rebuilt_error()
+
     def _is_still_listed(self) -> bool:
         try:
             return lists_file(load_description(self.path.parent), self.path.name, self._size, self._sha256)
@@ -124,12 +135,11 @@ def lists_file(description: Description, name: str, size: int, sha256: str) -> b
 def read_listed(folder: Path, description: Description, name: str, limit: int) -> str:
     """Read a side file of an open dataset, such as stats.json, of at most `limit` bytes.
 
-    A file that was changed in place is read as it is; `check` reports it.
-
     Raises
     ------
     StoreError
-        If the dataset was built again, so that the file belongs to another one.
+        If its bytes are not those that the build wrote, or the dataset was built again, so that the file belongs to
+        another one.
     OSError, UnicodeDecodeError
         If it cannot be read.
     """
@@ -138,13 +148,16 @@ def read_listed(folder: Path, description: Description, name: str, limit: int) -
         data: bytes | None = read_regular(folder / name, limit)
     except FileNotFoundError:
         data = None
-    if entry is not None and (data is None or sha256_bytes(data) != entry["sha256"]):
+    found = None if data is None else sha256_bytes(data)
+    if entry is not None and found != entry["sha256"]:
         try:
             same = lists_file(load_description(folder), name, entry["size"], entry["sha256"])
         except StoreError:
             same = False
         if not same:
             raise rebuilt_error(folder, f"{name} is not the file that was listed then")
+        if found is not None:
+            raise other_bytes(folder / name, found, entry["sha256"])
     if data is None:
         raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(folder / name))
     return data.decode("utf-8")
@@ -167,12 +180,14 @@ def open_listed(folder: Path) -> tuple[Description, Mapping[str, ListedFile]]:
     Raises
     ------
     StoreError
-        If there is no finished dataset, or a shard is missing or of another size.
+        If there is no finished dataset, its dataset.json was changed after the build, or a shard is missing or of
+        another size.
     """
     for _ in range(_TRIES):
         before = _identity(folder / DATASET_FILE)
         try:
             description = load_description(folder)
+            require_sealed(description, folder)
             shards = {s.file: _shard(folder / s.file, s.size, s.sha256) for s in description.shards}
         except StoreError:
             if before == _identity(folder / DATASET_FILE):
@@ -200,6 +215,17 @@ def _shard(path: Path, size: int, sha256: str) -> ListedFile:
     if found.st_size != size:
         raise _another_size(path, found.st_size, size)
     return ListedFile(path, size, sha256, found)
+
+
+def other_bytes(path: Path, found: str, listed: str) -> StoreError:
+    """Return the error of a file whose SHA-256 is not that of dataset.json."""
+    return StoreError(
+        f"the bytes of {path.name} are not those that the build wrote",
+        where=str(path),
+        found=f"sha256 {found[:12]}...",
+        allowed=f"{listed[:12]}..., as in dataset.json",
+        fix=_DAMAGED,
+    )
 
 
 def _missing(path: Path, size: int) -> StoreError:

@@ -22,7 +22,7 @@ import numpy.typing as npt
 
 from dancedata.core.errors import StoreError
 from dancedata.store import hdf5
-from dancedata.store.listed_file import ListedFile
+from dancedata.store.listed_file import FileHash, ListedFile
 from dancedata.store.schema import Field
 from dancedata.store.shard_tables import ClipTable, ShardTables, StoredWindows
 
@@ -131,6 +131,10 @@ class ShardReader:
         layout = self.layout(field)
         if self._map is not None and layout.offset is not None:
             self._map.read_ahead(layout.offset + first * layout.row_bytes, n_rows * layout.row_bytes)
+
+    def require_bytes(self, sha256: FileHash) -> None:
+        """Raise StoreError unless the shard has the bytes that dataset.json lists."""
+        self._listed.require_bytes(sha256)
 
     def close(self) -> None:
         """Release file descriptor and mapping; a later read opens the file again."""

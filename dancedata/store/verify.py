@@ -14,7 +14,14 @@ from dancedata.core.hashing import sha256_file
 from dancedata.core.regular_file import read_regular
 from dancedata.core.text import listed, shown
 from dancedata.store.clip_columns import ClipRecord
-from dancedata.store.dataset_json import MAX_BYTES, Description, ShardEntry, json_stats, load_description, self_hash
+from dancedata.store.dataset_json import (
+    MAX_BYTES,
+    Description,
+    ShardEntry,
+    json_stats,
+    load_description,
+    require_sealed,
+)
 from dancedata.store.problem import Problem
 from dancedata.store.schema import (
     CARD_FILE,
@@ -72,8 +79,10 @@ def verify_store(path: str | Path) -> list[Problem]:
 
 def _check_document(folder: Path, description: Description) -> Iterator[Problem]:
     where = str(folder / DATASET_FILE)
-    if description.meta.get("self_sha256") != self_hash(description.meta):
-        yield Problem("error", where, "its content does not match self_sha256: it was changed after the build")
+    try:
+        require_sealed(description, folder)
+    except StoreError as error:
+        yield Problem("error", where, str(error))
     if not description.shards:
         yield Problem("error", where, "it does not list any shards")
     for name in (f for f in _SIDE_FILES if f not in description.files):

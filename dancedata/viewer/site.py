@@ -27,6 +27,10 @@ HTML, JSON, FLAC, TEXT = "text/html; charset=utf-8", "application/json", "audio/
 NOTE = "Dancedata-Note"
 
 
+#: Most characters of an answer in words: names in it are from files, and from the address.
+MAX_TEXT = 1_000
+
+
 @dataclass(frozen=True)
 class Answer:
     """One answer: status, body, the type of the body, and further headers."""
@@ -38,8 +42,9 @@ class Answer:
 
     @classmethod
     def of(cls, status: int, text: str) -> Answer:
-        """Make an answer of one sentence."""
-        return cls(status, text.encode("utf-8", "backslashreplace"))
+        """Make an answer of one sentence; a text of more than `MAX_TEXT` characters is cut."""
+        cut = text if len(text) <= MAX_TEXT else f"{text[:MAX_TEXT]}..."
+        return cls(status, cut.encode("utf-8", "backslashreplace"))
 
 
 class Site:

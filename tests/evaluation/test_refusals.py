@@ -203,6 +203,22 @@ def test_undeclared_facts_of_files(tmp_path: Path) -> None:
         dancedata.evaluate(tmp_path / "empty")
 
 
+@pytest.mark.parametrize("rate", [0, -30, np.nan, np.inf, 1e300, [30, 30]])
+def test_stored_rates_that_are_no_rates(tmp_path: Path, rate: Any) -> None:
+    np.savez(tmp_path / "a.npz", joints=dance(), fps=rate)
+    with pytest.raises(DataError, match="fps is not a frame rate"):
+        dancedata.evaluate(tmp_path, fps=30, up="y", metrics=["pfc"])
+
+
+def test_columns_at_another_rate_than_their_file_states(store: Store, tmp_path: Path) -> None:
+    columns = store.clips[0].read("edge151")
+    np.savez(tmp_path / "a.npz", columns=columns, fps=60)
+    with pytest.raises(DataError, match=r"rate of this file is not that of its columns; found 60.*allowed: 30"):
+        dancedata.evaluate(tmp_path, like=store, metrics=["pfc"])
+    np.savez(tmp_path / "a.npz", columns=columns, fps=30)
+    assert dancedata.evaluate(tmp_path, like=store, metrics=["pfc"], bootstrap=0)["pfc"] is not None
+
+
 def test_a_protocol_needs_its_members() -> None:
     @dataclass(frozen=True)
     class Bare(Protocol):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -13,10 +14,13 @@ from typer.testing import CliRunner
 import dancedata
 from dancedata.cli.app import app
 from dancedata.core.errors import UsageError
+from dancedata.evaluation.music import read_songs
 from dancedata.evaluation.pool import load_pool
 from dancedata.evaluation.protocols.bailando_aistpp import BailandoAistpp
 from dancedata.evaluation.report import latex, markdown
+from dancedata.evaluation.scores import MetricRows, scores_of
 from dancedata.metrics.kinetic_features import Kinetic
+from dancedata.metrics.physical_contact import Pfc
 from dancedata.store import Store
 
 
@@ -55,6 +59,57 @@ def test_numbers_that_overflow_are_undefined_by_name(store: Store, bootstrap: in
     assert found["scores"]["fid_k"]["value"] is None
     assert found["scores"]["fid_k"]["undefined"] == {"not_finite": []}
     assert "the numbers overflow (not_finite)" in str(report)
+
+
+def test_intervals_stay_within_what_a_score_can_be(store: Store) -> None:
+    report = dancedata.evaluate(store, metrics=["pfc", "skating"])
+    intervals = {score.name: score.interval for score in report.scores}
+    assert set(intervals) == {"pfc", "skating_left", "skating_right", "skating"}
+    assert intervals["pfc"] is not None
+    for name, interval in intervals.items():
+        if interval is not None:
+            assert 0 <= interval.low < report[name] < interval.high <= (np.inf if name == "pfc" else 1)
+
+
+def test_too_few_clips_say_so() -> None:
+    report = dancedata.evaluate(dances(2), fps=30, metrics=["pfc"])
+    assert report.warnings == ("2 clips: too few for intervals, which need 3",)
+    assert report.scores[0].interval is None
+
+
+@pytest.mark.parametrize(
+    ("values", "warning"),
+    [
+        ([1, 1, 1, 1], "no interval: no clip changes the score"),
+        ([0.01, 0.02, 0.01, 900], "1.0 of 4 clips carry the score"),
+        ([1, 2, 3, 2], None),
+    ],
+)
+def test_intervals_that_say_little_are_told(values: list[float], warning: str | None) -> None:
+    rows = MetricRows(np.array(values)[:, None], np.arange(4.0), tuple("abcd"), {})
+    ((score,), warnings) = scores_of(Pfc(), rows, None, draws=200)
+    assert (score.interval is None) == (values == [1, 1, 1, 1])
+    assert not warnings if warning is None else warning in warnings[0]
+
+
+def test_tables_of_clips_are_not_run_by_spreadsheets(tmp_path: Path) -> None:
+    names = ["=1+1", "+a", "-a", "@a", "\ta", "\ra", "'=a", "'a", "a=,b"]
+    folder = tmp_path / "generated"
+    folder.mkdir()
+    for name in names:
+        np.save(folder / f"{name}.npy", dance())
+    run(
+        folder, "--fps", 30, "--up", "y", "--protocol", "popdg", "--metric", "pbc", "--bootstrap", 0, "--jobs", 1,
+        "--per-clip", tmp_path / "rows.csv", "--quiet",
+    )  # fmt: skip
+    with open(tmp_path / "rows.csv", encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == len(names)
+    assert not [row["clip"] for row in rows if row["clip"][0] in "=+-@\t\r"]
+    assert all(np.isfinite(float(row["pbc"])) for row in rows)  # numbers, also those below 0, as they are
+    with open(tmp_path / "songs.csv", "w", encoding="utf-8", newline="") as file:
+        csv.writer(file).writerows((row["clip"], "song") for row in rows)
+    assert set(read_songs(tmp_path / "songs.csv")) == set(names)
 
 
 def test_clips_in_memory_that_are_not_dances() -> None:

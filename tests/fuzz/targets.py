@@ -249,10 +249,24 @@ def _read_lines(path: Path) -> None:
 
 
 def _put_side_files(path: Path) -> None:
-    """Add the other files of a store."""
+    """Add the other files of a store, and make the hashes in dataset.json right, as an adversary does."""
     for name in store():
         if name != path.name:
             (path.parent / name).write_bytes(store()[name])
+    with suppress(ValueError, KeyError, TypeError, RecursionError):  # not a document with hashes
+        document = json.loads((path.parent / "dataset.json").read_bytes())
+        if path.name != "dataset.json":
+            data = path.read_bytes()
+            document["files"][path.name] = {"size": len(data), "sha256": hashlib.sha256(data).hexdigest()}
+        _seal(path.parent, document)
+
+
+def _seal(folder: Path, document: dict[str, Any]) -> None:
+    """Write dataset.json with its own hash."""
+    from dancedata.store.dataset_json import self_hash
+
+    text = json.dumps({**document, "self_sha256": self_hash(document)})
+    (folder / "dataset.json").write_text(text)
 
 
 def _read_weights(path: Path) -> None:
@@ -272,7 +286,7 @@ def _read_shard(path: Path) -> None:
     data = path.read_bytes()
     document = json.loads(store()["dataset.json"])
     document["shards"][0] |= {"size": len(data), "sha256": hashlib.sha256(data).hexdigest()}
-    (path.parent / "dataset.json").write_text(json.dumps(document))
+    _seal(path.parent, document)
     try:
         verify_store(path.parent)
     finally:

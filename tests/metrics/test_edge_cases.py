@@ -16,13 +16,13 @@ from dancedata.core.registry import METRICS
 from dancedata.keymotion.minima import local_minima
 from dancedata.metrics import (
     beat_alignment,
-    bootstrap,
     chance_level,
     constant_columns,
     diversity,
     diversity_bound,
     frechet,
     geometric,
+    jackknife,
     kinetic,
     motion_beats,
     pbc,
@@ -207,7 +207,7 @@ def test_one_clip() -> None:
     one, many = rng.normal(size=(1, 5)), rng.normal(size=(9, 5))
     assert outcome_of(lambda: frechet(one, many)) == outcome_of(lambda: frechet(many, one)) == "few_clips"
     assert outcome_of(lambda: diversity(one)) == outcome_of(lambda: diversity_bound(1, 5)) == "few_clips"
-    assert outcome_of(lambda: bootstrap(one, lambda rows: {"mean": rows.mean()})) == "few_clips"
+    assert outcome_of(lambda: jackknife(one, lambda rows: {"mean": rows.mean()})) == "few_clips"
     assert outcome_of(lambda: STATISTICS["torch"](one, many)) == "few_clips"
     assert outcome_of(lambda: SetScores.of(one, many)) == "few_clips"
 
@@ -280,7 +280,7 @@ def test_too_few_joints() -> None:
     (lambda p: SetScores.of(np.ones((3, 2)), None), "need a pool"),
     (lambda p: MusicBeats.of([0.5], THIRTY), "beats are frame numbers"),
     (lambda p: MusicBeats.of([-1], THIRTY), "beats are frame numbers"),
-    (lambda p: bootstrap(np.ones((3, 2)), lambda r: {}, n=0), "invalid bootstrap"),
+    (lambda p: jackknife(np.ones((3, 2)), lambda r: {}, n=0), "invalid interval"),
     (lambda p: BeatAlignment(unit="frames", sigma=3), "beats at their instants are in seconds"),
     (lambda p: BeatAlignment("seconds", unit="frames", sigma=3).measure(
         Dance(p, THIRTY, MusicBeats.of([1], FrameGrid.of(60)))), "beats at 60 per second, motion at 30"),

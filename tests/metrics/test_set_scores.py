@@ -1,11 +1,12 @@
-"""Scores of sets; bootstrap intervals: as wide as theory says, the same for one seed, around the score."""
+"""Scores of sets; intervals: they cover as often as is stated, lie within the bounds, and one seed gives one."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy import stats
 
-from dancedata.metrics import bootstrap
+from dancedata.metrics import jackknife
 from dancedata.metrics.beats import BeatAlignment
 from dancedata.metrics.foot_skating import FootSkating
 from dancedata.metrics.physical_contact import Pfc
@@ -16,35 +17,65 @@ def _mean(rows: np.ndarray) -> dict[str, float]:
     return {"mean": float(rows.mean())}
 
 
-def test_of_a_mean() -> None:
-    rows = np.random.default_rng(0).normal(3, 2, (400, 1))
-    found = bootstrap(rows, _mean, n=2000)["mean"]
-    assert found.level == 0.95
-    assert found.high - found.low == pytest.approx(2 * 1.96 * rows.std() / 20, rel=0.1)
-    assert (found.low + found.high) / 2 == pytest.approx(rows.mean(), abs=0.02)
-    narrow = bootstrap(rows, _mean, level=0.5)["mean"]
-    assert narrow.high - narrow.low == pytest.approx(2 * 0.674 * rows.std() / 20, rel=0.15)
+#: Shapes of scores over clips: how they are drawn, their mean, their bounds, and the lowest coverage that is stated.
+SHAPES = {
+    "normal": (lambda rng, n: rng.normal(10, 5, n), 10, (-np.inf, np.inf), 0.94),
+    "positive": (lambda rng, n: rng.gamma(4, 2.5, n), 10, (0, np.inf), 0.93),
+    "skewed, as PFC": (lambda rng, n: rng.lognormal(0, 1, n), np.exp(0.5), (0, np.inf), 0.89),
+    "ratio, as BAS": (lambda rng, n: rng.beta(8, 12, n), 0.4, (0, 1), 0.94),
+    "small ratio, as FSR": (lambda rng, n: rng.beta(0.6, 10, n), 0.6 / 10.6, (0, 1), 0.94),
+}
 
 
-def test_one_seed_gives_one_interval() -> None:
-    rows = np.random.default_rng(0).normal(size=(20, 1))
-    assert bootstrap(rows, _mean, n=50) == bootstrap(rows, _mean, n=50)
-    assert bootstrap(rows, _mean, n=50) != bootstrap(rows, _mean, n=50, seed=1)
-    same = bootstrap(np.ones((5, 1)), _mean, n=10)["mean"]
-    assert (same.low, same.high) == (1, 1)
-
-
-def test_the_bias_of_frechet_distances_is_left_out() -> None:
+@pytest.mark.parametrize("n", [3, 5, 10, 20])
+@pytest.mark.parametrize("shape", SHAPES)
+def test_coverage(shape: str, n: int) -> None:
+    draw, mean, bounds, least = SHAPES[shape]
     rng = np.random.default_rng(0)
-    rows, pool = rng.normal(size=(40, 10)), rng.normal(size=(200, 10))
-    score = SetScores.of(rows, pool).named("k")
-    drawn = [SetScores.of(rows[rng.integers(0, 40, 40)], pool).fid for _ in range(100)]
-    assert np.quantile(drawn, 0.05) > score["fid_k"]  # duplicates: nearly every drawn set is further away
-    found = bootstrap(rows, lambda part: SetScores.of(part, pool).named("k"), n=100)
-    assert found.keys() == score.keys()
+    found = [jackknife(draw(rng, (n, 1)), _mean, bounds=bounds)["mean"] for _ in range(500)]
+    assert all(bounds[0] <= each.low < each.high <= bounds[1] for each in found)
+    covered = np.mean([each.low <= mean <= each.high for each in found])
+    assert covered > least - 2 * np.sqrt(0.05 * 0.95 / len(found))  # two standard errors of 500 sets
+
+
+def test_of_a_mean_of_normal_numbers_it_is_that_of_student() -> None:
+    rows = np.random.default_rng(0).normal(3, 2, (40, 1))
+    for level in (0.5, 0.95):
+        theirs = stats.t.interval(level, 39, rows.mean(), stats.sem(rows[:, 0]))
+        found = jackknife(rows, _mean, level=level)["mean"]
+        assert (found.low, found.high) == pytest.approx(theirs, rel=1e-9)
+        assert (found.level, found.clips) == (level, 40)
+
+
+def test_large_sets_leave_out_groups_that_the_seed_deals() -> None:
+    rows = np.random.default_rng(0).normal(3, 2, (1000, 1))
+    found = jackknife(rows, _mean, n=50)["mean"]
+    assert found.high - found.low == pytest.approx(2 * 1.96 * rows.std() / np.sqrt(1000), rel=0.3)
+    assert found == jackknife(rows, _mean, n=50)["mean"] != jackknife(rows, _mean, n=50, seed=1)["mean"]
+
+
+def test_scores_that_no_clip_changes_have_no_interval() -> None:
+    rows = np.ones((5, 1))
+    assert jackknife(rows, _mean, bounds=(0, 1)) == {} == jackknife(rows, _mean)
+    one = np.eye(8)[:, :1]  # one clip carries all
+    assert jackknife(one, _mean, bounds=(0, np.inf))["mean"].clips == pytest.approx(1)
+
+
+def test_of_distances_and_diversity() -> None:
+    """The score of the population is that of sets of this size, whose mean is simulated."""
+    rng = np.random.default_rng(0)
+    pool = rng.normal(0.3, 1, (200, 6))
+
+    def scores(rows: np.ndarray) -> dict[str, float]:
+        return SetScores.of(rows, pool).named("k")
+
+    sets = [rng.normal(size=(8, 6)) for _ in range(300)]
+    own = [scores(rows) for rows in sets]
+    found = [jackknife(rows, scores, bounds=(0, np.inf)) for rows in sets[:80]]
+    assert found[0].keys() == {"fid_k", "div_k"}  # that of the pool is the same without any clip
     for name in ("fid_k", "div_k"):
-        assert found[name].low < score[name] < found[name].high
-    assert found["div_k_pool"].low == pytest.approx(found["div_k_pool"].high)
+        mean = np.mean([each[name] for each in own])
+        assert np.mean([each[name].low <= mean <= each[name].high for each in found]) > 0.9
 
 
 def test_scores_of_sets() -> None:

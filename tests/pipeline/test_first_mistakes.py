@@ -21,8 +21,10 @@ from dancedata.cli.app import app
 from dancedata.core.clip import Reject
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
+from dancedata.core.hashing import sha256_file
 from dancedata.core.registry import DATASETS
 from dancedata.pipeline.left_out import left_out_lines
+from dancedata.store.dataset_json import self_hash
 
 
 def run(*args: object, code: int = 0) -> Result:
@@ -333,6 +335,10 @@ def test_flags_are_summed_up_by_kind(built_copy: Path):
         for clip, kind in (("a", "root_jump"), ("a", "root_jump"), ("b", "root_jump"), ("b", "fast_turn"))
     ]
     (built_copy / "quality.jsonl").write_text("".join(json.dumps(flag) + "\n" for flag in flags))
+    document = json.loads((built_copy / "dataset.json").read_text())
+    document["files"]["quality.jsonl"]["sha256"] = sha256_file(built_copy / "quality.jsonl")
+    document["self_sha256"] = self_hash(document)
+    (built_copy / "dataset.json").write_text(json.dumps(document))
     said = describe_built(built_copy)
     assert "  flagged, not repaired (quality.jsonl): fast_turn in 1 clip, root_jump in 2 clips\n" in said
 
@@ -441,6 +447,7 @@ def test_a_dataset_json_that_lacks_something_is_a_clear_error(
     path = built_copy / "dataset.json"
     document = json.loads(path.read_text())
     del document[key]
+    document["self_sha256"] = self_hash(document)
     path.write_text(json.dumps(document))
     if key == "counts":
         assert key in run("info", built_copy, code=1).output

@@ -14,8 +14,10 @@ import pytest
 
 from dancedata.cli.text import describe_clips, describe_problems, describe_store, store_json
 from dancedata.core.errors import DanceDataError, StoreError
+from dancedata.core.hashing import sha256_file
 from dancedata.core.text import json_text
 from dancedata.store import open_store, verify_store
+from dancedata.store.dataset_json import self_hash
 from dancedata.testing.stores import random_fields, write_random_store
 
 LOUD = "x\x1b[2J\x9b1m\u202e\r\ny"
@@ -32,8 +34,12 @@ def folder(tmp_path: Path) -> Path:
 
 
 def edit(folder: Path, change: Callable[[dict[str, Any]], Any]) -> None:
+    """Change dataset.json, and make the hashes in it right, as an adversary does."""
     document = json.loads((folder / "dataset.json").read_text(encoding="utf-8"))
+    for name in ("stats.json", "rejects.jsonl", "quality.jsonl"):
+        document["files"][name]["sha256"] = sha256_file(folder / name)
     change(document)
+    document["self_sha256"] = self_hash(document)
     (folder / "dataset.json").write_text(json.dumps(document), encoding="utf-8")
 
 
@@ -80,11 +86,11 @@ def test_control_characters_in_a_description(folder: Path) -> None:
         document["counts"][LOUD] = document["counts"]["train"]
         document["fps"] = "\n30 "
 
-    edit(folder, change)
     rows = [{"reason": LOUD, "clip": LOUD}, {"reason": "nan", "file": "\ud800"}]
     (folder / "rejects.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
     flag = {"clip": LOUD, "kind": LOUD, "joint": LOUD, "unit": LOUD, "frame": 3, "value": 1.5}
     (folder / "quality.jsonl").write_text(json.dumps(flag) + "\n")
+    edit(folder, change)
     text = everything(folder)
     assert SAFE in text
     assert r"\ud800" in text
@@ -156,6 +162,7 @@ def test_many_lines_are_told_in_linear_time(folder: Path) -> None:
     (folder / "rejects.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rejects))
     flags = [{"clip": f"c{k}", "frame": 1, "value": 1} for k in range(20_000)]
     (folder / "quality.jsonl").write_text("".join(json.dumps(row) + "\n" for row in flags))
+    edit(folder, lambda document: None)
     assert len(describe_store(folder).split("\n")) > 20_000
 
 

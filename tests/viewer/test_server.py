@@ -217,6 +217,12 @@ def test_the_address_shows_what_was_asked_for(odd: Path) -> None:
         assert address.endswith("#clip=wav&t=1.000&loop=30-90")
 
 
+def test_answers_to_long_names_are_short(client: Client) -> None:
+    status, _, body = client.get(f"/clip/0?field={'x' * 30_000}")
+    assert status == 400
+    assert len(body) < 1100
+
+
 def test_ctrl_c_ends_it_with_0(odd: Path) -> None:
     command = [sys.executable, "-m", "dancedata", "view", str(odd), "--no-browser"]
     about = {**os.environ, "SSH_CONNECTION": "10.0.0.1 1 10.0.0.2 22"}

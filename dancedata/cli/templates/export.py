@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 from dancedata.core.errors import UsageError
 from dancedata.core.plugins import Export
 from dancedata.core.registry import EXPORTS
+from dancedata.core.text import csv_cell
 from dancedata.exporting.folder import ExportFolder
 from dancedata.exporting.job import ExportJob, Lack
 from dancedata.exporting.needs import needs_field, needs_track_scope
@@ -44,7 +45,7 @@ class TemplateName(Export):
 
     def write(self, job: ExportJob, folder: ExportFolder) -> None:
         """Write clips/<id>.csv."""
-        header = ",".join(job.store.fields[_FIELD].labels)
+        header = ",".join(str(csv_cell(label)) for label in job.store.fields[_FIELD].labels)
         for clip in job.each("clips", job.clips()):
             rows = [",".join(f"{value:.{self.digits}f}" for value in row) for row in clip.read(_FIELD)]
             folder.write_text(f"clips/{clip.id}.csv", "\n".join([header, *rows]) + "\n")

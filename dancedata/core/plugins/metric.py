@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping
+from math import inf
 from typing import ClassVar, Literal
 
 from dancedata.core.dance import Dance, Undefined
@@ -31,12 +32,15 @@ class Metric(Plugin):
     better
         What is better for each score: "higher", "lower", or "closer" to the ground truth's. Scores that are not named
         stand beside the others, such as a chance level.
+    bounds
+        Lowest and highest value that scores can have, for their intervals: none, a lowest (0, inf), or both (0, 1).
     """
 
     source: ClassVar[str]
     needs_music: ClassVar[bool] = False
     needs_pool: ClassVar[bool] = False
     better: ClassVar[Mapping[str, Better]] = {}
+    bounds: ClassVar[tuple[float, float]] = (-inf, inf)
 
     @property
     def needs_instants(self) -> bool:

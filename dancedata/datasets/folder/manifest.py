@@ -12,7 +12,7 @@ from typing import Any
 from dancedata.core.errors import SourceError, did_you_mean
 from dancedata.core.regular_file import read_regular
 from dancedata.core.strict_json import parse_json
-from dancedata.core.text import quoted, shown
+from dancedata.core.text import csv_text, quoted, shown
 from dancedata.datasets.folder.facts import Declared
 
 __all__ = ["COLUMNS", "MANIFESTS", "Row", "id_problem", "inside", "read_manifest"]
@@ -110,7 +110,7 @@ def _csv(path: Path, text: str) -> Iterator[tuple[int, dict[str, str]]]:
     columns: list[str] = []
     try:
         for cells in reader:
-            cells = [cell.strip() for cell in cells]
+            cells = [csv_text(cell.strip()) for cell in cells]
             if not any(cells) or (not columns and cells[0].startswith("#")):
                 continue
             if not columns:

@@ -12,10 +12,11 @@ from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid, as_rate
 from dancedata.core.rotations import Float64Array
-from dancedata.core.text import listed
+from dancedata.core.text import listed, shown
+from dancedata.datasets.folder.array_layouts import RATE_KEYS
 from dancedata.datasets.folder.facts import UNITS, UPRIGHT, metres
 from dancedata.datasets.folder.load import SUFFIXES
-from dancedata.datasets.folder.rates import exact_rate
+from dancedata.datasets.folder.rates import MAX_RATE, MIN_RATE, exact_rate
 from dancedata.datasets.folder.reader import Folder
 from dancedata.evaluation.inputs.clip import ClipInput
 from dancedata.evaluation.inputs.columns import ColumnsReader
@@ -30,7 +31,6 @@ __all__ = ["FileClip", "FileFormat", "folder_clips"]
 #: Names of arrays (T, J, 3) that are taken as positions; "" is the only array of a file.
 _JOINTS = ("full_pose", "joints", "positions", "keypoints3d", "")
 _COLUMNS = ("columns", "motion", "")
-_RATES = ("fps", "mocap_framerate", "mocap_frame_rate")
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +86,8 @@ class FileClip(ClipInput):
         """See `ClipInput.identity`."""
         folder = self.format.folder
         about = [self.format.identity(), folder.version, document_of(folder, loading=True)]
+        if self.path.suffix.lower() != ".bvh":
+            about.append(RATE_KEYS)
         return ["file", about, self.path.suffix.lower(), cache.file_sha256(self.path)]
 
     def load(self) -> Pose:
@@ -131,18 +133,35 @@ class FileClip(ClipInput):
             )  # fmt: skip
         if name is None or len(arrays.shape(name)) != 2:
             return None
+        stored = self._stored_rate(arrays)
+        if stored not in (None, reader.grid):
+            raise DataError(
+                "the frame rate of this file is not that of its columns", reason="bad_rate", where=str(self.path),
+                found=f"{stored} frames per second", allowed=f"{reader.grid}, as --fps or --like states",
+            )  # fmt: skip
         return reader.pose(arrays.read(name), file=stated_in(arrays), where=self.path)
 
     def _grid(self, arrays: ArrayFile) -> FrameGrid:
-        stored = next((n for n in _RATES if n in arrays.names), None)
+        stored = self._stored_rate(arrays)
         if stored is not None:
-            value = arrays.read(stored).reshape(-1)
-            rate = exact_rate(float(value[0])) if len(value) == 1 else None
-            if rate is not None:
-                return FrameGrid(rate)
+            return stored
         if self.format.fps is None:
             raise self._undeclared("frame rate of these positions", "--fps RATE, or --like STORE")
         return FrameGrid.of(self.format.fps)
+
+    def _stored_rate(self, arrays: ArrayFile) -> FrameGrid | None:
+        """Return the rate that the file states, None without one; DataError ("bad_rate") if it is not a rate."""
+        key = next((n for n in RATE_KEYS if n in arrays.names), None)
+        if key is None:
+            return None
+        value = arrays.read(key).reshape(-1)
+        rate = exact_rate(float(value[0])) if len(value) == 1 else None
+        if rate is None:
+            raise DataError(
+                f"{key} is not a frame rate", reason="bad_rate", where=str(self.path), found=shown(value.tolist()),
+                allowed=f"one number, {MIN_RATE} to {MAX_RATE}", fix=f"save the file again with its rate as {key}",
+            )  # fmt: skip
+        return FrameGrid(rate)
 
     def _undeclared(self, what: str, fix: str) -> DataError:
         return DataError(

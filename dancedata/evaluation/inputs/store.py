@@ -8,8 +8,11 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import numpy.typing as npt
+
 from dancedata.core.clip import Window
 from dancedata.core.errors import UsageError, did_you_mean
+from dancedata.core.hashing import sha256_bytes
 from dancedata.evaluation.inputs.clip import ClipInput
 from dancedata.evaluation.inputs.columns import ColumnsReader, reader_for
 from dancedata.evaluation.pose import Pose
@@ -52,14 +55,18 @@ class StoreClip(ClipInput):
 
     def identity(self, cache: Cache) -> Any:
         """See `ClipInput.identity`."""
-        return ["store", self.reference[1], self.id, self.field, self.reader.identity()]
+        rows = sha256_bytes(self._rows().tobytes())  # not only what dataset.json says of them
+        return ["store", self.reference[1], self.id, self.field, self.reader.identity(), rows]
 
     def load(self) -> Pose:
         """See `ClipInput.load`."""
+        return self.reader.pose(self._rows())
+
+    def _rows(self) -> npt.NDArray[Any]:
         store = _opened(*self.reference)
         if self.window is None:
-            return self.reader.pose(store.read_clip(self.id, self.field))
-        return self.reader.pose(store.read(self.window, self.field))
+            return store.read_clip(self.id, self.field)
+        return store.read(self.window, self.field)
 
 
 @lru_cache(maxsize=4)

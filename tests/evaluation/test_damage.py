@@ -1,0 +1,119 @@
+"""No number is of bytes that a build did not write: not now, and not from the cache later."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dancedata
+from dancedata.core.errors import StoreError
+from dancedata.evaluation.request import Request, protocol_named
+from dancedata.report import write_report
+from dancedata.store import Store, open_store
+
+Flip = Callable[[str], None]
+
+
+@pytest.fixture
+def copy(store: Store, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(store.path, tmp_path / "copy"))
+
+
+@pytest.fixture
+def flip(copy: Path) -> Flip:
+    """Flip the lowest bit of an exponent in the middle of a field's rows; a second time restores it."""
+
+    def change(field: str) -> None:
+        with open_store(copy) as opened:
+            span = opened.locate(opened.windows("train")[0], field)
+            layout = span.shard.layout(field)
+            path, at = span.shard.path, layout.offset + (span.first + 20) * layout.row_bytes + 6  # column 1
+        data = bytearray(path.read_bytes())
+        data[at] ^= 0x80
+        path.write_bytes(data)
+
+    return change
+
+
+def pfc(path: Path, cache: Path) -> float | None:
+    return dancedata.evaluate(path, metrics=["pfc"], field="joints", bootstrap=0, cache=cache)["pfc"]
+
+
+def test_a_flipped_bit_is_an_error_and_leaves_nothing_in_the_cache(copy: Path, flip: Flip, tmp_path: Path) -> None:
+    flip("joints")
+    with pytest.raises(StoreError, match=r"bytes of train-.* are not those that the build wrote"):
+        pfc(copy, tmp_path / "shared")
+    flip("joints")
+    assert pfc(copy, tmp_path / "shared") == pfc(copy, tmp_path / "fresh")
+
+
+def test_keys_of_stored_clips_hold_their_rows(
+    copy: Path, flip: Flip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Store, "require_intact", lambda *args, **options: None, raising=False)
+    flip("joints")
+    damaged = pfc(copy, tmp_path / "shared")
+    flip("joints")
+    intact = pfc(copy, tmp_path / "shared")
+    assert intact == pfc(copy, tmp_path / "fresh") != damaged
+
+
+@pytest.mark.parametrize("metrics", [["kinetic"], ["bas"]], ids=["pool", "beats"])
+def test_pools_and_beats_are_of_intact_shards(copy: Path, flip: Flip, metrics: list[str]) -> None:
+    with open_store(copy) as opened:
+        clip = next(c for c in opened.clips if c.split == "train")
+        clips = {clip.id: dancedata.decode(clip.read("edge151"), "edge151", fps=30)}
+    flip("librosa35")
+    with pytest.raises(StoreError, match="are not those that the build wrote"):
+        dancedata.evaluate(clips, like=copy, metrics=metrics, bootstrap=0)
+
+
+@pytest.mark.parametrize("name", ["stats.json", "quality.jsonl", "rejects.jsonl"])
+def test_side_files_that_were_changed_are_refused(copy: Path, name: str) -> None:
+    path = copy / name
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text.replace("0.1", "0.2", 1) if name == "stats.json" else text + "\n", encoding="utf-8")
+    attribute = name.partition(".")[0]
+    with open_store(copy) as opened, pytest.raises(StoreError, match=rf"bytes of {name} are not those"):
+        getattr(opened, attribute)
+    if name == "stats.json":
+        with pytest.raises(StoreError, match=r"bytes of stats\.json are not those"):
+            dancedata.decode(np.zeros((9, 151)), "edge151", like=copy)
+
+
+def test_exports_reports_and_diff_compare_what_they_read(
+    store: Store, copy: Path, flip: Flip, tmp_path: Path
+) -> None:
+    assert dancedata.diff(store.path, copy) == []
+    flip("edge151")
+    for use in (
+        lambda: dancedata.export(copy, "npz", out=tmp_path / "out"),
+        lambda: write_report(copy),
+        lambda: dancedata.diff(store.path, copy),
+    ):
+        with pytest.raises(StoreError, match="are not those that the build wrote"):
+            use()
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_description_that_was_changed_is_an_error_with_a_cure(copy: Path) -> None:
+    path = copy / "dataset.json"
+    document = {**json.loads(path.read_text(encoding="utf-8")), "fps": "60"}
+    path.write_text(json.dumps(document), encoding="utf-8")
+    for use in (open_store, dancedata.evaluate, write_report, lambda p: dancedata.export(p, "npz", out=p / "x")):
+        with pytest.raises(StoreError, match=r"dataset\.json was changed after the build") as found:
+            use(copy)
+    path.write_text(json.dumps({**document, "self_sha256": found.value.allowed}), encoding="utf-8")
+    assert open_store(copy).fps == 60
+
+
+def test_the_pool_is_of_the_field_that_is_named(store: Store) -> None:
+    protocol = protocol_named("dancedata")
+    for pool in (None, store.path):
+        request = Request(what=store, protocol=protocol, field="joints", pool=pool)
+        assert {clip.field for clip in (*request.set_side().clips, *request.pool_side().clips)} == {"joints"}
