@@ -8,10 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from dancedata.core.bodies import crosses
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid, as_rate
 from dancedata.core.rotations import Float64Array
+from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import listed
 from dancedata.datasets.folder.facts import UNITS, UPRIGHT, metres
 from dancedata.datasets.folder.load import SUFFIXES
@@ -80,6 +82,10 @@ class FileClip(ClipInput):
 
     path: Path
     format: FileFormat
+
+    def crosses(self, target: Skeleton) -> bool:
+        """See `ClipInput.crosses`."""
+        return self.path.suffix.lower() != ".bvh" or crosses(SMPL24, target)
 
     def identity(self, cache: Cache) -> Any:
         """See `ClipInput.identity`."""

@@ -8,8 +8,10 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from dancedata.core.bodies import crosses
 from dancedata.core.clip import Window
 from dancedata.core.errors import UsageError, did_you_mean
+from dancedata.core.skeleton import Skeleton
 from dancedata.evaluation.inputs.clip import ClipInput
 from dancedata.evaluation.inputs.columns import ColumnsReader, reader_for
 from dancedata.evaluation.pose import Pose
@@ -49,6 +51,11 @@ class StoreClip(ClipInput):
     def path(self) -> Path:
         """The store, for messages."""
         return Path(self.reference[0])
+
+    def crosses(self, target: Skeleton) -> bool:
+        """See `ClipInput.crosses`."""
+        made = self.reader.representation
+        return made.decodes and crosses(made.skeleton, target)
 
     def identity(self, cache: Cache) -> Any:
         """See `ClipInput.identity`."""
