@@ -15,9 +15,9 @@ from dancedata.core.grid import FrameGrid, as_rate
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import listed
+from dancedata.datasets.folder.array_values import stored_rate
 from dancedata.datasets.folder.facts import UNITS, UPRIGHT, metres
 from dancedata.datasets.folder.load import SUFFIXES
-from dancedata.datasets.folder.rates import exact_rate
 from dancedata.datasets.folder.reader import Folder
 from dancedata.evaluation.inputs.clip import ClipInput
 from dancedata.evaluation.inputs.columns import ColumnsReader
@@ -141,10 +141,7 @@ class FileClip(ClipInput):
     def _grid(self, arrays: ArrayFile) -> FrameGrid:
         stored = next((n for n in _RATES if n in arrays.names), None)
         if stored is not None:
-            value = arrays.read(stored).reshape(-1)
-            rate = exact_rate(float(value[0])) if len(value) == 1 else None
-            if rate is not None:
-                return FrameGrid(rate)
+            return FrameGrid(stored_rate(arrays, stored))
         if self.format.fps is None:
             raise self._undeclared("frame rate of these positions", "--fps RATE, or --like STORE")
         return FrameGrid.of(self.format.fps)
