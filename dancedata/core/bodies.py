@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 
 from dancedata.core.errors import UsageError
@@ -97,8 +99,26 @@ SMPLX52 = SMPLX55.subset("smplx52", (*BODY_JOINTS, *_HANDS))
 #: The body alone, as in Lodge's 139 columns.
 SMPLX22 = SMPLX55.subset("smplx22", BODY_JOINTS)
 
+
+def _smplh52() -> Skeleton:
+    offsets = np.array(SMPLX52.offsets)
+    offsets[:22] = SMPL24.offsets[:22]
+    return Skeleton("smplh52", SMPLX52.joints, SMPLX52.parents, offsets, SMPLX52.pairs, SMPLX52.feet)
+
+
+#: SMPL-H: the body of SMPL (as in SMPL24), with SMPL-X's fingers at its wrists.
+SMPLH52 = _smplh52()
+
 #: The skeletons of the package, by name.
 SKELETONS = {s.name: s for s in (SMPL24, SMPL24_EDGE, SMPLX22, SMPLX52, SMPLX55)}
+
+#: In the cache keys of motion that crosses from one body to another; raised by hand when it gets other numbers there.
+CROSSING = 2
+
+
+def crosses(source: Skeleton | None, target: Skeleton) -> bool:
+    """Return whether motion on a body gets another translation on another one; None is an unknown body."""
+    return source is None or not np.array_equal(source.offsets[0], target.offsets[0])
 
 
 def has_body(skeleton: Skeleton) -> bool:
@@ -106,14 +126,56 @@ def has_body(skeleton: Skeleton) -> bool:
     return skeleton.joints[:22] == BODY_JOINTS
 
 
-def carried_over(motion: Motion, target: Skeleton) -> Motion:
-    """Transfer a motion to another body of the SMPL family: parameters are copied joint by joint.
+def on_body(motion: Motion, body: Skeleton, *, keep: Literal["pelvis", "translation"] = "pelvis") -> Motion:
+    """Put a motion on the bones of another body of the SMPL family: rotations are copied joint by joint.
 
-    Joints match by name; one that the motion lacks does not rotate, one that the target lacks is dropped
-    (fingers on SMPL's 24 joints). The translation is unchanged, as in Lodge's treatment of AIST++, so the
-    pelvis moves by the difference of the two bodies' rest positions. The bones are the target's, except where
-    the motion's skeleton has all of the target's joints and is not SMPL's 24: then it keeps its own (a body
-    model with betas), as it does where the joints are equal.
+    Joints match by name; one that the motion lacks does not rotate, one that the body lacks is dropped (fingers on
+    SMPL's 24 joints).
+
+    Parameters
+    ----------
+    motion
+        On a skeleton that begins with the 22 body joints, in their order.
+    body
+        The skeleton of the result.
+    keep
+        "pelvis": it stays where it is, so that the translation changes by the difference of the two bodies' rest
+        positions. "translation": its numbers, as in Lodge's treatment of AIST++, so that the pelvis moves.
+
+    Returns
+    -------
+    Motion
+        The same frames on `body`; the motion itself if its bones are those of `body`.
+
+    Raises
+    ------
+    UsageError
+        If either skeleton is of another family.
+    """
+    own = motion.skeleton
+    if own.joints == body.joints and np.array_equal(own.offsets, body.offsets):
+        return motion
+    if not has_body(own) or not has_body(body):
+        raise UsageError(
+            f"a motion on skeleton {own.name} cannot be transferred to {body.name}",
+            found=f"joints {', '.join(own.joints[:4])}, ...",
+            allowed=f"bodies of the SMPL family, whose first joints are {', '.join(BODY_JOINTS[:4])}, ...",
+        )
+    rotations = np.zeros((motion.n_frames, body.n_joints, 3))
+    for j, joint in enumerate(body.joints):
+        if joint in own.joints:
+            rotations[:, j] = motion.rotations[:, own.joints.index(joint)]
+    shift = own.offsets[0] - body.offsets[0]
+    translation = motion.translation + shift if keep == "pelvis" and shift.any() else motion.translation
+    return Motion(translation, rotations, motion.grid, body, motion.trim_start)
+
+
+def carried_over(motion: Motion, target: Skeleton) -> Motion:
+    """Transfer a motion to the joints of another body of the SMPL family; the pelvis stays where it is.
+
+    The bones are the target's, except where the motion has all of the target's joints on a body of its own (a body
+    model with betas): then it keeps them. SMPL's 24 joints keep their bones only where the target's joints are the
+    same; SMPL-H's mean body, which has SMPL's bones, takes the target's too. Rotations are copied as by `on_body`.
 
     Parameters
     ----------
@@ -133,20 +195,11 @@ def carried_over(motion: Motion, target: Skeleton) -> Motion:
         If either skeleton is of another family.
     """
     own = motion.skeleton
-    if own.joints == target.joints:
+    is_mean_smplh = own.joints == SMPLH52.joints and np.array_equal(own.offsets[:22], SMPLH52.offsets[:22])
+    if own.joints == target.joints and not is_mean_smplh:
         return motion
-    if not has_body(own) or not has_body(target):
-        raise UsageError(
-            f"a motion on skeleton {own.name} cannot be transferred to {target.name}",
-            found=f"joints {', '.join(own.joints[:4])}, ...",
-            allowed=f"bodies of the SMPL family, whose first joints are {', '.join(BODY_JOINTS[:4])}, ...",
-        )
-    rotations = np.zeros((motion.n_frames, target.n_joints, 3))
-    for j, joint in enumerate(target.joints):
-        if joint in own.joints:
-            rotations[:, j] = motion.rotations[:, own.joints.index(joint)]
-    bones = target
-    if own.joints != SMPL24.joints and set(target.joints) <= set(own.joints):
-        part = own.subset(f"{own.name}-{target.n_joints}", target.joints)
-        bones = target if np.array_equal(part.offsets, target.offsets) else part
-    return Motion(motion.translation, rotations, motion.grid, bones, motion.trim_start)
+    keeps = has_body(own) and own.joints != SMPL24.joints and set(target.joints) <= set(own.joints)
+    if is_mean_smplh or not keeps:
+        return on_body(motion, target)
+    part = own.subset(f"{own.name}-{target.n_joints}", target.joints)
+    return on_body(motion, target if np.array_equal(part.offsets, target.offsets) else part)

@@ -36,6 +36,8 @@ class ClipRef:
         ("fps", "120") from a manifest. They are input of `load`, and part of the cache key.
     music_fix
         The fix for a missing `audio_path`, such as a file to rename; "" if unknown.
+    body
+        Name of the body that the motion is on, where files differ and the scan can tell; "" if unknown.
     """
 
     id: str
@@ -50,6 +52,7 @@ class ClipRef:
     notes: tuple[str, ...] = ()
     declared: tuple[tuple[str, str], ...] = ()
     music_fix: str = ""
+    body: str = ""
 
 
 @dataclass(frozen=True, eq=False)

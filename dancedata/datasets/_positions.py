@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from dancedata.core.bodies import BODY_JOINTS
 from dancedata.core.errors import DataError
+from dancedata.core.skeleton import SMPL24
 
 __all__ = ["POSITIONS", "require_rotations"]
 
@@ -31,6 +33,12 @@ _LONGEST_MEDIAN = np.pi
 #: The translation is an affine function of the first joint within this fraction of its movement in the second
 #: direction: a pelvis that was measured separately moves nearly like the translation.
 _SAME = 0.15
+#: Bound of the distance between the means of the two, as a fraction of the larger mean: a pelvis lies 0.24 m below
+#: SMPL's translation; rotation vectors that circle as the dancer does have a mean far from the dancer's height.
+_PLACE = 0.5
+#: Least correlation of the mean lengths of 21 bones with SMPL's: 0.87 to 1 for positions of people, at most 0.73 for
+#: rotation vectors of 4,800 smooth motions, some of which circle and so are rigid as well.
+_HUMAN = 0.8
 #: A movement along a line has a smaller ratio of its second to its first extent, and is no evidence.
 _LINE = 0.02
 
@@ -45,7 +53,7 @@ def require_rotations(path: Path, what: str, rotations: Floats, translation: Flo
     what : name of the array, for messages.
     rotations : (T, J, 3), finite.
     translation : (T, 3) in the file's unit.
-    parents : of the J joints; -1 for the first.
+    parents : of the J joints, the first 22 of which are SMPL's; -1 for the first.
 
     Raises
     ------
@@ -69,7 +77,8 @@ def require_rotations(path: Path, what: str, rotations: Floats, translation: Flo
 
 def _root_is_translation(first: Floats, translation: Floats) -> str:
     """Return the evidence if the first joint moves as the translation does, in any units; else ""."""
-    first, translation = first - first.mean(axis=0), translation - translation.mean(axis=0)
+    places = first.mean(axis=0), translation.mean(axis=0)
+    first, translation = first - places[0], translation - places[1]
     size = float((first**2).sum())
     if len(first) < _LEAST_FRAMES or not 1e-12 < size < np.inf:
         return ""
@@ -79,18 +88,21 @@ def _root_is_translation(first: Floats, translation: Floats) -> str:
     extents = np.linalg.svd(factor * first, compute_uv=False)
     rest = float(np.sqrt(((translation - factor * first) ** 2).sum()))
     same = extents[1] > _LINE * extents[0] and rest <= _SAME * extents[1]
-    return "the first joint moves like the translation" if same else ""
+    own, path = factor * places[0], places[1]
+    tolerance = _PLACE * max(np.linalg.norm(own), np.linalg.norm(path)) + _SAME * extents[1] / np.sqrt(len(first))
+    there = np.linalg.norm(own - path) <= tolerance
+    return "the first joint moves like the translation" if same and there else ""
 
 
 def _bones_keep_their_length(points: Floats, parents: Sequence[int]) -> str:
-    """Return the evidence if the distances between joints and their parents are constant; else ""."""
+    """Return the evidence if the distances between joints and their parents are constant, as of a body; else ""."""
     bones = points[:, 1:] - points[:, list(parents[1:])]
     length = _lengths(bones)
     moves = _lengths(bones.std(axis=0))
     # Hands that do not turn would all give the length of the wrist's rotation, as often as they have joints.
     own = (points[:, 1:] != points[:1, 1:]).any(axis=(0, 2))
     judged = own & (moves > _MOVES * length.mean(axis=0))
-    if len(points) < _LEAST_FRAMES or judged.sum() < _LEAST_BONES:
+    if len(points) < _LEAST_FRAMES or judged.sum() < _LEAST_BONES or not _is_human(length.mean(axis=0)):
         return ""
     share = length.std(axis=0)[judged] / moves[judged]
     rigid = _RIGID if len(points) >= _MANY_FRAMES else _RIGID_OF_FEW_FRAMES
@@ -98,6 +110,12 @@ def _bones_keep_their_length(points: Floats, parents: Sequence[int]) -> str:
         return ""
     n, of = int((share <= rigid).sum()), int(judged.sum())
     return f"the distances of {n} of {of} joints to their parents are constant"
+
+
+def _is_human(bones: Floats) -> bool:
+    """Return whether mean distances (J - 1,) of joints to their parents are in the proportions of a body."""
+    usual = _lengths(np.asarray(SMPL24.offsets[1 : len(BODY_JOINTS)]))
+    return len(bones) >= len(usual) and bool(np.corrcoef(bones[: len(usual)], usual)[0, 1] >= _HUMAN)
 
 
 def _lengths(vectors: Floats) -> Floats:

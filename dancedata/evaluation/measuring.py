@@ -8,11 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from dancedata.core.bodies import CROSSING, SMPLX55
 from dancedata.core.clip import Reject
 from dancedata.core.dance import Dance, Undefined
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.rotations import Float64Array
+from dancedata.core.skeleton import SMPL24
 from dancedata.evaluation.clip_music import ClipMusic
 from dancedata.evaluation.inputs.clip import ClipInput
 from dancedata.evaluation.pose import Pose, in_axes, interpolated
@@ -210,11 +212,13 @@ def _keys(
 ) -> dict[int, str]:
     """Return the cache keys of a clip by measure; a measure that needs music has none without it."""
     identity = clip.identity(cache)
+    target = {"smpl24": SMPL24, "smplx24": SMPLX55}.get(protocol.motion.body)
+    crossing = {"crossing": CROSSING} if target is not None and clip.crosses(target) else {}
     keys = {}
     for number, shared in common.items():
         metric = protocol.measures[number].metric
         if metric.needs_music and music is None:
             continue
         beats = music.identity(instants=metric.needs_instants) if metric.needs_music and music is not None else None
-        keys[number] = Cache.key(_STAGE, common=shared, clip=identity, beats=beats)
+        keys[number] = Cache.key(_STAGE, common=shared, clip=identity, beats=beats, **crossing)
     return keys

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 from dancedata.audio.signal import audio_length, load_audio
 from dancedata.core.errors import DanceDataError, DataError, SourceError, UsageError
+from dancedata.core.hashing import sha256_file
 from dancedata.core.registry import DATASETS
 from dancedata.core.text import shown
+from dancedata.datasets.folder.layout import MOTION_FOLDERS
+from dancedata.datasets.folder.manifest import MANIFESTS
 from dancedata.pipeline.source_record import DIGITS, NO_MUSIC, SourceRecord
 from dancedata.recipes.plugins import one_of
 
@@ -21,6 +25,8 @@ if TYPE_CHECKING:
 
 #: Endings of audio files, those that are preferred first.
 SUFFIXES = (".wav", ".flac", ".mp3", ".ogg")
+#: Most files of a folder whose hashes are compared.
+_COMPARED = 4
 
 
 @dataclass(frozen=True)
@@ -95,6 +101,26 @@ class SourceMusic:
                 fix="name the source that the dataset was built from, or build the dataset again from this one",
             )
         return signal
+
+
+def is_source(store: Store, folder: Path) -> bool:
+    """Return whether a folder has motion files that a dataset was built from, where readers expect them.
+
+    They are known by their names, which are the ids of clips, and by their hashes: a dataset does not say where its
+    source is. Files of a manifest whose ids are others are not found.
+    """
+    clips = SourceRecord.of_store(store).clips or {}
+    places = [folder, *(folder / name for name in MOTION_FOLDERS)]
+    try:
+        if any((folder / name).is_file() for name in MANIFESTS):
+            places += [path for path in folder.iterdir() if path.is_dir()]
+        for place in filter(Path.is_dir, places):
+            named = (path for path in place.iterdir() if path.stem in clips and path.is_file())
+            if any(sha256_file(p)[:DIGITS] == clips[p.stem].split()[0] for p in islice(named, _COMPARED)):
+                return True
+    except OSError:
+        pass  # a folder above that may not be listed
+    return False
 
 
 def _listed(store: Store, source: Path) -> dict[str, Path]:

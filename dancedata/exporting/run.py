@@ -17,6 +17,7 @@ from dancedata.execution.cache_admin import size_text
 from dancedata.execution.progress import Progress
 from dancedata.exporting.folder import ExportFolder
 from dancedata.exporting.job import ExportJob, Lack
+from dancedata.exporting.music import is_source
 from dancedata.exporting.place import ABOUT, README, new_export, read_about, self_hash
 from dancedata.exporting.readme import licence_text, readme_text
 from dancedata.recipes.documents import document_of
@@ -123,6 +124,12 @@ def _check_place(job: ExportJob) -> None:
     for what, folder in (("dataset", job.store.path), ("source", job.source)):
         if folder is not None and job.out.resolve().is_relative_to(folder.resolve()):
             raise UsageError(f"an export does not go into its {what}", where=job.out, fix="choose another --out")
+    for folder in (job.out.resolve(), *job.out.resolve().parents):
+        if is_source(job.store, folder):
+            raise UsageError(
+                "an export does not go into its source", where=job.out,
+                found=f"motion files of the dataset in {folder}", fix="choose another --out",
+            )  # fmt: skip
 
 
 def _finish(target: Export, job: ExportJob, folder: ExportFolder) -> None:

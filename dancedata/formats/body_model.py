@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dancedata.core.bodies import SMPLX52, SMPLX55
+from dancedata.core.bodies import SMPLH52, SMPLX55
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import listed
@@ -38,14 +38,6 @@ _SUFFIXES = (".npz", ".pkl")
 _BASIC = {"neutral": "basicmodel_neutral_", "male": "basicmodel_m_", "female": "basicmodel_f_"}
 
 
-def _smplh52() -> Skeleton:
-    offsets = np.array(SMPLX52.offsets)
-    offsets[:22] = SMPL24.offsets[:22]
-    return Skeleton("smplh52", SMPLX52.joints, SMPLX52.parents, offsets, SMPLX52.pairs, SMPLX52.feet)
-
-
-#: SMPL-H: the body of SMPL (as in SMPL24), with SMPL-X's fingers at its wrists.
-SMPLH52 = _smplh52()
 _BODIES = {55: SMPLX55, 52: SMPLH52, 24: SMPL24}
 _KINDS = {"smplx": 55, "smplh": 52, "smpl": 24}
 

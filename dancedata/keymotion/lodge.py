@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.bodies import SMPLX22, SMPLX55, carried_over
+from dancedata.core.bodies import SMPLX22, SMPLX55, on_body
 from dancedata.core.columns import Columns, Group, Mirror
 from dancedata.core.errors import UsageError
 from dancedata.core.motion import Motion
@@ -69,5 +69,5 @@ class Lodge(KeyMotionFinder):
             The motion is on another family of bodies.
         """
         # Through the 22 body joints, so that fingers, jaw and eyes are at rest.
-        body = carried_over(carried_over(motion, SMPLX22), self.skeleton)
+        body = on_body(on_body(motion, SMPLX22, keep="translation"), self.skeleton, keep="translation")
         return key_motion(body.joints(), self.sigma_frames).to_rows()

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from dancedata.core.bodies import CROSSING, crosses
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
@@ -26,6 +27,7 @@ from dancedata.core.quality import (
     PLAUSIBLE_ROOT,
     quality_flags,
 )
+from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.execution.cache import Cache, CachedArray, package_version
 from dancedata.execution.reference_process import expected
 from dancedata.pipeline.rejects import BUILD_AGAIN, CHANGED, reject_of
@@ -139,6 +141,7 @@ class MotionKeys:
             )
             for field in recipe.clip_fields
         }
+        self._recipe = recipe
 
     def of(self, ref: ClipRef, sha256: str) -> ClipKeys:
         """Return the keys of a clip; `sha256` is the hash of its file.
@@ -146,10 +149,16 @@ class MotionKeys:
         The clip's id is a part of them: what is cut from FineDance's 004 goes by its name.
         """
 
-        def key(common: str) -> str:
-            return Cache.key("clip", common=common, clip=[ref.id, ref.declared], file=sha256)
+        def key(common: str, **crossing: int) -> str:
+            return Cache.key("clip", common=common, clip=[ref.id, ref.declared], file=sha256, **crossing)
 
-        return ClipKeys(key(self._clip), {name: key(common) for name, common in self._fields.items()}, self._content)
+        body = self._recipe.dataset.body_of(ref)
+        crossing = {own.name for own in self._recipe.clip_fields if _crosses(own, body)}
+        fields = {
+            name: key(common, **({"crossing": CROSSING} if name in crossing else {}))
+            for name, common in self._fields.items()
+        }
+        return ClipKeys(key(self._clip), fields, self._content)
 
 
 def encode_motion(
@@ -286,6 +295,16 @@ def content_hashes(dataset: Dataset, hash_file: Callable[[Path], str]) -> dict[s
                     named = file.relative_to(root if root.is_dir() else root.parent).as_posix()
                     hashes[f"{f.name}/{named}"] = hash_file(file)
     return hashes
+
+
+def _crosses(own: MotionField | KeyMotionField, body: Skeleton | None) -> bool:
+    """Return whether columns hold where a clip is on another body than its own: cf. `core.bodies.on_body`."""
+    if not isinstance(own, MotionField) or own.representation.fits:
+        return False
+    made = own.representation
+    if body is not None and body.joints == SMPL24.joints and made.grounded:
+        return False  # its translation keeps its numbers
+    return crosses(body, made.skeleton)
 
 
 def _window_cut(recipe: Recipe) -> list[Any]:

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.bodies import carried_over
+from dancedata.core.bodies import on_body
 from dancedata.core.columns import Columns
 from dancedata.core.grid import FrameGrid
 from dancedata.core.grounding import grounded
@@ -23,7 +23,7 @@ from dancedata.core.rotations import (
     rotation_6d,
     rotvec_from_matrix,
 )
-from dancedata.core.skeleton import Skeleton
+from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.spatial import Role, Spatial
 from dancedata.representations import _columns as parts
 
@@ -129,13 +129,14 @@ class SmplX6D(Representation):
         return self.layout.columns
 
     def encode(self, motion: Motion, contacts: ContactRule | None = None) -> npt.NDArray[np.float32]:
-        """Encode a motion.
+        """Encode a motion on the layout's own bones, those on which `decode` stands.
 
         Parameters
         ----------
         motion
             On a body of the SMPL family, +Y up. Joints that the layout lacks are left out; fingers that the motion
-            lacks are at rest.
+            lacks are at rest. The pelvis stays where it is, except in Lodge's columns of SMPL's 24 joints: there the
+            translation keeps its numbers, as in Lodge's treatment of AIST++.
         contacts
             Rule for the first four columns; its input are the joints as they are encoded, grounded or not.
 
@@ -148,8 +149,11 @@ class SmplX6D(Representation):
         UsageError
             For another family of bodies, or without a rule.
         """
-        motion = carried_over(motion, self.skeleton)
-        return self.encode_again(grounded(motion) if self.grounded else motion, contacts)
+        if not self.grounded:
+            return self.encode_again(on_body(motion, self.skeleton), contacts)
+        is_smpl = motion.skeleton.joints == SMPL24.joints
+        placed = on_body(motion, self.skeleton, keep="translation" if is_smpl else "pelvis")
+        return self.encode_again(grounded(placed), contacts)
 
     def encode_again(self, motion: Motion, contacts: ContactRule | None = None) -> npt.NDArray[np.float32]:
         """Encode a motion on the layout's joints at the height that it has, without grounding it."""

@@ -10,11 +10,13 @@ import pytest
 from dancedata.core.bodies import (
     BODY_JOINTS,
     SKELETONS,
+    SMPLH52,
     SMPLX22,
     SMPLX52,
     SMPLX55,
     carried_over,
     has_body,
+    on_body,
 )
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
@@ -103,7 +105,11 @@ def test_parameters_are_carried_over_by_name(source: Skeleton, target: Skeleton)
     found = carried_over(motion, target)
     assert found.skeleton.joints == target.joints
     assert (found.grid, found.trim_start) == (THIRTY, 2)
-    np.testing.assert_array_equal(found.translation, motion.translation)
+    pelvis = [m.translation + m.skeleton.offsets[0] for m in (found, motion)]
+    np.testing.assert_allclose(pelvis[0], pelvis[1], atol=1e-12)
+    kept = on_body(motion, target, keep="translation")
+    np.testing.assert_array_equal(kept.translation, motion.translation)
+    np.testing.assert_array_equal(kept.rotations, found.rotations)
     for j, joint in enumerate(target.joints):
         there = motion.rotations[:, source.joints.index(joint)] if joint in source.joints else np.zeros((4, 3))
         np.testing.assert_array_equal(found.rotations[:, j], there)
@@ -121,6 +127,8 @@ def test_a_body_of_ones_own_keeps_its_bones() -> None:
         assert found.skeleton.name == f"tall-{target.n_joints}"
         # The joints stand where the whole body's do.
         np.testing.assert_allclose(found.joints()[:, :22], motion_on(tall).joints()[:, :22], atol=1e-12)
+        # On the target's bones if it is asked for.
+        assert on_body(motion_on(tall), target).skeleton is target
     # SMPL's hands are no joints of SMPL-X, so the bones are SMPL's; the other way round, SMPL-X's.
     assert carried_over(motion_on(tall), SMPL24).skeleton is SMPL24
     assert (
@@ -141,6 +149,18 @@ def test_other_families_are_refused() -> None:
     same = replace(other, offsets=other.offsets * 2)
     motion = motion_on(other)
     assert carried_over(motion, same) is motion
+
+
+def test_smplhs_mean_body_is_smpls() -> None:
+    """Which SMPL's 24 joints have too: a dance of either stands alike on SMPL-X's bones."""
+    motion = motion_on(SMPL24)
+    smplh = on_body(motion, SMPLH52)
+    np.testing.assert_array_equal(smplh.joints()[:, :22], motion.joints()[:, :22])
+    for target in (SMPLX22, SMPLX52, SMPLX55):
+        assert carried_over(smplh, target).skeleton is target
+        np.testing.assert_array_equal(carried_over(smplh, target).joints(), carried_over(motion, target).joints())
+    own = replace(SMPLH52, offsets=SMPLH52.offsets * 1.2)
+    assert carried_over(motion_on(own), SMPLX52).skeleton is own
 
 
 def test_edges_root_is_kept() -> None:

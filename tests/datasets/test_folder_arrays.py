@@ -26,6 +26,7 @@ from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.datasets.folder import Folder
 from dancedata.datasets.folder.facts import UPRIGHT
+from dancedata.evaluation.inputs.files import FileClip, FileFormat
 from dancedata.formats import arrays as _folder_arrays
 from dancedata.formats.body_model import SMPLH52
 
@@ -254,6 +255,10 @@ NAN = np.where(np.arange(N)[:, None] == 7, np.nan, TRANS)
         ({**GOOD, "fps": np.array(0)}, "bad_rate", ["fps", "[0.0]"]),
         ({**GOOD, "mocap_framerate": np.array(np.nan)}, "bad_rate", ["mocap_framerate"]),
         ({**GOOD, "mocap_framerate": np.array([30, 60])}, "bad_rate", ["60"]),
+        ({**GOOD, "mocap_framerate": np.array("fast")}, "bad_rate", ["mocap_framerate", "fast"]),
+        ({**GOOD, "mocap_framerate": np.array("")}, "bad_rate", ["mocap_framerate=numpy.array(120.0)"]),
+        ({**GOOD, "mocap_framerate": np.array(["120", "60"])}, "bad_rate", ["<U3", "fps for this file"]),
+        ({**GOOD, "mocap_framerate": np.array(True)}, "bad_rate", ["bool", "mocap_framerate=numpy.array(120.0)"]),
         ({"smpl_poses": POSES, "smpl_trans": TRANS, "smpl_scaling": np.zeros(1)}, "bad_scaling", ["[0.0]"]),
     ],
 )
@@ -270,6 +275,38 @@ def test_bad_content(tmp_path: Path, content: dict[str, Any], reason: str, words
     assert error.value.reason == reason
     for word in ("bad ü", *words):
         assert word in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("value", "rate"),
+    [
+        (np.array("120"), 120), (np.array(["120"]), 120), (np.array([["120"]]), 120), (np.array(b"120.0"), 120),
+        (np.array([b"120"]), 120), (np.array(" 60 "), 60), (np.array("59.94"), Fraction(60000, 1001)),
+        (np.array("59.94005994"), Fraction(60000, 1001)), (np.array("30000/1001"), Fraction(30000, 1001)),
+    ],
+    ids=repr,
+)  # fmt: skip
+def test_rates_as_text(tmp_path: Path, value: Any, rate: Any) -> None:
+    np.savez(tmp_path / "a.npz", **GOOD, mocap_framerate=value)
+    assert load(tmp_path / "a.npz", {"up": "y", "unit": "m"}).grid.rate == rate
+    (tmp_path / "a.pkl").write_bytes(pickle.dumps({**GOOD, "mocap_framerate": value.reshape(-1)[0]}))
+    assert load(tmp_path / "a.pkl", {"up": "y", "unit": "m"}).grid.rate == rate
+    # Positions, as evaluation reads them.
+    joints = forward_kinematics(SMPL24, POSES.reshape(N, 24, 3), TRANS)
+    np.savez(tmp_path / "joints.npz", joints=joints, mocap_framerate=value)
+    clip = FileClip(id="a", path=tmp_path / "joints.npz", format=FileFormat(up="y"))
+    assert clip.load().grid.rate == rate
+
+
+def test_the_cures_of_a_rate_that_is_none(tmp_path: Path) -> None:
+    """A rate that is an object or a word: declared in the manifest, or saved again as the message says."""
+    for value in (np.array("fast"), np.array(None, dtype=object)):
+        np.savez(tmp_path / "a.npz", **GOOD, mocap_framerate=value)
+        with pytest.raises(DataError, match=r"Declare fps for this file in the manifest.*=numpy\.array\(120\.0\)"):
+            load(tmp_path / "a.npz", {"up": "y", "unit": "m"}, fps=30)
+        assert load(tmp_path / "a.npz", {"up": "y", "unit": "m", "fps": "50"}).grid.rate == 50
+    np.savez(tmp_path / "a.npz", **GOOD, mocap_framerate=np.array(120.0))
+    assert load(tmp_path / "a.npz", {"up": "y", "unit": "m"}).grid.rate == 120
 
 
 @pytest.mark.parametrize("width", [72, 165, 319, 3])

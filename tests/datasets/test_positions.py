@@ -149,6 +149,45 @@ def test_rotations_of_any_kind_pass(frames: int, waves: int, spins: float, swing
         require_rotations(Path("x"), "poses", rotations, translation, SMPL24.parents)
 
 
+def smooth_motions(seed: int, frames: int) -> dict[str, np.ndarray]:
+    """Rotation vectors (T, 24, 3) of fourteen kinds, smooth in time, as tests and generators make them."""
+    rng = np.random.default_rng(seed)
+    t = np.pi * np.arange(frames)[:, None, None] / 30
+    one, two, rest = rng.normal(0, 0.4, (3, 24, 3))
+    phase, later = rng.uniform(0, 6.3, (24, 1)), 0.3 * np.arange(24)[:, None]
+    x, z = np.array([0.3, 0, 0]), np.array([0, 0, 0.3])
+    noise = rng.normal(0, 1, (frames + 40, 24, 3)).cumsum(axis=0)
+    share = (1 - np.cos(np.linspace(0, np.pi, frames)))[:, None, None] / 2
+    return {
+        "sines": np.sin(t + phase) * one,
+        "sines of one phase": np.sin(t) * one,
+        "sines of all numbers": 0.4 * np.sin(t + rng.uniform(0, 6.3, (24, 3))),
+        "sines about a pose": rest + np.sin(t + phase) * one,
+        "ellipses": np.cos(t + phase) * one + np.sin(t + phase) * two,
+        "ellipses about a pose": rest + np.cos(t + phase) * one + np.sin(t + phase) * two,
+        "circles": np.cos(t + phase) * x + np.sin(t + phase) * z,
+        "circles about a pose": rest + np.cos(t + phase) * x + np.sin(t + phase) * z,
+        "circles of one phase": np.arange(1, 25)[:, None] / 12 * (np.cos(t) * x + np.sin(t) * z),
+        "a wave down the body": np.sin(t - later) * x + np.cos(t - later) * z,
+        "three waves": sum(np.sin(f * t + rng.uniform(0, 6.3, (24, 1))) * one / f for f in (0.6, 1.4, 2.2)),
+        "smoothed noise": 0.02 * (noise[40:] - noise[:-40]),
+        "from pose to pose": rest * (1 - share) + two * share,
+        "a drift": rest + 0.1 * share * one,
+    }
+
+
+@pytest.mark.parametrize("kind", smooth_motions(0, 10))
+def test_smooth_motions_pass(kind: str) -> None:
+    """Vectors that circle keep their distances, but not those of a body; nor is the dancer where they circle."""
+    for frames in (40, 90, 300):
+        angle = np.pi * np.arange(frames) / 30
+        round_the_floor = np.stack([0.5 * np.cos(angle), np.full(frames, 0.9), 0.5 * np.sin(angle)], axis=1)
+        for seed in range(4):
+            vectors = smooth_motions(seed, frames)[kind]
+            for translation in (np.zeros((frames, 3)), round_the_floor):
+                require_rotations(Path("x"), "poses", vectors, translation, SMPL24.parents)
+
+
 def test_numbers_at_the_end_of_their_range_are_no_crash() -> None:
     rotations = np.random.default_rng(0).normal(0, 1e300, (40, 24, 3))
     with pytest.raises(DataError):

@@ -10,7 +10,7 @@ import pytest
 
 import dancedata
 from dancedata.core.errors import DanceDataError, RecipeError, SourceError, StoreError, UsageError
-from dancedata.core.registry import EXPORTS
+from dancedata.core.registry import DATASETS, EXPORTS
 from dancedata.store import StoredClip, write_store
 from dancedata.store.schema import StoreHeader
 from dancedata.testing.stores import write_random_store
@@ -133,6 +133,43 @@ def test_an_export_does_not_go_into_what_it_reads(built) -> None:
         with pytest.raises(UsageError, match="does not go into its"):
             dancedata.export(made.path, "edge", place / "out", source=made.source, progress=False)
         assert not (place / "out").exists()
+
+
+@pytest.mark.parametrize("name", ["edge", "finedance"])
+def test_the_source_is_known_without_being_named(built, tmp_path: Path, name: str) -> None:
+    """By its motion files: an export among them would be read as a part of the source."""
+    made = built(name)
+    (motions,) = (made.source / folder for folder in ("motions", "motion") if (made.source / folder).is_dir())
+    (tmp_path / "link").symlink_to(made.source, target_is_directory=True)
+    before = sorted(made.source.rglob("*"))
+    for out in (made.source / "out", made.source / "deep" / "out", motions / "out", tmp_path / "link" / "out"):
+        with pytest.raises(UsageError, match=r"does not go into its source; found motion files"):
+            dancedata.export(made.path, "npz", out, progress=False)
+    assert sorted(made.source.rglob("*")) == before
+    # Beside it, and where other files have the names of clips, is no source.
+    (tmp_path / "motions").mkdir()
+    for path in motions.iterdir():
+        (tmp_path / "motions" / path.name).write_bytes(b"another")
+    assert dancedata.export(made.path, "npz", tmp_path / "motions" / "out", progress=False).path.is_dir()
+
+
+def test_the_source_of_a_manifest(tmp_path: Path) -> None:
+    """Its motion may lie in any folder below it."""
+    source = tmp_path / "source"
+    DATASETS.get("folder")().make_example(source)
+    (source / "motions").rename(source / "captured")
+    manifest = source / "manifest.csv"
+    manifest.write_text(manifest.read_text().replace("motions/", "captured/"))
+    recipe = {
+        "recipe": 1,
+        "name": "own",
+        "dataset": {"folder": {"music": "optional"}},
+        "windows": {"length_s": 2, "stride_s": 1},
+    }
+    dancedata.build({**recipe, "motion": {"edge151": {}}}, source, tmp_path / "store", progress=False)
+    with pytest.raises(UsageError, match="does not go into its source"):
+        dancedata.export(tmp_path / "store", "npz", source / "out", progress=False)
+    dancedata.export(tmp_path / "store", "npz", tmp_path / "out", progress=False)
 
 
 def test_the_working_folder_is_not_replaced(built, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

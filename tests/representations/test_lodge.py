@@ -104,10 +104,15 @@ def test_smpls_translation_is_kept_on_smplx() -> None:
     np.testing.assert_array_equal(array, Lodge139().encode(on_smplx, Height()))
 
 
-def test_ones_own_body_decides_the_floor() -> None:
+def test_the_layouts_body_decides_the_floor() -> None:
+    """Not the dancer's own: the columns stand on SMPL-X's neutral bones, where the pelvis lies 35 cm below y = 0."""
     tall = Skeleton("tall", SMPLX55.joints, SMPLX55.parents, SMPLX55.offsets * 1.2, SMPLX55.pairs, SMPLX55.feet)
     still = Motion(np.zeros((1, 3)), np.zeros((1, 55, 3)), THIRTY, tall)
-    assert Lodge319().encode(still, Height())[0, 5] == pytest.approx(1.2 * (1.28398 + 1.28675) / 2, abs=1e-6)
+    array = Lodge319().encode(still, Height())
+    assert array[0, 5] == pytest.approx((1.28398 + 1.28675) / 2, abs=1e-6)
+    np.testing.assert_allclose(array[0, [4, 6]], 0.2 * SMPLX55.offsets[0, [0, 2]], atol=1e-6)
+    toes = Lodge319().decode(array, THIRTY).joints()[0, [10, 11], 1]
+    assert toes.mean() == pytest.approx(0, abs=1e-6)
 
 
 @BOTH

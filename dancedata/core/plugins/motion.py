@@ -49,6 +49,13 @@ class Dataset(Plugin):
         """Number of each genre; empty where the dataset has none."""
         return {}
 
+    def body_of(self, ref: ClipRef) -> Skeleton | None:
+        """Return the body of the motion that `load` returns, without reading it; None if that is unknown.
+
+        Cache keys ask: what crosses from it to the body of a representation has keys of its own.
+        """
+        return None
+
     @abstractmethod
     def scan(self, source: Path) -> Scan:
         """List the clips. Reads no motion. SourceError if the folder as a whole cannot be used."""

@@ -12,6 +12,7 @@ from dancedata.core.errors import UsageError
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import Dataset
 from dancedata.core.registry import DATASETS
+from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.datasets._source import ALL, Files, relative, require_choice
 from dancedata.datasets.aistpp.facts import SequenceName, facts, parse_name, tempo_bpm
 from dancedata.datasets.aistpp.layout import (
@@ -90,6 +91,10 @@ class AistPP(Dataset):
     def genre_ids(self) -> Mapping[str, int]:
         """Lodge's number of each genre, by its name in clips: ``gBR`` is 0."""
         return facts().genre_ids
+
+    def body_of(self, ref: ClipRef) -> Skeleton:
+        """Return SMPL's 24 joints."""
+        return SMPL24
 
     def scan(self, source: Path) -> Scan:
         """List the clips; reads lists of names, but neither motion nor music.

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dancedata.core.bodies import SMPLX52, SMPLX55, carried_over
+from dancedata.core.bodies import SMPLX52, SMPLX55, on_body
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.rotations import rotation_6d
@@ -47,7 +47,7 @@ def _motion(steps: str, n_frames: int) -> Motion:
     from dancedata.synthetic.motion import make_motion
 
     dance, _ = make_motion(steps, 2 * n_frames - 1, seed=0)
-    motion = carried_over(dance.resampled(FrameGrid.of(FRAME_RATE)), SMPLX55)
+    motion = on_body(dance.resampled(FrameGrid.of(FRAME_RATE)), SMPLX55, keep="translation")
     rotations = motion.rotations.copy()
     curl = 0.35 - 0.25 * np.cos(2 * np.pi * np.arange(n_frames) / FRAME_RATE)
     # About z, towards the palms, which face the floor at rest.
@@ -60,7 +60,7 @@ def _motion(steps: str, n_frames: int) -> Motion:
 
 def _columns(motion: Motion) -> NDArray[np.float32]:
     """Return FineDance's array (T, 315): translation, then 52 joints x 6D."""
-    rows = rotation_6d(carried_over(motion, SMPLX52).matrices)
+    rows = rotation_6d(on_body(motion, SMPLX52).matrices)
     columns = [motion.translation, rows.reshape(motion.n_frames, -1)]
     return np.concatenate(columns, axis=1).astype(np.float32)
 

@@ -91,6 +91,10 @@ class FineDance(Dataset):
         """Lodge's number of each genre, by its name in clips."""
         return facts().genre_ids
 
+    def body_of(self, ref: ClipRef) -> Skeleton | None:
+        """Return SMPL-X's 55 joints; None with a body model, whose bones are not read here."""
+        return SMPLX55 if self.body_model is None else None
+
     def scan(self, source: Path) -> Scan:
         """List the clips; reads labels and, for the lengths, headers, but neither motion nor music.
 

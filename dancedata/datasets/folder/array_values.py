@@ -2,17 +2,30 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
+
 import numpy as np
 from numpy.typing import NDArray
 
 from dancedata.core.errors import DataError
 from dancedata.core.rotations import rotvec_from_matrix
+from dancedata.core.text import shown
 from dancedata.datasets._positions import POSITIONS
 from dancedata.datasets._source import require_finite
+from dancedata.datasets.folder.rates import MAX_RATE, MIN_RATE, exact_rate, rate_of_text
 from dancedata.formats.array_file import ArrayFile
 from dancedata.formats.bvh.hierarchy import MAX_VALUE
 
-__all__ = ["bad_shape", "finite", "from_matrices", "is_three_columns", "length_mismatch", "scales", "scaling"]
+__all__ = [
+    "bad_shape",
+    "finite",
+    "from_matrices",
+    "is_three_columns",
+    "length_mismatch",
+    "scales",
+    "scaling",
+    "stored_rate",
+]
 
 #: Tolerance of the orthonormality of rotation matrices; float16 is within 2e-3.
 _TOLERANCE = 1e-2
@@ -56,6 +69,35 @@ def scaling(arrays: ArrayFile, name: str) -> float:
             fix="save the file again",
         )
     return float(value[0])
+
+
+def stored_rate(arrays: ArrayFile, key: str) -> Fraction:
+    """Return the frame rate that a file states, as one number or as its text ("120", b"120.0", "30000/1001").
+
+    Raises
+    ------
+    DataError
+        ``bad_rate``.
+    """
+    try:
+        text = arrays.text(key)
+        values = [] if text else arrays.read(key).reshape(-1).tolist()
+        found = text or str(values[:3])
+    except DataError as error:  # several texts, objects
+        text, values, found = "", [], str(error.found)
+    rate = rate_of_text(text) if text else exact_rate(values[0]) if len(values) == 1 else None
+    if rate is not None and text and "/" not in text:
+        rate = exact_rate(float(rate))
+    if rate is None:
+        raise DataError(
+            f"{key} is not a frame rate",
+            reason="bad_rate",
+            where=str(arrays.path),
+            found=shown(found),
+            allowed=f"one number or its text, {MIN_RATE} to {MAX_RATE:,} frames per second",
+            fix=f"declare fps for this file in the manifest, or save it again with {key}=numpy.array(120.0)",
+        )
+    return rate
 
 
 def is_three_columns(arrays: ArrayFile, name: str) -> bool:

@@ -16,6 +16,7 @@ from dancedata.core.motion import Motion
 from dancedata.core.rotations import rotation
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.datasets.folder.array_layouts import RATE_KEYS, Layout, read_motion, recognise
+from dancedata.datasets.folder.array_values import stored_rate
 from dancedata.datasets.folder.facts import (
     GUESS,
     UNITS,
@@ -29,7 +30,7 @@ from dancedata.datasets.folder.facts import (
     undeclared,
 )
 from dancedata.datasets.folder.people import on_video_frames, open_person
-from dancedata.datasets.folder.rates import exact_rate, rate_of_period
+from dancedata.datasets.folder.rates import rate_of_period
 from dancedata.formats.array_file import ArrayFile
 from dancedata.formats.arrays import VALUE_SUFFIXES
 from dancedata.formats.body_model import GENDERS, body_model_skeleton, find_model, gender_of
@@ -130,18 +131,7 @@ def array_facts(arrays: ArrayFile, layout: Layout, reading: Reading) -> FileFact
     own = None
     key = next((key for key in RATE_KEYS if key in arrays.names), None)
     if key is not None and reading.manifest.fps is None:
-        value = arrays.read(key).reshape(-1)
-        rate = exact_rate(float(value[0])) if len(value) == 1 else None
-        if rate is None:
-            raise DataError(
-                f"{key} is not a frame rate",
-                reason="bad_rate",
-                where=str(path),
-                found=str(value[:3].tolist()),
-                allowed="one number above 0, frames per second",
-                fix="declare fps for this file in the manifest, or save it again",
-            )
-        own = Fact(rate, key)
+        own = Fact(stored_rate(arrays, key), key)
     rate_fact = decide_rate(reading.manifest, own, reading.recipe)
     up = decide(reading.manifest.up, layout.up, reading.recipe.up)
     unit = decide(reading.manifest.unit, layout.unit, reading.recipe.unit)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DataError
+from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import counted
 from dancedata.datasets.folder.load import Reading, array_facts, bvh_facts, recognised
 from dancedata.datasets.folder.people import open_person, seen_in
@@ -20,33 +21,37 @@ __all__ = ["describe", "file_notes", "split_note"]
 _MAX_KINDS = 12
 
 
-def describe(path: Path, reading: Reading) -> tuple[str, ...]:
-    """Return notes on a file's format and facts, from its header. Raises as `load_motion` does."""
+def describe(path: Path, reading: Reading) -> tuple[tuple[str, ...], str]:
+    """Return notes on a file's format and facts, and the name of its body; "" for that of a body model.
+
+    From the file's header. Raises as `load_motion` does.
+    """
     if path.suffix.lower() == ".bvh":
         bvh = read_bvh_header(path)
         facts, rig = bvh_facts(bvh, reading)
         about = f"BVH: {facts}; joint names {rig.joints.style or 'as given in joint_map'}"
-        return about, f"BVH joints: {rig.joints.text(bvh.joints)}"
+        return (about, f"BVH joints: {rig.joints.text(bvh.joints)}"), SMPL24.name
     with open_person(path, reading.manifest.person) as arrays:
         layout = recognised(arrays, reading)
         facts = array_facts(arrays, layout, reading)
         seen = seen_in(arrays)
     joints = f" on {layout.body}'s {layout.skeleton.n_joints} joints" if layout.name != layout.body else ""
     about = f"{path.suffix.lower()}, layout {layout.name}{joints}: {facts}"
-    return (about, f"Video: {seen[0]}") if seen is not None and str(seen[0]) else (about,)
+    body = layout.skeleton.name if reading.body_model is None else ""
+    return (about, f"Video: {seen[0]}") if seen is not None and str(seen[0]) else (about,), body
 
 
 def file_notes(clips: Sequence[ClipRef], reading: Callable[[ClipRef], Reading]) -> tuple[list[ClipRef], list[str]]:
-    """Return the clips with notes on their files, and a summary of the kinds of files."""
+    """Return the clips with notes on their files and their bodies, and a summary of the kinds of files."""
     counts: Counter[str] = Counter()
     described = []
     for clip in clips:
         try:
-            notes = describe(clip.motion_path, reading(clip))
+            notes, body = describe(clip.motion_path, reading(clip))
         except DataError as error:
-            notes = (f"not usable ({error.reason}), see the rejects",)
+            notes, body = (f"not usable ({error.reason}), see the rejects",), ""
         counts.update(notes)
-        described.append(replace(clip, notes=notes))
+        described.append(replace(clip, notes=notes, body=body))
     kinds = counts.most_common()
     summary = [f"{counted(n, 'file')}: {kind}." for kind, n in sorted(kinds[:_MAX_KINDS], key=lambda item: item[0])]
     if len(kinds) > _MAX_KINDS:

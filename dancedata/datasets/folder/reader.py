@@ -8,13 +8,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
+from dancedata.core.bodies import SMPLH52, SMPLX55
 from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import SourceError, StoreError, UsageError, did_you_mean
 from dancedata.core.grid import as_rate
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import Dataset
 from dancedata.core.registry import DATASETS
-from dancedata.core.skeleton import SMPL24
+from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import counted
 from dancedata.datasets._near_music import NearMusic
 from dancedata.datasets._source import AUDIO_SUFFIXES, relative, require_folder
@@ -138,6 +139,10 @@ class Folder(Dataset):
         clips, files = file_notes(clips, self._reading)
         notes += [*splits, *files]
         return Scan(layout, tuple(clips), tuple(rejects), tuple(notes))
+
+    def body_of(self, ref: ClipRef) -> Skeleton | None:
+        """Return the body that the scan has seen in the file's header; None for that of a body model."""
+        return next((body for body in (SMPL24, SMPLH52, SMPLX55) if body.name == ref.body), None)
 
     def load(self, ref: ClipRef) -> Motion:
         """Read the motion of one clip: metres, +Y up, radians; on SMPL's, SMPL-H's or SMPL-X's joints.

@@ -10,12 +10,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from dancedata.core.bodies import crosses
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import sha256_bytes
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import Dataset
+from dancedata.core.skeleton import Skeleton
 from dancedata.evaluation.pose import Pose
 from dancedata.execution.cache import Cache
 from dancedata.pipeline.motion import content_hashes
@@ -47,6 +49,10 @@ class ClipInput(ABC):
         """Id of the clip that this one is a window of, else its own: resampling takes clips as a whole."""
         return self.id
 
+    def crosses(self, target: Skeleton) -> bool:
+        """Return whether the motion crosses to another body, see `core.bodies.crosses`; True if that is unknown."""
+        return True
+
     @abstractmethod
     def identity(self, cache: Cache) -> Any:
         """Return JSON data that changes when the motion does: a part of cache keys."""
@@ -64,6 +70,10 @@ class MemoryClip(ClipInput):
     joints: npt.NDArray[np.float64] | None = None
     grid: FrameGrid | None = None
     body: str | None = None
+
+    def crosses(self, target: Skeleton) -> bool:
+        """See `ClipInput.crosses`."""
+        return self.motion is not None and crosses(self.motion.skeleton, target)
 
     def identity(self, cache: Cache) -> Any:
         """See `ClipInput.identity`."""
@@ -95,6 +105,10 @@ class DatasetClip(ClipInput):
     def motion_path(self) -> Path:
         """The file, for messages."""
         return self.ref.motion_path
+
+    def crosses(self, target: Skeleton) -> bool:
+        """See `ClipInput.crosses`."""
+        return crosses(self.dataset.body_of(self.ref), target)
 
     def identity(self, cache: Cache) -> Any:
         """See `ClipInput.identity`."""

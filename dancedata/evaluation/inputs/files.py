@@ -8,15 +8,17 @@ from typing import Any
 
 import numpy as np
 
+from dancedata.core.bodies import crosses
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid, as_rate
 from dancedata.core.rotations import Float64Array
-from dancedata.core.text import listed, shown
+from dancedata.core.skeleton import SMPL24, Skeleton
+from dancedata.core.text import listed
 from dancedata.datasets.folder.array_layouts import RATE_KEYS
+from dancedata.datasets.folder.array_values import stored_rate
 from dancedata.datasets.folder.facts import UNITS, UPRIGHT, metres
 from dancedata.datasets.folder.load import SUFFIXES
-from dancedata.datasets.folder.rates import MAX_RATE, MIN_RATE, exact_rate
 from dancedata.datasets.folder.reader import Folder
 from dancedata.evaluation.inputs.clip import ClipInput
 from dancedata.evaluation.inputs.columns import ColumnsReader
@@ -81,6 +83,10 @@ class FileClip(ClipInput):
 
     path: Path
     format: FileFormat
+
+    def crosses(self, target: Skeleton) -> bool:
+        """See `ClipInput.crosses`."""
+        return self.path.suffix.lower() != ".bvh" or crosses(SMPL24, target)
 
     def identity(self, cache: Cache) -> Any:
         """See `ClipInput.identity`."""
@@ -152,16 +158,7 @@ class FileClip(ClipInput):
     def _stored_rate(self, arrays: ArrayFile) -> FrameGrid | None:
         """Return the rate that the file states, None without one; DataError ("bad_rate") if it is not a rate."""
         key = next((n for n in RATE_KEYS if n in arrays.names), None)
-        if key is None:
-            return None
-        value = arrays.read(key).reshape(-1)
-        rate = exact_rate(float(value[0])) if len(value) == 1 else None
-        if rate is None:
-            raise DataError(
-                f"{key} is not a frame rate", reason="bad_rate", where=str(self.path), found=shown(value.tolist()),
-                allowed=f"one number, {MIN_RATE} to {MAX_RATE}", fix=f"save the file again with its rate as {key}",
-            )  # fmt: skip
-        return FrameGrid(rate)
+        return None if key is None else FrameGrid(stored_rate(arrays, key))
 
     def _undeclared(self, what: str, fix: str) -> DataError:
         return DataError(

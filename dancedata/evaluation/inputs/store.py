@@ -10,9 +10,11 @@ from typing import Any
 
 import numpy.typing as npt
 
+from dancedata.core.bodies import crosses
 from dancedata.core.clip import Window
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.hashing import sha256_bytes
+from dancedata.core.skeleton import Skeleton
 from dancedata.evaluation.inputs.clip import ClipInput
 from dancedata.evaluation.inputs.columns import ColumnsReader, reader_for
 from dancedata.evaluation.pose import Pose
@@ -52,6 +54,11 @@ class StoreClip(ClipInput):
     def path(self) -> Path:
         """The store, for messages."""
         return Path(self.reference[0])
+
+    def crosses(self, target: Skeleton) -> bool:
+        """See `ClipInput.crosses`."""
+        made = self.reader.representation
+        return made.decodes and crosses(made.skeleton, target)
 
     def identity(self, cache: Cache) -> Any:
         """See `ClipInput.identity`."""

@@ -1,0 +1,216 @@
+"""The same dance read from an AMASS file (SMPL-H) and from a SMPL-X file: the same columns."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+import numpy as np
+import pytest
+
+import dancedata
+from dancedata.core.bodies import SMPLX22, SMPLX52, SMPLX55
+from dancedata.core.clip import ClipRef
+from dancedata.core.grid import FrameGrid
+from dancedata.core.motion import Motion
+from dancedata.core.registry import DATASETS, REPRESENTATIONS
+from dancedata.core.skeleton import SMPL24, Skeleton
+from dancedata.datasets.aistpp import AistPP
+from dancedata.datasets.folder import Folder
+from dancedata.evaluation.measuring import measure_pose
+from dancedata.evaluation.pose import Pose
+from dancedata.evaluation.protocol import MotionRule
+from dancedata.formats.smpl_files import amass_arrays, smplx_arrays
+from dancedata.pipeline.motion import MotionKeys
+from dancedata.recipes.parse import parse_recipe
+from dancedata.synthetic import synthesise_motion
+
+THIRTY = FrameGrid.of(30)
+LODGE_FEET = (0.12, 0.12, 0.05, 0.05)  # FACTS 5: ankles, toes
+ALL = [
+    ("edge151", {}), ("fact219", {}), ("bailando72", {}), ("lodge139", {}), ("lodge319", {}), ("finedance319", {}),
+    ("joints", {}), ("joints", {"body": "smplx22"}), ("joints", {"body": "smplx52"}), ("joints", {"body": "smplx55"}),
+]  # fmt: skip
+NAMES = [name + "".join(f"-{value}" for value in kw.values()) for name, kw in ALL]
+
+
+def forward(skeleton: Skeleton, columns: np.ndarray) -> np.ndarray:
+    """Joints (T, J, 3) of columns with the translation at 4:7 and 6D by rows from 7 on: FACTS 4 and 7, typed anew."""
+    first, second = np.moveaxis(columns[:, 7:].astype(float).reshape(len(columns), -1, 2, 3), 2, 0)
+    local = np.stack([first, second, np.cross(first, second)], axis=2)
+    world, places = np.empty_like(local), np.empty_like(local[..., 0])
+    world[:, 0], places[:, 0] = local[:, 0], skeleton.offsets[0] + columns[:, 4:7]
+    for j, parent in enumerate(skeleton.parents[1:], start=1):
+        world[:, j] = world[:, parent] @ local[:, j]
+        places[:, j] = places[:, parent] + world[:, parent] @ skeleton.offsets[j]
+    return places
+
+
+def written(folder: Path, motion: Motion) -> dict[str, Motion]:
+    """Return a motion as it is read from an AMASS file and from a SMPL-X file; the pelvis is the same in both."""
+    read = {}
+    for kind, arrays in (("amass", amass_arrays(motion)), ("smplx", smplx_arrays(motion))):
+        path = folder / f"{kind}.npz"
+        np.savez(path, **arrays)
+        read[kind] = Folder(music="optional").load(ClipRef(kind, path, None, "test"))
+        np.testing.assert_allclose(read[kind].joints()[:, 0], motion.joints()[:, 0], atol=1e-9)
+    return read
+
+
+@pytest.fixture(scope="module")
+def dances(tmp_path_factory: Any) -> list[dict[str, Motion]]:
+    """Two synthetic dances; the second is higher up, turned, and without still feet."""
+    first = synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=120)[0]
+    rotations = np.array(first.rotations)
+    rotations += np.random.default_rng(1).normal(0, 0.2, (1, 24, 3))
+    second = Motion(np.add(first.translation, (0.3, 0.7, -2.0)), rotations, first.grid, SMPL24)
+    folders = [tmp_path_factory.mktemp("dance") for _ in range(2)]
+    return [
+        {"smpl": motion, **written(folder, motion)} for motion, folder in zip((first, second), folders, strict=True)
+    ]
+
+
+@pytest.mark.parametrize(("name", "parameters"), ALL, ids=NAMES)
+def test_columns_are_the_same(dances: list[dict[str, Motion]], name: str, parameters: dict[str, Any]) -> None:
+    for dance in dances:
+        smpl, amass, smplx = (dancedata.encode(motion, name, **parameters) for motion in dance.values())
+        assert np.abs(amass - smplx).max() < 2e-6  # 11 cm, where the translation kept its numbers
+        if name == "joints":
+            # SMPL's hands are joints of the 24 alone.
+            assert np.abs(smpl - smplx)[:, : 3 * 22].max() < 2e-6
+
+
+@pytest.mark.parametrize("name", ["lodge139", "lodge319"])
+def test_the_dancer_stands_on_the_floor_where_the_columns_are_decoded(
+    dances: list[dict[str, Motion]], name: str
+) -> None:
+    made = REPRESENTATIONS.get(name)()
+    for dance in dances:
+        for motion in dance.values():
+            columns = dancedata.encode(motion, name)
+            feet = forward(made.skeleton, columns)[:, [7, 8, 10, 11], 1]
+            toes = feet[0, 2:]
+            floor = toes.mean() if np.ptp(toes) < 0.02 else toes.min()  # FACTS 6
+            assert abs(floor) < 1e-5  # -8 to -12 cm, where SMPL-H's bones decided
+            off = np.abs(feet - LODGE_FEET)
+            np.testing.assert_array_equal(columns[:, :4][off > 1e-5], (feet < LODGE_FEET)[off > 1e-5])
+
+
+def test_real_dances(shared: Path, tmp_path: Path) -> None:
+    clips = AistPP(split="all", ignore="none", music="optional").scan(shared / "realdata" / "aistpp").clips
+    assert len(clips) == 4
+    for clip in clips:
+        read = written(tmp_path, AistPP().load(clip).resampled(THIRTY))
+        amass, smplx = (dancedata.encode(motion, "lodge139") for motion in read.values())
+        np.testing.assert_array_equal(amass[:, :4], smplx[:, :4])  # 2 to 18 % differed
+        np.testing.assert_allclose(amass, smplx, atol=2e-6)
+        toes = forward(SMPLX22, amass)[0, [10, 11], 1]
+        assert abs(toes.mean() if np.ptp(toes) < 0.02 else toes.min()) < 1e-5
+
+
+def test_betas_of_smplx_do_not_move_the_floor() -> None:
+    """A taller dancer, whose bones the columns do not hold: they are labelled on the body on which they stand."""
+    dance = synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=60)[0]
+    tall = Skeleton("tall", SMPLX55.joints, SMPLX55.parents, SMPLX55.offsets * 1.2, SMPLX55.pairs, SMPLX55.feet)
+    rotations = np.zeros((60, 55, 3))
+    rotations[:, :22] = dance.rotations[:, :22]
+    motion = Motion(dance.translation, rotations, dance.grid, tall)
+    columns = dancedata.encode(motion, "lodge139")
+    feet = forward(SMPLX22, columns)[:, [7, 8, 10, 11], 1]
+    np.testing.assert_array_equal(columns[:, :4], feet < LODGE_FEET)
+    steps = dancedata.encode(motion, "finedance319")
+    places = forward(SMPLX52, steps)
+    np.testing.assert_allclose(places[:, 0], motion.joints()[:, 0], atol=1e-5)
+    speed = np.linalg.norm(np.diff(places[:, [7, 8, 10, 11]], axis=0), axis=-1) * 60
+    sure = np.abs(speed - 0.3) > 1e-3
+    np.testing.assert_array_equal(steps[:-1, :4][sure], (speed < 0.3)[sure])
+
+
+def test_conversions_keep_the_pelvis(dances: list[dict[str, Motion]]) -> None:
+    motion = dances[1]["smplx"]
+    columns = dancedata.encode(motion, "finedance319")
+    edge = dancedata.encode(dancedata.decode(columns, "finedance319", fps=60), "edge151")
+    again = dancedata.encode(dancedata.decode(edge, "edge151", fps=60), "finedance319")
+    np.testing.assert_allclose(again[:, : 7 + 6 * 22], columns[:, : 7 + 6 * 22], atol=2e-6)
+
+
+@pytest.mark.parametrize("pelvis", ["body", "translation"])
+def test_a_protocol_measures_the_same_positions(dances: list[dict[str, Motion]], pelvis: Any) -> None:
+    for body in ("smpl24", "smplx24"):
+        rule = MotionRule(body, None, pelvis=pelvis)
+        for dance in dances:
+            amass, smplx = (Pose.of_motion(dance[kind]).conformed(rule)[0].joints for kind in ("amass", "smplx"))
+            np.testing.assert_allclose(amass, smplx, atol=1e-9)
+        rest = SMPL24.offsets[0] if pelvis == "translation" and body == "smpl24" else 0
+        if body == "smpl24":
+            np.testing.assert_allclose(smplx[:, 0], dance["smpl"].joints()[:, 0] - rest, atol=1e-9)
+
+
+def keys_of(dataset: str, body: str, *fields: Any) -> dict[str, str]:
+    """Return the cache keys of a clip's fields, of a file with a body as its scan has seen it."""
+    motion = {name: kw for name, kw in fields}
+    recipe = parse_recipe({**RECIPE, "dataset": {dataset: {}}, "motion": motion}, where="test")
+    return MotionKeys(recipe, {}).of(ClipRef("clip", Path("clip.npz"), None, "train", body=body), "0" * 64).fields
+
+
+RECIPE = {"recipe": 1, "name": "test", "fps": 30, "windows": {"length_s": 2, "stride_s": 1}}
+EVERY = [("edge151", {}), ("lodge139", {}), ("lodge319", {}), ("finedance319", {}), ("joints", {})]
+
+
+def test_keys_change_with_the_numbers() -> None:
+    """Of columns that had other numbers; the rest keeps what caches hold."""
+    plain = keys_of("aist++", "", *EVERY)
+    for dataset, body, moved in (
+        ("aist++", "", {"finedance319"}),
+        ("synthetic", "", {"finedance319"}),
+        ("folder", "smpl24", {"finedance319"}),
+        ("folder", "smplh52", {"lodge139", "lodge319", "finedance319"}),
+        ("folder", "smplx55", {"edge151", "joints"}),
+        ("finedance", "", {"edge151", "joints"}),
+        ("folder", "", {name for name, _ in EVERY}),  # a body model, whose bones are not known
+    ):
+        changed = {name for name, key in keys_of(dataset, body, *EVERY).items() if key != unmarked(dataset, name)}
+        assert changed == moved, (dataset, body)
+    assert plain["edge151"] == unmarked("aist++", "edge151")
+
+
+def unmarked(dataset: str, name: str) -> str:
+    """Return the key without a word on bodies, as it was before they were told apart."""
+    with mock.patch("dancedata.pipeline.motion.crosses", return_value=False):
+        return keys_of(dataset, "", *EVERY)[name]
+
+
+def test_numbers_of_other_positions_are_measured_anew(dances: list[dict[str, Motion]], tmp_path: Path) -> None:
+    """A later `CROSSING` leaves what needed no other body in the cache of evaluations."""
+    measured: list[str] = []
+
+    def counted(*arguments: Any) -> Any:
+        measured.append(arguments[3].motion.skeleton.name)
+        return measure_pose(*arguments)
+
+    def evaluate() -> list[str]:
+        measured.clear()
+        options: dict[str, Any] = {"fps": 60, "pool": clips, "metrics": ["fid_g"], "bootstrap": 0, "jobs": 1}
+        dancedata.evaluate(clips, protocol="fact-aistpp", cache=tmp_path, progress=False, **options)
+        return sorted(measured)
+
+    clips = dict(dances[0])
+    with mock.patch("dancedata.evaluation.measuring.measure_pose", counted):
+        assert {"smpl24", "smplh52", "smplx55"} == set(evaluate())
+        assert evaluate() == []
+        with mock.patch("dancedata.evaluation.measuring.CROSSING", 1):
+            assert set(evaluate()) == {"smplx55"}
+
+
+@pytest.mark.parametrize("name", ["aist++", "synthetic", "finedance", "folder"])
+def test_the_body_is_known_before_the_motion_is_read(tmp_path: Path, name: str) -> None:
+    dataset = DATASETS.get(name)()
+    dataset.make_example(tmp_path)
+    clips = dataset.scan(tmp_path).clips
+    assert len(clips) >= 2
+    for clip in clips:
+        body, skeleton = dataset.body_of(clip), dataset.load(clip).skeleton
+        assert body is not None
+        assert body.joints == skeleton.joints
+        np.testing.assert_array_equal(body.offsets[0], skeleton.offsets[0])
