@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+import numpy.typing as npt
 
 from dancedata.core.atomic import OWN
 from dancedata.core.clip import ClipRef, Reject, Scan, Window
-from dancedata.core.errors import DataError, SourceError, UsageError
+from dancedata.core.errors import DanceDataError, DataError, SourceError
 from dancedata.core.plugins import Dataset
 from dancedata.core.quality import implausible_flags, implausible_sides
 from dancedata.core.registry import DATASETS
@@ -85,27 +86,32 @@ def _side_rows(store: Store) -> Iterator[dict[str, Any]]:
     for split in store.splits if store.scope == "window" else ():
         for window in store.windows(split):
             windows.setdefault(window.clip, []).append(window)
-    own, positions = field.representation, field.representation.columns
     for clip in store.clips:
         if store.scope == "track":
             columns = clip.read(field.name)
         else:
             columns = np.concatenate([store.read(window, field.name) for window in windows[clip.id]])
-        columns = columns[:: -(-len(columns) // _FRAMES)]
-        if own.decodes:
-            motion = own.decode(columns, field.grid)
-            found = implausible_sides(motion.joints(), None if own.fits else motion)
-        else:
-            places = columns[:, positions.slice("position")].reshape(len(columns), -1, 3)
-            found = implausible_sides(places.astype(np.float64))
+        try:
+            found = _sides(field, columns[:: -(-len(columns) // _FRAMES)])
+        except DanceDataError:
+            continue  # finite, but not columns of a body
         yield from ({"clip": clip.id, "kind": kind, "value": value} for kind, value in found)
+
+
+def _sides(field: MotionField, columns: npt.NDArray[Any]) -> list[tuple[str, float]]:
+    own = field.representation
+    if own.decodes:
+        motion = own.decode(columns, field.grid)
+        return implausible_sides(motion.joints(), None if own.fits else motion)
+    places = columns[:, own.columns.slice("position")].reshape(len(columns), -1, 3)
+    return implausible_sides(places.astype(np.float64))
 
 
 def _field_with_body(store: Store) -> MotionField | None:
     """Return the field of SMPL's joints that tells most: rotations, else positions; None if there is none."""
     try:
         recipe = parse_recipe(store.meta.get("recipe", {}), where=f"{store.path}/dataset.json")
-    except UsageError:
+    except DanceDataError:
         return None  # of plug-ins that are not here
     fields = [
         own
