@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from dancedata.core.motion import Motion
-from dancedata.core.quality import OF_CLIPS, implausible_flags, implausible_sides
+from dancedata.core.quality import IMPLAUSIBLE, OF_CLIPS, implausible_flags, implausible_sides
 from dancedata.core.sides import sides_of
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.synthetic import synthesise_motion
@@ -127,6 +127,13 @@ def test_dancers_who_lie_or_stand_on_their_hands(dance: Motion, root: tuple[floa
     assert kinds(motion) == set()
 
 
+def test_crossed_legs_are_a_doubt(dance: Motion) -> None:
+    places = np.array(dance.joints())
+    places[:, [7, 8, 10, 11]] = places[:, [8, 7, 11, 10]]
+    assert "crossed_legs" in [kind for kind, _ in implausible_sides(places)]
+    assert "crossed_legs" not in IMPLAUSIBLE
+
+
 def test_a_spinning_dancer(dance: Motion) -> None:
     spin = Rotation.from_euler("y", np.linspace(0, 6 * np.pi, 240)[:, None])
     rotations = np.array(dance.rotations)
@@ -171,3 +178,9 @@ def test_planted_in_real_dances(real: dict[str, Motion], kind: str, plant: Calla
         for name, motion in real.items()
         if "bvh" not in motion.skeleton.name and kind not in kinds(plant(motion))
     } == set()
+
+
+def test_swapped_legs_of_arrays_are_found_unless_steps_are_narrow(real: dict[str, Motion]) -> None:
+    arrays = {name: motion for name, motion in real.items() if "bvh" not in motion.skeleton.name}
+    missed = [name for name, motion in arrays.items() if kinds(swapped(motion, "legs")) != {"crossed_legs"}]
+    assert missed == ["gJS_sBM_cAll_d03_mJS2_ch07"]
