@@ -27,6 +27,8 @@ MIN_ELBOWS = -0.35
 MIN_STANCE = 0.3
 #: The body's mean direction, from the feet to the head, counts as another axis from this cosine on; as a certain one.
 _ALONG, _CERTAINLY_ALONG = 0.5, 0.8
+#: Fewer frames do not show a floor.
+_LEAST_FRAMES = 30
 #: How much steadier the floor along that axis is than the one along +Y; less where the body is upside down, as both
 #: are then moved by the same bending of its knees.
 _STEADIER = 0.5
@@ -123,7 +125,7 @@ def wrong_up(joints: Float64Array) -> tuple[Float64Array, bool] | None:
     body = places[:, 15] - places[:, (7, 8)].mean(axis=1)
     mean = np.asarray(_unit(body).mean(axis=0))
     axis = int(np.abs(mean).argmax())
-    if abs(mean[axis]) <= _ALONG or (axis == 1 and mean[1] > 0):
+    if len(places) < _LEAST_FRAMES or abs(mean[axis]) <= _ALONG or (axis == 1 and mean[1] > 0):
         return None
     floor, other = _unrest(places[..., 1]), _unrest(places[..., axis] * np.sign(mean[axis]))
     steadier = other < floor * (1 if axis == 1 else _STEADIER)
