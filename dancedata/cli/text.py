@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from dancedata.core.clip import Reject
-from dancedata.core.quality import IMPLAUSIBLE
+from dancedata.core.quality import OF_CLIPS
 from dancedata.core.text import counted, shown, table
 from dancedata.execution.cache_admin import size_text
 from dancedata.pipeline.implausible import describe_implausible
@@ -93,7 +93,7 @@ def describe_store(path: Path) -> str:
         weights = store.weights
         lines += _describe_rejects(store.rejects)
         lines += describe_implausible(store.quality)
-        lines += _describe_quality([f for f in store.quality if f.get("kind") not in IMPLAUSIBLE])
+        lines += _describe_quality([f for f in store.quality if f.get("kind") not in OF_CLIPS])
     lines.append(f"  licence: {shown(about.get('licence', 'unknown'), _NOTE)}")
     lines += [f"  weights of {shown(name)}: {about_weights}" for name, about_weights in weights.items()]
     return "\n".join(lines)

@@ -74,6 +74,8 @@ class Motion:
     trim_start
         First frame of the dance, if the dataset recommends to trim earlier ones (a dancer who waits). They are
         kept; windows skip them, and grounding uses this frame.
+    stretch_m
+        Largest change of a bone's length in the capture that this motion's rigid bones stand for, metres.
 
     Raises
     ------
@@ -86,6 +88,7 @@ class Motion:
     grid: FrameGrid
     skeleton: Skeleton
     trim_start: int = 0
+    stretch_m: float = 0.0
     # The poses of a whole motion, and the slice of its frames. Not an argument of the constructor, so that
     # `dataclasses.replace` drops it.
     _poses: tuple[_Poses, slice] | None = field(default=None, init=False, repr=False)
@@ -152,6 +155,7 @@ class Motion:
             grid=grid,
             skeleton=self.skeleton,
             trim_start=trim_start,
+            stretch_m=self.stretch_m,
         )
         if part.n_frames == 0:
             raise DataError("the motion has no frames", reason="empty", found="0 frames")

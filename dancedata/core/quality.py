@@ -10,6 +10,7 @@ import numpy as np
 
 from dancedata.core.motion import Motion
 from dancedata.core.rotations import Float64Array, angles_between
+from dancedata.core.sides import MIN_ELBOWS, MIN_STANCE, has_sides, sides_of, wrong_up
 from dancedata.core.skeleton import Skeleton
 
 #: Bound of the speed of a dancer's joints: 45 degrees per frame at 60 FPS.
@@ -18,8 +19,21 @@ MAX_TURN_DEG_S = 2700.0
 MAX_ROOT_SPEED_M_S = 12.0
 #: Range of the size of a body at rest, metres, from children to the tallest adults.
 PLAUSIBLE_BODY_M = (1.0, 2.5)
-#: Flags of a whole clip, whose unit is probably wrong.
-IMPLAUSIBLE = ("implausible_body", "implausible_root")
+#: Flags of a whole clip, whose unit, names of sides or up axis are probably wrong.
+IMPLAUSIBLE = (
+    "implausible_body",
+    "implausible_root",
+    "implausible_sides",
+    "implausible_legs",
+    "implausible_arms",
+    "implausible_elbows",
+    "implausible_up",
+)
+#: Flags of a whole clip that may be as it should be.
+DOUBTFUL = ("crossed_legs", "stretched_bone")
+OF_CLIPS = (*IMPLAUSIBLE, *DOUBTFUL)
+#: Bones of a capture that keep their length within this are rigid, metres.
+_RIGID_M = 0.001
 #: Range of the vertical movement of the root, as a multiple of the movement implied by the pose. Jumps increase it:
 #: 0.9 to 9.6 in real and synthetic dances. A wrong usual unit changes it at least 17-fold.
 PLAUSIBLE_ROOT = (0.1, 10.0)
@@ -38,9 +52,11 @@ class Flag:
     Attributes
     ----------
     kind
-        "fast_turn": value is an angle, degrees. "root_jump": value is a distance, metres. Those in `IMPLAUSIBLE`
+        "fast_turn": value is an angle, degrees. "root_jump": value is a distance, metres. Those in `OF_CLIPS`
         concern the whole clip. "implausible_body": value is the size of the skeleton, metres. "implausible_root":
-        value is the ratio of the root's vertical movement to that implied by the pose.
+        value is the ratio of the root's vertical movement to that implied by the pose. "implausible_sides", "_legs",
+        "_arms", "_elbows" and "_up": value is a cosine that should be above 0. "crossed_legs": value is the distance
+        of the ankles in widths of the hips. "stretched_bone": value is a change of length, metres.
     joint, frame
         "" and None for a flag of the whole clip.
     rate
@@ -60,19 +76,40 @@ class Flag:
 
 
 def implausible_flags(motion: Motion) -> list[Flag]:
-    """Find implausible bodies and root movements, which usually have a wrong unit.
+    """Find what makes a whole clip implausible: its body, its root, the names of its sides, its up axis.
 
     Bodies are judged by their bones, because a dancer may lie on the floor. With the bones of a body model the unit
-    affects only the translation, which is judged by the movement that keeps the lowest joint at one height.
+    affects only the translation, which is judged by the movement that keeps the lowest joint at one height. Sides
+    and the up axis are judged by the joints, see `core.sides`. What is only doubtful comes last.
     """
-    flags = []
+    joints = motion.joints()
+    found: list[tuple[str, float | None, str]] = []
     size = body_size(motion.skeleton)
-    if not PLAUSIBLE_BODY_M[0] <= size <= PLAUSIBLE_BODY_M[1]:
-        flags.append(Flag("implausible_body", "", None, round(size, 4), "m", str(motion.grid)))
-    ratio = _implausible_root(motion)
-    if ratio is not None:
-        flags.append(Flag("implausible_root", "", None, round(ratio, 6), "1", str(motion.grid)))
-    return flags
+    found.append(("implausible_body", None if PLAUSIBLE_BODY_M[0] <= size <= PLAUSIBLE_BODY_M[1] else size, "m"))
+    found.append(("implausible_root", _implausible_root(motion, joints), "1"))
+    if has_sides(motion.skeleton.joints):
+        found += [(kind, value, "1") for kind, value in implausible_sides(joints, motion)]
+    found.append(("stretched_bone", motion.stretch_m if motion.stretch_m > _RIGID_M else None, "m"))
+    return [
+        Flag(kind, "", None, round(value, 6 if unit == "1" else 4), unit, str(motion.grid))
+        for kind, value, unit in found
+        if value is not None
+    ]
+
+
+def implausible_sides(joints: Float64Array, motion: Motion | None = None) -> list[tuple[str, float]]:
+    """Return kind and value of the flags about sides and up of joint positions; elbows only with the motion."""
+    sides, up = sides_of(joints, motion), wrong_up(joints)
+    found = []
+    if sides.swapped:
+        found.append((f"implausible_{sides.swapped}", sides.chest if sides.swapped == "arms" else sides.legs))
+    if sides.elbows < MIN_ELBOWS:
+        found.append(("implausible_elbows", sides.elbows))
+    if up is not None:
+        found.append(("implausible_up", float(up[0][1])))
+    if sides.stance < MIN_STANCE:
+        found.append(("crossed_legs", sides.stance))
+    return found
 
 
 def body_size(skeleton: Skeleton) -> float:
@@ -84,10 +121,10 @@ def body_size(skeleton: Skeleton) -> float:
     return float(np.ptp(places, axis=0).max())
 
 
-def _implausible_root(motion: Motion) -> float | None:
+def _implausible_root(motion: Motion, joints: Float64Array) -> float | None:
     """Return the ratio of the root's vertical movement to that implied by the pose, if it is implausible."""
     height = motion.translation[:, 1]
-    drop = motion.joints()[..., 1].min(axis=1) - height
+    drop = joints[..., 1].min(axis=1) - height
     moved, implied = float(height.std()), float(drop.std())
     if implied < _LEAST_DROP_M or moved < _STILL_M:
         return None

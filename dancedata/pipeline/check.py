@@ -2,22 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
 
 from dancedata.core.atomic import OWN
-from dancedata.core.clip import ClipRef, Reject, Scan
-from dancedata.core.errors import DataError, SourceError
+from dancedata.core.clip import ClipRef, Reject, Scan, Window
+from dancedata.core.errors import DanceDataError, DataError, SourceError
 from dancedata.core.plugins import Dataset
-from dancedata.core.quality import implausible_flags
+from dancedata.core.quality import implausible_flags, implausible_sides
 from dancedata.core.registry import DATASETS
+from dancedata.core.sides import has_sides
 from dancedata.execution.crash_report import named_if_it_crashes
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import run_units
 from dancedata.pipeline.implausible import implausible_problems
 from dancedata.pipeline.rejects import NOTED, reject_of
-from dancedata.store import Problem, open_store, verify_store
+from dancedata.recipes.fields import MotionField
+from dancedata.recipes.parse import parse_recipe
+from dancedata.store import Problem, Store, open_store, verify_store
 from dancedata.store.schema import DATASET_FILE, is_shard_name
+
+#: Frames of a clip whose sides are looked at.
+_FRAMES = 600
 
 
 def check(
@@ -60,9 +70,57 @@ def check(
 
 
 def _implausible(path: Path) -> list[Problem]:
-    """Say which clips of a sound dataset have an implausible unit."""
+    """Say which clips of a sound dataset are implausible: by its flags, and by what its motion shows today."""
     with open_store(path) as store:
-        return [Problem("note", p.clip, f"{p.reason}: {p.detail}") for p in implausible_problems(store.quality)]
+        flagged = {(row.get("clip"), row.get("kind")) for row in store.quality}
+        rows = store.quality + [row for row in _side_rows(store) if (row["clip"], row["kind"]) not in flagged]
+    return [Problem("note", p.clip, f"{p.reason}: {p.detail}") for p in implausible_problems(rows)]
+
+
+def _side_rows(store: Store) -> Iterator[dict[str, Any]]:
+    """Yield rows, as of quality.jsonl, about left, right and up in what is stored."""
+    field = _field_with_body(store)
+    if field is None:
+        return
+    windows: dict[str, list[Window]] = {}
+    for split in store.splits if store.scope == "window" else ():
+        for window in store.windows(split):
+            windows.setdefault(window.clip, []).append(window)
+    for clip in store.clips:
+        if store.scope == "track":
+            columns = clip.read(field.name)
+        else:
+            columns = np.concatenate([store.read(window, field.name) for window in windows[clip.id]])
+        try:
+            found = _sides(field, columns[:: -(-len(columns) // _FRAMES)])
+        except DanceDataError:
+            continue  # finite, but not columns of a body
+        yield from ({"clip": clip.id, "kind": kind, "value": value} for kind, value in found)
+
+
+def _sides(field: MotionField, columns: npt.NDArray[Any]) -> list[tuple[str, float]]:
+    own = field.representation
+    if own.decodes:
+        motion = own.decode(columns, field.grid)
+        return implausible_sides(motion.joints(), None if own.fits else motion)
+    places = columns[:, own.columns.slice("position")].reshape(len(columns), -1, 3)
+    return implausible_sides(places.astype(np.float64))
+
+
+def _field_with_body(store: Store) -> MotionField | None:
+    """Return the field of SMPL's joints that tells most: rotations, else positions; None if there is none."""
+    try:
+        recipe = parse_recipe(store.meta.get("recipe", {}), where=f"{store.path}/dataset.json")
+    except DanceDataError:
+        return None  # of plug-ins that are not here
+    fields = [
+        own
+        for own in recipe.motion
+        if own.name in store.fields
+        and has_sides(own.representation.skeleton.joints)
+        and (own.representation.decodes or "position" in own.representation.columns.names)
+    ]
+    return min(fields, key=lambda own: 2 * own.representation.fits + (not own.representation.decodes), default=None)
 
 
 def _is_ours(name: str) -> bool:

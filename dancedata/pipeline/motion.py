@@ -38,6 +38,9 @@ from dancedata.recipes.recipe import Recipe
 
 #: Raised by hand when a stage here gives other numbers for the same input.
 MOTION_STAGE = 4
+#: Raised by hand when readers or `quality_flags` find more in the same input: clips that were looked at before are
+#: looked at again, and what was encoded of them stays.
+_LOOKED_AT = 2
 #: Up to this many values, clips remember matrices and joints while they are encoded: 200 MB.
 _REMEMBERED = 2**23
 
@@ -194,7 +197,9 @@ def _rate(text: str) -> Fraction:
 
 def _encoded(cache: Cache, keys: ClipKeys) -> tuple[list[Any] | None, dict[str, CachedArray | None]]:
     """Return what the cache has of a clip."""
-    return cache.json("clips", keys.info), {name: cache.array("motion", key) for name, key in keys.fields.items()}
+    info = cache.json("clips", keys.info)
+    info = info if info is not None and info[5:] == [_LOOKED_AT] else None
+    return info, {name: cache.array("motion", key) for name, key in keys.fields.items()}
 
 
 def _encode_missing(
@@ -216,7 +221,7 @@ def _encode_missing(
         if content.get(named) != keys.content.get(named):
             raise DataError(CHANGED, reason="changed", where=f"{ref.motion_path} ({named})", fix=BUILD_AGAIN)
     flags = [f.to_json() for f in quality_flags(motion)]
-    info = [motion.n_frames, str(motion.grid), flags, motion.trim_start, vertical_extent(motion)]
+    info = [motion.n_frames, str(motion.grid), flags, motion.trim_start, vertical_extent(motion), _LOOKED_AT]
     for name, array in made.items():
         arrays[name] = cache.put_array("motion", keys.fields[name], array, durable=False)
     cache.put_json("clips", keys.info, info)

@@ -8,7 +8,7 @@ from pathlib import Path
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
-from dancedata.core.quality import IMPLAUSIBLE
+from dancedata.core.quality import OF_CLIPS
 from dancedata.recipes.recipe import Recipe
 
 CHANGED = "the file changed while the build was running"
@@ -28,7 +28,7 @@ BY_CHOICE = {
 }
 
 #: Reasons that `check` reports as notes; all others are errors.
-NOTED = {*BY_CHOICE, *IMPLAUSIBLE}
+NOTED = {*BY_CHOICE, *OF_CLIPS}
 
 
 def reject_of(error: DataError, clip: str = "", file: Path | None = None) -> Reject:

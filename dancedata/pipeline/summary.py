@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from dancedata.core.clip import Reject
-from dancedata.core.quality import IMPLAUSIBLE
+from dancedata.core.quality import OF_CLIPS
 from dancedata.core.text import counted, shown
 from dancedata.execution.cache_admin import size_text
 from dancedata.pipeline.implausible import describe_implausible
@@ -74,7 +74,7 @@ def describe_built(path: Path) -> str:
             f"  {_windows(store)}; {_fields(store)}",
             *_left_out([Reject.from_json(row) for row in store.rejects]),
             *describe_implausible(store.quality),
-            *_flagged([flag for flag in store.quality if flag["kind"] not in IMPLAUSIBLE]),
+            *_flagged([flag for flag in store.quality if flag["kind"] not in OF_CLIPS]),
         ]
     return "\n".join([*lines, next_steps(path)])
 

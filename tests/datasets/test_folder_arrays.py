@@ -124,6 +124,8 @@ def test_the_manifest_has_the_last_word_on_amass(tmp_path: Path) -> None:
     assert motion.grid.rate == Fraction(30000, 1001)
     assert np.allclose(motion.joints(), forward_kinematics(SMPLH52, poses, trans))
     # What a recipe declares is for files that say nothing.
+    poses, trans = z_up(poses, trans, SMPLH52)
+    np.savez(path, poses=poses.reshape(N, 156), trans=trans, mocap_framerate=120.0)
     assert load(path, fps=50, up="y", unit="mm").grid.rate == 120
     assert np.allclose(load(path, fps=50, up="y", unit="mm").translation, load(path).translation)
 
@@ -335,7 +337,7 @@ def test_a_layout_that_is_not_the_declared_one(tmp_path: Path) -> None:
 
 
 def test_layouts_by_declaration(tmp_path: Path) -> None:
-    poses, trans = standing(52)
+    poses, trans = z_up(*standing(52), SMPLH52)
     np.savez(tmp_path / "a.npz", poses=poses.reshape(N, -1), trans=trans)
     with pytest.raises(DataError, match="up axis"):
         load(tmp_path / "a.npz", fps=30)

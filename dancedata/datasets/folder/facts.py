@@ -20,7 +20,18 @@ from dancedata.datasets.folder.rates import MAX_RATE, MIN_RATE, rate_of_text
 from dancedata.formats.body_model import GENDERS
 from dancedata.formats.video_pose import TOOLS
 
-__all__ = ["LAYOUTS", "UNITS", "UPRIGHT", "Declared", "Fact", "bad_declaration", "decide", "undeclared"]
+__all__ = [
+    "IN_MANIFEST",
+    "IN_RECIPE",
+    "LAYOUTS",
+    "UNITS",
+    "UPRIGHT",
+    "Declared",
+    "Fact",
+    "bad_declaration",
+    "decide",
+    "undeclared",
+]
 
 T = TypeVar("T")
 Floats = NDArray[np.float64]

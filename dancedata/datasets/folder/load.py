@@ -14,11 +14,13 @@ from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.rotations import rotation
+from dancedata.core.sides import sides_of, wrong_up
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.datasets.folder.array_layouts import RATE_KEYS, Layout, read_motion, recognise
 from dancedata.datasets.folder.array_values import stored_rate
 from dancedata.datasets.folder.facts import (
     GUESS,
+    IN_MANIFEST,
     UNITS,
     UPRIGHT,
     Declared,
@@ -35,7 +37,7 @@ from dancedata.formats.array_file import ArrayFile
 from dancedata.formats.arrays import VALUE_SUFFIXES
 from dancedata.formats.body_model import GENDERS, body_model_skeleton, find_model, gender_of
 from dancedata.formats.bvh.joint_names import JointMap, map_joints
-from dancedata.formats.bvh.kinematics import world
+from dancedata.formats.bvh.kinematics import stretch, world
 from dancedata.formats.bvh.parse import Bvh, read_bvh
 from dancedata.formats.bvh.retarget import Rig, make_rig, retarget, skeleton_of, smpl_rest
 from dancedata.formats.video_pose import PersonArrays
@@ -95,7 +97,9 @@ def load_motion(path: Path, reading: Reading) -> Motion:
         translation = (root + translation) @ upright.T - root
         rotations = rotations.copy()
         rotations[:, 0] = _rotated(upright, rotations[:, 0])
-    return Motion(translation, rotations, FrameGrid(facts.rate.value), skeleton, first)
+    motion = Motion(translation, rotations, FrameGrid(facts.rate.value), skeleton, first)
+    _check_up(path, motion, facts.up)
+    return motion
 
 
 @dataclass(frozen=True)
@@ -206,7 +210,12 @@ def _load_bvh(path: Path, reading: Reading) -> Motion:
     _check_standing(bvh, rig.joints, facts.up)
     rotations, pelvis = retarget(bvh, rig, upright)
     skeleton = skeleton_of(rig, facts.metres)
-    return Motion(pelvis * facts.metres - skeleton.offsets[0], rotations, FrameGrid(facts.rate.value), skeleton)
+    stretched = stretch(bvh, rig.joints.of[0], list(rig.joints.of.values())) * facts.metres
+    place, grid = pelvis * facts.metres - skeleton.offsets[0], FrameGrid(facts.rate.value)
+    motion = Motion(place, rotations, grid, skeleton, stretch_m=stretched)
+    _check_up(path, motion, facts.up)
+    _check_sides(path, motion, rig.joints)
+    return motion
 
 
 _CONVENTION = "BVH's convention, as nothing is declared"
@@ -273,6 +282,45 @@ def _check_standing(bvh: Bvh, joints: JointMap, up: Fact[str]) -> None:
             found=f"from feet to head {np.array2string(mean, precision=2)} on average",
             allowed="y or z",
             fix="declare up: z (or up: y, if the dancer lies on the ground), in the manifest or in the recipe",
+        )
+
+
+def _check_up(path: Path, motion: Motion, up: Fact[str]) -> None:
+    """Reject files that certainly stand along another axis; the manifest's word for one file is believed."""
+    wrong = wrong_up(motion.joints()) if up.where != IN_MANIFEST else None
+    if wrong is None or not wrong[1]:
+        return
+    in_file = wrong[0] @ UPRIGHT[up.value]
+    better = max(UPRIGHT, key=lambda axis: float((UPRIGHT[axis] @ in_file)[1]))
+    raise DataError(
+        f"the body does not stand along the up axis {up}",
+        reason="undeclared" if up.where == _CONVENTION else "bad_declaration",
+        where=str(path),
+        found=f"from feet to head {np.array2string(in_file, precision=2)} in the file's axes on average, "
+        "and a steadier floor along that axis",
+        allowed="y, z or -y",
+        fix=f"declare up: {better} (or up: {up.value} in the manifest, if the dancer does lie or stand upside down)",
+    )
+
+
+_SWAPPED = {
+    "sides": "left and right are swapped, or the file is mirrored",
+    "legs": "left and right are swapped in the legs alone",
+    "arms": "left and right are swapped in the arms alone",
+}
+
+
+def _check_sides(path: Path, motion: Motion, joints: JointMap) -> None:
+    """Reject a capture whose names of sides certainly contradict its body; doubts are flags, see `core.quality`."""
+    sides = sides_of(motion.joints(), toes={10, 11} <= set(joints.of))
+    if sides.swapped and sides.certain:
+        raise DataError(
+            _SWAPPED[sides.swapped],
+            reason="swapped_sides",
+            where=str(path),
+            found=f"cosines with what the names of the hips say: {sides}",
+            allowed="toes to the front, knees that bend backwards, left shoulder above left hip: above 0",
+            fix="correct joint_map or the names of the joints; export a mirrored file without a negative scale",
         )
 
 

@@ -11,8 +11,10 @@ from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DataError
 from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import counted
-from dancedata.datasets.folder.load import Reading, array_facts, bvh_facts, recognised
+from dancedata.datasets.folder.facts import IN_MANIFEST, IN_RECIPE
+from dancedata.datasets.folder.load import FileFacts, Reading, array_facts, bvh_facts, recognised
 from dancedata.datasets.folder.people import open_person, seen_in
+from dancedata.datasets.folder.rates import drift_note
 from dancedata.formats.bvh.parse import read_bvh_header
 
 __all__ = ["describe", "file_notes", "split_note"]
@@ -30,15 +32,22 @@ def describe(path: Path, reading: Reading) -> tuple[tuple[str, ...], str]:
         bvh = read_bvh_header(path)
         facts, rig = bvh_facts(bvh, reading)
         about = f"BVH: {facts}; joint names {rig.joints.style or 'as given in joint_map'}"
-        return (about, f"BVH joints: {rig.joints.text(bvh.joints)}"), SMPL24.name
+        return (about, f"BVH joints: {rig.joints.text(bvh.joints)}", *_drift(facts)), SMPL24.name
     with open_person(path, reading.manifest.person) as arrays:
         layout = recognised(arrays, reading)
         facts = array_facts(arrays, layout, reading)
         seen = seen_in(arrays)
     joints = f" on {layout.body}'s {layout.skeleton.n_joints} joints" if layout.name != layout.body else ""
     about = f"{path.suffix.lower()}, layout {layout.name}{joints}: {facts}"
+    video = (f"Video: {seen[0]}",) if seen is not None and str(seen[0]) else ()
     body = layout.skeleton.name if reading.body_model is None else ""
-    return (about, f"Video: {seen[0]}") if seen is not None and str(seen[0]) else (about,), body
+    return (about, *video, *_drift(facts)), body
+
+
+def _drift(facts: FileFacts) -> tuple[str, ...]:
+    """Return the note on a rate that the file states, near a usual one."""
+    note = "" if facts.rate.where in (IN_MANIFEST, IN_RECIPE) else drift_note(facts.rate.value)
+    return (note,) if note else ()
 
 
 def file_notes(clips: Sequence[ClipRef], reading: Callable[[ClipRef], Reading]) -> tuple[list[ClipRef], list[str]]:

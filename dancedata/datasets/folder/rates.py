@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from fractions import Fraction
 
-__all__ = ["MAX_RATE", "MIN_RATE", "exact_rate", "rate_of_period", "rate_of_text"]
+__all__ = ["MAX_RATE", "MIN_RATE", "drift_note", "exact_rate", "rate_of_period", "rate_of_text"]
 
 MIN_RATE, MAX_RATE = 1, 10_000
 
@@ -19,6 +19,8 @@ _KNOWN = (*_USUAL, *(Fraction(k) for k in (360, 400, 480, 500, 600, 1000)), *_NT
 _CLOSE = Fraction(1, 1_000_000)
 #: ... or, for a period, within one unit of its last decimal, but at most this fraction.
 _ROUNDED = Fraction(15, 1000)
+#: A rate this near a usual one, but not equal to it, may come of a rounded frame time: 0.016 s is 62.5 FPS, not 60.
+_NEAR = Fraction(5, 100)
 _NUMBER = re.compile(r"\+?(\d{1,9}\.?\d{0,30}|\.\d{1,30})([eE][+-]?\d{1,2})?")
 
 
@@ -65,6 +67,18 @@ def rate_of_period(text: str) -> Fraction | None:
             exactly = [rate for rate in _NTSC if abs(period - 1 / rate) <= period * _CLOSE]
             return exactly[0] if exactly and near[0][0] > period * _CLOSE else near[0][1]
     return _in_range(1 / period)
+
+
+def drift_note(rate: Fraction) -> str:
+    """Return what a rate near a usual one may mean, for notes; "" for a usual rate and one far from all."""
+    usual = min(_USUAL, key=lambda known: abs(known - rate))
+    if rate in _KNOWN or abs(rate - usual) > usual * _NEAR:
+        return ""
+    drift = float(60 * abs(1 - usual / rate))
+    return (
+        f"{float(rate):.6g} FPS is near {usual}: a capture at {usual} whose frame time was rounded drifts from its "
+        f"music by {drift:.2g} s per minute; if it is one, declare fps: {usual} in the manifest"
+    )
 
 
 def _in_range(rate: Fraction) -> Fraction | None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from dancedata.formats.bvh.hierarchy import BvhJoint
 from dancedata.formats.bvh.parse import Bvh
 
-__all__ = ["bone_offsets", "rest_positions", "world"]
+__all__ = ["bone_offsets", "rest_positions", "stretch", "world"]
 
 Floats = NDArray[np.float64]
 
@@ -27,6 +27,20 @@ def bone_offsets(bvh: Bvh) -> Floats:
             for axis, column in joint.position_columns.items():
                 offsets[k, axis] = np.median(bvh.values[:, column])
     return offsets
+
+
+def stretch(bvh: Bvh, root: int, indices: Sequence[int]) -> float:
+    """Return the largest distance of position channels from the bone that stands for them, in the file's unit.
+
+    Parameters
+    ----------
+    root : joint whose channels move the body; those of the joints below it change bones.
+    indices : joints that are used.
+    """
+    needed = set(_with_ancestors(bvh.joints, indices)) - set(_with_ancestors(bvh.joints, [root]))
+    bones = bone_offsets(bvh)
+    apart = [np.linalg.norm(_offset(bvh, bvh.joints[k], bvh.values) - bones[k], axis=1).max() for k in needed]
+    return float(max(apart, default=0.0))
 
 
 def rest_positions(joints: Sequence[BvhJoint], offsets: Floats) -> Floats:

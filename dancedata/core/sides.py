@@ -1,0 +1,187 @@
+"""Left, right and up of a motion, judged by its anatomy: where toes point, how knees and elbows bend, what is floor.
+
+The numbers beside the limits are medians of whole clips of real dances (AIST++ with breakdance, three BVH captures).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dancedata.core.motion import Motion
+from dancedata.core.rotations import Float64Array, matrix_from_rotvec
+from dancedata.core.skeleton import SMPL24
+
+__all__ = ["MIN_ELBOWS", "MIN_STANCE", "Sides", "has_sides", "sides_of", "wrong_up"]
+
+#: Frames that are looked at.
+_FRAMES = 600
+#: Sine of the bend of a knee or an elbow that counts, 15 degrees; least share of the frames in which it is bent.
+_BENT, _LEAST_BENT = 0.26, 0.2
+#: All evidence below this cosine is a contradiction; above it and below 0, a doubt.
+_CERTAIN = -0.25
+#: Elbows below this bend backwards: 0.41 to 0.88 in real dances, down to -0.26 in made-up ones.
+MIN_ELBOWS = -0.35
+#: Ankles nearer than this, in widths of the hips, cross: 1.2 to 3.7 in real dances, 0.6 in two seconds of them.
+MIN_STANCE = 0.3
+#: The body's mean direction, from the feet to the head, counts as another axis from this cosine on; as a certain one.
+_ALONG, _CERTAINLY_ALONG = 0.5, 0.8
+#: Fewer frames do not show a floor.
+_LEAST_FRAMES = 30
+#: How much steadier the floor along that axis is than the one along +Y; less where the body is upside down, as both
+#: are then moved by the same bending of its knees.
+_STEADIER = 0.5
+
+
+@dataclass(frozen=True)
+class Sides:
+    """How the names of the sides agree with the anatomy; medians over frames, NaN without evidence.
+
+    Attributes
+    ----------
+    toes
+        Cosine of the feet's direction and the hips' front, 0.48 to 0.92.
+    knees
+        Cosine of the axis about which knees bend and the hips' left, 0.71 to 0.99.
+    chest
+        Cosine of the shoulders' left and the hips' left, 0.91 to 1.
+    elbows
+        Part of the forearm that points to the front of the upper arm, 0.41 to 0.88.
+    stance
+        Distance of the left ankle to the left of the right one, in widths of the hips.
+    """
+
+    toes: float
+    knees: float
+    chest: float
+    elbows: float
+    stance: float
+
+    @property
+    def legs(self) -> float:
+        """The least of toes and knees, NaN without evidence."""
+        return float(np.fmin(self.toes, self.knees))
+
+    @property
+    def swapped(self) -> str:
+        """What contradicts the names: "sides" for the whole body, "legs" or "arms" alone; "" if nothing does."""
+        if self.chest < 0:
+            return "legs" if self.legs < 0 else "arms"
+        return "sides" if self.legs < 0 else ""
+
+    @property
+    def certain(self) -> bool:
+        """Whether all there is contradicts the names."""
+        return self.chest < _CERTAIN or float(np.fmax(self.toes, self.knees)) < _CERTAIN
+
+    def __str__(self) -> str:
+        """Show the cosines for which there is evidence."""
+        named = {"toes": self.toes, "knees": self.knees, "shoulders": self.chest}
+        return ", ".join(f"{name} {value:+.2f}" for name, value in named.items() if value == value)
+
+
+def sides_of(joints: Float64Array, motion: Motion | None = None, *, toes: bool = True) -> Sides:
+    """Measure a body.
+
+    Parameters
+    ----------
+    joints
+        (T, J, 3) positions, metres, of SMPL's 22 body joints and any others.
+    motion
+        Its rotations, for the elbows.
+    toes
+        Whether the toes are known, and not only the ankles.
+    """
+    places = joints[:: _step(len(joints))]
+    left = places[:, 1] - places[:, 2]
+    width = _length(left)
+    up = (places[:, 16] + places[:, 17] - places[:, 1] - places[:, 2]) / 2
+    shoulders = places[:, 16] - places[:, 17]
+    feet = places[:, (10, 11)] - places[:, (7, 8)]
+    front = np.cross(left, up)[:, None]
+    across = ((places[:, 7] - places[:, 8]) * left).sum(-1)
+    return Sides(
+        toes=_median(_cosine(feet, front)) if toes else np.nan,
+        knees=_knees(places, left),
+        chest=_median(_cosine(_level(shoulders, up), _level(left, up))),
+        elbows=np.nan if motion is None else _elbows(motion),
+        stance=_median(across / np.maximum(width * width, 1e-12)),
+    )
+
+
+def wrong_up(joints: Float64Array) -> tuple[Float64Array, bool] | None:
+    """Return the body's mean direction if the dancer stands along another axis than +Y, and whether that is certain.
+
+    Dancers lie down and stand on their hands: an axis is wrong only if the lowest joint along the other one keeps
+    its height better than that along +Y, as on a floor.
+
+    Parameters
+    ----------
+    joints
+        (T, J, 3) as for `sides_of`.
+    """
+    places = joints[:: _step(len(joints)), :22]
+    body = places[:, 15] - places[:, (7, 8)].mean(axis=1)
+    mean = np.asarray(_unit(body).mean(axis=0))
+    axis = int(np.abs(mean).argmax())
+    if len(places) < _LEAST_FRAMES or abs(mean[axis]) <= _ALONG or (axis == 1 and mean[1] > 0):
+        return None
+    floor, other = _unrest(places[..., 1]), _unrest(places[..., axis] * np.sign(mean[axis]))
+    steadier = other < floor * (1 if axis == 1 else _STEADIER)
+    return (mean, bool(abs(mean[axis]) > _CERTAINLY_ALONG)) if steadier else None
+
+
+def has_sides(joints: tuple[str, ...]) -> bool:
+    """Whether joints begin with SMPL's 22 body joints."""
+    return joints[:22] == SMPL24.joints[:22]
+
+
+def _knees(places: Float64Array, left: Float64Array) -> float:
+    thighs = _unit(places[:, (4, 5)] - places[:, (1, 2)])
+    axes = np.cross(thighs, _unit(places[:, (7, 8)] - places[:, (4, 5)]))
+    return _where_bent(_cosine(axes, left[:, None]), _length(axes))
+
+
+def _elbows(motion: Motion) -> float:
+    bones = _unit(motion.skeleton.offsets[[20, 21]])
+    turns = matrix_from_rotvec(motion.rotations[:: _step(motion.n_frames), (18, 19)])
+    forearms = np.einsum("tjab,jb->tja", turns, bones)
+    return _where_bent(forearms[..., 2], _length(np.cross(forearms, bones)))
+
+
+def _where_bent(values: Float64Array, sines: Float64Array) -> float:
+    bent = sines > _BENT
+    return _median(values[bent]) if bent.mean() > _LEAST_BENT else np.nan
+
+
+def _unrest(heights: Float64Array) -> float:
+    """Return how much the lowest joint moves along an axis: the middle half of its heights, metres."""
+    low, high = np.quantile(heights.min(axis=1), (0.25, 0.75))
+    return float(high - low)
+
+
+def _step(n_frames: int) -> int:
+    return -(-n_frames // _FRAMES)
+
+
+def _length(vectors: Float64Array) -> Float64Array:
+    return np.asarray(np.sqrt((vectors * vectors).sum(axis=-1)))
+
+
+def _unit(vectors: Float64Array) -> Float64Array:
+    return np.asarray(vectors / np.maximum(_length(vectors), 1e-12)[..., None])
+
+
+def _cosine(one: Float64Array, two: Float64Array) -> Float64Array:
+    return np.asarray((_unit(one) * _unit(two)).sum(axis=-1))
+
+
+def _level(vectors: Float64Array, up: Float64Array) -> Float64Array:
+    """Return the part of vectors at right angles to `up`."""
+    axis = _unit(up)
+    return np.asarray(vectors - axis * (vectors * axis).sum(axis=-1, keepdims=True))
+
+
+def _median(values: Float64Array) -> float:
+    return float(np.median(values))

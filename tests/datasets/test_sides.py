@@ -1,0 +1,190 @@
+"""BVH with swapped names, mirrors and wrong axes are rejected; bones that stretch and rates that drift are noted."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dancedata.core.clip import ClipRef
+from dancedata.core.errors import DataError
+from dancedata.core.motion import Motion
+from dancedata.core.quality import implausible_flags
+from dancedata.datasets.folder import Folder
+from dancedata.datasets.folder.facts import Declared
+from dancedata.datasets.folder.load import Reading
+from dancedata.datasets.folder.notes import describe
+from dancedata.formats.bvh.write import motion_bvh
+from dancedata.synthetic import synthesise_motion
+
+SIDE = {"Left": "Right", "Right": "Left", "L": "R", "R": "L"}
+LEG = ("hip", "knee", "ankle", "foot")
+
+
+@pytest.fixture(scope="module")
+def text() -> str:
+    """A dance of SMPL's joints, whose names are SMPL's own, in metres."""
+    return motion_bvh(synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=120)[0])
+
+
+@pytest.fixture
+def bvh(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "dance.bvh"
+    path.write_text(text)
+    return path
+
+
+def load(path: Path, declared: dict[str, str] | None = None, **parameters: Any) -> Motion:
+    clip = ClipRef("x", path, None, "train", declared=tuple((declared or {}).items()))
+    return Folder(**{"unit": "m", **parameters}).load(clip)
+
+
+def renamed(text: str, joints: tuple[str, ...]) -> str:
+    """Swap left and right in the names of some joints; all without any."""
+    other = {"left": "right", "right": "left"}
+    pattern = rf"\b(left|right)_({'|'.join(joints) or '[a-z]+'})\b"
+    return re.sub(pattern, lambda found: f"{other[found[1]]}_{found[2]}", text)
+
+
+def mirrored(text: str) -> str:
+    """Reflect a file across x = 0, names unchanged: as an export with a scale of -1 does."""
+    hierarchy, motion = text.split("MOTION")
+    channels = [name for found in re.findall(r"CHANNELS \d+ (.*)", hierarchy) for name in found.split()]
+    signs = np.array([-1 if name in ("Xposition", "Yrotation", "Zrotation") else 1 for name in channels])
+    hierarchy = re.sub(r"OFFSET (\S+)", lambda found: f"OFFSET {-float(found[1])!r}", hierarchy)
+    head, rows = motion.strip().splitlines()[:2], motion.strip().splitlines()[2:]
+    return (
+        hierarchy + "\n".join(["MOTION", *head, *(show(np.array(row.split(), float) * signs) for row in rows)]) + "\n"
+    )
+
+
+def show(row: Any) -> str:
+    return " ".join(f"{value:.6f}" for value in row)
+
+
+@pytest.mark.parametrize(
+    ("edit", "problem"),
+    [
+        (lambda text: renamed(text, ()), "left and right are swapped, or the file is mirrored"),
+        (mirrored, "left and right are swapped, or the file is mirrored"),
+        (lambda text: renamed(text, LEG), "in the legs alone"),
+        (lambda text: renamed(text, ("collar", "shoulder", "elbow", "wrist", "hand")), "in the arms alone"),
+    ],
+)
+def test_swapped_sides(bvh: Path, text: str, edit: Any, problem: str) -> None:
+    bvh.write_text(edit(text))
+    with pytest.raises(DataError, match=problem) as error:
+        load(bvh)
+    assert error.value.reason == "swapped_sides"
+
+
+def test_a_joint_map_that_swaps_the_legs(bvh: Path) -> None:
+    legs = {f"{one}_{j}": f"{other}_{j}" for j in LEG for one, other in (("left", "right"), ("right", "left"))}
+    with pytest.raises(DataError, match="in the legs alone") as error:
+        load(bvh, joint_map=legs)
+    assert error.value.reason == "swapped_sides"
+    # Toes that are not mapped have a place of SMPL's, and say nothing.
+    with pytest.raises(DataError, match=r"names of the hips say: knees -0\.9\d, shoulders -"):
+        load(bvh, joint_map={**legs, "left_foot": "", "right_foot": ""})
+
+
+def test_a_mirrored_file_whose_names_are_swapped_is_a_dance(bvh: Path, text: str) -> None:
+    plain = load(bvh).joints()
+    bvh.write_text(renamed(mirrored(text), ()))
+    motion = load(bvh)
+    pairs = np.arange(24)
+    for left, right in motion.skeleton.pairs:
+        pairs[left], pairs[right] = right, left
+    assert np.abs(motion.joints()[:, pairs] * (-1, 1, 1) - plain).max() < 1e-5
+    assert implausible_flags(motion) == []
+
+
+@pytest.mark.parametrize("up", ["z", "-y"])
+def test_a_wrong_up_axis_of_a_bvh(bvh: Path, up: Any) -> None:
+    with pytest.raises(
+        DataError, match=rf"does not stand along the up axis {up} \(declared in the recipe\)"
+    ) as error:
+        load(bvh, up=up)
+    assert error.value.reason == "bad_declaration"
+    assert str(error.value.fix).startswith("declare up: y (or")
+    # The manifest's word for one file is believed, with a flag that stops strict builds.
+    assert "implausible_up" in [flag.kind for flag in implausible_flags(load(bvh, {"up": up}))]
+
+
+@pytest.mark.parametrize("up", ["z", "-y"])
+def test_a_wrong_up_axis_of_arrays(tmp_path: Path, up: Any) -> None:
+    motion = synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=120)[0]
+    path = tmp_path / "a.npz"
+    np.savez(path, poses=motion.rotations.reshape(-1, 72), trans=motion.translation)
+    assert np.allclose(load(path, fps=60, up="y").translation, motion.translation)
+    with pytest.raises(DataError, match="does not stand along the up axis") as error:
+        load(path, fps=60, up=up)
+    assert error.value.reason == "bad_declaration"
+    assert "implausible_up" in [flag.kind for flag in implausible_flags(load(path, {"up": up}, fps=60))]
+
+
+def test_real_files_with_planted_swaps(shared: Path, tmp_path: Path) -> None:
+    for name, unit, up in (
+        ("rokoko_jesse_dance", "cm", None),
+        ("cmu_01_01", "cmu", None),
+        ("fair1_dab", "guess", "z"),
+    ):
+        text = (shared / f"realdata/bvh/{name}.bvh").read_text()
+        assert implausible_flags(load(shared / f"realdata/bvh/{name}.bvh", unit=unit, up=up)) == []
+        path = tmp_path / f"{name}.bvh"
+        path.write_text(re.sub(r"(?<=JOINT )(Left|Right|[LR](?=[A-Z]))", lambda found: SIDE[found[1]], text))
+        with pytest.raises(DataError, match="swapped, or the file is mirrored"):
+            load(path, unit=unit, up=up)
+
+
+# --- bones that stretch, rates that drift -----------------------------------------------------------------------
+
+
+def stretched(text: str, by_m: float) -> str:
+    """Give the left elbow position channels, and pull it along its bone by up to `by_m`."""
+    hierarchy, motion = text.split("MOTION")
+    before, _, after = hierarchy.partition("JOINT left_elbow")
+    offset = np.array(re.findall(r"OFFSET (\S+) (\S+) (\S+)", after)[0], float)
+    column = sum(int(n) for n in re.findall(r"CHANNELS (\d)", before))
+    after = after.replace("CHANNELS 3 ", "CHANNELS 6 Xposition Yposition Zposition ", 1)
+    lines = motion.strip().splitlines()
+    rows = np.array([line.split() for line in lines[2:]], float)
+    pull = np.where(np.arange(len(rows)) % 10 == 0, by_m, 0)[:, None] * offset / np.linalg.norm(offset)
+    rows = np.insert(rows, [column] * 3, offset + pull, axis=1)
+    return f"{before}JOINT left_elbow{after}MOTION\n" + "\n".join([*lines[:2], *map(show, rows)]) + "\n"
+
+
+@pytest.mark.parametrize(("by_m", "flagged"), [(0.064, True), (0.0, False), (0.0005, False)])
+def test_bones_that_stretch(bvh: Path, text: str, by_m: float, flagged: bool) -> None:
+    rigid = load(bvh)
+    bvh.write_text(stretched(text, by_m))
+    motion = load(bvh)
+    assert np.abs(motion.joints() - rigid.joints()).max() < 1e-5
+    assert motion.stretch_m == pytest.approx(by_m, abs=1e-5)
+    flags = implausible_flags(motion.with_cache())
+    assert [(flag.kind, flag.unit) for flag in flags] == [("stretched_bone", "m")] * flagged
+    assert [flag.value for flag in flags] == [pytest.approx(by_m, abs=1e-4)] * flagged
+
+
+@pytest.mark.parametrize(
+    ("time", "said"),
+    [
+        ("0.016", "62.5 FPS is near 60: a capture at 60 whose frame time was rounded drifts from its music by 2.4 s"),
+        (
+            "0.017",
+            "58.8235 FPS is near 60: a capture at 60 whose frame time was rounded drifts from its music by 1.2 s",
+        ),
+        ("0.0160", "62.5 FPS is near 60"),
+        *((time, "") for time in ("0.016667", "0.01667", "0.0166833", "0.0333", "0.04", "0.008333", "0.0225")),
+    ],
+)
+def test_frame_times_near_a_usual_rate(bvh: Path, text: str, time: str, said: str) -> None:
+    bvh.write_text(re.sub(r"Frame Time: \S+", f"Frame Time: {time}", text))
+    notes = [note for note in describe(bvh, Reading(Declared(), Declared(unit="m"))) if "FPS is near" in note]
+    assert len(notes) == bool(said)
+    assert all(note.startswith(said) for note in notes)
+    declared = describe(bvh, Reading(Declared(fps="60"), Declared(unit="m")))
+    assert not any("FPS is near" in note for note in declared)
