@@ -11,6 +11,7 @@ from dancedata.core.errors import DataError, SourceError
 from dancedata.core.plugins import Dataset
 from dancedata.core.quality import implausible_flags
 from dancedata.core.registry import DATASETS
+from dancedata.core.text import listed
 from dancedata.execution.crash_report import named_if_it_crashes
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import run_units
@@ -18,7 +19,7 @@ from dancedata.pipeline.implausible import implausible_problems
 from dancedata.pipeline.rejects import NOTED, reject_of
 from dancedata.store import Problem, open_store, verify_store
 from dancedata.store.schema import DATASET_FILE, is_shard_name
-from dancedata.store.songs import MAX_PAIRS, alike_songs, songs_of
+from dancedata.store.songs import sound_field
 
 
 def check(
@@ -48,7 +49,6 @@ def check(
             problems = verify_store(path)
             if not any(p.severity == "error" for p in problems):
                 problems += _implausible(path)
-                problems += _alike_songs(path)
             return problems
     if not path.is_dir():
         problem = "this is not a folder" if path.exists() else "the folder does not exist"
@@ -62,22 +62,15 @@ def check(
 
 
 def _implausible(path: Path) -> list[Problem]:
-    """Say which clips of a sound dataset have an implausible unit."""
+    """Say which clips of a sound dataset have an implausible unit, and whether songs could not be compared."""
     with open_store(path) as store:
-        return [Problem("note", p.clip, f"{p.reason}: {p.detail}") for p in implausible_problems(store.quality)]
-
-
-def _alike_songs(path: Path) -> list[Problem]:
-    """Say which songs of different splits are one recording by their sound."""
-    with open_store(path) as store:
-        songs = songs_of(store.clips, store.meta)
-        alike = alike_songs(store, songs)
-        n_splits = len({clip.split for clip in store.clips if clip.id in songs})
-    if alike is None:
-        few = f"no field with MFCC and chroma, such as librosa35, or more than {MAX_PAIRS:,} pairs of songs"
-        message = f"songs were compared by name and samples, but not for copies in other formats: {few}"
-        return [Problem("note", str(path), message)] if n_splits > 1 else []
-    return [Problem("error" if pair.leaks else "note", str(path), pair.message) for pair in alike]
+        found = [Problem("note", p.clip, f"{p.reason}: {p.detail}") for p in implausible_problems(store.quality)]
+        audio = [name for name in store.fields if store.field(name).kind == "audio"]
+        if audio and len(store.splits) > 1 and sound_field(store) is None:
+            why = f"{listed(audio)} has no MFCC and chroma, as librosa35 has"
+            message = f"songs of splits were compared by name and samples, not by their sound: {why}"
+            found.append(Problem("note", str(path), message))
+        return found
 
 
 def _is_ours(name: str) -> bool:

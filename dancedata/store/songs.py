@@ -55,7 +55,7 @@ def songs_of(clips: Sequence[ClipRecord], meta: Mapping[str, Any]) -> dict[str, 
     from scipy.cluster.hierarchy import DisjointSet
 
     records, hashes = {clip.id: clip for clip in clips}, music_hashes(meta)
-    same = DisjointSet[tuple[str, str]]()
+    same = DisjointSet()
     keys: dict[str, tuple[str, str]] = {}
     for clip in clips:
         origin = records.get(clip.source, clip)
@@ -141,21 +141,19 @@ def alike_songs(store: Store, songs: Mapping[str, str]) -> list[AlikeSongs] | No
     Returns
     -------
     list of AlikeSongs or None
-        By falling likeness; None where there are more than MAX_PAIRS pairs, or no field shows the sound.
+        By falling likeness; none where no field shows the sound. None: there are more than MAX_PAIRS pairs.
 
     Raises
     ------
     StoreError
         If rows cannot be read.
     """
-    field = sound_field(store)
-    if field is None:
-        return None
     splits = defaultdict(set)
     for clip in store.clips:
         if clip.id in songs:
             splits[songs[clip.id]].add(clip.split)
-    if len(set().union(*splits.values())) < 2:
+    field = sound_field(store)
+    if field is None or len(set().union(*splits.values())) < 2:
         return []
     hashes = music_hashes(store.meta)
     chosen = {(songs[c.id], hashes.get(c.id)): c.id for c in reversed(store.clips) if c.id in songs and not c.source}
@@ -171,7 +169,7 @@ def alike_songs(store: Store, songs: Mapping[str, str]) -> list[AlikeSongs] | No
 
 
 def _rows_of(store: Store, clips: Sequence[str], field: Field) -> Iterator[Rows]:
-    """Yield the rows of the songs of clips; in window scope those of a clip's windows, put together."""
+    """Yield the rows of the songs of clips; in window scope the mean of a clip's windows, each at its place."""
     if store.scope == "track":
         yield from (store.read_song(clip, field.name) for clip in clips)
         return
@@ -183,11 +181,13 @@ def _rows_of(store: Store, clips: Sequence[str], field: Field) -> Iterator[Rows]
         own = windows[clip]
         first, last = min(w.start for w in own), max(w.start + w.length for w in own)
         rows = np.zeros((store.grid.rows(last - first, of=field.grid), field.columns.width), dtype=np.float32)
+        count = np.zeros((len(rows), 1), dtype=np.float32)
         for window in own:
             begin = store.grid.rows(window.start - first, of=field.grid)
             part = store.read(window, field.name)
-            rows[begin : begin + len(part)] = part
-        yield rows
+            rows[begin : begin + len(part)] += part
+            count[begin : begin + len(part)] += 1
+        yield rows / np.maximum(count, 1)
 
 
 def _comparable(rows: npt.NDArray[Any], step: int, rate: float) -> Rows:
@@ -200,7 +200,7 @@ def _comparable(rows: npt.NDArray[Any], step: int, rate: float) -> Rows:
         means -= uniform_filter1d(means, span, axis=0, mode="nearest")
         means -= means.mean(axis=0)
         means /= np.maximum(means.std(axis=0), 1e-9)
-    return means.astype(np.float32)
+    return np.asarray(means, dtype=np.float32)
 
 
 def _alike(recordings: Sequence[_Recording], rate: float) -> Iterator[AlikeSongs]:

@@ -14,6 +14,7 @@ from dancedata.core.hashing import sha256_file
 from dancedata.core.regular_file import read_regular
 from dancedata.core.text import listed, shown
 from dancedata.store.clip_columns import ClipRecord
+from dancedata.store.dataset import open_store
 from dancedata.store.dataset_json import MAX_BYTES, Description, ShardEntry, json_stats, load_description, self_hash
 from dancedata.store.problem import Problem
 from dancedata.store.schema import (
@@ -25,7 +26,7 @@ from dancedata.store.schema import (
     is_shard_name,
     shard_name,
 )
-from dancedata.store.songs import songs_of
+from dancedata.store.songs import MAX_PAIRS, alike_songs, songs_of
 from dancedata.store.verify_shard import verify_shard
 
 _SIDE_FILES = (STATS_FILE, REJECTS_FILE, QUALITY_FILE, CARD_FILE)
@@ -39,7 +40,7 @@ def verify_store(path: str | Path) -> list[Problem]:
 
     The size and sha256 of every file are checked first: a shard that differs is not parsed. Then the layout (names,
     dtypes, shapes, alignment), bounds of all rows and windows, finiteness of all values, counts, and clips
-    or songs in several splits.
+    or songs in several splits: songs by name, by samples and by their sound, see `songs.alike_songs`.
 
     Parameters
     ----------
@@ -66,6 +67,7 @@ def verify_store(path: str | Path) -> list[Problem]:
     # In a damaged dataset, counts would only repeat the same problems.
     if not any(p.severity == "error" for p in problems):
         problems += _check_counts(folder, description, records)
+        problems += _find_alike_songs(folder)
     problems += _check_splits(folder, description, records)
     problems += _find_unlisted_files(folder, description)
     return problems
@@ -196,6 +198,18 @@ def _check_splits(folder: Path, description: Description, records: Sequence[Clip
     shared = sorted(songs["val"] & songs["test"])
     if shared:
         yield Problem("note", str(folder), f"val and test share songs: {_list(shared)}")
+
+
+def _find_alike_songs(folder: Path) -> Iterator[Problem]:
+    """Find songs of different splits that are one recording by their sound."""
+    with open_store(folder) as store:
+        songs = songs_of(store.clips, store.meta)
+        alike = alike_songs(store, songs)
+    if alike is None:
+        why = f"there are more than {MAX_PAIRS:,} pairs"
+        yield Problem("note", str(folder), f"songs were compared by name and samples, not by their sound: {why}")
+    for pair in alike or ():
+        yield Problem("error" if pair.leaks else "note", str(folder), pair.message)
 
 
 def _find_unlisted_files(folder: Path, description: Description) -> Iterator[Problem]:
