@@ -156,7 +156,10 @@ def alike_songs(store: Store, songs: Mapping[str, str]) -> list[AlikeSongs] | No
     if field is None or len(set().union(*splits.values())) < 2:
         return []
     hashes = music_hashes(store.meta)
-    chosen = {(songs[c.id], hashes.get(c.id)): c.id for c in reversed(store.clips) if c.id in songs and not c.source}
+    chosen: dict[tuple[str, str | None], str] = {}
+    for clip in store.clips:
+        if clip.id in songs and not clip.source:
+            chosen.setdefault((songs[clip.id], hashes.get(clip.id)), clip.id)
     if len(chosen) * (len(chosen) - 1) // 2 > MAX_PAIRS:
         return None
     step = max(1, round(float(field.rate) / _RATE))
@@ -208,6 +211,7 @@ def _alike(recordings: Sequence[_Recording], rate: float) -> Iterator[AlikeSongs
     from scipy import fft
 
     ordered = sorted(recordings, key=lambda r: len(r.rows))
+    place_of = {id(r): k for k, r in enumerate(recordings)}
     end = 0
     while end < len(ordered):
         begin, end = end, min(len(ordered), end + _BLOCK)
@@ -223,8 +227,9 @@ def _alike(recordings: Sequence[_Recording], rate: float) -> Iterator[AlikeSongs
                 for k, correlation in zip(others, fft.irfft(products, n), strict=True):
                     likeness, shift = _likeness(one.rows, block[k].rows, correlation, rate)
                     if likeness >= LIKENESS:
-                        both = block[k]
-                        yield AlikeSongs((one.song, both.song), (one.splits, both.splits), likeness, shift / rate)
+                        turned = place_of[id(one)] > place_of[id(block[k])]
+                        a, b, shift = (block[k], one, -shift) if turned else (one, block[k], shift)
+                        yield AlikeSongs((a.song, b.song), (a.splits, b.splits), likeness, shift / rate)
 
 
 def _are_compared(one: _Recording, other: _Recording) -> bool:
