@@ -203,13 +203,17 @@ def same_songs(clips: Iterable[ClipRef]) -> dict[str, str]:
     """
     from scipy.cluster.hierarchy import DisjointSet
 
-    names = {clip.audio_path: clip.music for clip in clips if clip.audio_path is not None and clip.music}
-    same = DisjointSet(set(names.values()))
+    names: dict[Path, set[str]] = {}
+    for clip in clips:
+        if clip.audio_path is not None and clip.music:
+            names.setdefault(clip.audio_path, set()).add(clip.music)
+    same = DisjointSet(set().union(*names.values()))
     for alike in _grouped(names, _beginning):
-        if len({names[path] for path in alike}) > 1:
+        if len(set().union(*(names[path] for path in alike))) > 1:
             for equal in _grouped(alike, lambda path: load_audio(path).sha256):
-                for path in equal:
-                    same.merge(names[path], names[equal[0]])
+                first, *others = {name for path in equal for name in names[path]}
+                for name in others:
+                    same.merge(name, first)
     groups = [sorted(group) for group in same.subsets()]
     return {name: group[0] for group in sorted(groups) for name in group[1:]}
 

@@ -285,7 +285,9 @@ def test_channels_are_averaged_as_numpy_does(tmp_path: Path, channels: int) -> N
     np.testing.assert_array_equal(load_audio(tmp_path / "a.wav").samples, np.mean(samples.T, axis=0))
 
 
-@pytest.mark.parametrize(("second", "kept"), [("opposite", False), ("nearly", False), ("equal", True), ("other", True)])
+@pytest.mark.parametrize(
+    ("second", "kept"), [("opposite", False), ("nearly", False), ("equal", True), ("other", True)]
+)
 def test_channels_that_cancel_are_rejected(tmp_path: Path, second: str, kept: bool) -> None:
     """Stereo in antiphase averages to silence, which would be extracted without a word."""
     rng = np.random.default_rng(0)
