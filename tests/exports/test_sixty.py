@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import dancedata
-from dancedata.core.errors import DataError, StoreError, UsageError
+from dancedata.core.errors import DataError, StoreError
 from dancedata.exports import _songs
 from dancedata.exports._json_rows import json_of
 from dancedata.exports._tfrecord import crc32c, example, record
@@ -259,7 +259,7 @@ def test_music_that_ends_before_the_dance(short: tuple[Path, Path], tmp_path: Pa
 
 def test_unpaired_motion_needs_another_song(export) -> None:
     """All test clips of the fixture are danced to one song: every pair would be the motion's own."""
-    with pytest.raises(UsageError, match=r"all sequences of test have one song: mBR0"):
+    with pytest.raises(StoreError, match=r"all sequences of test have one song: mBR0"):
         export("sixty", "fact", unpaired=1)
 
 
