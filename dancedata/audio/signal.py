@@ -32,6 +32,8 @@ MAX_BYTES = 1 << 32
 MIN_RATE, MAX_RATE = 4_000, 400_000
 #: About the highest rate of the features: the size of a resampled signal is bounded at this rate.
 FEATURE_RATE = 48_000
+#: Energy of a mix to mono, relative to that of a mix of unrelated channels, below which the channels cancel: -20 dB.
+LEAST_MIX = 0.01
 #: Above BOMB_BYTES, decoding may enlarge a file this many times; the most in real use is speech in opus, 250-fold.
 BOMB_BYTES = 1 << 26
 BOMB_RATIO = 1000
@@ -53,8 +55,8 @@ def load_audio(path: Path | str) -> AudioSignal:
     Raises
     ------
     DataError
-        With reason ``missing_file``, ``broken_audio`` (not decodable), ``empty_audio`` (no sample) or ``nan``
-        (NaN or infinite samples).
+        With reason ``missing_file``, ``broken_audio`` (not decodable), ``empty_audio`` (no sample), ``nan``
+        (NaN or infinite samples) or ``antiphase`` (channels that cancel: their mean has lost the music).
 
     Notes
     -----
@@ -65,6 +67,7 @@ def load_audio(path: Path | str) -> AudioSignal:
     path = Path(path)
     samples, sample_rate = _decode(path)
     mono = _mean_of_channels(samples)
+    _require_mix(path, samples, mono)
     del samples  # twice as large where there are two channels
     bad = np.flatnonzero(~np.isfinite(mono))
     if bad.size:
@@ -90,6 +93,24 @@ def _mean_of_channels(samples: NDArray[np.float32]) -> NDArray[np.float32]:
     if n_channels > 1:
         total /= np.float32(n_channels)
     return total
+
+
+def _require_mix(path: Path, samples: NDArray[np.float32], mono: NDArray[np.float32]) -> None:
+    """Raise DataError if the mean of the channels is nearly silent, and the channels are not."""
+    n_channels = samples.shape[1]
+    total = float(np.vdot(samples, samples))
+    # 1 for unrelated channels, `n_channels` for equal ones.
+    kept = n_channels**2 * float(np.vdot(mono, mono)) / total if total > 0 else 1.0
+    if n_channels > 1 and kept < LEAST_MIX:
+        level = f"{10 * math.log10(kept):.0f} dB" if kept > 0 else "silent"
+        raise DataError(
+            "the channels are in antiphase: their mean, from which features are computed, has lost the music",
+            reason="antiphase",
+            where=str(path),
+            found=f"a mix of {n_channels} channels, {level} relative to that of unrelated channels",
+            allowed=f"{10 * math.log10(LEAST_MIX):.0f} dB or more",
+            fix="export the file again as mono, or with the polarity of one channel inverted",
+        )
 
 
 def audio_length(path: Path | str) -> tuple[int, int]:

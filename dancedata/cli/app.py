@@ -77,6 +77,7 @@ CacheFolder = Annotated[Path | None, typer.Option("--cache", help=CACHE_HELP)]
 ATOL_HELP = "Floating-point values that differ by no more than this are the same; default: compared exactly."
 KINDS_HELP = "dataset, representation, contact-rule, feature, key-motion, augmentation, filter, metric or export."
 TARGET_HELP = "Set a parameter of the target; list shows them."
+WEIGHTS_HELP = "Folder of a network's weights; FIELD=FOLDER, once for each, where several features need some."
 PART_HELP = "Compute the K-th of N shares of the work into the cache and write no dataset, for job arrays."
 
 
@@ -298,17 +299,17 @@ def new(
 @_errors_to_exit_codes
 def features(
     songs: Annotated[list[Path], typer.Argument(metavar="SONG...", help="wav, flac, mp3 or ogg files.")],
-    out: Annotated[Path, typer.Option(help="Folder to write <song>.<feature>.npy and .json to.")],
+    out: Annotated[Path, typer.Option(help="Folder to write <song>.<feature>.npy and .json to.")] = Path("features"),
     feature: Annotated[str | None, typer.Option(help="Default: those of --like, else librosa35.")] = None,
     like: Annotated[str | None, typer.Option(help="A built dataset or recipe whose features to match.")] = None,
-    bpm: Annotated[float | None, typer.Option(help="Tempo of the songs; default: estimated.")] = None,
-    weights: Annotated[Path | None, typer.Option(help="Folder of Jukebox's weights.")] = None,
+    bpm: Annotated[float | None, typer.Option(help="Tempo; default: what --like states, else estimated.")] = None,
+    weights: Annotated[list[str] | None, typer.Option(metavar="[FIELD=]FOLDER", help=WEIGHTS_HELP)] = None,
     as_json: AsJson = False,
 ) -> None:
     """Compute features of your own music, exactly as in training."""
     from dancedata.pipeline.own_songs import describe_features, find_jobs, write_features
 
-    written = write_features(songs, out, find_jobs(feature, like), bpm, weights)
+    written = write_features(songs, out, find_jobs(feature, like), bpm, weights or (), like=like)
     if as_json:
         _print_json(written)
         return

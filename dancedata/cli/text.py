@@ -33,7 +33,8 @@ def store_json(path: Path) -> dict[str, Any]:
         size = sum(int(shard["size"]) for shard in store.meta["shards"])
         recipe = store.meta.get("recipe_sha256")
         sources = _sources_json(store)
-        return {"path": str(path), **about, **sources, "fields": fields, "bytes": size, "recipe_sha256": recipe}
+        about |= {**sources, "fields": fields, "bytes": size, "recipe_sha256": recipe, "weights": store.weights}
+        return {"path": str(path), **about}
 
 
 def _sources_json(store: Store) -> dict[str, Any]:
@@ -90,12 +91,11 @@ def describe_store(path: Path) -> str:
         )
     lines += _describe_sources(about)
     with open_store(path) as store:
-        weights = store.weights
         lines += _describe_rejects(store.rejects)
         lines += describe_implausible(store.quality)
         lines += _describe_quality([f for f in store.quality if f.get("kind") not in OF_CLIPS])
     lines.append(f"  licence: {shown(about.get('licence', 'unknown'), _NOTE)}")
-    lines += [f"  weights of {shown(name)}: {about_weights}" for name, about_weights in weights.items()]
+    lines += [f"  weights of {shown(name)}: {weights}" for name, weights in about["weights"].items()]
     return "\n".join(lines)
 
 

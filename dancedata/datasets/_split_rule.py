@@ -3,7 +3,8 @@
 The name, in Unicode's normal form NFC, is hashed to a number in [0, 1): the first 8 bytes of the SHA-256 of the UTF-8
 text ``SEED``, a line break, ``NAME``, as a big-endian integer, divided by 2**64. Below the fraction of test the clip
 is test, from 1 - the fraction of val on it is val, else train. It does not depend on other clips, so no clip changes
-its split when the dataset grows; the fractions are met only on average.
+its split when the dataset grows; the fractions are met only on average. Songs with equal samples are one song, under
+the first of their names by the alphabet.
 """
 
 from __future__ import annotations
@@ -11,17 +12,22 @@ from __future__ import annotations
 import hashlib
 import unicodedata
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from pathlib import Path
 from typing import Any
 
+from dancedata.audio.signal import load_audio
 from dancedata.core.clip import ClipRef
-from dancedata.core.errors import SourceError, UsageError, did_you_mean
+from dancedata.core.errors import DataError, SourceError, UsageError, did_you_mean
 from dancedata.core.grid import as_fraction
+from dancedata.core.hashing import sha256_bytes
+from dancedata.core.regular_file import open_regular
 from dancedata.core.text import counted, listed
 
-__all__ = ["SplitRule"]
+__all__ = ["SplitRule", "same_songs"]
 
 #: The attributes that can define groups, and their nouns in messages.
 _NOUNS = {"music": "song", "dancer": "dancer", "genre": "genre", "clip": "clip"}
@@ -30,6 +36,8 @@ _KEYS = (_VAL, _TEST, _TRAIN, "by", "seed")
 _FIX = "write it as {val: 0.1, test: 0.1, by: music}"
 #: Seeds that are tried to find one that comes closer to the fractions.
 _SEEDS_TRIED = 100
+#: Samples at the beginning of songs that are compared before whole songs are.
+_BEGINNING = 1 << 15
 #: Relative deviation of a fraction from the requested one above which another seed is suggested.
 _CLOSE = Fraction(1, 4)
 
@@ -181,6 +189,55 @@ class SplitRule:
             parts.append(f"{name} {len(own) / max(1, len(clips)):.1%} ({origin}; {self._count(own)})")
         hint = f"; seed {closer} would come closer" if closer is not None else ""
         return f"Splits by {self.by}, seed {self.seed}: {', '.join(parts)}{hint}."
+
+
+def same_songs(clips: Iterable[ClipRef]) -> dict[str, str]:
+    """Find songs with equal samples under several names.
+
+    Whole songs are decoded only where rate, length and beginning are equal.
+
+    Returns
+    -------
+    dict
+        Name of a song -> the first name, by the alphabet, of those that have its samples; without the first ones.
+    """
+    from scipy.cluster.hierarchy import DisjointSet
+
+    names: dict[Path, set[str]] = {}
+    for clip in clips:
+        if clip.audio_path is not None and clip.music:
+            names.setdefault(clip.audio_path, set()).add(clip.music)
+    same = DisjointSet(set().union(*names.values()))
+    for alike in _grouped(names, _beginning):
+        if len(set().union(*(names[path] for path in alike))) > 1:
+            for equal in _grouped(alike, lambda path: load_audio(path).sha256):
+                first, *others = {name for path in equal for name in names[path]}
+                for name in others:
+                    same.merge(name, first)
+    groups = [sorted(group) for group in same.subsets()]
+    return {name: group[0] for group in sorted(groups) for name in group[1:]}
+
+
+def _grouped(paths: Iterable[Path], key: Callable[[Path], Hashable]) -> list[list[Path]]:
+    """Return lists of files with equal keys; files that cannot be read are left to the build, which rejects them."""
+    groups: dict[Hashable, list[Path]] = {}
+    for path in paths:
+        with suppress(DataError, OSError):
+            groups.setdefault(key(path), []).append(path)
+    return list(groups.values())
+
+
+def _beginning(path: Path) -> tuple[int, int, str]:
+    """Return rate and length by the file's header, and a hash of the first samples' mean over channels."""
+    import soundfile
+
+    with open_regular(path) as file:
+        try:
+            with soundfile.SoundFile(file) as sound:
+                start = sound.read(_BEGINNING, dtype="float32", always_2d=True)
+                return sound.samplerate, sound.frames, sha256_bytes(start.mean(axis=1).tobytes())
+        except (soundfile.LibsndfileError, TypeError) as error:
+            raise OSError(str(error)) from error
 
 
 def _fraction(name: str, value: Any, problems: list[str]) -> Fraction:

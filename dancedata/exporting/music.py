@@ -15,8 +15,9 @@ from dancedata.core.registry import DATASETS
 from dancedata.core.text import shown
 from dancedata.datasets.folder.layout import MOTION_FOLDERS
 from dancedata.datasets.folder.manifest import MANIFESTS
-from dancedata.pipeline.source_record import DIGITS, NO_MUSIC, SourceRecord
+from dancedata.pipeline.source_record import DIGITS, SourceRecord
 from dancedata.recipes.plugins import one_of
+from dancedata.store.songs import music_hashes
 
 if TYPE_CHECKING:
     from dancedata.core.audio_signal import AudioSignal
@@ -68,9 +69,7 @@ class SourceMusic:
         originals = [clip for clip in store.clips if not clip.source]
         found = _listed(store, source) or _named(originals, source)
         files = {clip.id: found[clip.source or clip.id] for clip in store.clips if (clip.source or clip.id) in found}
-        clips = SourceRecord.of_store(store).clips or {}
-        hashes = {clip: value.split()[1] for clip, value in clips.items()}
-        return cls(source, files, hashes)
+        return cls(source, files, music_hashes(store.meta))
 
     def missing(self, clips: list[ClipView]) -> list[str]:
         """Return the songs, or clips whose song has no name, that have no audio file."""
@@ -90,8 +89,8 @@ class SourceMusic:
         """
         path = self.files[clip.id]
         signal = load_audio(path)
-        wanted = self.hashes.get(clip.source or clip.id, NO_MUSIC)
-        if wanted != NO_MUSIC and signal.sha256[:DIGITS] != wanted:
+        wanted = self.hashes.get(clip.source or clip.id)
+        if wanted is not None and signal.sha256[:DIGITS] != wanted:
             raise DataError(
                 "this is other music than the dataset was built from",
                 reason="other_music",

@@ -19,6 +19,7 @@ from dancedata.exporting.job import ExportJob, Lack
 from dancedata.exporting.needs import needs_field, needs_splits, needs_track_scope
 from dancedata.exports._aist_names import PARTS, is_ignored, name_lacks, note_ignored
 from dancedata.exports._tfrecord import example, record
+from dancedata.store.songs import songs_of
 
 if TYPE_CHECKING:
     from dancedata.exporting.folder import ExportFolder
@@ -57,8 +58,8 @@ class Fact(Export):
     feature
         Audio feature of 35 columns.
     unpaired
-        How often each test motion is written with the music of another one, drawn with a fixed seed. mint's script
-        writes ten, without a seed.
+        How often each test motion is written with the music of another clip, drawn with a fixed seed among those to
+        other songs. mint's script writes ten, without a seed, and may draw the motion's own song.
     """
 
     version: ClassVar[int] = 1
@@ -87,6 +88,11 @@ class Fact(Export):
                 if all(self._length(clip) < _LEAST for clip in _clips(job, part)):
                     found = f"no sequence of {part} has {_LEAST} frames with music at {_RATE} per second"
                     lacks.append(Lack(found, "longer clips: FACT trains on four seconds"))
+            long = [clip.id for clip in _clips(job, "test") if self._length(clip) >= _LEAST]
+            songs = songs_of(job.store.clips, job.store.meta)
+            if self.unpaired and len({songs.get(clip) for clip in long}) < 2:
+                found = f"all sequences of test have one song: {listed(songs.get(clip) for clip in long[:1])}"
+                lacks.append(Lack(found, "several songs in test for unpaired motion, or unpaired=0"))
         return lacks
 
     def write(self, job: ExportJob, folder: ExportFolder) -> None:
@@ -102,10 +108,20 @@ class Fact(Export):
                 )
             kept = [clip for clip in clips if clip.id not in short]
             pairs = [(clip, clip) for clip in kept]
-            if part == "test":
-                others = np.random.RandomState(_SEED).randint(0, len(kept), size=(self.unpaired, len(kept)))
-                pairs += [(kept[i], kept[other]) for row in others for i, other in enumerate(row)]
+            if part == "test" and self.unpaired:
+                pairs += self._unpaired(job, kept)
             self._write_part(job, folder, name, pairs)
+
+    def _unpaired(self, job: ExportJob, clips: list[ClipView]) -> list[tuple[ClipView, ClipView]]:
+        """Return each clip with clips to other songs, by name and by samples."""
+        songs = songs_of(job.store.clips, job.store.meta)
+        others = {clip.id: [c for c in clips if songs.get(c.id) != songs.get(clip.id)] for clip in clips}
+        drawn = np.random.RandomState(_SEED).random_sample((self.unpaired, len(clips)))
+        return [
+            (clip, others[clip.id][int(x * len(others[clip.id]))])
+            for row in drawn
+            for clip, x in zip(clips, row, strict=True)
+        ]
 
     def guide(self, job: ExportJob) -> str:
         """Return FACT's command and its stops."""

@@ -26,7 +26,7 @@ from dancedata.recipes.documents import document_of
 from dancedata.recipes.fields import FeatureJob
 
 #: Raised by hand when a stage here gives other numbers for the same input.
-SIGNAL_STAGE, FEATURE_STAGE = 3, 3
+SIGNAL_STAGE, FEATURE_STAGE = 4, 3
 #: Windows of a song in one unit of work: enough for what neighbours share to pay, few enough to share out a long
 #: song among workers.
 _WINDOWS_A_UNIT = 128

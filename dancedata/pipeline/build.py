@@ -34,6 +34,7 @@ from dancedata.pipeline.summary import BuildResult
 from dancedata.recipes.recipe import Recipe, resolve
 from dancedata.store import Field, StoreHeader, open_store, write_store
 from dancedata.store.schema import DATASET_FILE
+from dancedata.store.songs import songs_of
 
 
 def build(
@@ -169,7 +170,7 @@ def _write(
             rejects=sorted(found.rejects, key=_reject_order),
             quality=found.quality,
             shard_bytes=recipe.shard_mb * 2**20,
-            card=dataset_card(recipe, scan, found),
+            card=dataset_card(recipe, scan, found, songs_of(found.clips, meta)),
             progress=lambda done, total: advance(1),
         )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from dancedata.core.clip import Scan
 from dancedata.pipeline.clips import ComputedClips
@@ -25,12 +25,18 @@ It is plain HDF5: any tool that reads HDF5 reads it.
 """
 
 
-def dataset_card(recipe: Recipe, scan: Scan, found: ComputedClips) -> str:
-    """Return the card's Markdown: what the dataset holds, where from, under which terms, what was left out."""
+def dataset_card(recipe: Recipe, scan: Scan, found: ComputedClips, songs: Mapping[str, str]) -> str:
+    """Return the card's Markdown: what the dataset holds, where from, under which terms, what was left out.
+
+    Parameters
+    ----------
+    songs
+        Song of each clip, by the clip's id.
+    """
     splits = sort_splits({c.split for c in found.clips})
     parts = [
         f"# {recipe.name}\n\n{recipe.description or 'Built by dancedata.'}\n",
-        _splits_table(recipe, found.clips, splits),
+        _splits_table(recipe, found.clips, splits, songs),
         _fields_list(recipe),
         _FIRST_LOOK.format(split=splits[0], field=recipe.motion[0].name),
         _source(recipe, scan),
@@ -39,13 +45,15 @@ def dataset_card(recipe: Recipe, scan: Scan, found: ComputedClips) -> str:
     return "\n".join(parts)
 
 
-def _splits_table(recipe: Recipe, clips: Sequence[StoredClip], splits: Sequence[str]) -> str:
+def _splits_table(
+    recipe: Recipe, clips: Sequence[StoredClip], splits: Sequence[str], songs: Mapping[str, str]
+) -> str:
     rows = ["| split | clips | windows | songs | minutes |", "|---|---|---|---|---|"]
     for split in splits:
         mine = [c for c in clips if c.split == split]
         minutes = float(recipe.grid.seconds(sum(c.n_frames for c in mine)) / 60)
-        songs = len({c.music for c in mine})
-        rows.append(f"| {split} | {len(mine)} | {sum(len(c.starts) for c in mine)} | {songs} | {minutes:.1f} |")
+        n_songs = len({songs[c.id] for c in mine if c.id in songs})
+        rows.append(f"| {split} | {len(mine)} | {sum(len(c.starts) for c in mine)} | {n_songs} | {minutes:.1f} |")
     length_s, stride_s = recipe.windows.length_s, recipe.windows.stride_s
     windows = f"Windows of {length_s:g} s every {stride_s:g} s"
     about = f"{windows} at {recipe.grid} frames per second, scope: {recipe.scope}."

@@ -16,6 +16,7 @@ from dancedata.core.plugins import Dataset
 from dancedata.core.quality import implausible_flags, implausible_sides
 from dancedata.core.registry import DATASETS
 from dancedata.core.sides import has_sides
+from dancedata.core.text import listed
 from dancedata.execution.crash_report import named_if_it_crashes
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import run_units
@@ -25,6 +26,7 @@ from dancedata.recipes.fields import MotionField
 from dancedata.recipes.parse import parse_recipe
 from dancedata.store import Problem, Store, open_store, verify_store
 from dancedata.store.schema import DATASET_FILE, is_shard_name
+from dancedata.store.songs import sound_field
 
 #: Frames of a clip whose sides are looked at.
 _FRAMES = 600
@@ -70,11 +72,20 @@ def check(
 
 
 def _implausible(path: Path) -> list[Problem]:
-    """Say which clips of a sound dataset are implausible: by its flags, and by what its motion shows today."""
+    """Say which clips of a sound dataset are implausible, and whether songs could not be compared.
+
+    Clips are judged by the dataset's flags, and by what its motion shows today.
+    """
     with open_store(path) as store:
         flagged = {(row.get("clip"), row.get("kind")) for row in store.quality}
         rows = store.quality + [row for row in _side_rows(store) if (row["clip"], row["kind"]) not in flagged]
-    return [Problem("note", p.clip, f"{p.reason}: {p.detail}") for p in implausible_problems(rows)]
+        notes = [Problem("note", p.clip, f"{p.reason}: {p.detail}") for p in implausible_problems(rows)]
+        audio = [name for name in store.fields if store.field(name).kind == "audio"]
+        if audio and len(store.splits) > 1 and sound_field(store) is None:
+            why = f"{listed(audio)} has no MFCC and chroma, as librosa35 has"
+            message = f"songs of splits were compared by name and samples, not by their sound: {why}"
+            notes.append(Problem("note", str(path), message))
+        return notes
 
 
 def _side_rows(store: Store) -> Iterator[dict[str, Any]]:

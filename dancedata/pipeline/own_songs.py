@@ -16,7 +16,7 @@ import numpy.typing as npt
 from dancedata.audio.signal import load_audio
 from dancedata.core.atomic import atomic_file, write_json
 from dancedata.core.audio_signal import AudioSignal
-from dancedata.core.errors import StoreError, UsageError, did_you_mean
+from dancedata.core.errors import SourceError, StoreError, UsageError, did_you_mean
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import json_sha256
 from dancedata.core.plugins import AudioFeature
@@ -30,8 +30,9 @@ from dancedata.recipes.fields import FeatureJob
 from dancedata.recipes.parse import load_recipe, parse_recipe, recipe_names
 from dancedata.recipes.plugins import make_named
 from dancedata.recipes.recipe import Recipe
-from dancedata.store import open_store
+from dancedata.store import Store, open_store
 from dancedata.store.schema import DATASET_FILE
+from dancedata.store.songs import music_hashes
 
 #: Of a .json beside features: the first frames of a day's windows.
 _MAX_ABOUT_BYTES = 1 << 26
@@ -56,13 +57,33 @@ def find_jobs(feature: str | None, like: str | None) -> list[FeatureJob]:
 
 
 def write_features(
-    songs: Sequence[Path], out: Path, jobs: Sequence[FeatureJob], bpm: float | None, weights: Path | None = None
+    songs: Sequence[Path],
+    out: Path,
+    jobs: Sequence[FeatureJob],
+    bpm: float | None,
+    weights: Path | Sequence[str | Path] = (),
+    *,
+    like: str | None = None,
 ) -> list[dict[str, Any]]:
     """Write OUT/<song>.<feature>.npy and a .json beside it that describes it; returns the content of the JSON files.
 
-    (T, D) in track scope; in window scope (W, L, D), each window by itself as in training. `weights` is the folder of
-    a network's weights, where a feature needs one. Where it fails, nothing is left behind; where it is interrupted,
-    the songs that are done are.
+    (T, D) in track scope; in window scope (W, L, D), each window by itself as in training. Where it fails, nothing is
+    left behind; where it is interrupted, the songs that are done are.
+
+    Parameters
+    ----------
+    bpm
+        Tempo of the songs. None: what the dataset `like` states for a song with the same samples, or else of the same
+        name; without such a song it is estimated.
+    weights
+        Folders of networks' weights: "FIELD=FOLDER", or a folder alone where one feature needs weights.
+    like
+        The dataset that the jobs were found in, see `find_jobs`.
+
+    Raises
+    ------
+    UsageError
+        For songs, weights or a tempo that cannot be used, or if the dataset states several tempos of a song.
     """
     if bpm is not None and not 0 < bpm < float("inf"):
         fix = "without --bpm the tempo is estimated"
@@ -70,21 +91,24 @@ def write_features(
     _check_songs(songs)
     _check_names(songs, out, jobs)
     # Only now: weights are ten gigabytes to hash.
-    jobs = [replace(job, feature=_ready(job.feature, weights)) for job in jobs]
+    dataset = None if like is None else _dataset_like(like)
+    folders = _weights_of([weights] if isinstance(weights, Path) else weights, jobs)
+    jobs = [replace(job, feature=_ready(job, folders.get(job.name), dataset)) for job in jobs]
     _check_signals(songs, jobs)
     written = []
     try:
         with _undone_if_it_fails(out) as new:
             for song in songs:
                 signal = load_audio(song)
+                stated = (bpm, "--bpm") if bpm is not None else _stated_tempo(dataset, signal, song)
                 for job in jobs:
                     path = _rows_file(out, song, job)
                     new.update(p for p in (path, path.with_suffix(".json")) if not p.exists())
                     compute = as_in_builds(job.feature.exact)
-                    computed = compute(_compute, job, signal, bpm, song)
+                    computed = compute(_compute, job, signal, stated[0], song)
                     with atomic_file(path) as temporary, open(temporary, "wb") as file:
                         np.save(file, computed.rows)
-                    about = _about(job, song, signal, computed, bpm, path)
+                    about = _about(job, song, signal, computed, stated, path)
                     write_json(path.with_suffix(".json"), about)
                     written.append(about)
     except OSError as error:
@@ -175,11 +199,62 @@ def _undone_if_it_fails(out: Path) -> Iterator[set[Path]]:
         raise
 
 
-def _ready(feature: AudioFeature, weights: Path | None) -> AudioFeature:
+def _weights_of(given: Sequence[str | Path], jobs: Sequence[FeatureJob]) -> dict[str, Path]:
+    """Return the folder of weights for each feature that is given one; UsageError for what no feature takes."""
+    takers = [job.name for job in jobs if job.feature.with_weights(Path()) is not job.feature]
+    found: dict[str, Path] = {}
+    for text in map(str, given):
+        name, named, folder = text.partition("=")
+        if not named or (name not in takers and Path(text).expanduser().exists()):
+            if len(takers) != 1:
+                problem = "several features take weights, and a folder alone does not name one"
+                allowed = listed(f"{taker}=FOLDER" for taker in takers) or None
+                problem = problem if takers else "no feature here takes weights"
+                raise UsageError(problem, found=f"--weights {text}", allowed=allowed)
+            name, folder = takers[0], text
+        if name not in takers:
+            raise UsageError(
+                f"no feature {name!r} here takes weights", found=f"--weights {text}", fix=did_you_mean(name, takers)
+            )
+        if name in found:
+            raise UsageError(f"--weights names two folders for {name}", found=f"{found[name]} and {folder}")
+        found[name] = Path(folder).expanduser()
+    return found
+
+
+def _ready(job: FeatureJob, weights: Path | None, dataset: Store | None) -> AudioFeature:
     """Return a feature with its weights; those of a dataset are known by their hash, not by their place."""
-    if weights is not None:
-        feature = feature.with_weights(weights)
-    return feature.resolved(Cache(default_cache()).file_sha256)
+    feature = job.feature if weights is None else job.feature.with_weights(weights)
+    try:
+        return feature.resolved(Cache(default_cache()).file_sha256)
+    except (UsageError, SourceError) as error:
+        model = None if dataset is None else dataset.weights.get(job.name)
+        if dataset is not None and model:
+            name = shown(job.name)
+            wanted = f"{name} of {shown(dataset.path)} was computed with {model}: --weights {name}=FOLDER"
+            error.fix = f"{error.fix}. {wanted}" if error.fix else wanted
+        raise
+
+
+def _stated_tempo(dataset: Store | None, signal: AudioSignal, song: Path) -> tuple[float | None, str]:
+    """Return the tempo that a dataset states for a song, beats per minute, and by what the song was recognised.
+
+    None if it states none: then training estimated it too.
+    """
+    if dataset is None:
+        return None, ""
+    hashes = music_hashes(dataset.meta)
+    clips = [clip for clip in dataset.clips if not clip.source]
+    same = {clip.tempo_bpm for clip in clips if signal.sha256.startswith(hashes.get(clip.id, "-"))}
+    tempos, by = (same, "samples") if same else ({c.tempo_bpm for c in clips if c.music == song.stem}, "name")
+    if len(tempos) > 1:
+        raise UsageError(
+            "the dataset states several tempos of this song",
+            where=song,
+            found=listed(sorted("none" if tempo is None else f"{tempo:g} BPM" for tempo in tempos)),
+            fix="set --bpm",
+        )
+    return next(iter(tempos), None), by
 
 
 @dataclass(frozen=True)
@@ -219,8 +294,15 @@ def _windows(job: FeatureJob, signal: AudioSignal, song: Path) -> tuple[npt.NDAr
 
 
 def _about(
-    job: FeatureJob, song: Path, signal: AudioSignal, computed: _Computed, bpm: float | None, path: Path
+    job: FeatureJob,
+    song: Path,
+    signal: AudioSignal,
+    computed: _Computed,
+    stated: tuple[float | None, str],
+    path: Path,
 ) -> dict[str, Any]:
+    bpm, source = stated
+    tempo = computed.estimated_bpm if bpm is None else bpm if job.feature.uses_tempo else None
     return {
         "song": song.name,
         "file": path.name,
@@ -231,8 +313,9 @@ def _about(
         "scope": job.scope,
         "window_starts": computed.starts,
         "start_bpm": bpm,
-        "tempo_bpm": computed.estimated_bpm if bpm is None else bpm if job.feature.uses_tempo else None,
+        "tempo_bpm": tempo,
         "tempo_estimated": computed.estimated_bpm is not None,
+        "tempo_from": None if tempo is None else "estimate" if bpm is None else source,
         "signal_sha256": signal.sha256,
         "columns": list(job.feature.columns.labels),
     }
@@ -248,7 +331,16 @@ def describe_features(out: Path, about: Mapping[str, Any]) -> str:
         return f"{text}; tempo of each window estimated: {min(tempo):.5g} to {max(tempo):.5g} BPM"
     if about["tempo_estimated"]:
         return f"{text}; tempo estimated: {tempo:.5g} BPM (--bpm sets it)"
-    return text
+    known = {
+        "samples": "as the dataset states for this song",
+        "name": "as the dataset states for a song of this name, whose samples are others (--bpm sets it)",
+    }
+    return f"{text}; tempo {tempo:g} BPM, {known[about['tempo_from']]}" if about["tempo_from"] in known else text
+
+
+def _dataset_like(like: str) -> Store | None:
+    """Open the dataset that is named; None for a recipe."""
+    return open_store(like) if (Path(like) / DATASET_FILE).exists() else None
 
 
 def _recipe_like(like: str) -> Recipe:

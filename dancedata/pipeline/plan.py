@@ -107,7 +107,7 @@ class Plan:
                 "clips": len(mine) * copies + len(retimed),
                 "windows": sum(c.n_windows for c in mine) * copies + sum(c.n_windows for c in retimed),
                 "frames": sum(c.n_frames for c in mine) * copies + sum(c.n_frames for c in retimed),
-                "songs": len({c.ref.music for c in mine} | {copy.music for copy in retimed}),
+                "songs": len({c.ref.music for c in mine if c.ref.music}),
             }
         fields = {f.name: {"columns": f.columns.width, "dtype": f.dtype} for f in header_of(self.recipe, {}).fields}
         cached = {name: units.to_json() for name, units in self.cached.items()}

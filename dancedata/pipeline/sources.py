@@ -10,7 +10,7 @@ from typing import Any
 from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import SourceError
 from dancedata.core.hashing import json_sha256
-from dancedata.core.text import is_unicode, quoted
+from dancedata.core.text import counted, is_unicode, listed, quoted
 from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
 from dancedata.execution.threads import exactly
@@ -18,6 +18,7 @@ from dancedata.execution.units import Jobs, run_units
 from dancedata.pipeline.audio import SignalId, identify_audio, known_signal
 from dancedata.pipeline.motion import content_hashes, hash_motion, known_hash
 from dancedata.pipeline.rejects import missing_music
+from dancedata.recipes.documents import document_of
 from dancedata.recipes.recipe import Recipe
 
 
@@ -76,7 +77,13 @@ class Sources:
 
 
 def scan_source(recipe: Recipe, source: Path) -> Scan:
-    """List what the source holds. A dataset that writes its own source computes it as results are computed."""
+    """List what the source holds. A dataset that writes its own source computes it as results are computed.
+
+    Raises
+    ------
+    SourceError
+        If two clips have one id, or clips are kept without the music that the recipe needs.
+    """
     scan = exactly(recipe.dataset.scan, source) if recipe.dataset.generates else recipe.dataset.scan(source)
     known: dict[str, ClipRef] = {}
     for ref in scan.clips:
@@ -88,7 +95,22 @@ def scan_source(recipe: Recipe, source: Path) -> Scan:
                 found=f"{other.motion_path} and {ref.motion_path}",
                 fix="rename one of them; clips of a dataset have different ids",
             )
+    _require_music(recipe, scan)
     return scan
+
+
+def _require_music(recipe: Recipe, scan: Scan) -> None:
+    """Raise SourceError for clips that ``music: optional`` keeps, where the recipe has audio features."""
+    without = [ref.id for ref in scan.clips if ref.audio_path is None]
+    if recipe.audio and without and document_of(recipe.dataset).get("music") == "optional":
+        raise SourceError(
+            "music: optional keeps clips without music, but audio features need the music of every clip",
+            where=f"dataset {recipe.dataset.name}",
+            found=f"{len(without)} of {counted(len(scan.clips), 'clip')} without music: {listed(without)}; "
+            f"audio features {listed(job.name for job in recipe.audio)}",
+            fix="build motion alone: --set 'audio={}'; or leave these clips out: "
+            f"--set dataset.{recipe.dataset.name}.music=required",
+        )
 
 
 def identify(cache: Cache, recipe: Recipe, scan: Scan, *, jobs: Jobs, progress: Progress) -> Sources:

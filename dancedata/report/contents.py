@@ -10,6 +10,7 @@ from dancedata.report.measure import Measured
 from dancedata.report.scales import Scales, music_gaps
 from dancedata.report.tally import Histogram
 from dancedata.store import ClipView
+from dancedata.store.songs import songs_of
 
 __all__ = ["UNKNOWN", "contents", "total_windows"]
 
@@ -26,6 +27,7 @@ def contents(found: Measured, scales: Scales) -> dict[str, Any]:
     """Return the section of the document."""
     store = found.store
     originals = [c for c in store.clips if not c.source]
+    songs = songs_of(store.clips, store.meta)
     tempos = {s: [c.tempo_bpm for c in originals if c.split == s and c.tempo_bpm is not None] for s in store.splits}
     lengths = {s: [float(store.grid.seconds(c.n_frames)) for c in originals if c.split == s] for s in store.splits}
     genres = _windows_by(found, lambda c: c.genre)
@@ -35,7 +37,7 @@ def contents(found: Measured, scales: Scales) -> dict[str, Any]:
         "windows_by_split": _windows_by(found, lambda c: c.split),
         "windows_by_genre": genres,
         "windows_by_dancer": _windows_by(found, lambda c: c.dancer),
-        "windows_by_song": _windows_by(found, lambda c: c.music),
+        "windows_by_song": _windows_by(found, lambda c: songs.get(c.id, "")),
         "alike": [list(names) for names in _alike(genres)],
         "length_s": Histogram.of_values(lengths, scales.length_s).to_json(),
         "tempo_bpm": Histogram.of_values(tempos, scales.tempo_bpm).to_json(),

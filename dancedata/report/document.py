@@ -13,6 +13,7 @@ from dancedata.report.movement import movement, music
 from dancedata.report.scales import Scales
 from dancedata.report.sharing import splits
 from dancedata.store import Store
+from dancedata.store.songs import songs_of
 
 __all__ = ["SCHEMA", "Document", "document"]
 
@@ -63,7 +64,7 @@ def _totals(found: Measured) -> dict[str, Any]:
         "copies": len(clips) - len(originals),
         "windows": total_windows(found),
         "minutes": float(found.store.grid.seconds(sum(c.n_frames for c in originals)) / 60),
-        "songs": len({c.music for c in clips if c.music}),
+        "songs": len(set(songs_of(clips, found.store.meta).values())),
         "dancers": len({c.dancer for c in clips if c.dancer}),
         "genres": len({c.genre for c in clips if c.genre}),
         "left_out": len(found.store.rejects),

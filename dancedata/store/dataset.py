@@ -21,7 +21,7 @@ from dancedata.core.text import shown
 from dancedata.core.windows import WindowGrid
 from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.clip_view import Clips, ClipView
-from dancedata.store.dataset_json import Description
+from dancedata.store.dataset_json import Description, stated_weights
 from dancedata.store.listed_file import FileHash, ListedFile, open_listed, rebuilt_error
 from dancedata.store.locate import RowSpan, locate_stored, locate_view, locate_windows
 from dancedata.store.schema import Field, sort_splits
@@ -397,8 +397,9 @@ class Store:
 
     @property
     def weights(self) -> dict[str, str]:
-        """By field that a network computed: the network's weights and their licence, as its feature stated them."""
-        return self._description.weights
+        """By field that a network computed: name, commit and hash of its weights, and their licence."""
+        stated = {name: stated_weights(self.meta, name) for name in self._fields}
+        return {name: text for name, text in stated.items() if text}
 
     @property
     def stats(self) -> dict[str, Any]:

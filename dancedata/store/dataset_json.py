@@ -254,6 +254,21 @@ def _check_about(document: Mapping[str, Any]) -> None:
         raise ValueError("the notes on the source are not a list of texts")
 
 
+def stated_weights(document: Mapping[str, Any], field: str) -> str:
+    """Return name, commit, hash and licence of the weights that computed a field; "" where none are stated."""
+    about, recipe = document.get("encoders", {}).get(field), document.get("recipe", {}).get("audio")
+    about = about if isinstance(about, Mapping) else {}
+    keys = recipe.get(field) if isinstance(recipe, Mapping) else None
+    hashes = [v for k, v in keys.items() if str(k).endswith("_sha256") and v] if isinstance(keys, Mapping) else []
+    parts = {
+        "": about.get("model"),
+        "revision ": about.get("revision"),
+        "sha256 ": about.get("sha256") or next(iter(hashes), None),
+        "licence: ": about.get("licence"),
+    }
+    return ", ".join(f"{name}{shown(value, 600)}" for name, value in parts.items() if value)
+
+
 def _shard(entry: Mapping[str, Any]) -> ShardEntry:
     file = entry["file"]
     if not isinstance(file, str) or not is_shard_name(file) or Path(file).name != file:

@@ -27,6 +27,7 @@ from dancedata.store.schema import (
 )
 from dancedata.store.shard_plan import ShardPlan, plan_shards
 from dancedata.store.shard_writer import written_shard
+from dancedata.store.songs import songs_of
 from dancedata.store.stats import compute_stats
 from dancedata.store.stored_clip import StoredClip
 
@@ -153,6 +154,7 @@ def _describe(header: StoreHeader, plans: Sequence[ShardPlan], rejects: Sequence
 
 def _count(header: StoreHeader, plans: Sequence[ShardPlan]) -> dict[str, dict[str, int | float]]:
     counts: dict[str, dict[str, int | float]] = {}
+    songs = songs_of([c for p in plans for c in p.clips], header.meta)
     for split in dict.fromkeys(p.split for p in plans):
         clips = [c for p in plans if p.split == split for c in p.clips]
         frames = sum(c.n_frames for c in clips)
@@ -161,7 +163,7 @@ def _count(header: StoreHeader, plans: Sequence[ShardPlan]) -> dict[str, dict[st
             "windows": sum(len(c.starts) for c in clips),
             "frames": frames,
             "hours": float(header.grid.seconds(frames) / 3600),
-            "songs": len({c.music for c in clips if c.music}),
+            "songs": len({songs[c.id] for c in clips if c.id in songs}),
         }
     return counts
 

@@ -283,3 +283,32 @@ def test_channels_are_averaged_as_numpy_does(tmp_path: Path, channels: int) -> N
     samples = np.random.default_rng(channels).uniform(-1, 1, (20_000, channels)).astype(np.float32)
     soundfile.write(tmp_path / "a.wav", samples, 8000, subtype="FLOAT")
     np.testing.assert_array_equal(load_audio(tmp_path / "a.wav").samples, np.mean(samples.T, axis=0))
+
+
+@pytest.mark.parametrize(
+    ("second", "kept"), [("opposite", False), ("nearly", False), ("equal", True), ("other", True)]
+)
+def test_channels_that_cancel_are_rejected(tmp_path: Path, second: str, kept: bool) -> None:
+    """Stereo in antiphase averages to silence, which would be extracted without a word."""
+    rng = np.random.default_rng(0)
+    left, other = rng.normal(0, 0.1, (2, 22_050)).astype(np.float32)
+    right = {"opposite": -left, "nearly": 0.05 * other - left, "equal": left, "other": other}[second]
+    soundfile.write(tmp_path / "a.wav", np.stack([left, right], axis=1), 22_050, "FLOAT")
+    # The mix against that of unrelated channels of the same energy, by hand.
+    mean = (left.astype(np.float64) + right) / 2
+    level = 10 * np.log10(max(1e-30, (mean**2).sum() * 4 / (left.astype(np.float64) ** 2 + right**2).sum()))
+    assert (level >= -20) == kept
+    if kept:
+        np.testing.assert_allclose(load_audio(tmp_path / "a.wav").samples, mean, atol=1e-7)
+        return
+    with pytest.raises(DataError, match="antiphase") as error:
+        load_audio(tmp_path / "a.wav")
+    assert _reason(error) == "antiphase"
+
+
+def test_silence_in_two_channels_and_one_channel_of_two_are_music(tmp_path: Path) -> None:
+    """A silent file stays silent, and music on one channel alone keeps half its level."""
+    tone = np.sin(np.arange(9000) / 9).astype(np.float32)
+    for name, stereo in (("silent", np.zeros((9000, 2))), ("left", np.stack([tone, 0 * tone], axis=1))):
+        soundfile.write(tmp_path / f"{name}.wav", stereo, 22_050, "FLOAT")
+        np.testing.assert_allclose(load_audio(tmp_path / f"{name}.wav").samples, stereo.mean(axis=1), atol=1e-7)

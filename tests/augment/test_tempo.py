@@ -26,7 +26,9 @@ from dancedata.pipeline.part import Part, build_part
 from dancedata.pipeline.plan import make_plan
 from dancedata.recipes.copies import CopySpec
 from dancedata.recipes.parse import parse_recipe
+from dancedata.report.sharing import splits
 from dancedata.store import verify_store
+from dancedata.store.songs import songs_of
 from dancedata.testing.examples import FPS
 
 SPEEDS = [Fraction(4, 5), Fraction(9, 10), Fraction(11, 10), Fraction(5, 4)]
@@ -190,13 +192,20 @@ def test_plan_parts_and_jobs_see_the_same_copies(source: Path, tmp_path: Path) -
     assert shards[0] == shards[1]
     assert all(sha256_file(tmp_path / "a" / s) == sha256_file(tmp_path / "b" / s) for s in shards[0])
     store = dancedata.open(tmp_path / "a")
+    # Stretched copies of a song are no further songs, nor does another split share them.
+    songs = songs_of(store.clips, store.meta)
+    assert all(songs[clip.id] == songs[clip.source] for clip in store.clips if clip.source)
+    assert {split: own["songs"] for split, own in store.meta["counts"].items()} == {
+        split: own["songs"] for split, own in plan["splits"].items()
+    }
+    assert splits(store)["songs"]["counts"]["train"]["train"] == plan["splits"]["train"]["songs"] == 1
     for split, counts in plan["splits"].items():
         mine = [clip for clip in store.clips if clip.split == split]
         assert counts == {
             "clips": len(mine),
             "windows": len(store.windows(split)),
             "frames": sum(clip.n_frames for clip in mine),
-            "songs": len({clip.music for clip in mine}),
+            "songs": len({clip.music for clip in mine if not clip.source}),
         }
     assert json.loads(json.dumps(recipe.document))["augment"]["tempo"] == {"speeds": [1.25], "seed": 0}
 

@@ -9,12 +9,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+import soundfile
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from dancedata.core.clip import Scan
 from dancedata.core.errors import DataError, SourceError, StoreError, UsageError
 from dancedata.core.registry import DATASETS
+from dancedata.datasets._split_rule import SplitRule
 from dancedata.datasets.folder import Folder
 from dancedata.datasets.folder.manifest import COLUMNS, read_manifest
 from dancedata.formats.bvh.joint_names import STYLES
@@ -435,3 +437,31 @@ def test_any_manifest_is_read_or_a_source_error(tmp_path: Path, name: str, head:
         Folder().scan(tmp_path)
     except SourceError as error:
         assert name in str(error)  # noqa: PT017
+
+
+def test_a_split_by_music_keeps_equal_samples_together(source: Path) -> None:
+    """One song under two names and in two formats: by their names alone they would be in two splits."""
+    rule = SplitRule.of({"val": 0.3, "test": 0.3, "by": "music"})
+    names = [f"song{k}" for k in range(20)]
+    first, *_ = names
+    other = next(name for name in names if rule.split(name) != rule.split(first))
+    samples = np.random.default_rng(0).integers(-9000, 9000, 40_000).astype(np.int16)
+    later = samples.copy()
+    later[-1] += 1
+    third = next(name for name in names if name > other and rule.split(name) != rule.split(first))
+    for name, content in ((f"{first}.wav", samples), (f"{other}.flac", samples), (f"{third}.wav", later)):
+        soundfile.write(source / "songs" / name, content, 22_050)
+    files = (f"{first}.wav", f"{other}.flac", f"{third}.wav")
+    rows = [f"c{k},takes/a.npz,songs/{name}" for k, name in enumerate(files)]
+    (source / "songs" / "broken.wav").write_bytes(b"no music")
+    fill = [f"d{name},takes/b.npz,,{name}" for name in names]
+    text = "\n".join(
+        ["id,motion,audio,music", *(f"{row}," for row in rows), *fill, "e,takes/b.npz,songs/broken.wav,"]
+    )
+    manifest(source, text)
+    scan = Folder(fps=30, up="y", unit="m", music="optional", split=rule.document()).scan(source)
+    clips = by_id(scan)
+    assert clips["c0"].split == clips["c1"].split == rule.split(first)
+    assert clips["c2"].split == rule.split(third)
+    assert [clips[name].music for name in ("c0", "c1", "c2")] == [first, other, third]
+    assert f"One song by its samples, grouped as {first}: {other}." in scan.notes

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 from dancedata.cli.text import describe_store
+from dancedata.core.errors import SourceError
 from dancedata.datasets.folder import Folder
 from dancedata.pipeline.build import build
+from dancedata.pipeline.plan import make_plan
 from dancedata.recipes.parse import parse_recipe
 from dancedata.store import open_store, verify_store
 
@@ -136,3 +138,36 @@ def test_what_is_declared_is_part_of_the_key(tmp_path: Path) -> None:
     declare("")
     assert _height(source, tmp_path / "recipe-cm", unit="cm") == pytest.approx(metres, abs=1e-3)
     assert _height(source, tmp_path / "recipe-inch", unit="inch") == pytest.approx(2.54 * metres, abs=1e-3)
+
+
+def test_audio_features_of_clips_that_are_kept_without_music(tmp_path: Path) -> None:
+    """`music: optional` and audio features contradict each other where a clip has no music."""
+    source = tmp_path / "source"
+    Folder().make_example(source)
+    lines = (source / "manifest.csv").read_text().splitlines()
+    place = lines[0].split(",").index("audio")
+    cells = lines[1].split(",")
+    cells[place] = ""
+    (source / "manifest.csv").write_text("\n".join([lines[0], ",".join(cells), *lines[2:]]))
+    document = {
+        "recipe": 1,
+        "name": "own",
+        "dataset": {"folder": {"music": "optional"}},
+        "windows": {"length_s": 2, "stride_s": 1},
+        "motion": {"joints": {}},
+        "audio": {"librosa35": {}},
+    }
+    words = (
+        r"audio features need the music of every clip; found 1 of 3 clips without music: .*librosa35.*--set 'audio"
+    )
+    for run in (
+        lambda: make_plan(parse_recipe(document), source, cache=tmp_path / "cache"),
+        lambda: build(parse_recipe(document), source, tmp_path / "out", cache=tmp_path / "cache"),
+    ):
+        with pytest.raises(SourceError, match=words):
+            run()
+    kept = make_plan(parse_recipe({**document, "audio": {}}), source, cache=tmp_path / "cache").to_json()
+    document["dataset"] = {"folder": {}}
+    left = make_plan(parse_recipe(document), source, cache=tmp_path / "cache").to_json()
+    assert [plan["splits"]["train"]["clips"] for plan in (kept, left)] == [2, 1]
+    assert left["left_out"]["missing_music"] == 1

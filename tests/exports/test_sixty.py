@@ -257,12 +257,21 @@ def test_music_that_ends_before_the_dance(short: tuple[Path, Path], tmp_path: Pa
     assert slow[:, 52].any()
 
 
-def test_unpaired_records_are_drawn_from_a_seed(export, built) -> None:
+def test_unpaired_motion_needs_another_song(export) -> None:
+    """All test clips of the fixture are danced to one song: every pair would be the motion's own."""
+    with pytest.raises(StoreError, match=r"all sequences of test have one song: mBR0"):
+        export("sixty", "fact", unpaired=1)
+
+
+def test_unpaired_records_are_drawn_from_a_seed(export, built, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("dancedata.exports.fact.PARTS", {"train": ("train",), "test": ("train", "val", "test")})
     results = [export("sixty", "fact", name, unpaired=3).path / "data" for name in ("one", "two")]
-    test = [c.id for c in built("sixty").store.clips if c.split != "train"]
-    names = [
-        [r["motion_name"].decode() for p in sorted(out.glob("*testval*")) for r in records(p)] for out in results
-    ]
+    songs = {c.id: c.music for c in built("sixty").store.clips}
+    test = list(songs)
+    found = [[r for p in sorted(out.glob("*testval*")) for r in records(p)] for out in results]
+    names = [[r["motion_name"].decode() for r in one] for one in found]
+    own = [songs[r["motion_name"].decode()] == r["audio_name"].decode() for r in found[0]]
+    assert own.count(True) == len(test)  # the pairs that are meant, and no other
     assert names[0] == names[1]
     assert sorted(names[0]) == sorted(test * 4)
     assert [p.read_bytes() for p in sorted(results[0].iterdir())] == [

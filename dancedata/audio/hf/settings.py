@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 
 from dancedata.audio.hf.model_folder import ModelFolder
 from dancedata.core.columns import Columns, Group
-from dancedata.core.errors import UsageError
+from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.text import quoted
 
 if TYPE_CHECKING:
@@ -19,6 +19,10 @@ if TYPE_CHECKING:
 Layers = int | tuple[int, ...] | str
 _RANGE = re.compile(r"(\d+)\.\.(\d+)")
 _WORDS = ("last", "all", "mean")
+#: Most frames per second of an encoder, or of the spectrogram that it is given (published codecs have up to 150,
+#: spectrograms 100), and most of them in a window of fixed length (Whisper has 3,000): a config of a few bytes could
+#: take all memory.
+MAX_FRAMES_PER_S, MAX_WINDOW_FRAMES = 500, 30_000
 
 
 @dataclass(frozen=True)
@@ -89,17 +93,34 @@ def settings_of(
     UsageError
         A layer that the model does not have, an output that it does not offer, or chunks that it cannot take.
     SourceError
-        The config is of no model that is supported.
+        The config is of no model that is supported, or has more than MAX_FRAMES_PER_S or MAX_WINDOW_FRAMES.
     """
     from dancedata.audio.hf.families import family_of
 
     family = family_of(folder.config, folder.extractor, folder.path)
+    _require_moderate(family, folder.path)
     chosen = _output(family, output)
     found = _layers(family, layers, folder.path) if chosen == "hidden" else _no_layers(family, chosen, layers)
     if layers == "mean":
         reduce = "mean"
     length, overlap = _chunks(family, chunk_s, overlap_s)
     return Settings(folder, family, chosen, found, reduce, length, overlap, resample, normalize)
+
+
+def _require_moderate(family: Family, folder: Path) -> None:
+    """Raise SourceError for a config by which a song would be cut into far more frames than in any model."""
+    rate = family.max_rate
+    in_window = (family.fixed_chunk or 0) * rate / family.sample_rate
+    if rate > MAX_FRAMES_PER_S or in_window > MAX_WINDOW_FRAMES:
+        window = f", {round(in_window):,} of them in a window" if family.fixed_chunk else ""
+        raise SourceError(
+            f"hf: the config of a {family.name} model gives too many frames",
+            where=folder,
+            found=f"{float(rate):,.6g} frames per second{window}",
+            allowed=f"at most {MAX_FRAMES_PER_S} per second, and {MAX_WINDOW_FRAMES:,} in a window of fixed length",
+            fix="check hop_length, the strides and the lengths in config.json and preprocessor_config.json, or fetch "
+            "the model again",
+        )
 
 
 def _output(family: Family, output: str) -> Output:

@@ -51,7 +51,8 @@ class AistPP(Dataset):
     split_dir : folder with your own split files, relative to the source or absolute; no other one is searched.
     ignore : ``list`` leaves out the sequences on the ignore list: the source's ``ignore_list.txt`` (even an
         empty one), else the official list, which is shipped. ``none`` keeps them.
-    music : ``required`` leaves out sequences without music; ``optional`` keeps them, without audio.
+    music : ``required`` leaves out sequences without music; ``optional`` keeps them, for recipes without audio
+        features. With audio features it is an error if there are such sequences.
     """
 
     split: str = field(default="crossmodal", metadata={"scan": True})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
@@ -19,7 +19,7 @@ from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import counted
 from dancedata.datasets._near_music import NearMusic
 from dancedata.datasets._source import AUDIO_SUFFIXES, relative, require_folder
-from dancedata.datasets._split_rule import SplitRule
+from dancedata.datasets._split_rule import SplitRule, same_songs
 from dancedata.datasets.folder.facts import Declared
 from dancedata.datasets.folder.layout import LOOKED_FOR, match_names
 from dancedata.datasets.folder.load import SUFFIXES, Reading, load_motion
@@ -28,6 +28,8 @@ from dancedata.datasets.folder.notes import file_notes, split_note
 from dancedata.datasets.folder.people import split_people
 
 __all__ = ["Folder"]
+
+_WITHOUT_MUSIC = "build motion alone: --set dataset.folder.music=optional --set 'audio={}'"
 
 
 @DATASETS.register("folder")
@@ -58,7 +60,8 @@ class Folder(Dataset):
         (T, 3) with the scale first. Files without the array of the rotation are read as if there were no keys.
     people : "split" makes a clip of each person in files that are divided by people, ``NAME-personID``; "one" reads
         files of one person, and sets others aside.
-    music : "required" leaves out clips without music; "optional" keeps them, without audio.
+    music : "required" leaves out clips without music; "optional" keeps them, for recipes without audio features. With
+        audio features it is an error if there are such clips.
     """
 
     fps: float | str | None = None
@@ -211,7 +214,7 @@ class Folder(Dataset):
             return Reject(
                 "missing_music",
                 clip=name,
-                detail=f"{manifest.name} has no audio for this clip; add it, or set dataset.folder.music=optional",
+                detail=f"{manifest.name} has no audio for this clip; add it, or {_WITHOUT_MUSIC}",
             )
         song = Path(text)
         music = row.get("music") or (song.stem if stems[song.stem] < 2 else song.with_suffix("").as_posix())
@@ -240,7 +243,7 @@ class Folder(Dataset):
                 )
                 rejects.append(Reject("bad_name", clip=name, file=relative(path, source), detail=detail))
             elif audio is None and self.music == "required":
-                detail = f"no {name}.wav, .flac, .mp3 or .ogg; add it, or set dataset.folder.music=optional"
+                detail = f"no {name}.wav, .flac, .mp3 or .ogg; add it, or {_WITHOUT_MUSIC}"
                 file = relative(path, source)
                 rejects.append(Reject("missing_music", clip=name, file=file, detail=detail, music=name, fix=fix))
             else:
@@ -256,7 +259,11 @@ class Folder(Dataset):
     def _split(self, clips: list[ClipRef], given: bool) -> tuple[list[ClipRef], list[str]]:
         """Assign a split to clips without one; returns the note on the splits. `given`: the manifest has splits."""
         if not isinstance(self.split, str):
-            return SplitRule.of(self.split).apply(clips)
+            rule = SplitRule.of(self.split)
+            songs = same_songs(clips) if rule.by == "music" else {}
+            assigned, notes = rule.apply([replace(clip, music=songs.get(clip.music, clip.music)) for clip in clips])
+            notes += [f"One song by its samples, grouped as {first}: {name}." for name, first in songs.items()]
+            return [replace(clip, split=own.split) for clip, own in zip(clips, assigned, strict=True)], notes
         return clips, [split_note(clips, self.split, given)]
 
 

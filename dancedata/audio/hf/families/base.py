@@ -125,6 +125,11 @@ class Family(ABC):
         """Return the columns of one layer, or of an output without layers."""
 
     @property
+    def max_rate(self) -> Fraction:
+        """Frames per second of the densest step: the network's frames, or the spectrogram that it is given."""
+        return self.timing.rate
+
+    @property
     def min_samples(self) -> int:
         """The fewest samples that give a frame."""
         return int(self.timing.hop)

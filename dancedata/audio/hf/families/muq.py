@@ -7,6 +7,7 @@ package ``muq`` needs torchaudio, einops, nnAudio, easydict and x_clip; this nee
 from __future__ import annotations
 
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from dancedata.audio.hf.chunks import Timing
@@ -34,6 +35,11 @@ class MuQ(Family):
     def mel_hop(self) -> int:
         """Samples from one log-mel frame to the next."""
         return self.number("hop_length", default=240)
+
+    @property
+    def max_rate(self) -> Fraction:
+        """Log-mel frames per second."""
+        return Fraction(SAMPLE_RATE, self.mel_hop)
 
     @property
     def strides(self) -> tuple[int, int]:

@@ -41,6 +41,16 @@ class SpectrogramEncoder(Family):
         return self.rate_of_extractor()
 
     @property
+    def mel_hop(self) -> int:
+        """Samples from one log-mel frame to the next."""
+        return 160
+
+    @property
+    def max_rate(self) -> Fraction:
+        """Log-mel frames per second."""
+        return Fraction(self.sample_rate, self.mel_hop)
+
+    @property
     def fixed_chunk(self) -> int | None:
         """Samples of a window."""
         return self.window
@@ -67,18 +77,19 @@ class Whisper(SpectrogramEncoder):
     model_types: ClassVar[tuple[str, ...]] = ("whisper",)
 
     @property
-    def _mel_hop(self) -> int:
+    def mel_hop(self) -> int:
+        """Of the extractor."""
         return self.number("hop_length", of=self.extractor, default=160)
 
     @property
     def window(self) -> int:
         """Two log-mel frames for each position of the encoder."""
-        return 2 * self._mel_hop * self.number("max_source_positions", default=1500)
+        return 2 * self.mel_hop * self.number("max_source_positions", default=1500)
 
     @property
     def timing(self) -> Timing:
         """Frame k is centred on log-mel frame 2k, which is centred on its sample."""
-        return uniform(self.sample_rate, 2 * self._mel_hop, 0)
+        return uniform(self.sample_rate, 2 * self.mel_hop, 0)
 
     @property
     def n_layers(self) -> int:
@@ -101,7 +112,7 @@ class Whisper(SpectrogramEncoder):
         made = WhisperFeatureExtractor(
             feature_size=self.number("num_mel_bins", default=80),
             sampling_rate=self.sample_rate,
-            hop_length=self._mel_hop,
+            hop_length=self.mel_hop,
             n_fft=n_fft,
             chunk_length=1,
         )
@@ -162,12 +173,13 @@ class Ast(SpectrogramEncoder):
     @property
     def window(self) -> int:
         """The samples of max_length log-mel frames."""
-        return (self._mel_frames - 1) * 160 + 400
+        return (self._mel_frames - 1) * self.mel_hop + 400
 
     @property
     def timing(self) -> Timing:
         """A patch is stamped with the middle of the samples that it sees."""
-        return uniform(self.sample_rate, self._step * 160, Fraction((self._patch - 1) * 160 + 400, 2))
+        seen = (self._patch - 1) * self.mel_hop + 400
+        return uniform(self.sample_rate, self._step * self.mel_hop, Fraction(seen, 2))
 
     @property
     def n_layers(self) -> int:
@@ -232,7 +244,8 @@ class Clap(SpectrogramEncoder):
         return {**inner} if isinstance(inner, dict) else dict(self.config)
 
     @property
-    def _mel_hop(self) -> int:
+    def mel_hop(self) -> int:
+        """Of the extractor."""
         return self.number("hop_length", of=self.extractor, default=480)
 
     @property
@@ -257,8 +270,8 @@ class Clap(SpectrogramEncoder):
     def timing(self) -> Timing:
         """Frames of the image, which is the spectrogram stretched from its first to its last frame."""
         width, span = self._image
-        n_mel = self.window // self._mel_hop + 1
-        scale = Fraction((n_mel - 1) * self._mel_hop, width - 1) if n_mel < width else Fraction(self._mel_hop)
+        n_mel = self.window // self.mel_hop + 1
+        scale = Fraction((n_mel - 1) * self.mel_hop, width - 1) if n_mel < width else Fraction(self.mel_hop)
         return Timing(self.sample_rate, span * scale, Fraction(span - 1, 2) * scale)
 
     @property

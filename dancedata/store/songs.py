@@ -1,0 +1,260 @@
+"""Which clips of a dataset share a song: by its name, by its samples, and by features of its sound."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.text import listed, shown
+from dancedata.store.clip_columns import ClipRecord
+from dancedata.store.dataset import Store
+from dancedata.store.schema import Field
+
+Rows = npt.NDArray[np.float32]
+
+#: Two songs of at least this likeness are one recording; docs/report.md has the measurements behind it.
+LIKENESS = 0.74
+#: Least overlap of two songs that are compared, seconds; slow changes, over longer than SLOW_S, do not count.
+_OVERLAP_S, _SLOW_S = 5, 2
+#: Likeness is that of the pieces of PIECE_S seconds at this quantile: a copy is alike everywhere.
+_PIECE_S, _WEAKEST = 0.5, 0.1
+#: Rows per second that are compared, about; pieces with less than this share of the mean energy are silence.
+_RATE, _SILENT = 30, 0.01
+#: Songs whose spectra are held at once, and the most pairs that are compared: some minutes.
+_BLOCK, MAX_PAIRS = 32, 2_000_000
+
+
+def music_hashes(meta: Mapping[str, Any]) -> dict[str, str]:
+    """Return the first digits of the hash of each clip's samples, by clip, as dataset.json records them."""
+    source = meta.get("source")
+    clips = source.get("clips") if isinstance(source, Mapping) else None
+    parts = {clip: str(value).split() for clip, value in clips.items()} if isinstance(clips, Mapping) else {}
+    return {clip: part[1] for clip, part in parts.items() if len(part) == 3 and part[1] != "-"}
+
+
+def songs_of(clips: Sequence[ClipRecord], meta: Mapping[str, Any]) -> dict[str, str]:
+    """Return the song of each clip with music, by the clip's id.
+
+    Clips have one song if its names or its samples are equal. Copies of a clip have the clip's song, at any speed.
+
+    Parameters
+    ----------
+    meta
+        dataset.json, with the hashes of the samples.
+
+    Returns
+    -------
+    dict
+        The song's name; of several names of one song the first by the alphabet, with the others: "blue (also sky)".
+    """
+    from scipy.cluster.hierarchy import DisjointSet
+
+    records, hashes = {clip.id: clip for clip in clips}, music_hashes(meta)
+    same = DisjointSet()
+    keys: dict[str, tuple[str, str]] = {}
+    for clip in clips:
+        origin = records.get(clip.source, clip)
+        known = [(kind, value) for kind, value in (("name", origin.music), ("", hashes.get(origin.id, ""))) if value]
+        for key in known:
+            same.add(key)
+            same.merge(key, known[0])
+        keys |= {clip.id: known[0]} if known else {}
+    names: dict[tuple[str, str], str] = {}
+    for group in same.subsets():
+        first, *others = sorted(value for kind, value in group if kind) or sorted(value for _, value in group)
+        label = f"{first} (also {listed(others, 3)})" if others else first
+        names |= dict.fromkeys(group, label)
+    return {clip: names[key] for clip, key in keys.items()}
+
+
+class AlikeSongs(NamedTuple):
+    """Two songs of different splits that sound as one recording.
+
+    Attributes
+    ----------
+    songs, splits
+        Their names, and the splits that each is in.
+    likeness
+        1 for equal features, about 0 for music that has nothing in common.
+    shift_s
+        Seconds from an instant of the first to the same one of the second.
+    """
+
+    songs: tuple[str, str]
+    splits: tuple[frozenset[str], frozenset[str]]
+    likeness: float
+    shift_s: float
+
+    @property
+    def leaks(self) -> bool:
+        """Whether train is one of the splits that share the recording."""
+        return "train" in self.splits[0] | self.splits[1]
+
+    @property
+    def message(self) -> str:
+        """One sentence, for a check."""
+        both = zip(self.songs, self.splits, strict=True)
+        places = [f"{shown(song)} of {', '.join(sorted(splits))}" for song, splits in both]
+        numbers = f"likeness {self.likeness:.2f} at {self.shift_s:+.2f} s, one recording from {LIKENESS} on"
+        return f"songs of different splits sound alike: {' and '.join(places)} ({numbers})"
+
+
+@dataclass(frozen=True)
+class _Recording:
+    """Rows of a song that are compared: (T, D), each column of mean 0 and deviation 1."""
+
+    song: str
+    splits: frozenset[str]
+    rows: Rows
+
+
+def sound_field(store: Store) -> Field | None:
+    """Return the audio field whose columns show how a song sounds, MFCC and chroma; None without one."""
+    fields = [store.field(name) for name in store.fields if store.field(name).kind == "audio"]
+    return next((f for f in fields if len(_sound_columns(f)) > 12), None)
+
+
+def _sound_columns(field: Field) -> list[int]:
+    """Return MFCC without the first, which is the loudness, and chroma."""
+    columns, every = field.columns, range(field.columns.width)
+    chroma = [column for name in columns.names if name.startswith("chroma") for column in every[columns.slice(name)]]
+    return [*(every[columns.slice("mfcc")][1:] if "mfcc" in columns.names else ()), *chroma]
+
+
+def alike_songs(store: Store, songs: Mapping[str, str]) -> list[AlikeSongs] | None:
+    """Find songs of different splits that sound as one recording, such as a song and its copy as mp3.
+
+    The rows of `sound_field` are compared at the shift of their largest normalised cross-correlation, in pieces of
+    half a second; the likeness is the correlation of the piece at the lowest tenth. Loudness, format, sample rate and
+    silence or cuts at the ends do not matter; at least 5 s have to be in both. Another speed or key is another song.
+
+    Parameters
+    ----------
+    songs
+        See `songs_of`; songs that are known to be one are not compared.
+
+    Returns
+    -------
+    list of AlikeSongs or None
+        By falling likeness; none where no field shows the sound. None: there are more than MAX_PAIRS pairs.
+
+    Raises
+    ------
+    StoreError
+        If rows cannot be read.
+    """
+    splits = defaultdict(set)
+    for clip in store.clips:
+        if clip.id in songs:
+            splits[songs[clip.id]].add(clip.split)
+    field = sound_field(store)
+    if field is None or len(set().union(*splits.values())) < 2:
+        return []
+    hashes = music_hashes(store.meta)
+    chosen: dict[tuple[str, str | None], str] = {}
+    for clip in store.clips:
+        if clip.id in songs and not clip.source:
+            chosen.setdefault((songs[clip.id], hashes.get(clip.id)), clip.id)
+    if len(chosen) * (len(chosen) - 1) // 2 > MAX_PAIRS:
+        return None
+    step = max(1, round(float(field.rate) / _RATE))
+    rate = float(field.rate) / step
+    found = [
+        _Recording(song, frozenset(splits[song]), _comparable(rows[:, _sound_columns(field)], step, rate))
+        for (song, _), rows in zip(chosen, _rows_of(store, list(chosen.values()), field), strict=True)
+    ]
+    return sorted(_alike([r for r in found if len(r.rows) >= _OVERLAP_S * rate], rate), key=lambda a: -a.likeness)
+
+
+def _rows_of(store: Store, clips: Sequence[str], field: Field) -> Iterator[Rows]:
+    """Yield the rows of the songs of clips; in window scope the mean of a clip's windows, each at its place."""
+    if store.scope == "track":
+        yield from (store.read_song(clip, field.name) for clip in clips)
+        return
+    windows = defaultdict(list)
+    for split in store.splits:
+        for window in store.windows(split):
+            windows[window.clip].append(window)
+    for clip in clips:
+        own = windows[clip]
+        first, last = min(w.start for w in own), max(w.start + w.length for w in own)
+        rows = np.zeros((store.grid.rows(last - first, of=field.grid), field.columns.width), dtype=np.float32)
+        count = np.zeros((len(rows), 1), dtype=np.float32)
+        for window in own:
+            begin = store.grid.rows(window.start - first, of=field.grid)
+            part = store.read(window, field.name)
+            rows[begin : begin + len(part)] += part
+            count[begin : begin + len(part)] += 1
+        yield rows / np.maximum(count, 1)
+
+
+def _comparable(rows: npt.NDArray[Any], step: int, rate: float) -> Rows:
+    """Return means of `step` rows, without slow changes, each column divided by its deviation."""
+    count, span = len(rows) // step, int(_SLOW_S * rate) | 1
+    means = rows[: count * step].astype(np.float64).reshape(count, step, -1).mean(axis=1)
+    if count:
+        from scipy.ndimage import uniform_filter1d
+
+        means -= uniform_filter1d(means, span, axis=0, mode="nearest")
+        means -= means.mean(axis=0)
+        means /= np.maximum(means.std(axis=0), 1e-9)
+    return np.asarray(means, dtype=np.float32)
+
+
+def _alike(recordings: Sequence[_Recording], rate: float) -> Iterator[AlikeSongs]:
+    """Yield the pairs of recordings of different splits that reach LIKENESS."""
+    from scipy import fft
+
+    ordered = sorted(recordings, key=lambda r: len(r.rows))
+    place_of = {id(r): k for k, r in enumerate(recordings)}
+    end = 0
+    while end < len(ordered):
+        begin, end = end, min(len(ordered), end + _BLOCK)
+        block = ordered[begin:end]
+        # No recording before these is longer than the longest of them.
+        n = fft.next_fast_len(2 * len(block[-1].rows), real=True)
+        spectra = np.stack([fft.rfft(r.rows, n, axis=0) for r in block])
+        for place, one in enumerate(ordered[: end - 1]):
+            others = [k for k, r in enumerate(block) if begin + k > place and _are_compared(one, r)]
+            if others:
+                spectrum = fft.rfft(one.rows, n, axis=0).conj()
+                products = np.einsum("fd,bfd->bf", spectrum, spectra[others])
+                for k, correlation in zip(others, fft.irfft(products, n), strict=True):
+                    likeness, shift = _likeness(one.rows, block[k].rows, correlation, rate)
+                    if likeness >= LIKENESS:
+                        turned = place_of[id(one)] > place_of[id(block[k])]
+                        a, b, shift = (block[k], one, -shift) if turned else (one, block[k], shift)
+                        yield AlikeSongs((a.song, b.song), (a.splits, b.splits), likeness, shift / rate)
+
+
+def _are_compared(one: _Recording, other: _Recording) -> bool:
+    """Tell whether two recordings are of different songs, and not both in one split alone."""
+    return one.song != other.song and len(one.splits | other.splits) > 1
+
+
+def _likeness(a: Rows, b: Rows, correlation: npt.NDArray[Any], rate: float) -> tuple[float, int]:
+    """Return the likeness of two songs, and the shift in rows from `a` to `b` at which they are most alike.
+
+    Parameters
+    ----------
+    correlation
+        Sum over t of ``a[t] * b[t + shift]`` at index `shift`; negative shifts count from the end.
+    """
+    shifts = np.arange(round(_OVERLAP_S * rate) - len(a), len(b) - round(_OVERLAP_S * rate) + 1)
+    first, last = np.maximum(0, -shifts), np.minimum(len(a), len(b) - shifts)
+    of_a, of_b = (np.concatenate([[0.0], np.cumsum((rows * rows).sum(axis=1))]) for rows in (a, b))
+    energy = (of_a[last] - of_a[first]) * (of_b[last + shifts] - of_b[first + shifts])
+    best = int(np.argmax(correlation[shifts] / np.sqrt(np.maximum(energy, 1e-9))))
+    shift, begin, end = int(shifts[best]), int(first[best]), int(last[best])
+    size = max(1, round(_PIECE_S * rate))
+    end -= (end - begin) % size
+    x, y = (rows.reshape(-1, size * rows.shape[1]) for rows in (a[begin:end], b[begin + shift : end + shift]))
+    energies = (x * x).sum(axis=1), (y * y).sum(axis=1)
+    heard = np.maximum(*energies) > _SILENT * max(float(e.mean()) for e in energies)
+    pieces = (x * y).sum(axis=1)[heard] / np.sqrt(np.maximum(energies[0] * energies[1], 1e-9))[heard]
+    return (float(np.quantile(pieces, _WEAKEST)), shift) if heard.any() else (0.0, 0)

@@ -1,0 +1,146 @@
+"""Songs that splits share under other names: equal samples, and copies in other formats."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+from collections.abc import Callable, Mapping
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+import soundfile
+
+from dancedata.audio.librosa35 import Librosa35
+from dancedata.audio.signal import load_audio
+from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.grid import FrameGrid
+from dancedata.report.sharing import splits
+from dancedata.store import AudioBlock, Field, open_store, verify_store, write_store
+from dancedata.store.songs import LIKENESS, alike_songs, songs_of
+from dancedata.synthetic import synthesise_song
+from dancedata.testing.stores import random_columns, write_random_store
+
+Samples = npt.NDArray[np.float32]
+Split = Mapping[str, Mapping[str, Any]]
+RATE = 48_000
+#: Songs of the demo with the same tempo, drums, key and chords: the most alike of its 1770 pairs of songs.
+CLOSE = ("mBR4", "mJB4")
+
+
+def song(name: str, length_s: float = 12) -> Samples:
+    return synthesise_song(name, length_s=length_s).signal.samples
+
+
+def rows(samples: Samples, rate: int = RATE) -> npt.NDArray[np.float32]:
+    return Librosa35().extract(AudioSignal(samples, rate), FrameGrid.of(30))
+
+
+def as_mp3(samples: Samples, folder: Path, rate: int = RATE) -> Samples:
+    """Encode with about 40 kbit/s of one channel, and decode."""
+    file = folder / "copy.mp3"
+    with soundfile.SoundFile(
+        file, "w", rate, 1, format="MP3", subtype="MPEG_LAYER_III", compression_level=0.9, bitrate_mode="CONSTANT"
+    ) as out:
+        out.write(samples)
+    return load_audio(file).samples
+
+
+@pytest.fixture
+def write(tmp_path: Path) -> Callable[..., Path]:
+    """Return a function that writes a store: by split the songs of its clips, name -> rows of librosa35."""
+
+    def make(songs: Split, hashes: Mapping[str, str] | None = None, scope: Any = "track") -> Path:
+        fields = (
+            Field("pose", "motion", random_columns(3), Fraction(30)),
+            Field("librosa35", "audio", Librosa35().columns, Fraction(30)),
+        )
+        counts = {split: len(own) for split, own in songs.items()}
+        made = write_random_store(
+            tmp_path / "random", clips=counts, fields=fields, n_frames=(240, 240), length=150, scope=scope
+        )
+        clips = []
+        pairs = [(name, audio) for own in songs.values() for name, audio in own.items()]
+        for clip, (name, audio) in zip(made.clips, pairs, strict=True):
+            blocks = (AudioBlock(name, audio),)
+            if scope == "window":
+                blocks = tuple(AudioBlock(f"{name} {s}", audio[s : s + 150]) for s in clip.starts)
+            clips.append(dataclasses.replace(clip, music=name, audio={"librosa35": blocks}))
+        source = {clip.id: f"aaaaaaaaaaaa {hashes[clip.music]} cccccccccccc" for clip in clips} if hashes else {}
+        header = dataclasses.replace(made.header, meta={"source": {"clips": source}})
+        (tmp_path / "store").mkdir()
+        write_store(tmp_path / "store", header, clips)
+        return tmp_path / "store"
+
+    return make
+
+
+def test_one_song_under_two_names_by_its_samples(write: Callable[..., Path]) -> None:
+    noise = np.random.default_rng(0).normal(size=(310, 35)).astype("f4")
+    songs = {"train": {"blue": noise, "red": noise[::-1]}, "val": {"azul": noise}, "test": {"green": -noise}}
+    hashes = {"blue": "b" * 12, "azul": "b" * 12, "red": "-", "green": "d" * 12}
+    path = write(songs, hashes)
+    messages = [str(p) for p in verify_store(path)]
+    assert messages == [f"error: {path}: train and val share songs: azul (also blue)"]
+    with open_store(path) as store:
+        shared = splits(store)["songs"]
+        assert shared["names"] == {"train and val": ["azul (also blue)"]}
+        assert shared["counts"]["train"] == {"train": 2, "val": 1, "test": 0}
+        assert songs_of(store.clips, {}) == {clip.id: clip.music for clip in store.clips}
+
+
+@pytest.mark.parametrize("scope", ["track", "window"])
+def test_a_copy_in_another_format_is_found(write: Callable[..., Path], tmp_path: Path, scope: str) -> None:
+    """An mp3, quieter, with its first second cut off and silence at its end; and a song that is only alike."""
+    first, second = (song(name) for name in CLOSE)
+    copy = as_mp3(np.concatenate([0.3 * first[RATE:], np.zeros(RATE // 2, "f4")]), tmp_path)
+    songs = {"train": {"first": rows(first)}, "test": {"second": rows(second), "copy": rows(copy)}}
+    path = write(songs, scope=scope)
+    (problem,) = verify_store(path)
+    assert problem.severity == "error"
+    assert "sound alike: first of train and copy of test" in problem.message
+    with open_store(path) as store:
+        (pair,) = alike_songs(store, songs_of(store.clips, store.meta))
+        assert abs(pair.shift_s + 1) < 0.1
+        (name,) = splits(store)["songs"]["names"]["train and test"]
+        assert name.startswith("first (sounds as copy, likeness 0.")
+
+
+@pytest.mark.nightly
+def test_the_margins_of_the_likeness(write: Callable[..., Path], tmp_path: Path, monkeypatch: Any) -> None:
+    """Re-encoded, resampled, padded and trimmed copies are above the threshold; the closest songs are below."""
+    from dancedata.audio.signal import resample
+
+    first, second = (song(name) for name in CLOSE)
+    ogg = io.BytesIO()
+    soundfile.write(ogg, first, RATE, format="OGG", subtype="VORBIS")
+    ogg.seek(0)
+    copies = {
+        "mp3": rows(as_mp3(first, tmp_path)),
+        "ogg": rows(soundfile.read(ogg, dtype="float32")[0]),
+        "22 kHz": rows(resample(first, RATE, 22_050), 22_050),
+        "half a row later": rows(np.concatenate([np.zeros(800, "f4"), first])),
+        "3.2 s cut off": rows(first[int(3.217 * RATE) :]),
+    }
+    path = write({"train": {"first": rows(first)}, "test": {"second": rows(second), **copies}})
+    monkeypatch.setattr("dancedata.store.songs.LIKENESS", -1.0)
+    with open_store(path) as store:
+        found = alike_songs(store, songs_of(store.clips, store.meta))
+    likeness = {set(pair.songs).difference({"first"}).pop(): pair.likeness for pair in found}
+    assert min(likeness[name] for name in copies) > LIKENESS + 0.03, likeness
+    assert likeness["second"] < LIKENESS - 0.03, likeness
+
+
+def test_silence_and_short_songs_are_not_alike(write: Callable[..., Path]) -> None:
+    silence, noise = np.zeros((320, 35), "f4"), np.random.default_rng(0).normal(size=(320, 35)).astype("f4")
+    songs = {"train": {"a": silence, "b": noise}, "test": {"c": silence, "d": silence + 1}}
+    assert verify_store(write(songs)) == []
+
+
+def test_songs_of_datasets_without_a_record() -> None:
+    """Foreign documents: no hashes are no errors."""
+    for meta in ({}, {"source": None}, {"source": {"clips": 3}}, {"source": {"clips": {"a": 7, "b": "x y"}}}):
+        assert songs_of([], meta) == {}
