@@ -12,7 +12,7 @@ from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.rotations import Float64Array
 from dancedata.core.text import shown
-from dancedata.exporting.place import require_outside
+from dancedata.exporting.place import require_free
 from dancedata.exporting.sharing import require_shareable
 from dancedata.plot.frames import THEMES, Frames, Theme
 from dancedata.plot.mux import find_ffmpeg, write_mp4
@@ -88,10 +88,12 @@ def write_video(
     >>> plot.write_video("data/demo", "gBR_sBM_cAll_d04_mBR4_ch03", "dance.mp4", source="data/demo-source")
     PosixPath('dance.mp4')
     """
-    target = _target(Path(path), overwrite)
+    target = Path(path)
+    if target.suffix.lower() != ".mp4":
+        raise UsageError("a video is an mp4 file", found=shown(target.name), allowed="a name that ends in .mp4")
     _require_drawable(size, theme)
     ds = store if isinstance(store, Store) else open_store(store)
-    require_outside(target, [ds.path], "video")
+    target = require_free(target, [ds.path], "video", overwrite=overwrite)
     notice = "" if source is None else require_shareable(ds, allowed_by_caller=may_share)
     scenes = Scenes(ds, field)
     item = scenes.find(clip, frame)
@@ -106,17 +108,6 @@ def write_video(
             write_mp4(temporary, frames, size, scene.figure.grid.rate, sound, comment=notice)
     except OSError as error:
         raise StoreError("the video cannot be written", where=target, found=str(error)) from error
-    return target
-
-
-def _target(path: Path, overwrite: bool) -> Path:
-    target = path.expanduser()
-    if target.suffix.lower() != ".mp4":
-        raise UsageError("a video is an mp4 file", found=shown(target.name), allowed="a name that ends in .mp4")
-    if target.is_dir() or not target.absolute().parent.is_dir():
-        raise UsageError("this file cannot be written", where=target, fix="name a file in a folder that is there")
-    if target.exists() and not overwrite:
-        raise UsageError("the file is already there", where=target, fix="choose another name, or add --overwrite")
     return target
 
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from dancedata.core import atomic
 from dancedata.core.errors import StoreError, UsageError
-from dancedata.exporting.place import require_outside
+from dancedata.exporting.place import require_free
 from dancedata.exporting.sharing import require_shareable
 from dancedata.scene import Item, Scenes
 from dancedata.scene.page import PageSound, clip_page
@@ -180,7 +180,7 @@ def export_page(
         If it cannot be written.
     """
     scenes = request.scenes()
-    require_outside(to, [request.path], "page")
+    to = require_free(to, [request.path], "page", overwrite=overwrite)
     item, _ = request.first(scenes)
     sound = None
     if audio:
@@ -191,8 +191,6 @@ def export_page(
         if found is None:
             raise UsageError("the source has no music of this clip", where=request.source, found=item.clip.id)
         sound = PageSound({0: flac(found.signal)}, notice)
-    if to.exists() and not overwrite:
-        raise UsageError("the file is already there", where=to, fix="choose another name, or add --overwrite")
     page = clip_page(scenes, [item], sound=sound)
     try:
         atomic.write_bytes(to, page.encode())

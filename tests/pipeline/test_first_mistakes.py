@@ -432,6 +432,9 @@ def test_features_replace_no_file_of_others(corpus: Path, tmp_path: Path, name: 
     before = (out / "mBR0.librosa35.npy").read_bytes()
     run("features", song, "--out", out, "--bpm", 160)
     assert (out / "mBR0.librosa35.npy").read_bytes() != before
+    (out / "mBR0.librosa35.npy").write_bytes(before)  # others' numbers beside the description of ours
+    assert "move them away" in run("features", song, "--out", out, "--bpm", 120, code=2).output
+    assert (out / "mBR0.librosa35.npy").read_bytes() == before
 
 
 @pytest.mark.parametrize("key", ["counts", "recipe"])
