@@ -22,7 +22,7 @@ from stat import S_ISREG
 from typing import Any
 
 from dancedata.core.atomic import write_json
-from dancedata.core.errors import StoreError, UsageError
+from dancedata.core.errors import StoreError, UsageError, unwritable_name
 from dancedata.core.hashing import json_sha256, sha256_file
 from dancedata.core.locks import writing_lock
 from dancedata.core.staging import MARKER, Layout, discard, is_claimed, mark
@@ -102,6 +102,8 @@ def new_export(out: Path, *, overwrite: bool) -> Iterator[Path]:
         with replaced_export(out, overwrite=overwrite) as new:
             yield new
         made = []
+    except UnicodeEncodeError as error:
+        raise unwritable_name(error) from error
     except OSError as error:
         raise StoreError(
             "the folder of the export cannot be written",

@@ -175,13 +175,17 @@ def export_page(
     Raises
     ------
     UsageError
-        If the file is there or lies inside the dataset, or the licence does not allow the music.
+        If the file is there or lies inside the dataset, the licence does not allow the music, or the request has
+        motion to compare with or a window to loop, which such a page does not show.
     StoreError
         If it cannot be written.
     """
     scenes = request.scenes()
     to = require_free(to, [request.path], "page", overwrite=overwrite)
-    item, _ = request.first(scenes)
+    item, loop = request.first(scenes)
+    if request.compare or loop is not None:
+        what = "motion to compare with" if request.compare else "a window to loop"
+        raise UsageError(f"a page of one clip does not show {what}", fix="leave it out, or look at the page served")
     sound = None
     if audio:
         notice = require_shareable(scenes.store, allowed_by_caller=shared)

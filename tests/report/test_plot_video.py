@@ -135,7 +135,7 @@ def test_without_ffmpeg_there_is_an_error_that_says_how_to_get_it(
     clip = dancedata.open(demo).clips[0].id
     monkeypatch.setattr(mux.shutil, "which", lambda name: None)
     monkeypatch.setitem(__import__("sys").modules, "imageio_ffmpeg", None)
-    with pytest.raises(UsageError, match=r"neither ffmpeg nor imageio-ffmpeg.*dancedata\[video\]"):
+    with pytest.raises(UsageError, match=r"imageio_ffmpeg, which is not installed.*imageio-ffmpeg>"):
         plot.write_video(demo, clip, tmp_path / "a.mp4")
 
 
