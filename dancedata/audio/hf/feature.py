@@ -121,7 +121,8 @@ class HuggingFace(AudioFeature):
     @classmethod
     def make_example(cls, folder: Path) -> HuggingFace:
         """Write a tiny random model in MERT's published layout, and return the feature that uses it. For tests."""
-        from dancedata.audio.hf import write_random_model
+        require("hf", what="the audio feature hf")
+        from dancedata.audio.hf.random_models import write_random_model
 
         write_random_model("mert", folder)
         return cls(model=str(folder), layers=(2,), device="cpu").resolved(sha256_file)
