@@ -9,7 +9,7 @@ import shutil
 import signal
 import subprocess
 from collections.abc import Iterable
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from fractions import Fraction
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -20,6 +20,7 @@ from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.packages import install, load, require
 from dancedata.core.text import shown
+from dancedata.execution.shielded import shielded
 
 __all__ = ["find_ffmpeg", "write_mp4"]
 
@@ -112,16 +113,14 @@ def _run(command: list[str], frames: Iterable[bytes], messages: Path) -> str | N
     """Run ffmpeg; returns what it said where it failed, OSError where it could not write for want of room."""
     # The program is the one that was found, and no argument passes a shell. Its messages go to a file: a pipe that
     # nothing reads would stop it once it is full.
-    with messages.open("wb") as errors:
-        process = subprocess.Popen(  # noqa: S603
-            command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=errors
-        )
-    with process:
-        try:
-            _feed(cast("IO[bytes]", process.stdin), frames)
-        except BaseException:
-            process.kill()
-            raise
+    with messages.open("wb") as errors, ExitStack() as stack:
+        with shielded():  # a signal while it starts would leave it running
+            process = stack.enter_context(
+                subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=errors)  # noqa: S603
+            )
+            stack.callback(process.kill)
+        _feed(cast("IO[bytes]", process.stdin), frames)
+        process.wait()
     if not process.returncode:
         return None
     said = messages.read_bytes().decode(errors="replace").strip()

@@ -192,7 +192,8 @@ def test_a_full_disk_is_not_the_fault_of_ffmpeg(
 
 
 def test_a_signal_leaves_nothing(demo: Path, tmp_path: Path) -> None:
-    _ffmpeg(tmp_path / "bin", "while :; do sleep 0.1; done")  # the pipe fills up, and the command waits
+    # The pipe fills up, and the command waits.
+    _ffmpeg(tmp_path / "bin", f"echo $$ > {tmp_path}/pid; while kill -0 $PPID; do sleep 0.1; done")
     for name in ("out", "tmp"):
         (tmp_path / name).mkdir()
     clip = dancedata.open(demo).clips[0].id
@@ -201,11 +202,12 @@ def test_a_signal_leaves_nothing(demo: Path, tmp_path: Path) -> None:
         env={**os.environ, "PATH": f"{tmp_path / 'bin'}:{os.environ['PATH']}", "TMPDIR": str(tmp_path / "tmp")},
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
-    while process.poll() is None and not list((tmp_path / "tmp").glob("*/messages")):
+    while process.poll() is None and not (tmp_path / "pid").is_file():
         time.sleep(0.01)
     process.terminate()
     printed, said = process.communicate(timeout=60)
     assert (process.returncode, printed, said) == (128 + signal.SIGTERM, "", f"{interrupts.LINE}\n")
+    assert not Path("/proc", (tmp_path / "pid").read_text().strip()).exists()
     assert [list((tmp_path / name).iterdir()) for name in ("out", "tmp")] == [[], []]
 
 
