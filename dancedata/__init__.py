@@ -2,7 +2,7 @@
 
 Motion capture and music go in; what any trainer needs comes out, in one documented HDF5 dataset.
 
-The names in `__all__` are the public list. They are loaded when they are first used.
+The names in `__all__` are the public list, modules among them. They are loaded when they are first used.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ __all__ = [
     "Skeleton",
     "__version__",
     "build",
+    "cache",
     "check",
     "decode",
     "decode_file",
@@ -27,11 +28,19 @@ __all__ = [
     "evaluate",
     "export",
     "extract",
+    "keymotion",
+    "metrics",
     "open",
     "plan",
+    "plot",
+    "readers",
+    "report",
+    "store",
+    "synthetic",
 ]
 
 if TYPE_CHECKING:
+    from dancedata import cache, keymotion, metrics, plot, readers, report, store, synthetic
     from dancedata.api.arrays import encode, extract
     from dancedata.api.commands import build, check, plan
     from dancedata.api.decoding import decode, decode_file
@@ -63,4 +72,5 @@ else:  # type checkers take the imports above, and so find misspelt names
             "open": "dancedata.store.dataset:open_store",
             "plan": "dancedata.api.commands",
         },
+        modules=("cache", "keymotion", "metrics", "plot", "readers", "report", "store", "synthetic"),
     )

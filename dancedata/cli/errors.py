@@ -8,8 +8,8 @@ from typing import Any
 
 import typer
 
-from dancedata.cli.interrupts import EXIT_CODE, is_interrupted
-from dancedata.core.errors import DanceDataError, UsageError
+from dancedata.cli.interrupts import Interrupted, is_interrupted
+from dancedata.core.errors import DanceDataError, UsageError, unwritable_name
 from dancedata.execution.arithmetic import adopt
 
 
@@ -24,12 +24,11 @@ def errors_to_exit_codes(command: Callable[..., None]) -> Callable[..., None]:
         try:
             adopt()
             command(*args, **kwargs)
-        except DanceDataError as error:
+        except (DanceDataError, UnicodeEncodeError) as error:
             if is_interrupted():
-                raise typer.Exit(EXIT_CODE) from None
-            typer.echo(f"error: {error}", err=True)
-            raise typer.Exit(2 if isinstance(error, UsageError) else 1) from None
-        except KeyboardInterrupt:
-            raise typer.Exit(EXIT_CODE) from None
+                raise Interrupted from None
+            found = unwritable_name(error) if isinstance(error, UnicodeEncodeError) else error
+            typer.echo(f"error: {found}", err=True)
+            raise typer.Exit(2 if isinstance(found, UsageError) else 1) from None
 
     return run

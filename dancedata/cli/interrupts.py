@@ -1,4 +1,4 @@
-"""Ctrl-C ends a command with one line and exit code 130, whatever it is doing."""
+"""Ctrl-C and SIGTERM end a command with one line and exit code 130 or 143, whatever it is doing."""
 
 from __future__ import annotations
 
@@ -10,15 +10,16 @@ import warnings
 from collections.abc import Callable
 from types import FrameType
 
-EXIT_CODE = 130
+#: Signals that end a command in order, as batch systems and `timeout` send the second. Exit code: 128 and the number.
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
 LINE = "interrupted; run the same command again to go on"
-#: Seconds within which a second SIGINT counts as the first: what is half done is being put in order.
+#: Seconds within which a second signal counts as the first: what is half done is being put in order.
 PATIENCE_S = 1.0
 _RETRY_S = 0.05
 
 
 class Interrupted(KeyboardInterrupt):
-    """Ctrl-C.
+    """Ctrl-C, or SIGTERM.
 
     A class of its own: where a plain KeyboardInterrupt meets code that was made from text, as dataclasses are, Python
     ends by the signal whatever the exit code is.
@@ -26,10 +27,10 @@ class Interrupted(KeyboardInterrupt):
 
 
 class _Handler:
-    """Raises `Interrupted` at SIGINT."""
+    """Raises `Interrupted` at one of `SIGNALS`."""
 
     def __init__(self) -> None:
-        self.received = False
+        self.received = 0
         self._is_over = False
         self._last = -PATIENCE_S
 
@@ -37,34 +38,36 @@ class _Handler:
         now = time.monotonic()
         if self._is_over or now - self._last < PATIENCE_S:
             return
-        self.received, self._last = True, now
+        self.received, self._last = number, now
         # What an end in the middle does to threads and libraries is not worth a line.
         warnings.simplefilter("ignore")
         threading.excepthook = lambda _: None
         sys.unraisablehook = self._unraisable
         raise Interrupted
 
-    def end(self) -> bool:
-        """Let the command be over, and ignore SIGINT from here on; tell whether it was interrupted."""
+    def end(self) -> int:
+        """Let the command be over, and ignore SIGINT from here on; return the signal that came, 0 for none."""
         self._is_over = True
         # Python gives signals back before it ends.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
         return self.received
 
     def _unraisable(self, unraisable: sys.UnraisableHookArgs) -> None:
         """Try again, where the exception came up in a place that passes none on, such as a destructor."""
         if issubclass(unraisable.exc_type, KeyboardInterrupt) and not self._is_over:
             self._last = -PATIENCE_S
-            again = threading.Timer(_RETRY_S, signal.raise_signal, (signal.SIGINT,))
+            again = threading.Timer(_RETRY_S, signal.raise_signal, (self.received,))
             again.daemon = True
             again.start()
 
 
 def run(command: Callable[[], None]) -> None:
-    """Run a command that ends with SystemExit; where SIGINT ends it, print one line and exit with 130."""
+    """Run a command that ends with SystemExit; where a signal ends it, print one line and exit with 130 or 143."""
     handler = _Handler()
-    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:  # as under nohup
-        signal.signal(signal.SIGINT, handler)
+    for number in SIGNALS:
+        if signal.getsignal(number) is not signal.SIG_IGN:  # as SIGINT is under nohup
+            signal.signal(number, handler)
     try:
         command()
     except SystemExit as end:
@@ -73,11 +76,11 @@ def run(command: Callable[[], None]) -> None:
     except BaseException:
         if not handler.end():
             raise
-    if handler.end():
+    if received := handler.end():
         print(LINE, file=sys.stderr, flush=True)
-        raise SystemExit(EXIT_CODE)
+        raise SystemExit(128 + received)
 
 
 def is_interrupted() -> bool:
     """Tell whether this process was told to end: errors are then a consequence."""
-    return bool(getattr(signal.getsignal(signal.SIGINT), "received", False))
+    return any(getattr(signal.getsignal(number), "received", 0) for number in SIGNALS)

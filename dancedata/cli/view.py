@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
 
@@ -49,13 +50,15 @@ def view(
     if audio not in ("none", "embed"):
         raise UsageError("invalid value for --audio", found=audio, allowed="none, embed")
     if video is not None:
-        _write_video(store, clip, video, field, source, embed=audio == "embed", shared=share, overwrite=overwrite)
+        _require_served({"--compare": compare, "--window": window, "--export": export}, "--video")
+        _write_video(store, clip, video, field, source, at, embed=audio == "embed", shared=share, overwrite=overwrite)
         return
     request = ViewRequest(
         store, clip, field, source, tuple(compare or ()), compare_as, normalized, fps, up, unit, at, window, scaler,
         clip_to_range,
     )  # fmt: skip
     if export is not None:
+        _require_served({"--compare": compare, "--at": at or None}, "--export")
         made = export_page(request, export, audio=audio == "embed", shared=share, overwrite=overwrite)
         typer.echo(str(made))
         return
@@ -66,9 +69,19 @@ def view(
     serve(request, port=port, browser=not no_browser, say=typer.echo)
 
 
+def _require_served(options: Mapping[str, object], output: str) -> None:
+    """Raise UsageError for options that a file would not show."""
+    named = [name for name, value in options.items() if value not in (None, [])]
+    if named:
+        wrong = f"{' and '.join(named)} would have no effect with {output}"
+        raise UsageError(
+            wrong, fix=f"leave {output} out and look at the page that is served, or leave out the others"
+        )
+
+
 def _write_video(
-    store: Path, clip: str, video: Path, field: str | None, source: Path | None, *, embed: bool, shared: bool,
-    overwrite: bool,
+    store: Path, clip: str, video: Path, field: str | None, source: Path | None, at: float, *, embed: bool,
+    shared: bool, overwrite: bool,
 ) -> None:  # fmt: skip
     from dancedata.plot.video import write_video
 
@@ -77,6 +90,9 @@ def _write_video(
     if embed and source is None:
         raise UsageError("the music is needed", fix="name the folder with it: --source DIR")
     music = source if embed else None
-    typer.echo(str(write_video(store, clip, video, source=music, field=field, may_share=shared, overwrite=overwrite)))
+    made = write_video(
+        store, clip, video, source=music, field=field, start_s=at, may_share=shared, overwrite=overwrite
+    )
+    typer.echo(str(made))
     if not embed:
         typer.echo("  without sound; with the clip's music: --source DIR --audio embed")

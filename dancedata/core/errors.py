@@ -12,6 +12,7 @@ from dancedata.core.text import listed, printable, shown
 _MAX_WHERE = 4400
 #: Most characters of every other part of a message; lists of all problems of a recipe are the longest.
 _MAX_PART = 20_000
+_COMMANDS = {"dancedata", "ffmpeg", "mv", "pip"}
 #: Most known names in a message: all joints of a skeleton, but not all clips of a dataset.
 _LISTED = 60
 
@@ -64,7 +65,7 @@ class DanceDataError(Exception):
             fix = self._part(self.fix, _MAX_PART, self.lines)
             # Capitalised as a sentence, unless it begins with a file name, key or command.
             first = fix.split(maxsplit=1)[0]
-            fix = f"{fix[:1].upper()}{fix[1:]}" if first.rstrip(",:").isalpha() and first != "dancedata" else fix
+            fix = f"{fix[:1].upper()}{fix[1:]}" if first.rstrip(",:").isalpha() and first not in _COMMANDS else fix
             # After a list with one entry per line it has a line of its own.
             text += fix if text.endswith("\n") else f". {fix}"
         return text
@@ -101,6 +102,15 @@ class SourceError(DanceDataError):
 
 class StoreError(DanceDataError):
     """A built dataset is missing, incomplete, damaged, or of another version or recipe."""
+
+
+def unwritable_name(error: UnicodeEncodeError) -> StoreError:
+    """Return the error for a name that Python cannot write: that of a file, where the locale is not UTF-8."""
+    return StoreError(
+        f"a name cannot be written in this locale, whose encoding is {error.encoding}",
+        found=shown(error.object),
+        fix="run it in a UTF-8 locale (LC_ALL=C.UTF-8), or set PYTHONUTF8=1",
+    )
 
 
 class DataError(DanceDataError):

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from importlib import import_module
 from typing import Any
 
 
 def lazy_names(
-    package: str, homes: Mapping[str, str], *, without_torch: str = ""
+    package: str, homes: Mapping[str, str], *, modules: Collection[str] = (), extra: str = "", instead: str = ""
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
     """Return a package's ``__getattr__`` and ``__dir__`` (PEP 562).
 
@@ -21,27 +21,30 @@ def lazy_names(
         Its ``__name__``.
     homes
         Name -> module that has it, or "module:name" where it is called otherwise there.
-    without_torch
-        For names that need torch: what to use without it. Where torch is not installed, ``__getattr__`` raises
-        ImportError with this text.
+    modules
+        Names of subpackages and modules.
+    extra, instead
+        The extra of dancedata that the names need, and what to use without it; for MissingPackageError.
     """
 
     def get(name: str) -> Any:
+        if name in modules:
+            return import_module(f"{package}.{name}")
         if name not in homes:
-            message = f"module {package!r} has no attribute {name!r}; it has {', '.join(homes)}"
+            message = f"module {package!r} has no attribute {name!r}; it has {', '.join([*homes, *modules])}"
             raise AttributeError(message, name=name, obj=sys.modules[package])
         module, _, attribute = homes[name].partition(":")
         try:
             return getattr(import_module(module), attribute or name)
-        except ModuleNotFoundError as error:
-            if not without_torch or error.name is None or error.name.split(".")[0] != "torch":
-                raise
-            raise ImportError(
-                f"{package}.{name} needs torch, which is not installed here: pip install 'dancedata[torch]'. "
-                f"{without_torch}"
-            ) from error
+        except ModuleNotFoundError:
+            if extra:
+                from dancedata.core.packages import require
+
+                require(extra, what=f"{package}.{name}", instead=instead)
+            raise
 
     def names() -> list[str]:
-        return sorted({*vars(sys.modules[package]), *homes})
+        own = vars(sys.modules[package])
+        return sorted(own.get("__all__", {*own, *homes, *modules}))
 
     return get, names

@@ -8,6 +8,7 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path, PurePath
+from shlex import quote
 
 from dancedata.core.errors import SourceError
 from dancedata.datasets._source import AUDIO_SUFFIXES, list_folder, relative
@@ -46,7 +47,7 @@ class NearMusic:
         self._names_left = _MAX_NAMES
 
     def fix(self, *expected: str) -> str:
-        """Return the fix for missing music, "" if no file has a similar name.
+        """Return the fix for missing music as a line of a script, "" if no file has a similar name.
 
         Parameters
         ----------
@@ -68,10 +69,10 @@ class NearMusic:
             return ""
         # Of several, one in a readable format, then the most similar one.
         *_, path, target = min(found)
-        suffix, do = path.suffix.lower(), "rename"
+        suffix, do = path.suffix.lower(), "mv -n"
         if suffix not in AUDIO_SUFFIXES:
-            suffix, do = AUDIO_SUFFIXES[0], "convert"
-        return f"{do} {relative(path, self.source)} to {target}{suffix}"
+            suffix, do = AUDIO_SUFFIXES[0], "ffmpeg -n -i"
+        return f"{do} {quote(relative(path, self.source))} {quote(target + suffix)}"
 
     @cached_property
     def _files(self) -> list[tuple[Path, _Name, bool]]:

@@ -6,8 +6,9 @@ import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from dancedata.core.packages import requirements
 from dancedata.doctor.finding import Finding, failed
-from dancedata.doctor.packages import check_extras, check_packages, check_python, requirements
+from dancedata.doctor.packages import check_extras, check_packages, check_python
 
 Check = Callable[[], Iterator[Finding]]
 

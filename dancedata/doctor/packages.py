@@ -10,6 +10,7 @@ import sys
 from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
+from dancedata.core.packages import install, needed_by
 from dancedata.core.version import __version__
 from dancedata.doctor.finding import Finding, failed, note, ok
 
@@ -24,10 +25,11 @@ EXTRAS = {
     "beats": "beats and downbeats by a network",
     "dask": "builds on a cluster",
     "smpl": "body models by smplx",
-    "report": "reports",
+    "report": "figures of motion and features",
+    "video": "videos of clips",
 }
 #: Modules of distributions that have another name.
-_MODULES = {"dask": "distributed", "pyyaml": "yaml"}
+_MODULES = {"dask": "distributed", "pyyaml": "yaml", "imageio-ffmpeg": "imageio_ffmpeg", "pillow": "PIL"}
 _IMPORT_S = 120
 # Each in turn, in one process: a package that crashes ends this process, and the last name is that of the package.
 _IMPORT = """
@@ -46,14 +48,6 @@ for name in json.loads(sys.argv[1]):
 """
 
 
-def requirements() -> tuple[str, ...]:
-    """Return what the installed distribution requires, as in its metadata; empty if it is not installed as one."""
-    try:
-        return tuple(importlib.metadata.requires("dancedata") or ())
-    except importlib.metadata.PackageNotFoundError:
-        return ()
-
-
 def check_python() -> Iterator[Finding]:
     """Compare Python's version with those that dancedata is for."""
     text = f"{platform.python_version()} at {sys.executable}; dancedata {__version__}"
@@ -66,7 +60,7 @@ def check_python() -> Iterator[Finding]:
 
 def check_packages(required: Sequence[str]) -> Iterator[Finding]:
     """Compare the versions of the packages that dancedata cannot do without."""
-    needed = [r for r in _parsed(required) if r.marker is None or r.marker.evaluate({"extra": ""})]
+    needed = needed_by("", required)
     if not needed:
         fix = "install it with pip install ., or with pip install -e . in a checkout"
         yield note("packages", "dancedata is not installed as a distribution, so that its needs are unknown", fix)
@@ -80,22 +74,21 @@ def check_packages(required: Sequence[str]) -> Iterator[Finding]:
 
 def check_extras(required: Sequence[str]) -> Iterator[Finding]:
     """Compare and import the packages of every extra: a line for each."""
-    parsed = _parsed(required)
-    members = {extra: [r for r in parsed if _is_of(r, extra)] for extra in EXTRAS}
+    members = {extra: needed_by(extra, required) for extra in EXTRAS}
     members = {extra: needed for extra, needed in members.items() if needed}
     present = {extra: not any(_is_missing(r) for r in needed) for extra, needed in members.items()}
     wanted = [r for extra, needed in members.items() if present[extra] for r in needed]
     broken = import_problems(dict.fromkeys(_MODULES.get(r.name, r.name) for r in wanted))
     for extra, needed in members.items():
-        name, install = f"extra {extra}", f"pip install 'dancedata[{extra}]'"
+        name, command = f"extra {extra}", install(extra, required)
         if not present[extra]:
             missing = ", ".join(r.name for r in needed if _is_missing(r))
-            yield note(name, f"not installed ({missing}); it is for {EXTRAS[extra]}", install)
+            yield note(name, f"not installed ({missing}); it is for {EXTRAS[extra]}", command)
             continue
         problems = _problems(needed)
         problems += [f"{m}: {p}" for m in (_MODULES.get(r.name, r.name) for r in needed) if (p := broken.get(m))]
         if problems:
-            yield failed(name, "; ".join(problems), f"{install} with the versions of constraints.txt")
+            yield failed(name, "; ".join(problems), f"{command} with the versions of constraints.txt")
         else:
             yield ok(name, ", ".join(f"{r.name} {importlib.metadata.version(r.name)}" for r in needed))
 
@@ -133,19 +126,6 @@ def _fits(allowed: str, version: str) -> bool:
     from packaging.specifiers import SpecifierSet
 
     return SpecifierSet(allowed).contains(version, prereleases=True)
-
-
-def _parsed(required: Sequence[str]) -> list[Requirement]:
-    from packaging.requirements import Requirement
-
-    return [Requirement(text) for text in required]
-
-
-def _is_of(requirement: Requirement, extra: str) -> bool:
-    marker = requirement.marker
-    if marker is None or requirement.name == "dancedata":
-        return False
-    return marker.evaluate({"extra": extra}) and not marker.evaluate({"extra": ""})
 
 
 def _is_missing(requirement: Requirement) -> bool:

@@ -12,21 +12,24 @@ from contextlib import contextmanager
 def shielded() -> Iterator[None]:
     """Start processes within the context: they never receive SIGINT; this process receives it when the context ends.
 
+    SIGTERM, which is sent to one process, reaches this one then too.
+
     A terminal sends SIGINT to all processes of a command. A child that is starting would print a traceback, and an
     exception in the parent while it starts one leaves the child waiting for input.
     """
     received: list[int] = []
     in_main = threading.current_thread() is threading.main_thread()
-    before = signal.getsignal(signal.SIGINT)
-    if in_main and before is not None:
-        signal.signal(signal.SIGINT, lambda number, _: received.append(number))
+    # A handler that is not Python's is None, and stays.
+    before = {n: signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM) if in_main and signal.getsignal(n)}
+    for number in before:
+        signal.signal(number, lambda number, _: received.append(number))
     # Unlike handlers, the mask is inherited.
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-        if in_main and before is not None:
-            signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
         if received:
-            signal.raise_signal(signal.SIGINT)
+            signal.raise_signal(received[0])

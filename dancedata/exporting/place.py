@@ -21,13 +21,15 @@ from pathlib import Path
 from stat import S_ISREG
 from typing import Any
 
-from dancedata.core.errors import StoreError, UsageError
+from dancedata.core.atomic import write_json
+from dancedata.core.errors import StoreError, UsageError, unwritable_name
 from dancedata.core.hashing import json_sha256, sha256_file
 from dancedata.core.locks import writing_lock
 from dancedata.core.staging import MARKER, Layout, discard, is_claimed, mark
 from dancedata.core.strict_json import read_json
 from dancedata.core.swap import Swap
 from dancedata.core.text import listed
+from dancedata.exporting.folder import ExportFolder
 
 #: The file of a finished export that says what it is.
 ABOUT = "export.json"
@@ -54,15 +56,34 @@ def read_about(folder: Path) -> dict[str, Any] | None:
     return about if about.get("self_sha256") == self_hash(about) else None
 
 
-def require_outside(path: Path, stores: Iterable[Path], what: str) -> None:
-    """Raise UsageError for a file that would be written into one of the datasets."""
-    for store in stores:
-        if path.expanduser().resolve().is_relative_to(store.expanduser().resolve()):
-            raise UsageError(
-                f"a {what} is not written into a dataset, whose files are listed",
-                where=path,
-                fix="choose a file outside of the dataset",
-            )
+def write_about(folder: ExportFolder, about: Mapping[str, Any]) -> None:
+    """Write export.json, the last file of a folder: what it is, and the size and hash of its files."""
+    files = {name: [file.size, file.sha256] for name, file in sorted(folder.files.items())}
+    listing = {**about, "files": files}
+    write_json(folder.path / ABOUT, {**listing, "self_sha256": self_hash(listing)})
+
+
+def require_free(path: Path, stores: Iterable[Path], what: str, *, overwrite: bool) -> Path:
+    """Return the path of a file to write, without "~".
+
+    Raises
+    ------
+    UsageError
+        If it lies inside one of the datasets, is a folder or in none, or is there and not to be replaced.
+    """
+    path = path.expanduser()
+    if any(path.resolve().is_relative_to(store.expanduser().resolve()) for store in stores):
+        raise UsageError(
+            f"a {what} is not written into a dataset, whose files are listed",
+            where=path,
+            fix="choose a file outside of the dataset",
+        )
+    if path.is_dir() or not path.absolute().parent.is_dir():
+        problem = "this is a folder" if path.is_dir() else "the folder of this file does not exist"
+        raise UsageError(problem, where=path, fix="name a file in a folder that exists")
+    if os.path.lexists(path) and not overwrite:
+        raise UsageError("the file is already there", where=path, fix="choose another name, or add --overwrite")
+    return path
 
 
 @contextmanager
@@ -78,13 +99,11 @@ def new_export(out: Path, *, overwrite: bool) -> Iterator[Path]:
     made = [folder for folder in (out.parent, *out.parent.parents) if not folder.exists()]
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
-        with writing_lock(out, "export"):
-            _SWAP.put_right(out)
-            _check(out, overwrite)
-            _SWAP.tidy(out)
-            with _SWAP.swapped(out, partial(_check, out, overwrite)) as new:
-                yield new
+        with replaced_export(out, overwrite=overwrite) as new:
+            yield new
         made = []
+    except UnicodeEncodeError as error:
+        raise unwritable_name(error) from error
     except OSError as error:
         raise StoreError(
             "the folder of the export cannot be written",
@@ -98,6 +117,17 @@ def new_export(out: Path, *, overwrite: bool) -> Iterator[Path]:
                 folder.rmdir()
 
 
+@contextmanager
+def replaced_export(out: Path, *, overwrite: bool) -> Iterator[Path]:
+    """Give a folder to fill as `new_export` does, but raise OSError where nothing can be written."""
+    with writing_lock(out, "export"):
+        _SWAP.put_right(out)
+        _check(out, overwrite)
+        _SWAP.tidy(out)
+        with _SWAP.swapped(out, partial(_check, out, overwrite)) as new:
+            yield new
+
+
 def _check(out: Path, overwrite: bool) -> None:
     if not os.path.lexists(out):
         return
@@ -108,7 +138,7 @@ def _check(out: Path, overwrite: bool) -> None:
     about = read_about(out)
     what, changed = "that are not an export's", sorted(p.name for p in out.iterdir())
     if about is not None:
-        what, changed = "that were added or changed since it was exported", _foreign(out, about["files"])
+        what, changed = "that were added or changed since it was exported", foreign_files(out, about["files"])
     if changed:
         raise StoreError(
             f"the folder of the export holds files {what}",
@@ -126,7 +156,7 @@ def _check(out: Path, overwrite: bool) -> None:
         )
 
 
-def _foreign(folder: Path, files: Mapping[str, Any]) -> list[str]:
+def foreign_files(folder: Path, files: Mapping[str, Any]) -> list[str]:
     """Return the files of a folder that its export.json does not list, or that have changed.
 
     A file of the listed size has not changed if it is no younger than export.json, which was written last; the hashes
@@ -152,10 +182,10 @@ def _is_whole(folder: Path) -> bool:
     return read_about(folder) is not None and not is_claimed(folder)
 
 
-def _remove(folder: Path) -> None:
+def remove_export(folder: Path) -> None:
     """Remove what is proved to be ours: an unfinished folder, or the listed files of an export."""
     about = read_about(folder)
-    if is_claimed(folder) or (about is not None and not _foreign(folder, about["files"])):
+    if is_claimed(folder) or (about is not None and not foreign_files(folder, about["files"])):
         with suppress(OSError):
             _erase(folder)
     else:
@@ -178,4 +208,4 @@ def _erase(folder: Path) -> None:
 
 #: A folder in which a killed process had not yet said that it is ours: nothing in it, or a temporary file.
 _JUST_MADE = Layout(ABOUT, lambda _: False, lambda _: False)
-_SWAP = Swap("export-", _is_whole, _remove)
+_SWAP = Swap("export-", _is_whole, remove_export)

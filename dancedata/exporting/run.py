@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dancedata.core.atomic import write_json
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.plugins import Export
 from dancedata.core.text import counted, listed, quoted, shown
@@ -18,7 +17,7 @@ from dancedata.execution.progress import Progress
 from dancedata.exporting.folder import ExportFolder
 from dancedata.exporting.job import ExportJob, Lack
 from dancedata.exporting.music import is_source
-from dancedata.exporting.place import ABOUT, README, new_export, read_about, self_hash
+from dancedata.exporting.place import README, new_export, read_about, write_about
 from dancedata.exporting.readme import licence_text, readme_text
 from dancedata.recipes.documents import document_of
 from dancedata.store import open_store
@@ -154,6 +153,5 @@ def _finish(target: Export, job: ExportJob, folder: ExportFolder) -> None:
         "clips": {split: len(job.clips(split)) for split in job.store.splits},
         "licence": job.store.meta.get("licence"),
         "notes": list(folder.notes),
-        "files": {name: [file.size, file.sha256] for name, file in sorted(folder.files.items())},
     }
-    write_json(folder.path / ABOUT, {**about, "self_sha256": self_hash(about)})
+    write_about(folder, about)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from importlib.util import find_spec
 from shlex import quote
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
 
+from dancedata.core.packages import MissingPackageError, require
 from dancedata.core.plugins import Export
 from dancedata.core.registry import EXPORTS
 from dancedata.core.text import listed
@@ -89,10 +89,10 @@ class Lodge(Export):
             lacks.append(Lack(f"clips without one of the 16 genres: {listed(unknown)}", fix))
         if self.scaler == "train" and "train" not in job.store.splits:
             lacks.append(Lack("the dataset has no split train to fit the normaliser on", "--scaler all"))
-        if find_spec("torch") is None:
-            lacks.append(
-                Lack("torch is not installed, which writes Normalizer.pth", "pip install 'dancedata[torch]'")
-            )
+        try:
+            require("torch", what="Normalizer.pth")
+        except MissingPackageError as error:
+            lacks.append(Lack(error.problem, str(error.fix)))
         return lacks
 
     def write(self, job: ExportJob, folder: ExportFolder) -> None:

@@ -18,7 +18,7 @@ from dancedata.core.atomic import atomic_file, write_json
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import SourceError, StoreError, UsageError, did_you_mean
 from dancedata.core.grid import FrameGrid
-from dancedata.core.hashing import json_sha256
+from dancedata.core.hashing import json_sha256, sha256_file
 from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
 from dancedata.core.strict_json import read_json
@@ -148,15 +148,18 @@ def _rows_file(out: Path, song: Path, job: FeatureJob) -> Path:
 
 
 def _is_free(path: Path) -> bool:
-    """Tell whether features may be written to a path: nothing is there, or features with what is said of them."""
+    """Tell whether features may be written to a path: nothing is there, or the features that the .json describes."""
     about = path.with_suffix(".json")
     if not os.path.lexists(about):
         return not os.path.lexists(path)
     try:
         found = read_json(about, _MAX_ABOUT_BYTES)
+        if not isinstance(found, dict) or found.get("file") != path.name or "signal_sha256" not in found:
+            return False
+        # Those of earlier versions have no hash of the file.
+        return "sha256" not in found or not os.path.lexists(path) or sha256_file(path) == found["sha256"]
     except (OSError, ValueError):
         return False
-    return isinstance(found, dict) and found.get("file") == path.name and "signal_sha256" in found
 
 
 def _not_a_song(folder: Path) -> UsageError:
@@ -306,6 +309,7 @@ def _about(
     return {
         "song": song.name,
         "file": path.name,
+        "sha256": sha256_file(path),
         "feature": {job.name: job.document()},
         "shape": list(computed.rows.shape),
         "dtype": str(computed.rows.dtype),

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from dancedata.core.packages import load
 from dancedata.core.rotations import Float64Array
 from dancedata.core.text import shown
 from dancedata.plot.camera import Camera
-from dancedata.plot.optional import require
 from dancedata.plot.timeline import FINER, TIMELINE, Timeline, text_font
 from dancedata.scene import Figure, Scene
 
@@ -75,7 +75,7 @@ class Frames:
         time = float(self.times[number])
         picture = self._empty.copy()
         at = min(round(time * self._rate), self.figure.n_frames - 1)
-        stage = require("PIL.Image", "video").new("RGB", self._stage_size, self._colours["bg"])
+        stage = load("PIL.Image", "video").new("RGB", self._stage_size, self._colours["bg"])
         self._stage(_pen(stage), at, number)
         picture.paste(stage)
         self._cursor(_pen(picture), time)
@@ -118,7 +118,7 @@ class Frames:
     @cached_property
     def _empty(self) -> Image:
         """A frame with the timeline and without the dancer."""
-        image: Image = require("PIL.Image", "video").new("RGB", [n * FINER for n in self.size], self._colours["bg"])
+        image: Image = load("PIL.Image", "video").new("RGB", [n * FINER for n in self.size], self._colours["bg"])
         self._timeline.draw(_pen(image))
         return image
 
@@ -199,7 +199,7 @@ class Frames:
 
 
 def _pen(image: Image) -> ImageDraw:
-    pen: ImageDraw = require("PIL.ImageDraw", "video").Draw(image)
+    pen: ImageDraw = load("PIL.ImageDraw", "video").Draw(image)
     return pen
 
 

@@ -2,22 +2,30 @@
 
 from __future__ import annotations
 
+import errno
+import io
+import os
 import shutil
+import signal
 import subprocess
 from collections.abc import Iterable
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from fractions import Fraction
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import IO, cast
 
+from dancedata.core import atomic
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import StoreError, UsageError
+from dancedata.core.packages import install, load, require
 from dancedata.core.text import shown
+from dancedata.execution.shielded import shielded
 
 __all__ = ["find_ffmpeg", "write_mp4"]
 
-_FIX = "install ffmpeg with the packages of your system, or: pip install 'dancedata[video]', which brings one"
+#: Errors of a disk or quota without room.
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 def find_ffmpeg() -> str:
@@ -31,14 +39,12 @@ def find_ffmpeg() -> str:
     own = shutil.which("ffmpeg")
     if own is not None:
         return own
+    instead = "Or install ffmpeg with the packages of your system"
+    require("video", ["imageio_ffmpeg"], what="a video needs ffmpeg, or its Python package:", instead=instead)
     try:
-        import imageio_ffmpeg
-    except ModuleNotFoundError:
-        raise UsageError("a video needs ffmpeg", found="neither ffmpeg nor imageio-ffmpeg", fix=_FIX) from None
-    try:
-        return str(imageio_ffmpeg.get_ffmpeg_exe())
+        return str(load("imageio_ffmpeg", "video").get_ffmpeg_exe())
     except RuntimeError as error:
-        raise UsageError("a video needs ffmpeg", found=shown(error), fix=_FIX) from error
+        raise UsageError("a video needs ffmpeg", found=shown(error), fix=instead) from error
 
 
 def write_mp4(
@@ -69,9 +75,11 @@ def write_mp4(
         If there is no ffmpeg.
     StoreError
         If ffmpeg fails, such as one without H.264.
+    OSError
+        If the file cannot be written, such as on a full disk.
     """
     program = find_ffmpeg()
-    with TemporaryDirectory(prefix="dancedata-video-") as folder:
+    with atomic.atomic_file(path) as temporary, TemporaryDirectory(prefix="dancedata-video-") as folder:
         command = [program, "-hide_banner", "-loglevel", "error", "-y",
                    "-f", "rawvideo", "-pixel_format", "rgb24", "-video_size", f"{size[0]}x{size[1]}",
                    "-framerate", f"{rate.numerator}/{rate.denominator}", "-i", "pipe:0"]  # fmt: skip
@@ -82,36 +90,45 @@ def write_mp4(
         command += ["-c:v", "libx264", "-preset", "medium", "-crf", "20", "-pix_fmt", "yuv420p",
                     "-movflags", "+faststart", "-fflags", "+bitexact", "-flags:v", "+bitexact",
                     "-flags:a", "+bitexact", "-map_metadata", "-1", "-metadata", f"comment={comment}",
-                    "-f", "mp4", str(path)]  # fmt: skip
-        _run(command, frames, Path(folder, "messages"), path)
+                    "-f", "mp4", str(temporary)]  # fmt: skip
+        said = _run(command, frames, Path(folder, "messages"))
+        if said is not None:
+            raise StoreError(
+                "ffmpeg cannot write the video",
+                where=path,
+                found=shown(said.replace(str(temporary), path.name), 600),
+                fix="use an ffmpeg with libx264 and aac; imageio-ffmpeg brings one: " + install("video"),
+            )
 
 
 def _write_wav(path: Path, sound: AudioSignal) -> None:
     import soundfile
 
-    soundfile.write(path, sound.samples, sound.sample_rate, subtype="PCM_16")
+    data = io.BytesIO()  # where it writes a file itself, a full disk is an error of its own
+    soundfile.write(data, sound.samples, sound.sample_rate, subtype="PCM_16", format="WAV")
+    path.write_bytes(data.getbuffer())
 
 
-def _run(command: list[str], frames: Iterable[bytes], messages: Path, path: Path) -> None:
+def _run(command: list[str], frames: Iterable[bytes], messages: Path) -> str | None:
+    """Run ffmpeg; returns what it said where it failed, OSError where it could not write for want of room."""
     # The program is the one that was found, and no argument passes a shell. Its messages go to a file: a pipe that
     # nothing reads would stop it once it is full.
-    with messages.open("wb") as errors:
-        process = subprocess.Popen(  # noqa: S603
-            command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=errors
-        )
-    with process:
-        try:
-            _feed(cast("IO[bytes]", process.stdin), frames)
-        except BaseException:
-            process.kill()
-            raise
-    if process.returncode:
-        raise StoreError(
-            "ffmpeg cannot write the video",
-            where=path,
-            found=shown(messages.read_bytes().decode(errors="replace").strip(), 600),
-            fix="use an ffmpeg with libx264 and aac, such as that of: pip install 'dancedata[video]'",
-        )
+    with messages.open("wb") as errors, ExitStack() as stack:
+        with shielded():  # a signal while it starts would leave it running
+            process = stack.enter_context(
+                subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=errors)  # noqa: S603
+            )
+            stack.callback(process.kill)
+        _feed(cast("IO[bytes]", process.stdin), frames)
+        process.wait()
+    if not process.returncode:
+        return None
+    said = messages.read_bytes().decode(errors="replace").strip()
+    full = [number for number in _FULL if os.strerror(number) in said]
+    if full or process.returncode == -signal.SIGXFSZ:
+        number = full[0] if full else errno.EFBIG
+        raise OSError(number, os.strerror(number))
+    return said
 
 
 def _feed(pipe: IO[bytes], frames: Iterable[bytes]) -> None:

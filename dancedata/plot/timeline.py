@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dancedata.core.packages import load
 from dancedata.core.rotations import Float64Array
-from dancedata.plot.optional import require
 from dancedata.scene import Figure, Scene
 
 if TYPE_CHECKING:
@@ -100,4 +100,4 @@ class Timeline:
 
 def text_font(size: float) -> Any:
     """Return Pillow's own font, so that pictures are the same on every machine."""
-    return require("PIL.ImageFont", "video").load_default(size)
+    return load("PIL.ImageFont", "video").load_default(size)

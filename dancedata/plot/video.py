@@ -7,16 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from dancedata.core import atomic
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import StoreError, UsageError
+from dancedata.core.packages import require
 from dancedata.core.rotations import Float64Array
 from dancedata.core.text import shown
-from dancedata.exporting.place import require_outside
+from dancedata.exporting.place import require_free
 from dancedata.exporting.sharing import require_shareable
 from dancedata.plot.frames import THEMES, Frames, Theme
 from dancedata.plot.mux import find_ffmpeg, write_mp4
-from dancedata.plot.optional import require
 from dancedata.scene import Figure, Item, Scene, Scenes
 from dancedata.scene.source import ClipSource
 from dancedata.store import Store, open_store
@@ -88,10 +87,12 @@ def write_video(
     >>> plot.write_video("data/demo", "gBR_sBM_cAll_d04_mBR4_ch03", "dance.mp4", source="data/demo-source")
     PosixPath('dance.mp4')
     """
-    target = _target(Path(path), overwrite)
+    target = Path(path)
+    if target.suffix.lower() != ".mp4":
+        raise UsageError("a video is an mp4 file", found=shown(target.name), allowed="a name that ends in .mp4")
     _require_drawable(size, theme)
     ds = store if isinstance(store, Store) else open_store(store)
-    require_outside(target, [ds.path], "video")
+    target = require_free(target, [ds.path], "video", overwrite=overwrite)
     notice = "" if source is None else require_shareable(ds, allowed_by_caller=may_share)
     scenes = Scenes(ds, field)
     item = scenes.find(clip, frame)
@@ -102,21 +103,10 @@ def write_video(
     sound = None if source is None else _sound(ds, item, Path(source).expanduser(), times, scene.figure)
     frames = Frames(scene, scene.figure, size, times, theme)
     try:
-        with atomic.atomic_file(target) as temporary:
-            write_mp4(temporary, frames, size, scene.figure.grid.rate, sound, comment=notice)
+        write_mp4(target, frames, size, scene.figure.grid.rate, sound, comment=notice)
     except OSError as error:
-        raise StoreError("the video cannot be written", where=target, found=str(error)) from error
-    return target
-
-
-def _target(path: Path, overwrite: bool) -> Path:
-    target = path.expanduser()
-    if target.suffix.lower() != ".mp4":
-        raise UsageError("a video is an mp4 file", found=shown(target.name), allowed="a name that ends in .mp4")
-    if target.is_dir() or not target.absolute().parent.is_dir():
-        raise UsageError("this file cannot be written", where=target, fix="name a file in a folder that is there")
-    if target.exists() and not overwrite:
-        raise UsageError("the file is already there", where=target, fix="choose another name, or add --overwrite")
+        fix = "name a file in a folder of your own, on a disk with room; nothing was left there"
+        raise StoreError("the video cannot be written", where=target, found=str(error), fix=fix) from error
     return target
 
 
@@ -126,7 +116,7 @@ def _require_drawable(size: tuple[int, int], theme: str) -> None:
         raise UsageError("invalid size of a video", found=f"{size}", allowed=f"even numbers from {low} to {high}")
     if theme not in THEMES:
         raise UsageError("unknown theme", found=shown(theme), allowed=" or ".join(THEMES))
-    require("PIL.Image", "video")
+    require("video", ["PIL"], what="a video")
     find_ffmpeg()
 
 

@@ -45,5 +45,6 @@ else:  # type checkers take the imports above, and so find misspelt names
             "pack_clips": "dancedata.readers.clip_collate",
             "pad_clips": "dancedata.readers.clip_collate",
         },
-        without_torch="Reading with numpy alone is dancedata.open(path).",
+        extra="torch",
+        instead="Reading with numpy alone is dancedata.open(path).",
     )

@@ -2,25 +2,31 @@
 
 from __future__ import annotations
 
-import re
+import os
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 from dancedata.core import atomic
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.text import listed
-from dancedata.exporting.place import require_outside
+from dancedata.core.version import __version__
+from dancedata.exporting.folder import ExportFolder
+from dancedata.exporting.place import (
+    foreign_files,
+    read_about,
+    remove_export,
+    replaced_export,
+    require_free,
+    write_about,
+)
 from dancedata.report.player import Player
 
 __all__ = ["Target"]
 
 #: Bytes of a megabyte, as file managers count.
 _MB = 1_000_000
-#: Names of the files in the folder.
-_OWN = re.compile(r"clip-\d{5,}\.js")
 
 
 @dataclass(frozen=True)
@@ -45,23 +51,19 @@ class Target:
         Raises
         ------
         UsageError
-            If the file is there and is not to be replaced, or lies inside one of the datasets.
+            If the file is there and is not to be replaced, or lies inside one of the datasets; if the folder holds
+            files that no report of this name wrote, or that were changed since.
         """
-        path = to.expanduser()
-        require_outside(path, stores, "report")
-        if path.is_dir() or not path.absolute().parent.is_dir():
-            problem = "this is a folder" if path.is_dir() else "the folder of this file does not exist"
-            raise UsageError(problem, where=path, fix="name an HTML file with --to")
-        made = cls(path, max_mb)
-        if not overwrite and (path.exists() or made.folder.exists()):
-            there = path if path.exists() else made.folder
-            raise UsageError("the file is already there", where=there, fix="choose another --to, or add --overwrite")
+        made = cls(require_free(to, stores, "report", overwrite=overwrite), max_mb)
+        if not overwrite and os.path.lexists(made.folder):
+            fix = "choose another --to, or add --overwrite"
+            raise UsageError("the file is already there", where=made.folder, fix=fix)
         made._require_own_folder()
         return made
 
     @property
     def folder(self) -> Path:
-        """Folder with further clips: "report.html" has "report_files"."""
+        """Folder with further clips: "report.html" has "report_files". Its export.json lists its files."""
         return self.path.with_name(f"{self.path.stem}_files")
 
     def write(self, html: bytes, player: Player) -> None:
@@ -76,12 +78,12 @@ class Target:
         """
         self._require_size(len(html))
         try:
-            if player.side:
-                self.folder.mkdir(exist_ok=True)
-            for name, number in player.side.items():
-                atomic.write_text(self.folder / name, player.side_file(number))
-            atomic.write_bytes(self.path, html)
-            self._remove_old(player)
+            with atomic.atomic_file(self.path) as page:
+                page.write_bytes(html)
+                if player.side:
+                    self._write_folder(player)
+            if not player.side and self._listing() is not None:
+                remove_export(self.folder)  # of an earlier page
         except OSError as error:
             raise StoreError("the report cannot be written", where=self.path, found=str(error)) from error
 
@@ -95,30 +97,31 @@ class Target:
                 fix="show fewer clips: --clips 4, or --clips none; music takes most of it: --audio none",
             )
 
+    def _write_folder(self, player: Player) -> None:
+        with replaced_export(self.folder, overwrite=True) as new:
+            folder = ExportFolder(new, self.folder)
+            for name, number in player.side.items():
+                folder.write_text(name, player.side_file(number))
+            write_about(folder, {"dancedata": __version__, "report": self.path.name})
+
+    def _listing(self) -> dict[str, Any] | None:
+        """Return the files of the folder as a report of this name has listed them; None if none wrote it."""
+        about = None if self.folder.is_symlink() else read_about(self.folder)
+        return about["files"] if about is not None and about.get("report") == self.path.name else None
+
     def _require_own_folder(self) -> None:
-        if not self.folder.exists():
+        if not os.path.lexists(self.folder):
             return
-        names = sorted(p.name for p in self.folder.iterdir()) if self.folder.is_dir() else []
-        foreign = [name for name in names if not _is_own(name)]
-        if foreign or not self.folder.is_dir():
+        foreign = ["a file or a link"]
+        if self.folder.is_dir() and not self.folder.is_symlink():
+            files = self._listing()
+            names = sorted(p.name for p in self.folder.iterdir())
+            foreign = names if files is None else foreign_files(self.folder, files)
+        if foreign:
             raise UsageError(
                 "the folder for further clips has other files in it",
                 where=self.folder,
-                found=listed(foreign) or "a file",
-                fix="choose another --to",
+                found=listed(foreign),
+                allowed="the files of a report of this name, as they were written",
+                fix="choose another --to, or move them away",
             )
-
-    def _remove_old(self, player: Player) -> None:
-        """Remove what an earlier page of the same name had beside it, and nothing that came there since."""
-        if not self.folder.is_dir():
-            return
-        for path in list(self.folder.iterdir()):
-            if _is_own(path.name) and path.name not in player.side:
-                path.unlink()
-        if not player.side:
-            with suppress(OSError):  # not empty, or a link
-                self.folder.rmdir()
-
-
-def _is_own(name: str) -> bool:
-    return _OWN.fullmatch(name) is not None or atomic.is_temporary(name)

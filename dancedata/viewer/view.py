@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from dancedata.core import atomic
 from dancedata.core.errors import StoreError, UsageError
-from dancedata.exporting.place import require_outside
+from dancedata.exporting.place import require_free
 from dancedata.exporting.sharing import require_shareable
 from dancedata.scene import Item, Scenes
 from dancedata.scene.page import PageSound, clip_page
@@ -180,13 +180,17 @@ def export_page(
     Raises
     ------
     UsageError
-        If the file is there or lies inside the dataset, or the licence does not allow the music.
+        If the file is there or lies inside the dataset, the licence does not allow the music, or the request has
+        motion to compare with or a window to loop, which such a page does not show.
     StoreError
         If it cannot be written.
     """
     scenes = request.scenes()
-    require_outside(to, [request.path], "page")
-    item, _ = request.first(scenes)
+    to = require_free(to, [request.path], "page", overwrite=overwrite)
+    item, loop = request.first(scenes)
+    if request.compare or loop is not None:
+        what = "motion to compare with" if request.compare else "a window to loop"
+        raise UsageError(f"a page of one clip does not show {what}", fix="leave it out, or look at the page served")
     sound = None
     if audio:
         notice = require_shareable(scenes.store, allowed_by_caller=shared)
@@ -196,8 +200,6 @@ def export_page(
         if found is None:
             raise UsageError("the source has no music of this clip", where=request.source, found=item.clip.id)
         sound = PageSound({0: flac(found.signal)}, notice)
-    if to.exists() and not overwrite:
-        raise UsageError("the file is already there", where=to, fix="choose another name, or add --overwrite")
     page = clip_page(scenes, [item], sound=sound)
     try:
         atomic.write_bytes(to, page.encode())

@@ -26,10 +26,14 @@ def elsewhere(name: str, listed: list[str]) -> dict[str, str]:
     return {public: home for public, home in homes.items() if home != name and home in listed}
 
 
+def _head(name: str) -> str:
+    return f"{name}\n{'=' * len(name)}\n\n.. automodule:: {name}"
+
+
 def page(name: str, listed: list[str]) -> str:
     """Return the page of a module. A name has one entry, in the module that defines it."""
     others = elsewhere(name, listed)
-    lines = [name, "=" * len(name), "", f".. automodule:: {name}"]
+    lines = [_head(name)]
     lines += [f"   :exclude-members: {', '.join(others)}"] if others else []
     lines += ["", *([".. rubric:: Names from other modules", ""] if others else [])]
     lines += [f"- :py:obj:`{public} <{home}.{public}>`" for public, home in others.items()]
@@ -42,7 +46,8 @@ def write_pages(root: Path) -> None:
     listed = modules(root)
     pages = {root / PAGES / f"{name}.rst": page(name, listed) for name in listed}
     for path in set((root / PAGES).glob("*.rst")) - pages.keys():
-        path.unlink()
+        if path.read_text(encoding="utf-8").startswith(_head(path.stem)):  # else others wrote it
+            path.unlink()
     for path, text in pages.items():
         if not path.is_file() or path.read_text(encoding="utf-8") != text:
             path.write_text(text, encoding="utf-8")

@@ -11,6 +11,7 @@ import dancedata
 import dancedata.audio.jukebox
 import dancedata.readers
 from dancedata.core.lazy import lazy_names
+from dancedata.core.packages import install
 from dancedata.store.dataset import open_store
 
 load, names = lazy_names(__name__, {"dump": "json:dumps", "loads": "json", "EpochSampler": "no_such_module"})
@@ -48,6 +49,6 @@ except ImportError as error:
 def test_readers_without_torch_name_the_extra() -> None:
     done = subprocess.run([sys.executable, "-c", WITHOUT_TORCH], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == (
-        "dancedata.readers.WindowDataset needs torch, which is not installed here: pip install 'dancedata[torch]'. "
+        f"dancedata.readers.WindowDataset needs torch, which is not installed. {install('torch')}. "
         "Reading with numpy alone is dancedata.open(path)."
     )

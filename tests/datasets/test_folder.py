@@ -160,6 +160,10 @@ ROW = "takes/a.npz,songs/a.wav,30\n"
         ("motoin,audio\n" + ROW, ["line 1", "'motoin'", "did you mean 'motion'"]),
         ("motion,audio,frames_per_second\n" + ROW, ["'frames_per_second'; known: id, motion"]),
         (ROW, ["line 1", "the first line contains no known column", "motion,audio,split"]),
+        ("Motion;Audio\na.npz;a.wav\n", ["no known column", "Write the first line as motion;audio"]),
+        ("MOTION\tBPM\na\t100\n", ["no known column", "Write the first line as motion\\ttempo_bpm"]),
+        ("motion|Audio\na|b\n", ["no known column", "of all lines by commas", "the first line as motion,audio"]),
+        ("motoin files:audio\na:b\n", ["no known column", "by commas", "first line as motion,files,audio"]),
         (
             "motion,audio,split\ntakes/a.npz,songs/a.wav,Train\n",
             ["line 2", "'Train' differs from 'train' only by case"],

@@ -24,13 +24,13 @@ def near(source: Path, *names: str, other: Callable[[str], bool] = lambda stem: 
 @pytest.mark.parametrize(
     ("file", "fix"),
     [
-        ("wavs/MJS2.WAV", "rename wavs/MJS2.WAV to wavs/mJS2.wav"),
-        ("wavs/mJS2 (1).mp3", "rename wavs/mJS2 (1).mp3 to wavs/mJS2.mp3"),
-        ("wavs/mJS02_48k.wav", "rename wavs/mJS02_48k.wav to wavs/mJS2.wav"),
-        ("wavs/mJS2.m4a", "convert wavs/mJS2.m4a to wavs/mJS2.wav"),
-        ("songs of AIST/mJS2.wav", "rename songs of AIST/mJS2.wav to wavs/mJS2.wav"),
-        ("wavs/all/mJS2.wav", "rename wavs/all/mJS2.wav to wavs/mJS2.wav"),
-        ("mJS2.ogg", "rename mJS2.ogg to wavs/mJS2.ogg"),
+        ("wavs/MJS2.WAV", "mv -n wavs/MJS2.WAV wavs/mJS2.wav"),
+        ("wavs/mJS2 (1).mp3", "mv -n 'wavs/mJS2 (1).mp3' wavs/mJS2.mp3"),
+        ("wavs/mJS02_48k.wav", "mv -n wavs/mJS02_48k.wav wavs/mJS2.wav"),
+        ("wavs/mJS2.m4a", "ffmpeg -n -i wavs/mJS2.m4a wavs/mJS2.wav"),
+        ("songs of AIST/mJS2.wav", "mv -n 'songs of AIST/mJS2.wav' wavs/mJS2.wav"),
+        ("wavs/all/mJS2.wav", "mv -n wavs/all/mJS2.wav wavs/mJS2.wav"),
+        ("mJS2.ogg", "mv -n mJS2.ogg wavs/mJS2.ogg"),
     ],
 )
 def test_a_file_with_nearly_the_name(tmp_path: Path, file: str, fix: str) -> None:
@@ -48,12 +48,12 @@ def test_a_proper_name_of_something_else_is_not_offered(tmp_path: Path) -> None:
 
 
 def test_what_can_be_read_is_offered_first(tmp_path: Path) -> None:
-    assert near(tmp_path, "wavs/mJS2.aac", "wavs/mjs2.wav").fix("wavs/mJS2").startswith("rename wavs/mjs2.wav")
+    assert near(tmp_path, "wavs/mJS2.aac", "wavs/mjs2.wav").fix("wavs/mJS2").startswith("mv -n wavs/mjs2.wav")
 
 
 def test_a_misspelt_name_with_the_same_numbers(tmp_path: Path) -> None:
     files = near(tmp_path, "wavs/anna_walz_2.wav", "wavs/anna_waltz_3.wav")
-    assert files.fix("wavs/anna_waltz_2") == "rename wavs/anna_walz_2.wav to wavs/anna_waltz_2.wav"
+    assert files.fix("wavs/anna_waltz_2") == "mv -n wavs/anna_walz_2.wav wavs/anna_waltz_2.wav"
 
 
 def missing(scan: Scan) -> dict[str, Reject]:
@@ -77,7 +77,7 @@ def test_aistpp_names_the_song_and_the_file(example: Any) -> None:
     (source / "wavs" / "mHO3.wav").unlink()
     found = missing(DATASETS.get("aist++")().scan(source))
     assert {song: reject.fix for song, reject in found.items()} == {
-        "mBR0": "rename wavs/MBR0.WAV to wavs/mBR0.wav",
+        "mBR0": "mv -n wavs/MBR0.WAV wavs/mBR0.wav",
         "mHO3": "",
     }
 
@@ -92,14 +92,14 @@ def test_aistpp_in_edges_layout_too(example: Any, tmp_path: Path) -> None:
     one = sorted((source / "wavs").iterdir())[0]
     one.rename(one.with_name(one.name.lower()))
     (reject,) = missing(DATASETS.get("aist++")().scan(source)).values()
-    assert reject.fix == f"rename wavs/{one.name.lower()} to wavs/{one.name}"
+    assert reject.fix == f"mv -n wavs/{one.name.lower()} wavs/{one.name}"
 
 
 def test_finedance_says_it_of_clips_that_a_recipe_may_do_without(example: Any) -> None:
     source = example("finedance")
     (source / "music_wav" / "001.wav").rename(source / "music_wav" / "1.wav")
     fixes = {clip.id: clip.music_fix for clip in DATASETS.get("finedance")().scan(source).clips}
-    assert fixes.pop("001") == "rename music_wav/1.wav to music_wav/001.wav"
+    assert fixes.pop("001") == "mv -n music_wav/1.wav music_wav/001.wav"
     assert set(fixes.values()) == {""}
 
 
@@ -108,7 +108,7 @@ def test_a_folder_with_names_that_match(example: Any) -> None:
     (source / "manifest.csv").unlink()
     (source / "music" / "slow.wav").rename(source / "music" / "AMASS.WAV")
     found = missing(DATASETS.get("folder")().scan(source))
-    assert found["amass_poses"].fix == "rename music/AMASS.WAV to music/amass_poses.wav"
+    assert found["amass_poses"].fix == "mv -n music/AMASS.WAV music/amass_poses.wav"
     assert found["smpl"].fix == ""
 
 
@@ -116,5 +116,5 @@ def test_a_folder_with_a_manifest(example: Any) -> None:
     source = example("folder")
     (source / "music" / "slow.wav").rename(source / "music" / "Slow.WAV")
     found = missing(DATASETS.get("folder")().scan(source))
-    assert {reject.fix for reject in found.values()} == {"rename music/Slow.WAV to music/slow.wav"}
+    assert {reject.fix for reject in found.values()} == {"mv -n music/Slow.WAV music/slow.wav"}
     assert set(found) == {"music/slow.wav"}

@@ -69,6 +69,16 @@ def test_modules_that_pages_import_are_in_the_reference(module) -> None:
     assert missing == set()
 
 
+def test_pages_of_others_in_the_folder_of_the_reference_stay(module, tmp_path: Path) -> None:
+    reference, folder = module("reference"), tmp_path / "docs" / "api"
+    folder.mkdir(parents=True)
+    (tmp_path / reference.LIST).write_text("| `dancedata.cache` | |\n")
+    (folder / "notes.rst").write_text("notes\n=====\n\nmine\n")
+    (folder / "dancedata.core.grid.rst").write_text(reference.page("dancedata.core.grid", []))
+    reference.write_pages(tmp_path)
+    assert sorted(path.name for path in folder.iterdir()) == ["dancedata.cache.rst", "notes.rst"]
+
+
 def test_a_name_has_one_entry_where_it_is_defined(module) -> None:
     reference = module("reference")
     listed = reference.modules(ROOT)

@@ -110,7 +110,7 @@ def test_extras() -> None:
     ]
     found = {f.name: f for f in packages.check_extras(required)}
     assert set(found) == {"extra report", "extra smpl", "extra dask"}
-    assert (found["extra report"].status, found["extra report"].fix) == ("note", "pip install 'dancedata[report]'")
+    assert (found["extra report"].status, found["extra report"].fix) == ("note", 'pip install "no-such-distribution"')
     assert found["extra smpl"].status == "failed"
     assert ">=99 is needed" in found["extra smpl"].text
     assert found["extra dask"].status == "ok"

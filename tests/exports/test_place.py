@@ -176,7 +176,7 @@ def test_a_removal_that_was_killed_is_finished(npz, tmp_path: Path, which: str, 
     if which == "new":
         (rest / "export.json").unlink()
         mark(rest)
-    place._remove(rest)
+    place.remove_export(rest)
     assert not rest.exists()
     names = [*tree(npz().path), "dancedata-unfinished.json"]
     for killed_at in range(len(names)):
@@ -195,7 +195,7 @@ def test_a_removal_that_was_killed_is_finished(npz, tmp_path: Path, which: str, 
 
         monkeypatch.setattr(os, "unlink", killed)
         with suppress(KeyboardInterrupt):
-            place._remove(rest)
+            place.remove_export(rest)
         monkeypatch.setattr(os, "unlink", unlink)
         npz()
         assert [p.name for p in tmp_path.iterdir()] == ["out"], killed_at

@@ -95,12 +95,17 @@ def restored(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     import sys
     import threading
 
-    before = signal.getsignal(signal.SIGINT)
+    before = {number: signal.getsignal(number) for number in interrupts.SIGNALS}
     monkeypatch.setattr(sys, "unraisablehook", sys.unraisablehook)
     monkeypatch.setattr(threading, "excepthook", threading.excepthook)
     with warnings.catch_warnings():
         yield
-    signal.signal(signal.SIGINT, before)
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+def terminate() -> None:
+    signal.raise_signal(signal.SIGTERM)
 
 
 def interrupt() -> None:
@@ -138,12 +143,14 @@ def in_a_destructor() -> None:
 
 @pytest.mark.usefixtures("restored")
 @pytest.mark.parametrize(
-    "command", [interrupt, turned_into_another_error, ended_by_a_library, in_a_destructor], ids=lambda f: f.__name__
+    "command",
+    [interrupt, terminate, turned_into_another_error, ended_by_a_library, in_a_destructor],
+    ids=lambda f: f.__name__,
 )
 def test_one_line_whatever_becomes_of_the_exception(command: Any, capfd: pytest.CaptureFixture[str]):
     with pytest.raises(SystemExit) as caught:
         interrupts.run(command)
-    assert caught.value.code == 130
+    assert caught.value.code == (143 if command is terminate else 130)
     assert capfd.readouterr().err == f"{interrupts.LINE}\n"
     assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
 

@@ -117,11 +117,20 @@ def test_goes_on_where_the_connection_was_cut(server: _Server, tmp_path: Path) -
     assert server.asked == [None, "bytes=1000000-", "bytes=1000000-", "bytes=1500000-"]
 
 
+def test_a_partial_download_of_another_program_stays(server: _Server, tmp_path: Path) -> None:
+    for name in ("a.bin.part", "a.bin.part-etag", ".a.bin.lock"):
+        (tmp_path / name).write_bytes(b"mine")
+    assert _fetch(tmp_path, server.url).read_bytes() == DATA
+    names = sorted(path.name for path in tmp_path.iterdir())
+    assert names == [".a.bin.lock", "a.bin", "a.bin.part", "a.bin.part-etag"]
+    assert all((tmp_path / name).read_bytes() == b"mine" for name in names if name != "a.bin")
+
+
 def test_gives_up_but_keeps_what_is_there(server: _Server, tmp_path: Path) -> None:
     server.cut_after = [700_000, 0, 0, 0, 0]
     with pytest.raises(SourceError, match="failed; found the connection ended early; 700000 bytes downloaded"):
         _fetch(tmp_path, server.url, attempts=3)
-    assert _left(tmp_path) == ["a.bin.part", "a.bin.part-etag"]
+    assert _left(tmp_path) == [".dancedata-a.bin.part", ".dancedata-a.bin.part-etag"]
     server.cut_after = []
     assert _fetch(tmp_path, server.url).read_bytes() == DATA
     assert server.asked[-1] == "bytes=700000-"
@@ -164,7 +173,7 @@ def test_file_that_changes_in_between_is_taken_from_its_start(server: _Server, t
 
 
 def test_complete_part_is_only_checked(server: _Server, tmp_path: Path) -> None:
-    (tmp_path / "a.bin.part").write_bytes(DATA)
+    (tmp_path / ".dancedata-a.bin.part").write_bytes(DATA)
     assert _fetch(tmp_path, server.url).read_bytes() == DATA
 
 
@@ -175,10 +184,10 @@ def test_other_size_on_the_server(server: _Server, tmp_path: Path) -> None:
 
 
 def test_a_whole_file_of_another_hash_is_set_aside(server: _Server, tmp_path: Path) -> None:
-    with pytest.raises(SourceError, match=r"SHA-256 of the file differs.*It was renamed to .*a\.bin\.mismatch"):
+    with pytest.raises(SourceError, match=r"SHA-256 of the file differs.*renamed to .*\.dancedata-a\.bin\.mismatch"):
         _fetch(tmp_path, server.url, RemoteFile("a.bin", len(DATA), "0" * 64))
-    assert _left(tmp_path) == ["a.bin.mismatch"]
-    assert (tmp_path / "a.bin.mismatch").read_bytes() == DATA
+    assert _left(tmp_path) == [".dancedata-a.bin.mismatch"]
+    assert (tmp_path / ".dancedata-a.bin.mismatch").read_bytes() == DATA
 
 
 def test_without_a_stated_length_the_size_or_the_hash_tells(server: _Server, tmp_path: Path) -> None:
@@ -240,7 +249,7 @@ def test_licence_comes_first(server: _Server, tmp_path: Path) -> None:
 def test_two_programs_at_once(server: _Server, tmp_path: Path) -> None:
     from dancedata.core.locks import file_lock
 
-    with file_lock(tmp_path / ".a.bin.lock"), pytest.raises(UsageError, match="another program"):
+    with file_lock(tmp_path / ".dancedata-a.bin.lock"), pytest.raises(UsageError, match="another program"):
         _fetch(tmp_path, server.url)
 
 

@@ -100,8 +100,8 @@ def test_tags_that_are_none(server: Server, tmp_path: Path, tag: bytes) -> None:
 
 @pytest.mark.parametrize("content", [b"\xff\xfe", b'"a\r\nHost: evil"', b'"' + b"x" * 10**6 + b'"'])
 def test_a_tag_on_disk_that_is_none(server: Server, tmp_path: Path, content: bytes) -> None:
-    (tmp_path / "a.bin.part").write_bytes(DATA[:500])
-    (tmp_path / "a.bin.part-etag").write_bytes(content)
+    (tmp_path / ".dancedata-a.bin.part").write_bytes(DATA[:500])
+    (tmp_path / ".dancedata-a.bin.part-etag").write_bytes(content)
     server.answers = [said(OK + b"Content-Length: 7000\r\n\r\n" + DATA)]
     assert get(server, tmp_path).read_bytes() == DATA
     assert b"If-Range" not in server.asked[0]

@@ -68,8 +68,8 @@ def test_near_names_are_offered(larger: Path, out: Path):
     (larger / "wavs" / "mBR0.wav").rename(larger / "wavs" / "MBR0.WAV")
     (larger / "wavs" / "mHO3.wav").rename(larger / "wavs" / "mHO3.m4a")
     said = run("build", "aist++", "--source", larger, "--out", out, *ALL, code=1).stderr
-    assert "song mBR0 is missing: 4 clips; rename wavs/MBR0.WAV to wavs/mBR0.wav\n" in said
-    assert "song mHO3 is missing: 4 clips; convert wavs/mHO3.m4a to wavs/mHO3.wav\n" in said
+    assert "song mBR0 is missing: 4 clips; mv -n wavs/MBR0.WAV wavs/mBR0.wav\n" in said
+    assert "song mHO3 is missing: 4 clips; ffmpeg -n -i wavs/mHO3.m4a wavs/mHO3.wav\n" in said
 
 
 def test_what_matters_comes_first_and_motion_that_is_not_there_last(larger: Path, out: Path, rejects: Any):
@@ -208,11 +208,11 @@ def test_other_datasets_name_songs_and_near_files(tmp_path: Path, out: Path, dat
     DATASETS.get(dataset)().make_example(source)
     if dataset == "finedance":
         (source / "music_wav").rename(source / "Music_WAV")
-        wanted = "song 001 is missing: 1 clip; rename Music_WAV/001.wav to music_wav/001.wav"
+        wanted = "song 001 is missing: 1 clip; mv -n Music_WAV/001.wav music_wav/001.wav"
     else:
         (source / "manifest.csv").unlink()
         (source / "music" / "slow.wav").rename(source / "music" / "SMPL.wav")
-        wanted = "song smpl is missing: 1 clip; rename music/SMPL.wav to music/smpl.wav"
+        wanted = "song smpl is missing: 1 clip; mv -n music/SMPL.wav music/smpl.wav"
     said = run("build", _recipe(tmp_path, dataset), "--source", source, "--out", out, code=1).stderr
     assert wanted in said
     assert all(note in said for note in DATASETS.get(dataset)().scan(source).notes)
@@ -440,6 +440,9 @@ def test_features_replace_no_file_of_others(corpus: Path, tmp_path: Path, name: 
     before = (out / "mBR0.librosa35.npy").read_bytes()
     run("features", song, "--out", out, "--bpm", 160)
     assert (out / "mBR0.librosa35.npy").read_bytes() != before
+    (out / "mBR0.librosa35.npy").write_bytes(before)  # others' numbers beside the description of ours
+    assert "move them away" in run("features", song, "--out", out, "--bpm", 120, code=2).output
+    assert (out / "mBR0.librosa35.npy").read_bytes() == before
 
 
 @pytest.mark.parametrize("key", ["counts", "recipe"])

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
+import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 from typer.testing import CliRunner
 
 from dancedata.cli.app import app
 from dancedata.report import write_report
+from dancedata.store import open_store
 
 RUN = CliRunner()
 
@@ -62,3 +66,38 @@ def test_a_video_needs_a_clip_and_a_source(demo: Path, tmp_path: Path) -> None:
     clip = write_report(demo).document["clips"][0]["clip"]
     assert "--source DIR" in RUN.invoke(app, ["view", str(demo), clip, *video, "--audio", "embed"]).stderr
     assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--compare", "nowhere", "--export", "v.html"], "--compare would have no effect with --export"),
+        (["--compare", "nowhere", "--video", "v.mp4"], "--compare would have no effect with --video"),
+        (["--at", "1", "--export", "v.html"], "--at would have no effect"),
+        (["--window", "0", "--export", "v.html"], "does not show a window to loop"),
+        (["--window", "0", "--video", "v.mp4"], "--window would have no effect"),
+        (["--export", "v.html", "--video", "v.mp4"], "--export would have no effect with --video"),
+    ],
+)
+def test_options_that_a_file_would_drop(
+    demo: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: list[str], words: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = RUN.invoke(app, ["view", str(demo), open_store(demo).clips[0].id, *options])
+    assert (done.exit_code, os.listdir(tmp_path)) == (2, [])
+    assert words in done.stderr
+
+
+def test_names_that_the_locale_cannot_write(relabelled: Any, tmp_path: Path) -> None:
+    store = relabelled(lambda k: {"id": f"t\u00e4nzer{k}"})
+    out = tmp_path / "out"
+    out.mkdir()
+    done = subprocess.run(
+        [sys.executable, "-m", "dancedata", "export", store, "--to", "bvh", "--out", out / "made" / "bvh", "-q"],
+        env={**os.environ, "LC_ALL": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0"},
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout, os.listdir(out)) == (1, "", [])
+    assert done.stderr.startswith("error: a name cannot be written in this locale, whose encoding is ascii; found ")
+    assert "LC_ALL=C.UTF-8" in done.stderr
+    assert len(done.stderr.splitlines()) == 1

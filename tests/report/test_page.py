@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Callable
 from html.parser import HTMLParser
 from pathlib import Path
 from types import SimpleNamespace
@@ -217,7 +218,7 @@ def test_more_clips_than_twelve_are_files_beside_the_page(relabelled, tmp_path: 
     page_path = tmp_path / "all report.html"
     write_report(path, page_path, clips="all")
     folder = tmp_path / "all report_files"
-    assert sorted(p.name for p in folder.iterdir()) == [f"clip-{k:05d}.js" for k in range(3, 8)]
+    assert sorted(p.name for p in folder.iterdir()) == [*(f"clip-{k:05d}.js" for k in range(3, 8)), "export.json"]
     page = Page(page_path)
     assert "'self'" in page.policy()
     data = json.loads(next(text for about, text in page.scripts if about.get("id") == "dd-data"))
@@ -229,7 +230,7 @@ def test_more_clips_than_twelve_are_files_beside_the_page(relabelled, tmp_path: 
     with pytest.raises(UsageError, match="already there"):
         write_report(path, page_path)
     write_report(path, page_path, clips=4, overwrite=True)
-    assert [p.name for p in folder.iterdir()] == ["clip-00003.js"]
+    assert sorted(p.name for p in folder.iterdir()) == ["clip-00003.js", "export.json"]
     write_report(path, page_path, clips="none", overwrite=True)
     assert not folder.exists()
     folder.mkdir()
@@ -267,4 +268,58 @@ def test_a_file_that_came_beside_the_page_meanwhile_stays(tmp_path: Path) -> Non
     for name in ("mine.txt", "clip-00007.js"):
         (target.folder / name).write_text("")
     target.write(b"page", cast(Player, SimpleNamespace(side={})))
-    assert [path.name for path in target.folder.iterdir()] == ["mine.txt"]
+    assert sorted(path.name for path in target.folder.iterdir()) == ["clip-00007.js", "mine.txt"]
+
+
+def _with_a_folder(page: Path, number: int = 12) -> Path:
+    """Write a report with one clip beside its page; returns the folder."""
+    player = SimpleNamespace(
+        side={f"clip-{number:05d}.js": number}, side_file=lambda k: f"dancedataClip({k}, {{}});\n"
+    )
+    target = Target.of(page, [], max_mb=1, overwrite=True)
+    target.write(b"page", cast(Player, player))
+    return target.folder
+
+
+def _foreign_clip(folder: Path) -> Path:
+    (folder / "clip-00050.js").write_text("mine")
+    return folder / "clip-00050.js"
+
+
+def _changed_clip(folder: Path) -> Path:
+    (folder / "clip-00012.js").write_text("mine")
+    return folder / "clip-00012.js"
+
+
+def _foreign_folder(folder: Path) -> Path:
+    folder.rename(folder.with_name("old"))
+    folder.mkdir()
+    return _foreign_clip(folder)
+
+
+def _link(folder: Path) -> Path:
+    elsewhere = folder.rename(folder.with_name("elsewhere"))
+    folder.symlink_to(elsewhere)
+    return elsewhere / "clip-00012.js"
+
+
+@pytest.mark.parametrize("change", [_foreign_clip, _changed_clip, _foreign_folder, _link])
+def test_files_of_others_beside_the_page_stay(tmp_path: Path, change: Callable[[Path], Path]) -> None:
+    page = tmp_path / "r.html"
+    theirs = change(_with_a_folder(page))
+    before = theirs.read_bytes()
+    with pytest.raises(UsageError, match="other files in it"):
+        _with_a_folder(page, 14)
+    target = Target(page, 1)
+    target.write(b"page", cast(Player, SimpleNamespace(side={})))  # of a report that began before they came
+    assert theirs.read_bytes() == before
+
+
+def test_two_pages_whose_folders_have_one_name(tmp_path: Path) -> None:
+    folder = _with_a_folder(tmp_path / "r.html")
+    with pytest.raises(UsageError, match="other files in it"):
+        _with_a_folder(tmp_path / "r.htm", 13)
+    assert (folder / "clip-00012.js").exists()
+    _with_a_folder(tmp_path / "r.html", 13)
+    assert sorted(path.name for path in folder.iterdir()) == ["clip-00013.js", "export.json"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["r.html", "r_files"]

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import subprocess
+import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +14,7 @@ import pytest
 
 import dancedata
 from dancedata import plot
+from dancedata.cli import interrupts
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.plot import mux
 from dancedata.plot.frames import Frames
@@ -104,7 +109,7 @@ def test_equal_bytes(demo: Path, tmp_path: Path) -> None:
     ("name", "options", "words"),
     [
         ("a.avi", {}, "ends in .mp4"),
-        ("no/a.mp4", {}, "cannot be written"),
+        ("no/a.mp4", {}, "folder of this file does not exist"),
         ("a.mp4", {"size": (101, 100)}, "even numbers"),
         ("a.mp4", {"theme": "red"}, "dark or light"),
         ("a.mp4", {"start_s": 99}, "no frames"),
@@ -135,7 +140,7 @@ def test_without_ffmpeg_there_is_an_error_that_says_how_to_get_it(
     clip = dancedata.open(demo).clips[0].id
     monkeypatch.setattr(mux.shutil, "which", lambda name: None)
     monkeypatch.setitem(__import__("sys").modules, "imageio_ffmpeg", None)
-    with pytest.raises(UsageError, match=r"neither ffmpeg nor imageio-ffmpeg.*dancedata\[video\]"):
+    with pytest.raises(UsageError, match=r"imageio_ffmpeg, which is not installed.*imageio-ffmpeg>"):
         plot.write_video(demo, clip, tmp_path / "a.mp4")
 
 
@@ -151,6 +156,59 @@ def test_an_ffmpeg_that_fails_leaves_nothing(demo: Path, tmp_path: Path, monkeyp
     with pytest.raises(StoreError, match="Unknown encoder libx264"):
         plot.write_video(demo, clip, out / "a.mp4", length_s=1, size=SIZE)
     assert list(out.iterdir()) == []
+
+
+def _ffmpeg(folder: Path, script: str) -> Path:
+    folder.mkdir()
+    program = folder / "ffmpeg"
+    program.write_text(f"#!/bin/sh\n{script}\n")
+    program.chmod(0o755)
+    return program
+
+
+@pytest.mark.parametrize(
+    ("script", "words"),
+    [
+        ("echo 'Error writing trailer: No space left on device' >&2; exit 1", "No space left on device"),
+        ("kill -XFSZ $$", "File too large"),
+    ],
+)
+def test_a_full_disk_is_not_the_fault_of_ffmpeg(
+    demo: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, script: str, words: str
+) -> None:
+    program = str(_ffmpeg(tmp_path / "bin", script))
+    monkeypatch.setattr(mux.shutil, "which", lambda name: program)
+    out = tmp_path / "out"
+    out.mkdir()
+    with pytest.raises(StoreError) as caught:
+        plot.write_video(demo, dancedata.open(demo).clips[0].id, out / "a.mp4", length_s=0.1, size=SIZE)
+    said = str(caught.value)
+    assert said.startswith(f"{out / 'a.mp4'}: the video cannot be written; found [Errno ")
+    assert words in said
+    assert "disk with room" in said
+    assert "libx264" not in said
+    assert ".dancedata-" not in said
+    assert list(out.iterdir()) == []
+
+
+def test_a_signal_leaves_nothing(demo: Path, tmp_path: Path) -> None:
+    # The pipe fills up, and the command waits.
+    _ffmpeg(tmp_path / "bin", f"echo $$ > {tmp_path}/pid; while kill -0 $PPID; do sleep 0.1; done")
+    for name in ("out", "tmp"):
+        (tmp_path / name).mkdir()
+    clip = dancedata.open(demo).clips[0].id
+    process = subprocess.Popen(
+        [sys.executable, "-m", "dancedata", "view", demo, clip, "--video", tmp_path / "out" / "a.mp4"],
+        env={**os.environ, "PATH": f"{tmp_path / 'bin'}:{os.environ['PATH']}", "TMPDIR": str(tmp_path / "tmp")},
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    while process.poll() is None and not (tmp_path / "pid").is_file():
+        time.sleep(0.01)
+    process.terminate()
+    printed, said = process.communicate(timeout=60)
+    assert (process.returncode, printed, said) == (128 + signal.SIGTERM, "", f"{interrupts.LINE}\n")
+    assert not Path("/proc", (tmp_path / "pid").read_text().strip()).exists()
+    assert [list((tmp_path / name).iterdir()) for name in ("out", "tmp")] == [[], []]
 
 
 def test_a_folder_that_cannot_be_written_is_an_error_with_its_name(demo: Path) -> None:

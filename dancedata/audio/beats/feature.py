@@ -20,6 +20,7 @@ from dancedata.core.columns import Columns, Group
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import sha256_file
+from dancedata.core.packages import require
 from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
 from dancedata.core.text import shown
@@ -235,15 +236,11 @@ class Beats(AudioFeature):
 
     def _device(self) -> torch.device:
         """Return the device of this process; UsageError without torch, or if it does not exist."""
-        try:
-            from dancedata.audio.networks.devices import require_device
-            from dancedata.audio.networks.running import device_of_process
+        require("beats", what="beats: the source beat_this")
+        from dancedata.audio.networks.devices import require_device
+        from dancedata.audio.networks.running import device_of_process
 
-            return require_device(device_of_process(self.device))
-        except ImportError as error:
-            raise UsageError(
-                "beats: the source beat_this needs torch", fix='pip install "dancedata[beats]"'
-            ) from error
+        return require_device(device_of_process(self.device))
 
 
 @lru_cache(maxsize=1)

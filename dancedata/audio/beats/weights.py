@@ -12,6 +12,7 @@ from packaging.version import Version
 
 from dancedata.audio.beats.network import BeatNetwork, Sizes
 from dancedata.core.errors import SourceError, UsageError
+from dancedata.core.packages import install
 from dancedata.core.regular_file import open_regular
 from dancedata.core.text import listed, shown
 
@@ -64,7 +65,7 @@ def _read_checkpoint(path: Path) -> tuple[dict[str, torch.Tensor], bool]:
             where=path,
             found=f"torch {torch.__version__}",
             allowed=f"torch {_SAFE_TORCH} or later, or weights as .safetensors",
-            fix='pip install "dancedata[beats]"',
+            fix=install("beats"),
         )
     try:
         with open_regular(path) as file:

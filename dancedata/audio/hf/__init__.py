@@ -27,4 +27,5 @@ else:  # type checkers take the imports above, and so find misspelt names
             "settings_of": f"{__name__}.settings",
             "write_random_model": f"{__name__}.random_models",
         },
+        extra="hf",
     )

@@ -20,6 +20,7 @@ from dancedata.core.columns import Columns
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import sha256_file
+from dancedata.core.packages import require
 from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
 
@@ -120,6 +121,7 @@ class HuggingFace(AudioFeature):
     @classmethod
     def make_example(cls, folder: Path) -> HuggingFace:
         """Write a tiny random model in MERT's published layout, and return the feature that uses it. For tests."""
+        require("hf", what="the audio feature hf")
         from dancedata.audio.hf.random_models import write_random_model
 
         write_random_model("mert", folder)
@@ -267,9 +269,7 @@ class HuggingFace(AudioFeature):
         return [(key, value) for key, value in given.items() if value is not None]
 
     def _checked_device(self) -> str:
-        from dancedata.audio.hf.loading import require_packages
-
-        require_packages()
+        require("hf", what="the audio feature hf")
         from dancedata.audio.networks.devices import require_device
 
         cards = cards_of(self.device)
@@ -300,6 +300,7 @@ class HuggingFace(AudioFeature):
 
     def _encoder(self) -> HuggingFaceEncoder:
         """Return the network of this process, loaded once. The hash is part of the key: files may have changed."""
+        require("hf", what="the audio feature hf")
         from dancedata.audio.hf.encoder import HuggingFaceEncoder
 
         device = device_of_process(self.device)

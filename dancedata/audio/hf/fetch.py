@@ -18,6 +18,7 @@ from dancedata.core.atomic import OWN, sync_folder, write_json
 from dancedata.core.errors import DanceDataError, SourceError, UsageError
 from dancedata.core.hashing import sha256_file
 from dancedata.core.locks import file_lock
+from dancedata.core.packages import require
 from dancedata.core.text import listed, shown
 
 if TYPE_CHECKING:
@@ -159,13 +160,10 @@ class _Hub:
     """One model on the hub, through the package huggingface_hub; its exceptions become errors that say what to do."""
 
     def __init__(self, name: str, endpoint: str | None) -> None:
-        try:
-            import huggingface_hub
-            from huggingface_hub import constants, errors
-        except ImportError as error:
-            raise UsageError(
-                "hf: fetching a model needs the package huggingface_hub", fix='pip install "dancedata[hf]"'
-            ) from error
+        require("hf", ["huggingface_hub"], what="hf: fetching a model")
+        import huggingface_hub
+        from huggingface_hub import constants, errors
+
         self.name, self._endpoint = name, endpoint or constants.ENDPOINT
         self._client, self._client_errors = huggingface_hub, errors
 

@@ -14,6 +14,7 @@ import torch
 from dancedata.audio.hf.families.base import Family, NetworkSpec, Output
 from dancedata.audio.hf.model_folder import ModelFolder
 from dancedata.core.errors import SourceError, UsageError
+from dancedata.core.packages import load
 from dancedata.core.text import listed, shown
 
 #: The first torch whose weights_only refuses everything but tensors and plain containers.
@@ -23,7 +24,6 @@ _NOT_OF_THE_NETWORK = (
     "auto_map", "_name_or_path", "dtype", "torch_dtype",
     "return_dict", "use_return_dict", "torchscript", "output_hidden_states", "output_attentions",
 )  # fmt: skip
-_INSTALL = 'pip install "dancedata[hf]"'
 
 
 def load_network(folder: ModelFolder, family: Family, top: int, output: Output, dtype: torch.dtype) -> Any:
@@ -60,19 +60,10 @@ def load_network(folder: ModelFolder, family: Family, top: int, output: Output, 
     return network.requires_grad_(False)
 
 
-def require_packages() -> Any:
-    """Return transformers; UsageError where it is not installed."""
-    try:
-        import transformers
-    except ImportError as error:
-        raise UsageError("hf: transformers is not installed", found=shown(error), fix=_INSTALL) from error
-    return transformers
-
-
 def _load_native(
     folder: ModelFolder, spec: NetworkSpec, *, safe: bool, dtype: torch.dtype
 ) -> tuple[Any, list[str], list[str]]:
-    package = require_packages()
+    package = load("transformers", "hf")
     config_name, keys = spec.config
     if not hasattr(package, spec.model):
         raise UsageError(
@@ -102,7 +93,6 @@ def _load_native(
 
 
 def _load_muq(family: Any, spec: NetworkSpec, files: Iterable[Path]) -> tuple[Any, list[str], list[str]]:
-    require_packages()
     from dancedata.audio.hf.families.muq_network import MuQNetwork
 
     network = MuQNetwork(spec.config[1], family.strides)

@@ -34,4 +34,5 @@ else:  # type checkers take the imports above, and so find misspelt names
             "convert": f"{__name__}.conversion",
             "fetch": f"{__name__}.weights.download",
         },
+        extra="jukebox",
     )

@@ -42,6 +42,7 @@ from dancedata.core.atomic import atomic_file, write_json
 from dancedata.core.errors import DanceDataError, SourceError, UsageError
 from dancedata.core.hashing import sha256_file
 from dancedata.core.locks import writing_lock
+from dancedata.core.packages import require
 from dancedata.core.staging import Layout, staged, tidy
 from dancedata.core.strict_json import read_json
 from dancedata.core.text import listed
@@ -88,6 +89,7 @@ def convert(
     DanceDataError
         `out` cannot be written, or another process is writing there.
     """
+    require("jukebox", what="jukebox: a conversion")
     folder, out, config = Path(folder), Path(out), config or JukeboxConfig()
     if not 1 <= layer <= config.depth:
         raise UsageError("jukebox: invalid value for layer", found=layer, allowed=f"1 to {config.depth}")

@@ -23,6 +23,7 @@ from dancedata.core.columns import Columns, Group
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import json_sha256, sha256_file
+from dancedata.core.packages import require
 from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
 
@@ -92,6 +93,7 @@ class Jukebox(AudioFeature):
     @classmethod
     def make_example(cls, folder: Path) -> Jukebox:
         """Write a tiny random checkpoint in the real layout, and return the feature that uses it. For tests."""
+        require("jukebox", what="the audio feature jukebox")
         from dancedata.audio.jukebox.weights.random_weights import random_checkpoint
 
         random_checkpoint(folder)
@@ -126,6 +128,7 @@ class Jukebox(AudioFeature):
         UsageError
             The weights do not match `weights_sha256` or lack the layer, or the device does not exist.
         """
+        require("jukebox", what="the audio feature jukebox")
         from dancedata.audio.networks.devices import require_device
         from dancedata.audio.networks.precision import resolve_precision
 
@@ -247,6 +250,7 @@ class Jukebox(AudioFeature):
 
     def _encoder(self, n_codes: int) -> JukeboxEncoder:
         """Return the network, with tables for clips of up to `n_codes` codes."""
+        require("jukebox", what="the audio feature jukebox")
         from dancedata.audio.jukebox.network.memory import padded_length
 
         device = device_of_process(self.device)

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.errors import DataError
+from dancedata.core.packages import require
 
 N = TypeVar("N")
 
@@ -18,6 +19,7 @@ def cards_of(device: str) -> list[str]:
     """Return the cards that a feature's key `device` names: every one for "auto"; empty on a CPU."""
     if device != "auto":
         return [device] if device.startswith("cuda") else []
+    require("torch", what="a network")
     import torch
 
     return [f"cuda:{k}" for k in range(torch.cuda.device_count())]

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import csv
 import io
+import re
+import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from dancedata.core.errors import SourceError, did_you_mean
+from dancedata.core.nearest import closest
 from dancedata.core.regular_file import read_regular
 from dancedata.core.strict_json import parse_json
 from dancedata.core.text import csv_text, quoted, shown
@@ -115,7 +118,7 @@ def _csv(path: Path, text: str) -> Iterator[tuple[int, dict[str, str]]]:
                 continue
             if not columns:
                 columns = cells
-                _check_columns(path, reader.line_num, columns)
+                _check_columns(path, reader.line_num, columns, delimiter)
                 continue
             if len(cells) != len(columns):
                 what = f"{len(cells)} cells"
@@ -162,10 +165,10 @@ def _text(path: Path, line: int, key: str, value: object) -> str:
     raise _bad(path, line, f"{key} is neither text nor a number", f"{type(value).__name__}", "text or a number")
 
 
-def _check_columns(path: Path, line: int, columns: list[str]) -> None:
+def _check_columns(path: Path, line: int, columns: list[str], delimiter: str = ",") -> None:
     if path.suffix == ".csv" and not set(columns) & set(COLUMNS):
         problem, found = "the first line contains no known column", shown(", ".join(columns), 100)
-        raise _bad(path, line, problem, found, ", ".join(COLUMNS), "start with a line such as motion,audio,split")
+        raise _bad(path, line, problem, found, ", ".join(COLUMNS), _header_fix(columns, delimiter))
     for column in columns:
         if column not in COLUMNS:
             problem = f"unknown column {quoted(column, 60)}; {did_you_mean(column[:60], COLUMNS)}"
@@ -180,6 +183,18 @@ def _check_columns(path: Path, line: int, columns: list[str]) -> None:
             shown(", ".join(columns)) or "nothing",
             "motion, and any of the other columns",
         )
+
+
+def _header_fix(columns: list[str], delimiter: str) -> str:
+    """Return the first line that was meant, by the nearest columns; cells may have another separator."""
+    cells = re.split(rf"[|:,;\s{delimiter}]+", delimiter.join(columns))
+    names = [closest(cell, COLUMNS) or cell for cell in cells]
+    if not set(names) & set(COLUMNS):
+        return "start with a line such as motion,audio,split"
+    line = delimiter.join(names)
+    if len(cells) > len(columns):
+        return f"separate the cells of all lines by {_DELIMITERS[delimiter]}s, and write the first line as {line}"
+    return f"write the first line as {line}"
 
 
 def _row(path: Path, line: int, values: dict[str, str]) -> Row:
@@ -248,7 +263,8 @@ def id_problem(name: str) -> str | None:
     if "/" in name or "\\" in name:
         return "contains a slash"
     if not name.isprintable():
-        return "contains characters that cannot be printed"
+        locale = f" (the locale's encoding is {code})" if (code := sys.getfilesystemencoding()) != "utf-8" else ""
+        return f"contains characters that cannot be printed{locale}"
     return f"is longer than {MAX_ID} characters" if len(name) > MAX_ID else None
 
 

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from dancedata.core.errors import DanceDataError, UsageError
+from dancedata.core.errors import DanceDataError
+from dancedata.core.packages import require
 from dancedata.execution.executors.base import Call, Executor, OnResult, WorkerDiedError, first_line
 from dancedata.execution.requirements import WorkerRequirements, check_worker
 
@@ -94,10 +95,9 @@ def connected(scheduler: str) -> Iterator[Client]:
     DanceDataError
         If no scheduler answers there, or it has no worker.
     """
-    try:
-        from distributed import Client
-    except ImportError as error:
-        raise UsageError("Dask is not installed", fix="pip install dancedata[dask]") from error
+    require("dask", what="the backend dask")
+    from distributed import Client
+
     try:
         client = Client(scheduler, timeout=TIMEOUT_S, set_as_default=False)  # type: ignore[no-untyped-call]
     except (OSError, ValueError, TimeoutError) as error:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from dancedata.audio.jukebox.weights.files import LICENCE, PRIOR_FILE, VQVAE_FILE
-from dancedata.core.atomic import atomic_file
+from dancedata.core.atomic import OWN, atomic_file
 from dancedata.core.errors import DanceDataError, SourceError, UsageError
 from dancedata.core.hashing import sha256_file
 from dancedata.core.locks import file_lock
@@ -105,8 +105,8 @@ def fetch(
         The licence was not accepted, or `source` is neither http(s) nor a folder.
     SourceError
         A file does not exist or has another size or hash, or the server keeps failing or its answer is not valid
-        HTTP. A partial download is kept as "name.part", and the next call resumes it; one that is too large is
-        removed.
+        HTTP. A partial download is kept as ".dancedata-NAME.part", and the next call resumes it; one that is too
+        large is removed.
     """
     agreed = accept_licence(LICENCE) if callable(accept_licence) else accept_licence
     if not agreed:
@@ -124,7 +124,7 @@ def fetch(
         path = out / file.name
         paths.append(path)
         try:
-            with file_lock(out / f".{file.name}.lock", wait=False) as locked:
+            with file_lock(out / f"{OWN}{file.name}.lock", wait=False) as locked:
                 if not locked:
                     raise UsageError("jukebox: another program is fetching this file", where=path)
                 if path.exists():
@@ -149,9 +149,9 @@ class _Download:
     def __init__(self, url: str, path: Path, file: RemoteFile, report: Progress) -> None:
         self._url = url
         self._path = path
-        self._part = path.with_name(f"{path.name}.part")
+        self._part = path.with_name(f"{OWN}{path.name}.part")
         # The version of the file that the part belongs to, by the server's ETag.
-        self._tag = path.with_name(f"{path.name}.part-etag")
+        self._tag = path.with_name(f"{OWN}{path.name}.part-etag")
         self._file = file
         self._report = report
 
