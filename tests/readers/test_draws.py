@@ -212,6 +212,12 @@ def test_streams_are_functions_of_the_step(train: WindowDataset, n_workers: int)
         BatchStream(halves(train), 8)
 
 
+def test_a_batch_loader_passes_on_the_epoch_of_a_sampler_that_has_no_dataset(train: WindowDataset) -> None:
+    found = draws(BatchLoader(train, 8, sampler=EpochSampler(len(train), seed=1)))
+    assert train.epoch is None
+    assert found == draws(loader_of(train, sampler=EpochSampler(train, seed=1)))
+
+
 def test_crops_and_buckets_draw_anew_too(mixed_store: Store) -> None:
     crops = ClipDataset(mixed_store, fields=FIELDS, crop_frames=40, crops=3, seed=1)
     starts = [[sample["start"] for sample in crops.samples(range(len(crops)))] for _ in range(2)]
