@@ -115,7 +115,7 @@ class MusicBeats:
         has an onset envelope, the instant is that of the envelope's peak between the rows beside it.
         """
         frames = np.flatnonzero((rows[:, columns.slice("beat")] > 0.5).any(axis=1))
-        places = frames - float(late)
+        places = frames.astype(np.float64) - late
         if "onset_envelope" in columns.names:
             places += peak_offsets(rows[:, columns.slice("onset_envelope")].ravel(), frames)
         return cls(frames, grid, places / float(grid.rate))
