@@ -47,7 +47,7 @@ def test_a_random_walk_gives_a_full_table(walk: Path, store: Store, tmp_path: Pa
     rows = tmp_path / "rows.csv"
     text = run(
         walk, "--like", store.path, "--music-of", walk.parent / "songs.csv", "--per-clip", rows, "--jobs", 1,
-        "--bootstrap", 20, "--quiet",
+        "--bootstrap", 20, "--quiet", "--not-normalized",
     )  # fmt: skip
     assert text.startswith(f"dancedata, version 2: {walk} as generated\n  6 clips, 6 pieces, 30 frames per second")
     for score in ("FID_k", "Div_k", "FID_g", "Div_g", "BAS", "PFC", "FSR"):
@@ -66,6 +66,7 @@ def test_a_random_walk_gives_a_full_table(walk: Path, store: Store, tmp_path: Pa
 
 def test_json_and_tables(walk: Path, store: Store) -> None:
     options = [walk, "--like", store.path, "--jobs", "1", "--bootstrap", "10", "--protocol", "edge-aistpp"]
+    options += ["--not-normalized"]
     found = json.loads(run(*options, "--json"))
     assert found["protocol"] == "edge-aistpp"
     assert found["scores"]["pfc"]["published"] == 1.332
