@@ -108,7 +108,7 @@ PLANTED: list[tuple[str, Callable[[Motion], Motion]]] = [
     ("implausible_elbows", lambda motion: swapped(motion, "sides")),
     ("implausible_elbows", lambda motion: swapped(motion, "arms")),
     ("implausible_elbows", mirrored),
-    *(("implausible_up", lambda motion, world=world: turned(motion, world)) for world in WORLDS),  # type: ignore[misc]
+    *(("implausible_up", lambda motion, world=world: turned(motion, world)) for world in WORLDS),
 ]
 
 
@@ -146,6 +146,7 @@ def real(shared: Path) -> dict[str, Motion]:
     from dancedata.datasets.folder.facts import Declared
     from dancedata.datasets.folder.load import Reading, load_motion
 
+    paths: list[tuple[Path, str | None, str | None, str | None]]
     paths = [(path, "60", None, None) for path in sorted((shared / "realdata/aistpp/motions").glob("*.pkl"))]
     paths += [(path, "30", None, None) for path in sorted((shared / "realdata/finedance").glob("derived_315_*.npy"))]
     paths += [

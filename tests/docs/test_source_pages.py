@@ -11,13 +11,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 import dancedata
 from dancedata.cli.app import app
 from dancedata.datasets.folder import Folder
 from dancedata.synthetic import write_synthetic
-from tests.video_files import dance, gvhmr, joblib_bytes, phalp, torch_file, wham, wham_person
+from tests.video_files import dance, gvhmr, in_camera, joblib_bytes, phalp, torch_file, wham, wham_person
 
 ROOT = Path(__file__).resolve().parents[2]
 N = 170
@@ -75,7 +76,9 @@ def test_the_page_on_video(tmp_path: Path, example: Path, run: Callable[[str], l
     files: dict[str, Any] = {"anna_pkl": wham(two), "ben_pkl": phalp({1: (*dance(N, 3), np.arange(N))})}
     pair(tmp_path / "my-videos", example, **files, carla_pt=torch_file(gvhmr(N)))
     rotations, transl = dance(N, 5)
-    hybrik = {"pred_thetas": rotations.reshape(N, 72), "transl": transl}
+    half_turn = Rotation.from_rotvec((np.pi, 0, 0))  # to a camera's axes
+    rotations[:, 0] = (half_turn * Rotation.from_rotvec(rotations[:, 0])).as_rotvec()
+    hybrik = {"pred_thetas": rotations.reshape(N, 72), "transl": in_camera(transl)}
     pair(tmp_path / "hybrik-videos", example, res_pk=joblib_bytes(hybrik))
     recipes = blocks("from-video.md", "yaml")
     for name, recipe in zip(("recipe.yaml", "hybrik.yaml"), recipes, strict=True):
