@@ -190,7 +190,7 @@ def _rows_of(store: Store, clips: Sequence[str], field: Field) -> Iterator[Rows]
             part = store.read(window, field.name)
             rows[begin : begin + len(part)] += part
             count[begin : begin + len(part)] += 1
-        yield (rows / np.maximum(count, 1)).astype(np.float32, copy=False)
+        yield (rows / np.maximum(count, 1)).astype(np.float32)
 
 
 def _comparable(rows: npt.NDArray[Any], step: int, rate: float) -> Rows:
