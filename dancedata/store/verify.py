@@ -198,7 +198,8 @@ def _check_splits(folder: Path, description: Description, records: Sequence[Clip
     song_of = songs_of(records, description.meta)
     songs: dict[str, set[str]] = defaultdict(set)
     for record in records:
-        if record.id in song_of:
+        # A copy of a clip of another split is named above.
+        if record.id in song_of and split_of.get(record.source, record.split) == record.split:
             songs[record.split].add(song_of[record.id])
     for other in ("val", "test"):
         shared = sorted(songs["train"] & songs[other])
