@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -37,6 +38,8 @@ __all__ = ["Evaluator"]
 Gather = Callable[[list[Any]], list[Any]]
 #: What a process has measured: samples, those that could not be, which of their names were made here, and traces.
 _Part = tuple[list[MeasuredClip], list[tuple[str, str]], list[str], dict[str, "_Trace"]]
+#: What the ids of readers have behind that of the clip: first frame, length, and what was changed.
+_WINDOW = re.compile(r"@\d+\+\d+(:.*)?$", re.DOTALL)
 #: How far the trace of a sample that is generated again may be off: the same network in batches of other sizes.
 _SAME = 1e-4
 
@@ -275,8 +278,9 @@ class Evaluator:
         except DataError as error:
             self._left_out[name] = str(error)
             return
-        clip = MemoryClip(id=name, joints=pose.joints, grid=pose.grid)
-        self._measured[name] = MeasuredClip.of(clip, found)
+        measured = MeasuredClip.of(MemoryClip(id=name, joints=pose.joints, grid=pose.grid), found)
+        # Windows of a clip are not independent: intervals leave out the clip as a whole.
+        self._measured[name] = replace(measured, clip=_WINDOW.sub("", name))
 
     def _beats(self, music: npt.NDArray[Any]) -> list[MusicBeats]:
         """Return the beats of each sample."""
