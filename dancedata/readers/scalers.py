@@ -14,7 +14,7 @@ from dancedata.core.clip import Window
 from dancedata.core.columns import Mirror
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.normalize import MinMax
-from dancedata.core.text import shown
+from dancedata.core.text import listed, shown
 from dancedata.readers.selection import Choice, select
 from dancedata.store.dataset import Store
 from dancedata.store.scaling import Reader, Scaling
@@ -29,7 +29,7 @@ def named_scalers(store: Store, fields: tuple[str, ...], scaler: ScalerLike) -> 
     Raises
     ------
     UsageError
-        For a scaler of a field that is not read, of other columns or of another dataset.
+        For a scaler of a field that is not read, of other columns or of another dataset, or a reader without one.
     """
     if scaler is None:
         return {}
@@ -41,7 +41,13 @@ def named_scalers(store: Store, fields: tuple[str, ...], scaler: ScalerLike) -> 
         fitting = [name for name in fields if store.fields[name].width == one.width]
         given = {one.field or (fitting[0] if len(fitting) == 1 else ""): one}
     else:
-        given = {name: scaler.normalizer(name) for name in scaler.normalized if name in fields}
+        shared = [name for name in scaler.fields if name in fields]
+        given = {n: scaler.normalizer(n) for n in shared if n in scaler.normalized or store.field(n).kind == "motion"}
+        if not given:
+            raise UsageError(
+                "the reader that names the scaler reads no motion field of this one", found=listed(scaler.fields),
+                allowed=listed(fields), fix="name a reader of the same fields, or scaler={FIELD: ...}",
+            )  # fmt: skip
     for name in given:
         if name not in fields:
             raise UsageError(

@@ -289,8 +289,9 @@ def split_figures(d: Drawing) -> list[Figure]:
     shared = d.own["splits"]
     if len(d.own["contents"]["splits"]) < 2:
         return []
+    sound = "" if shared["compared_by_sound"] else "; compared by name and samples, not by sound"
     notes = {
-        "songs": ("Songs that splits share", "train must share none; val and test may, as in AIST++"),
+        "songs": ("Songs that splits share", f"train must share none; val and test may, as in AIST++{sound}"),
         "dancers": ("Dancers that splits share", "no leak by itself: many datasets split by song"),
         "clips": ("Clips that splits share", "copies of augmentations count as their clip"),
     }

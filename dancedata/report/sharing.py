@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from dancedata.store import ClipView, Store
-from dancedata.store.songs import AlikeSongs, alike_songs, songs_of
+from dancedata.store.songs import AlikeSongs, alike_songs, songs_of, sound_field
 
 __all__ = ["splits"]
 
@@ -19,9 +19,10 @@ def splits(store: Store) -> dict[str, Any]:
     """
     origin = {c.id: c.source or c.id for c in store.clips}
     songs = songs_of(store.clips, store.meta)
-    alike = alike_songs(store, songs) or []
+    alike = None if sound_field(store) is None else alike_songs(store, songs)
     return {
-        "songs": _shared(store, lambda c: songs.get(c.id, ""), alike),
+        "compared_by_sound": alike is not None,
+        "songs": _shared(store, lambda c: songs.get(c.id, ""), alike or ()),
         "dancers": _shared(store, lambda c: c.dancer),
         "clips": _shared(store, lambda c: origin[c.id]),
     }

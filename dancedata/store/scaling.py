@@ -37,11 +37,15 @@ class Reader(Protocol):
         """The dataset."""
 
     @property
+    def fields(self) -> tuple[str, ...]:
+        """Names of the fields that it reads."""
+
+    @property
     def normalized(self) -> tuple[str, ...]:
         """Names of the fields that it normalises."""
 
     def normalizer(self, field: str) -> MinMax:
-        """Return the scaler of a field."""
+        """Return the scaler of a field: of one that is not normalised, what normalising it would use."""
 
 
 #: An open dataset, or a reader of it.
@@ -142,9 +146,9 @@ class Scaling:
             return cls(None, False)
         if field not in store.fields:
             raise UsageError(f"no field named {field!r}", where=store.path, fix=did_you_mean(field, store.fields))
-        if not isinstance(like, Store):
+        if not isinstance(like, Store) and field in like.fields:
             normalized = field in like.normalized if normalized is None else normalized
-            if field in like.normalized:
+            if normalized or field in like.normalized:
                 return cls(like.normalizer(field), normalized, clip)
         own = store.normalizer(field) if normalized else _stored(store, field)
         return cls(own, False if own is None else normalized, clip)

@@ -59,6 +59,8 @@ def evaluated(store: Store, rows: Any, **options: Any) -> Any:
 @pytest.mark.parametrize("reader", [WindowDataset, ClipDataset])
 def test_what_readers_normalise_comes_back(store: Store, tmp_path: Path, kind: str, reader: Any) -> None:
     changed, plain = (reader(store, fields=(FIELD,), normalize=n, **KINDS[kind]) for n in (True, False))
+    for one in (changed, plain):
+        one.set_epoch(0)  # else each read draws anew
     beyond = 0.0
     for place in (0, 3):
         rows, wanted = changed[place][FIELD].numpy(), joints(plain[place][FIELD], store)
@@ -109,6 +111,21 @@ def test_a_wider_scaler_is_named_and_travels(store: Store, tmp_path: Path) -> No
         WindowDataset(store, "val", (FIELD,)).load_state_dict(wide.state_dict())
     with pytest.raises(UsageError, match="two scalers"):
         WindowDataset(store, "val", (FIELD,), scaler=wide, normalizer_covers_mirror=True)
+
+
+def test_a_reader_that_leaves_normalising_to_the_trainer_has_its_scaler(store: Store) -> None:
+    wide = WindowDataset(store, fields=(FIELD,), mirror=1.0, normalize=False, normalizer_covers=["yaw"])
+    rows = wide[3][FIELD].numpy()
+    scaled, wanted = wide.normalizer(FIELD).normalize(rows), joints(rows, store)
+    assert worst(dancedata.decode(scaled, FIELD, like=wide, normalized=True).joints(), wanted) < 1e-5
+    assert worst(dancedata.decode(rows, FIELD, like=wide).joints(), wanted) < 1e-5
+    val = WindowDataset(store, "val", (FIELD,), scaler=wide)
+    np.testing.assert_array_equal(val.normalizer(FIELD).data_min, wide.normalizer(FIELD).data_min)
+    other = WindowDataset(store, fields=("lodge139",))
+    with pytest.raises(UsageError, match="nothing states whether"):
+        dancedata.decode(rows, FIELD, like=other)
+    with pytest.raises(UsageError, match="reads no motion field of this one"):
+        WindowDataset(store, fields=(FIELD,), scaler=other)
 
 
 def test_a_scaler_of_something_else_is_refused(store: Store, tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ import dancedata
 from dancedata.core.clip import Reject
 from dancedata.report import write_report
 from dancedata.report.findings import findings
-from dancedata.store import open_store
+from dancedata.store import open_store, songs
 
 
 @pytest.fixture(scope="module")
@@ -100,11 +100,20 @@ def test_columns_are_those_of_stats_json(demo: Path, document: Any) -> None:
 
 def test_val_and_test_may_share_a_song_and_train_may_not(demo: Path, relabelled: Any) -> None:
     own = write_report(demo).document
+    assert own["splits"]["compared_by_sound"]
     assert own["splits"]["songs"]["counts"]["train"]["test"] == 0
     assert [f.kind for f in findings(own) if f.figure == "shared_songs"] == ["note"]
     leaky = write_report(relabelled(lambda k: {"music": "one"})).document
     assert leaky["splits"]["songs"]["names"]["train and test"] == ["one"]
     assert "bad" in [f.kind for f in findings(leaky) if f.figure == "shared_songs"]
+
+
+def test_songs_that_are_not_compared_by_sound_are_said(
+    demo: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(songs, "MAX_PAIRS", 1)
+    write_report(demo, tmp_path / "page.html")
+    assert "compared by name and samples, not by sound" in (tmp_path / "page.html").read_text()
 
 
 def test_genres_that_differ_in_case_are_named(relabelled: Any) -> None:
