@@ -260,7 +260,11 @@ NAN = np.where(np.arange(N)[:, None] == 7, np.nan, TRANS)
         ({**GOOD, "mocap_framerate": np.array("fast")}, "bad_rate", ["mocap_framerate", "fast"]),
         ({**GOOD, "mocap_framerate": np.array("")}, "bad_rate", ["mocap_framerate=numpy.array(120.0)"]),
         ({**GOOD, "mocap_framerate": np.array(["120", "60"])}, "bad_rate", ["<U3", "fps for this file"]),
-        ({**GOOD, "mocap_framerate": np.array(True)}, "bad_rate", ["bool", "mocap_framerate=numpy.array(120.0)"]),
+        (
+            {**GOOD, "mocap_framerate": np.array(True)},
+            "bad_rate",
+            ["found True", "=numpy.array(120.0)"],
+        ),
         ({"smpl_poses": POSES, "smpl_trans": TRANS, "smpl_scaling": np.zeros(1)}, "bad_scaling", ["[0.0]"]),
     ],
 )

@@ -214,9 +214,9 @@ def test_columns_at_another_rate_than_their_file_states(store: Store, tmp_path: 
     columns = store.clips[0].read("edge151")
     np.savez(tmp_path / "a.npz", columns=columns, fps=60)
     with pytest.raises(DataError, match=r"rate of this file is not that of its columns; found 60.*allowed: 30"):
-        dancedata.evaluate(tmp_path, like=store, metrics=["pfc"])
+        dancedata.evaluate(tmp_path, like=store, normalized=False, metrics=["pfc"])
     np.savez(tmp_path / "a.npz", columns=columns, fps=30)
-    assert dancedata.evaluate(tmp_path, like=store, metrics=["pfc"], bootstrap=0)["pfc"] is not None
+    assert dancedata.evaluate(tmp_path, like=store, normalized=False, metrics=["pfc"], bootstrap=0)["pfc"] is not None
 
 
 def test_a_protocol_needs_its_members() -> None:
