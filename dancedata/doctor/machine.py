@@ -77,7 +77,7 @@ def check_processor() -> Iterator[Finding]:
         yield ok("processor", f"computes with {chosen}: the same bytes as on every processor with AVX2")
     else:
         why = "numpy's BLAS is not OpenBLAS" if arithmetic.has_reference() else "it is not an x86-64 with AVX2"
-        fix = "results are kept apart from those of other machines in caches and datasets (docs/decisions/0026)"
+        fix = "results are kept apart from those of other machines in caches and datasets (docs/decisions/0023)"
         yield note("processor", f"computes with {chosen}, as {why}", fix)
 
 

@@ -10,7 +10,7 @@ the workers that it starts (`adopt`). In a notebook or a training job the librar
 computations that have to be exact run in a second process there (`dancedata.execution.reference_process`).
 
 Where this choice does not exist (no AVX2, another architecture, another BLAS), results depend on the machine, and
-their keys contain a description of it, so that they are never mixed. docs/decisions/0026 has the measurements.
+their keys contain a description of it, so that they are never mixed. docs/decisions/0023 has the measurements.
 """
 
 from __future__ import annotations

@@ -38,6 +38,6 @@ def add(root: Path, page: str, text: list[str]) -> None:
         for title, pages in groups(root).items():
             text[0] += toctree([f"{label} </{path}>" for label, path in pages], title)
     elif page == "docs/decisions/README":
-        text[0] += toctree(re.findall(r"^\| \[\d+\]\(([^)]+)\.md\)", text[0], flags=re.MULTILINE))
+        text[0] += toctree(re.findall(r"^\| \[\w+\]\(([^)]+)\.md\)", text[0], flags=re.MULTILINE))
     elif page == "docs/api":
         text[0] += toctree([f"api/{name}" for name in reference.modules(root)])

@@ -1,6 +1,6 @@
 """Models whose files and outputs are kept: what releases of transformers must leave as it is.
 
-The cache key of the feature hf does not have the version of transformers (decision 0027), so a release that changes
+The cache key of the feature hf does not have the version of transformers (decision 0024), so a release that changes
 numbers has to fail a test. `data/golden.json.gz` has, for each kind of model, config.json, the extractor's parameters
 and the names and shapes of the tensors as transformers 4.57 and 5.23 both write them; the tensors are drawn here.
 `data/golden.npz` has outputs::
