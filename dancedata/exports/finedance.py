@@ -9,14 +9,12 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from dancedata.core.plugins import Export
-from dancedata.core.registry import EXPORTS
 from dancedata.datasets.finedance.facts import facts
+from dancedata.exporting.job import EXPORTS, Export, ExportJob, Lack
 from dancedata.exports._finedance import note_missing, track_lacks
 
 if TYPE_CHECKING:
     from dancedata.exporting.folder import ExportFolder
-    from dancedata.exporting.job import ExportJob, Lack
 
 _MOTION = "finedance319"
 _GUIDE = """## Train
