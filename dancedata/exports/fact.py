@@ -17,7 +17,6 @@ from dancedata.exporting.job import EXPORTS, Export, ExportJob, Lack
 from dancedata.exporting.needs import needs_field, needs_splits, needs_track_scope
 from dancedata.exports._aist_names import PARTS, is_ignored, name_lacks, note_ignored
 from dancedata.exports._tfrecord import example, record
-from dancedata.store.songs import songs_of
 
 if TYPE_CHECKING:
     from dancedata.exporting.folder import ExportFolder
@@ -87,7 +86,7 @@ class Fact(Export):
                     found = f"no sequence of {part} has {_LEAST} frames with music at {_RATE} per second"
                     lacks.append(Lack(found, "longer clips: FACT trains on four seconds"))
             long = [clip.id for clip in _clips(job, "test") if self._length(clip) >= _LEAST]
-            songs = songs_of(job.store.clips, job.store.meta)
+            songs = _songs(job)
             if self.unpaired and len({songs.get(clip) for clip in long}) < 2:
                 found = f"all sequences of test have one song: {listed(songs.get(clip) for clip in long[:1])}"
                 lacks.append(Lack(found, "several songs in test for unpaired motion, or unpaired=0"))
@@ -112,7 +111,7 @@ class Fact(Export):
 
     def _unpaired(self, job: ExportJob, clips: list[ClipView]) -> list[tuple[ClipView, ClipView]]:
         """Return each clip with clips to other songs, by name and by samples."""
-        songs = songs_of(job.store.clips, job.store.meta)
+        songs = _songs(job)
         others = {clip.id: [c for c in clips if songs.get(c.id) != songs.get(clip.id)] for clip in clips}
         drawn = np.random.RandomState(_SEED).random_sample((self.unpaired, len(clips)))
         return [
@@ -140,6 +139,12 @@ class Fact(Export):
             ]
             for (dance, song), shard in job.each(name, list(zip(pairs, shards.tolist(), strict=True))):
                 files[shard].write(record(_example(dance, song, self.feature)))
+
+
+def _songs(job: ExportJob) -> Mapping[str, str]:
+    from dancedata.store.songs import songs_of  # here, as plug-ins are listed without the store
+
+    return songs_of(job.store.clips, job.store.meta)
 
 
 def _clips(job: ExportJob, part: str) -> list[ClipView]:
