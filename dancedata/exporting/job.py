@@ -15,7 +15,7 @@ from dancedata.execution.progress import Progress
 
 if TYPE_CHECKING:
     from dancedata.exporting.folder import ExportFolder
-    from dancedata.exporting.music import SourceMusic
+    from dancedata.pipeline.source_music import SourceMusic
     from dancedata.store import ClipView, Store
 
 T = TypeVar("T")
@@ -71,7 +71,7 @@ class ExportJob:
     @cached_property
     def music(self) -> SourceMusic:
         """The music below `source`. UsageError without a source, SourceError where it cannot be read."""
-        from dancedata.exporting.music import SourceMusic
+        from dancedata.pipeline.source_music import SourceMusic
 
         return SourceMusic.of(self.store, self.source)
 

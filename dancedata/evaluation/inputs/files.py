@@ -135,7 +135,7 @@ class FileClip(ClipInput):
             raise DataError(
                 "the array is a batch, and a file is one clip", reason="bad_shape", where=str(self.path),
                 found=str(arrays.shape(name)), allowed=f"(T, {width})",
-                fix="save one file for each, or give the batch to dancedata.metrics.Evaluator",
+                fix="save one file for each, or give the batch to dancedata.Evaluator",
             )  # fmt: skip
         if name is None or len(arrays.shape(name)) != 2:
             return None
