@@ -18,8 +18,8 @@ from dancedata.core.registry import DATASETS
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import counted
 from dancedata.datasets._near_music import NearMusic
-from dancedata.datasets._source import AUDIO_SUFFIXES, relative, require_folder
 from dancedata.datasets._split_rule import SplitRule, same_songs
+from dancedata.datasets.files import AUDIO_SUFFIXES, relative, require_folder
 from dancedata.datasets.folder.facts import Declared
 from dancedata.datasets.folder.layout import LOOKED_FOR, match_names
 from dancedata.datasets.folder.load import SUFFIXES, Reading, load_motion
