@@ -14,6 +14,7 @@ from dancedata.core.version import __version__
 
 __all__ = [
     "AudioSignal",
+    "Evaluator",
     "FeatureCache",
     "Motion",
     "Skeleton",
@@ -50,6 +51,7 @@ if TYPE_CHECKING:
     from dancedata.core.audio_signal import AudioSignal
     from dancedata.core.motion import Motion
     from dancedata.core.skeleton import Skeleton
+    from dancedata.evaluation.evaluator import Evaluator
     from dancedata.pipeline.diff import diff
     from dancedata.store.dataset import open_store as open
 else:  # type checkers take the imports above, and so find misspelt names
@@ -57,6 +59,7 @@ else:  # type checkers take the imports above, and so find misspelt names
         __name__,
         {
             "AudioSignal": "dancedata.core.audio_signal",
+            "Evaluator": "dancedata.evaluation.evaluator",
             "FeatureCache": "dancedata.cache",
             "Motion": "dancedata.core.motion",
             "Skeleton": "dancedata.core.skeleton",

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from dancedata.core.registry import EXPORTS
 from dancedata.execution.progress import Progress
+from dancedata.exporting.job import EXPORTS
 from dancedata.exporting.run import ExportResult, export_dataset
 from dancedata.recipes.plugins import make_named
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from dancedata.audio.kernels import load_librosa
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DataError
 from dancedata.core.regular_file import open_regular
@@ -186,8 +187,6 @@ def resample(samples: NDArray[np.float32], from_rate: int, to_rate: int) -> NDAr
     """
     if from_rate == to_rate:
         return samples
-    from dancedata.audio.librosa35.reference import load_librosa
-
     load_librosa()
     import librosa
 

@@ -9,6 +9,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from dancedata.audio.kernels import compiling
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DataError
 
@@ -50,8 +51,6 @@ def stretched(signal: AudioSignal, speed: Fraction) -> AudioSignal:
 
 @lru_cache(maxsize=1)
 def _compile_kernels() -> None:
-    from dancedata.audio.librosa35.reference import compiling
-
     with compiling():
         _stretched(np.zeros(4096, dtype=np.float32), 1.5, 1024)
 

@@ -12,6 +12,7 @@ from typing import Any
 
 from dancedata.core.registry import REGISTRIES
 from dancedata.core.resources import resource, resources
+from dancedata.exporting.job import EXPORTS
 from dancedata.recipes.yaml import read_yaml
 
 
@@ -21,7 +22,7 @@ def catalogue() -> dict[str, Any]:
     found: dict[str, Any] = {
         "recipes": {name: {"about": read_yaml(file).get("description", "")} for name, file in files.items()}
     }
-    for kind, registry in REGISTRIES.items():
+    for kind, registry in {**REGISTRIES, "exports": EXPORTS}.items():
         found[kind] = {name: _plugin_json(registry.get(name)) for name in registry.names()}
     return found
 

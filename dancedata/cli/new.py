@@ -15,7 +15,6 @@ from dancedata.core.registry import (
     AUGMENTATIONS,
     CONTACTS,
     DATASETS,
-    EXPORTS,
     FEATURES,
     FILTERS,
     KEYMOTIONS,
@@ -23,6 +22,7 @@ from dancedata.core.registry import (
     REPRESENTATIONS,
     Registry,
 )
+from dancedata.exporting.job import EXPORTS
 
 _TEMPLATES = Path(__file__).with_name("templates")
 _TEST = '''"""Conformance of the {kind} {name}."""

@@ -7,10 +7,12 @@ import os
 import re
 import tempfile
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
+
+from dancedata.core.errors import UsageError
 
 #: How the names begin of files and folders that are dancedata's own and do not stay.
 OWN = ".dancedata-"
@@ -21,6 +23,29 @@ _TEMPORARY = re.compile(r"\.dancedata-[a-z0-9_]{8}\.tmp")
 def is_temporary(name: str) -> bool:
     """Tell whether a name is one that `atomic_file` gives."""
     return _TEMPORARY.fullmatch(name) is not None
+
+
+def require_free(path: Path, stores: Iterable[Path], what: str, *, overwrite: bool) -> Path:
+    """Return the path of a file to write, without "~".
+
+    Raises
+    ------
+    UsageError
+        If it lies inside one of the datasets, is a folder or in none, or is there and not to be replaced.
+    """
+    path = path.expanduser()
+    if any(path.resolve().is_relative_to(store.expanduser().resolve()) for store in stores):
+        raise UsageError(
+            f"a {what} is not written into a dataset, whose files are listed",
+            where=path,
+            fix="choose a file outside of the dataset",
+        )
+    if path.is_dir() or not path.absolute().parent.is_dir():
+        problem = "this is a folder" if path.is_dir() else "the folder of this file does not exist"
+        raise UsageError(problem, where=path, fix="name a file in a folder that exists")
+    if os.path.lexists(path) and not overwrite:
+        raise UsageError("the file is already there", where=path, fix="choose another name, or add --overwrite")
+    return path
 
 
 @contextmanager

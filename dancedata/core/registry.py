@@ -9,15 +9,15 @@ import threading
 from collections.abc import Callable, Iterable
 from functools import lru_cache
 from importlib.util import find_spec
-from typing import Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from dancedata.core.errors import UsageError, did_you_mean
+from dancedata.core.lazy import lazy_names
 from dancedata.core.plugins import (
     AudioFeature,
     Augmentation,
     ContactRule,
     Dataset,
-    Export,
     KeyMotionFinder,
     Metric,
     Plugin,
@@ -194,7 +194,6 @@ KEYMOTIONS = Registry("key motion", "dancedata.keymotion", KeyMotionFinder)
 AUGMENTATIONS = Registry("augmentation", "dancedata.augment", Augmentation)
 FILTERS = Registry("window filter", "dancedata.filters", WindowFilter)
 METRICS = Registry("metric", "dancedata.metrics", Metric)
-EXPORTS = Registry("export", "dancedata.exports", Export)
 
 
 def beat_rows_late(field: str) -> int:
@@ -203,7 +202,7 @@ def beat_rows_late(field: str) -> int:
     return FEATURES.get(plugin).beat_rows_late if plugin in FEATURES else 0
 
 
-#: All of them, by what `dancedata list` calls them.
+#: All of them, by what `dancedata list` calls them; that of exports is beside their base class.
 REGISTRIES: dict[str, Registry[Any]] = {
     "datasets": DATASETS,
     "representations": REPRESENTATIONS,
@@ -213,5 +212,7 @@ REGISTRIES: dict[str, Registry[Any]] = {
     "augmentations": AUGMENTATIONS,
     "window filters": FILTERS,
     "metrics": METRICS,
-    "exports": EXPORTS,
 }
+
+if not TYPE_CHECKING:  # deprecated: import it from its module
+    __getattr__, __dir__ = lazy_names(__name__, {"EXPORTS": "dancedata.exporting.job"})

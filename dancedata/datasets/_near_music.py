@@ -11,7 +11,7 @@ from pathlib import Path, PurePath
 from shlex import quote
 
 from dancedata.core.errors import SourceError
-from dancedata.datasets._source import AUDIO_SUFFIXES, list_folder, relative
+from dancedata.datasets.files import AUDIO_SUFFIXES, list_folder, relative
 
 __all__ = ["NearMusic"]
 

@@ -11,8 +11,8 @@ from pathlib import Path
 from dancedata.core.clip import Window
 from dancedata.core.errors import UsageError
 from dancedata.core.text import csv_text, listed, quoted
-from dancedata.datasets._source import AUDIO_SUFFIXES
-from dancedata.datasets.aistpp.facts import parse_name, tempo_bpm
+from dancedata.datasets.aistpp import parse_name, tempo_bpm
+from dancedata.datasets.files import AUDIO_SUFFIXES
 from dancedata.evaluation.clip_music import BEAT, ClipMusic
 from dancedata.evaluation.inputs.clip import ClipInput
 from dancedata.evaluation.inputs.store import StoreClip

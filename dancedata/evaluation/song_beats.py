@@ -16,7 +16,7 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
 from dancedata.core.text import listed
-from dancedata.datasets._source import AUDIO_SUFFIXES, best_audio
+from dancedata.datasets.files import AUDIO_SUFFIXES, best_audio
 from dancedata.evaluation.clip_music import ClipMusic, field_beats
 from dancedata.evaluation.inputs.clip import ClipInput
 from dancedata.evaluation.protocol import MusicRule, Protocol, Role

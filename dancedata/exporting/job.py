@@ -1,17 +1,21 @@
-"""What an export is asked to do, and what a dataset may lack for it."""
+"""What an export is asked to do, what a dataset may lack for it, and the base class of exports."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from abc import abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
+from dancedata.core.plugins import Plugin
+from dancedata.core.registry import Registry
 from dancedata.execution.progress import Progress
 
 if TYPE_CHECKING:
-    from dancedata.exporting.music import SourceMusic
+    from dancedata.exporting.folder import ExportFolder
+    from dancedata.pipeline.source_music import SourceMusic
     from dancedata.store import ClipView, Store
 
 T = TypeVar("T")
@@ -67,7 +71,7 @@ class ExportJob:
     @cached_property
     def music(self) -> SourceMusic:
         """The music below `source`. UsageError without a source, SourceError where it cannot be read."""
-        from dancedata.exporting.music import SourceMusic
+        from dancedata.pipeline.source_music import SourceMusic
 
         return SourceMusic.of(self.store, self.source)
 
@@ -79,3 +83,49 @@ class ExportJob:
             for item in items:
                 yield item
                 advance(1)
+
+
+class Export(Plugin):
+    """Writes a built dataset as the files that one trainer or program reads.
+
+    Attributes
+    ----------
+    recipe
+        Keys of a recipe whose datasets have all that the export needs, as in a recipe's YAML. Errors show them, and
+        the conformance suite builds such a dataset.
+    reference
+        Repository and commit of the code that reads the files; "" where there is none.
+    listed_folders
+        Folders of which a loader opens every file: besides its own files nothing may be written there.
+    """
+
+    recipe: ClassVar[Mapping[str, Any]]
+    reference: ClassVar[str] = ""
+    listed_folders: ClassVar[tuple[str, ...]] = ()
+
+    @abstractmethod
+    def lacks(self, job: ExportJob) -> list[Lack]:
+        """Return everything that the dataset lacks for this export; nothing is written while there is something.
+
+        `dancedata.exporting.needs` has the usual checks: fields, rates, splits, scope, names, music.
+        """
+
+    @abstractmethod
+    def write(self, job: ExportJob, folder: ExportFolder) -> None:
+        """Write the files. Called once `lacks` has returned nothing.
+
+        Parameters
+        ----------
+        folder
+            Its methods write files by their path below the folder of the export.
+        """
+
+    @abstractmethod
+    def guide(self, job: ExportJob) -> str:
+        """Return Markdown for the README of the export.
+
+        The trainer's command, its caches that have to be removed, and where it is known to stop.
+        """
+
+
+EXPORTS = Registry("export", "dancedata.exports", Export)

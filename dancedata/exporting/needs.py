@@ -31,7 +31,7 @@ def needs_field(
     rate
         Rows per second; None: any.
     """
-    from dancedata.readers.presets import recipes_with
+    from dancedata.recipes.yaml import recipes_with
 
     line = f"{kind}: {{{name}: {{}}}}"
     if name not in job.store.fields:

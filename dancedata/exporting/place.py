@@ -14,7 +14,7 @@ from __future__ import annotations
 import logging
 import os
 import shutil
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
@@ -22,7 +22,7 @@ from stat import S_ISREG
 from typing import Any
 
 from dancedata.core.atomic import write_json
-from dancedata.core.errors import StoreError, UsageError, unwritable_name
+from dancedata.core.errors import StoreError, unwritable_name
 from dancedata.core.hashing import json_sha256, sha256_file
 from dancedata.core.locks import writing_lock
 from dancedata.core.staging import MARKER, Layout, discard, is_claimed, mark
@@ -61,29 +61,6 @@ def write_about(folder: ExportFolder, about: Mapping[str, Any]) -> None:
     files = {name: [file.size, file.sha256] for name, file in sorted(folder.files.items())}
     listing = {**about, "files": files}
     write_json(folder.path / ABOUT, {**listing, "self_sha256": self_hash(listing)})
-
-
-def require_free(path: Path, stores: Iterable[Path], what: str, *, overwrite: bool) -> Path:
-    """Return the path of a file to write, without "~".
-
-    Raises
-    ------
-    UsageError
-        If it lies inside one of the datasets, is a folder or in none, or is there and not to be replaced.
-    """
-    path = path.expanduser()
-    if any(path.resolve().is_relative_to(store.expanduser().resolve()) for store in stores):
-        raise UsageError(
-            f"a {what} is not written into a dataset, whose files are listed",
-            where=path,
-            fix="choose a file outside of the dataset",
-        )
-    if path.is_dir() or not path.absolute().parent.is_dir():
-        problem = "this is a folder" if path.is_dir() else "the folder of this file does not exist"
-        raise UsageError(problem, where=path, fix="name a file in a folder that exists")
-    if os.path.lexists(path) and not overwrite:
-        raise UsageError("the file is already there", where=path, fix="choose another name, or add --overwrite")
-    return path
 
 
 @contextmanager

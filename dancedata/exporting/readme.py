@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from dancedata.core.plugins import Export
 from dancedata.core.text import shown
-from dancedata.exporting.job import ExportJob
+from dancedata.exporting.job import Export, ExportJob
 from dancedata.store import Store
 
 _TEXT = 5000

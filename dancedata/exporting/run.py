@@ -9,16 +9,15 @@ from pathlib import Path
 from typing import Any
 
 from dancedata.core.errors import StoreError, UsageError
-from dancedata.core.plugins import Export
 from dancedata.core.text import counted, listed, quoted, shown
 from dancedata.core.version import __version__
 from dancedata.execution.cache_admin import size_text
 from dancedata.execution.progress import Progress
 from dancedata.exporting.folder import ExportFolder
-from dancedata.exporting.job import ExportJob, Lack
-from dancedata.exporting.music import is_source
+from dancedata.exporting.job import Export, ExportJob, Lack
 from dancedata.exporting.place import README, new_export, read_about, write_about
 from dancedata.exporting.readme import licence_text, readme_text
+from dancedata.pipeline.source_music import is_source
 from dancedata.recipes.documents import document_of
 from dancedata.store import open_store
 

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from dancedata.core.text import counted, listed
 from dancedata.datasets.finedance.facts import facts
+from dancedata.exporting.folder import ExportFolder
+from dancedata.exporting.job import ExportJob, Lack
 from dancedata.exporting.needs import needs_field, needs_fps, needs_names, needs_track_scope
-
-if TYPE_CHECKING:
-    from dancedata.exporting.folder import ExportFolder
-    from dancedata.exporting.job import ExportJob, Lack
 
 FPS = 30
 

@@ -5,19 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from shlex import quote
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.plugins import Export
+from dancedata.core.motion import Motion
 from dancedata.core.text import counted
+from dancedata.exporting.folder import ExportFolder
+from dancedata.exporting.job import Export, ExportJob
 from dancedata.exports import _slices as slices
-
-if TYPE_CHECKING:
-    from dancedata.core.motion import Motion
-    from dancedata.exporting.folder import ExportFolder
-    from dancedata.exporting.job import ExportJob
 
 FOLDERS = ("motions_sliced", "wavs_sliced", "jukebox_feats")
 Sound = Literal["cut", "silence"]

@@ -12,11 +12,11 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.grid import FrameGrid
-from dancedata.core.plugins import AudioFeature, Export
-from dancedata.core.registry import EXPORTS, FEATURES
+from dancedata.core.plugins import AudioFeature
+from dancedata.core.registry import FEATURES
 from dancedata.core.text import counted, listed
 from dancedata.execution.threads import as_in_builds
-from dancedata.exporting.job import ExportJob, Lack
+from dancedata.exporting.job import EXPORTS, Export, ExportJob, Lack
 from dancedata.exporting.needs import needs_feature, needs_field, needs_music, needs_splits, needs_track_scope
 from dancedata.exports._aist_names import PARTS, is_ignored, name_lacks, note_ignored
 from dancedata.exports._json_rows import json_of

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
-from dancedata.core.registry import EXPORTS
 from dancedata.core.text import counted
+from dancedata.exporting.folder import ExportFolder
+from dancedata.exporting.job import EXPORTS, ExportJob, Lack
 from dancedata.exports import _slices as slices
 from dancedata.exports._slice_files import SliceExport, SliceWriter
-
-if TYPE_CHECKING:
-    from dancedata.exporting.folder import ExportFolder
-    from dancedata.exporting.job import ExportJob, Lack
 
 _BATCH = 64
 _GUIDE = """## Train

@@ -12,10 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.errors import UsageError
-from dancedata.core.plugins import Export
-from dancedata.core.registry import EXPORTS
 from dancedata.core.text import counted, listed
-from dancedata.exporting.job import ExportJob, Lack
+from dancedata.exporting.job import EXPORTS, Export, ExportJob, Lack
 from dancedata.exporting.needs import needs_field, needs_splits, needs_track_scope
 from dancedata.exports._aist_names import PARTS, is_ignored, name_lacks, note_ignored
 from dancedata.exports._tfrecord import example, record

@@ -5,18 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from shlex import quote
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
-from dancedata.core.plugins import Export
-from dancedata.core.registry import EXPORTS
 from dancedata.datasets.finedance.facts import facts
+from dancedata.exporting.folder import ExportFolder
+from dancedata.exporting.job import EXPORTS, Export, ExportJob, Lack
 from dancedata.exports._finedance import note_missing, track_lacks
-
-if TYPE_CHECKING:
-    from dancedata.exporting.folder import ExportFolder
-    from dancedata.exporting.job import ExportJob, Lack
 
 _MOTION = "finedance319"
 _GUIDE = """## Train

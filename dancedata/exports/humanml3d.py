@@ -10,10 +10,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.plugins import Export
-from dancedata.core.registry import EXPORTS
 from dancedata.core.text import listed
-from dancedata.exporting.job import ExportJob, Lack
+from dancedata.exporting.job import EXPORTS, Export, ExportJob, Lack
 from dancedata.exporting.needs import needs_field, needs_track_scope
 from dancedata.representations.humanml263 import Humanml263
 

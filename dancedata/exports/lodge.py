@@ -11,11 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.packages import MissingPackageError, require
-from dancedata.core.plugins import Export
-from dancedata.core.registry import EXPORTS
 from dancedata.core.text import listed
 from dancedata.datasets.finedance.facts import facts
-from dancedata.exporting.job import ExportJob, Lack
+from dancedata.exporting.job import EXPORTS, Export, ExportJob, Lack
 from dancedata.exports._finedance import note_missing, track_lacks
 from dancedata.exports._lodge_scaler import normalizer_bytes
 

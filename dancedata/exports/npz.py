@@ -10,9 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from dancedata.core.errors import did_you_mean
-from dancedata.core.plugins import Export
-from dancedata.core.registry import EXPORTS
-from dancedata.exporting.job import ExportJob, Lack
+from dancedata.exporting.job import EXPORTS, Export, ExportJob, Lack
 from dancedata.exporting.needs import needs_music
 
 if TYPE_CHECKING:

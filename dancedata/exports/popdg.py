@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
-from dancedata.core.registry import EXPORTS
+from dancedata.exporting.folder import ExportFolder
+from dancedata.exporting.job import EXPORTS, ExportJob, Lack
 from dancedata.exports import _slices as slices
 from dancedata.exports._slice_files import SliceExport, SliceWriter
-
-if TYPE_CHECKING:
-    from dancedata.exporting.folder import ExportFolder
-    from dancedata.exporting.job import ExportJob, Lack
 
 _BATCH = 128
 _GUIDE = """## Train

@@ -4,16 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
-from dancedata.core.plugins import Export
-from dancedata.core.registry import EXPORTS
+from dancedata.exporting.folder import ExportFolder
+from dancedata.exporting.job import EXPORTS, Export, ExportJob, Lack
 from dancedata.exports._motions import decoded, field_name, motion_lacks
 from dancedata.formats.smpl_files import amass_arrays, smplx_arrays
-
-if TYPE_CHECKING:
-    from dancedata.exporting.folder import ExportFolder
-    from dancedata.exporting.job import ExportJob, Lack
 
 _GUIDE = """Decoded from `{name}`, {rate} frames per second. Both folders have every clip:
 

@@ -13,9 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.errors import UsageError, did_you_mean
-from dancedata.core.plugins import Export
-from dancedata.core.registry import EXPORTS
-from dancedata.exporting.job import ExportJob, Lack
+from dancedata.exporting.job import EXPORTS, Export, ExportJob, Lack
 from dancedata.exporting.needs import needs_names, needs_track_scope
 
 if TYPE_CHECKING:

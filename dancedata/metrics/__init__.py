@@ -12,7 +12,6 @@ from dancedata.core.lazy import lazy_names
 
 __all__ = [
     "Dance",
-    "Evaluator",
     "Interval",
     "MusicBeats",
     "Undefined",
@@ -37,7 +36,6 @@ __all__ = [
 
 if TYPE_CHECKING:
     from dancedata.core.dance import Dance, MusicBeats, Undefined
-    from dancedata.evaluation.evaluator import Evaluator
     from dancedata.metrics.beats import beat_alignment, chance_level, motion_beat_times, motion_beats
     from dancedata.metrics.foot_skating import skating
     from dancedata.metrics.geometric_features import geometric
@@ -52,7 +50,7 @@ else:  # type checkers take the imports above, and so find misspelt names
         __name__,
         {
             "Dance": "dancedata.core.dance",
-            "Evaluator": "dancedata.evaluation.evaluator",
+            "Evaluator": "dancedata.evaluation.evaluator",  # deprecated: dancedata.Evaluator
             "Interval": "dancedata.metrics.intervals",
             "MusicBeats": "dancedata.core.dance",
             "Undefined": "dancedata.core.dance",

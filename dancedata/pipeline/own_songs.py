@@ -23,6 +23,7 @@ from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
 from dancedata.core.strict_json import read_json
 from dancedata.core.text import listed, shown
+from dancedata.datasets.files import AUDIO_SUFFIXES
 from dancedata.execution.cache import Cache, default_cache
 from dancedata.execution.threads import as_in_builds
 from dancedata.pipeline.audio import window_samples
@@ -36,7 +37,6 @@ from dancedata.store.songs import music_hashes
 
 #: Of a .json beside features: the first frames of a day's windows.
 _MAX_ABOUT_BYTES = 1 << 26
-_MUSIC = (".wav", ".flac", ".mp3", ".ogg")
 
 
 def find_jobs(feature: str | None, like: str | None) -> list[FeatureJob]:
@@ -163,7 +163,7 @@ def _is_free(path: Path) -> bool:
 
 
 def _not_a_song(folder: Path) -> UsageError:
-    found = sorted(path.name for path in folder.iterdir() if path.suffix.lower() in _MUSIC)
+    found = sorted(path.name for path in folder.iterdir() if path.suffix.lower() in AUDIO_SUFFIXES)
     example = f", such as {found[0]}" if found else ""
     files = f"{folder}/*{Path(found[0]).suffix if found else '.wav'}"
     return UsageError(

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from dancedata.core.errors import UsageError, did_you_mean
-from dancedata.core.resources import resource, resources
 from dancedata.filters.movement import Movement
 from dancedata.readers.primitives import PRIMITIVES
 from dancedata.store.dataset import Store
@@ -160,6 +159,8 @@ def fields_to_read(
 
 def _missing_field(store: Store, name: str, preset: str | None) -> UsageError:
     """Return the error of a field that the dataset lacks; it names the shipped recipes that compute the field."""
+    from dancedata.recipes.yaml import recipes_with  # here, as readers need no YAML
+
     makers = recipes_with(name)
     build = f"build with a recipe that has it, such as {' or '.join(makers)}, or add it to a recipe of your own"
     if not makers:
@@ -173,15 +174,3 @@ def _missing_field(store: Store, name: str, preset: str | None) -> UsageError:
         found=", ".join(store.fields),
         fix=fix,
     )
-
-
-def recipes_with(field: str) -> tuple[str, ...]:
-    """Return the names of the shipped recipes that compute a field, sorted."""
-    import yaml
-
-    found = []
-    for file in resources("pipelines"):
-        recipe = yaml.safe_load(resource("pipelines", file).read_text(encoding="utf-8"))
-        if any(field in (recipe.get(slot) or {}) for slot in ("motion", "audio", "keymotion")):
-            found.append(recipe["name"])
-    return tuple(sorted(found))

@@ -8,6 +8,7 @@ from typing import Any
 import yaml
 
 from dancedata.core.regular_file import read_regular
+from dancedata.core.resources import resource, resources
 from dancedata.core.text import is_unicode, quoted, shown
 
 #: Of PyYAML, which takes 20 microseconds a character.
@@ -101,3 +102,13 @@ def _size(value: Any, depth: int) -> int:
         if total > MAX_NODES:
             break
     return total
+
+
+def recipes_with(field: str) -> tuple[str, ...]:
+    """Return the names of the shipped recipes that compute a field, sorted."""
+    found = []
+    for file in resources("pipelines"):
+        recipe = yaml.safe_load(resource("pipelines", file).read_text(encoding="utf-8"))
+        if any(field in (recipe.get(slot) or {}) for slot in ("motion", "audio", "keymotion")):
+            found.append(recipe["name"])
+    return tuple(sorted(found))

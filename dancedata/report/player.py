@@ -15,7 +15,6 @@ import numpy as np
 
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import UsageError
-from dancedata.exporting.sharing import require_shareable
 from dancedata.report.markup import Markup, escaped
 from dancedata.report.ogg import without_serial
 from dancedata.scene import Item, Scenes
@@ -23,6 +22,7 @@ from dancedata.scene.page import PageSound, data_script, page_data, page_parts, 
 from dancedata.scene.payload import link, page_json, scene_payload
 from dancedata.scene.source import ClipSource
 from dancedata.store import Store
+from dancedata.store.licence import require_shareable
 
 __all__ = ["INLINE", "NO_PLAYER", "Player", "clip_player", "embedded_sound"]
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from dancedata.core import atomic
+from dancedata.core.atomic import require_free
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.text import listed
 from dancedata.core.version import __version__
@@ -18,7 +19,6 @@ from dancedata.exporting.place import (
     read_about,
     remove_export,
     replaced_export,
-    require_free,
     write_about,
 )
 from dancedata.report.player import Player

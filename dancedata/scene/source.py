@@ -16,7 +16,7 @@ from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.bodies import carried_over, has_body
 from dancedata.core.errors import DanceDataError, DataError
 from dancedata.core.grid import FrameGrid
-from dancedata.exporting.music import SourceMusic, dataset_of
+from dancedata.pipeline.source_music import SourceMusic, dataset_of
 from dancedata.recipes.parse import parse_recipe
 from dancedata.scene.figure import Figure
 

@@ -17,7 +17,7 @@ from dancedata.core.normalize import MinMax
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.skeleton import Skeleton
 from dancedata.core.text import listed
-from dancedata.datasets.folder.load import SUFFIXES
+from dancedata.datasets.files import MOTION_SUFFIXES
 from dancedata.evaluation.inputs.columns import ColumnsReader
 from dancedata.evaluation.inputs.files import FileClip, FileFormat
 from dancedata.recipes.plugins import make_named, split_instance
@@ -175,17 +175,17 @@ def take_of(path: Path, store: Store, form: FileFormat) -> Take:
     """
     if (path / "dataset.json").is_file():
         return StoreTake(scenes=Scenes(open_store(path)), name=path.name)
-    if path.is_file() and path.suffix.lower() in SUFFIXES:
+    if path.is_file() and path.suffix.lower() in MOTION_SUFFIXES:
         named = any(path.stem == clip.id for clip in store.clips)
         any_clip = None if named else path
         _require_stated(path, form)
         return FilesTake(paths={path.stem: path}, any_clip=any_clip, form=form, body=store.skeleton, name=path.name)
     if not path.is_dir():
-        allowed = f"a built dataset, a folder of motion files, or a file {', '.join(SUFFIXES)}"
+        allowed = f"a built dataset, a folder of motion files, or a file {', '.join(MOTION_SUFFIXES)}"
         raise UsageError("there is nothing to compare with", where=path, allowed=allowed)
-    found = sorted(p for p in path.iterdir() if p.suffix.lower() in SUFFIXES and p.is_file())
+    found = sorted(p for p in path.iterdir() if p.suffix.lower() in MOTION_SUFFIXES and p.is_file())
     if not found:
-        raise UsageError("no motion files to compare with", where=path, allowed=f"files {', '.join(SUFFIXES)}")
+        raise UsageError("no motion files to compare with", where=path, allowed=f"files {', '.join(MOTION_SUFFIXES)}")
     paths = {p.stem: p for p in found}
     if len(paths) < len(found):
         twice = [p.name for p in found if paths[p.stem] != p]

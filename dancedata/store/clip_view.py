@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, Self, overload
 
 import numpy.typing as npt
@@ -89,9 +90,9 @@ class ClipView(ClipRecord):
 
     def _repr_html_(self) -> str:
         """Show the clip in a notebook: the player of `dancedata view`, complete in itself."""
-        from dancedata.scene.notebook import clip_html
-
-        return clip_html(self)
+        # By name: a store is read without what draws it.
+        html: str = import_module("dancedata.scene.notebook").clip_html(self)
+        return html
 
     def __repr__(self) -> str:
         """Show id, length, music and genre."""

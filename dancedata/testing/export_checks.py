@@ -6,7 +6,7 @@ from fractions import Fraction
 from pathlib import Path
 
 from dancedata.core.errors import StoreError
-from dancedata.core.plugins import Export
+from dancedata.exporting.job import Export
 from dancedata.exporting.place import ABOUT, read_about
 from dancedata.exporting.run import export_dataset
 from dancedata.testing.plugin_checks import check_plugin

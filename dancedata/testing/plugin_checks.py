@@ -9,6 +9,7 @@ import re
 from typing import Any
 
 from dancedata.core.registry import REGISTRIES, Registry
+from dancedata.exporting.job import EXPORTS
 from dancedata.testing.require import require
 
 
@@ -39,7 +40,7 @@ def check_plugin(cls: type[Any]) -> None:
 
 def registry_of(cls: type[Any]) -> Registry[Any]:
     """Return the registry that a plug-in is in; AssertionError if it is in none."""
-    for registry in REGISTRIES.values():
+    for registry in (*REGISTRIES.values(), EXPORTS):
         if cls in (registry.get(name) for name in registry.names()):
             return registry
     raise AssertionError(f"expected: {cls.__name__} is registered")

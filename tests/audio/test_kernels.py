@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dancedata.audio import kernels
 from dancedata.audio.librosa35 import reference as plain
 from dancedata.audio.librosa35.feature import Librosa35
 from dancedata.core.audio_signal import AudioSignal
@@ -21,11 +22,11 @@ def test_the_first_run_in_a_process_holds_the_lock(monkeypatch: pytest.MonkeyPat
     compute = plain._compute
     held = []
     # A lock of this test alone: another process of the test run may hold the user's while it compiles.
-    monkeypatch.setattr(plain, "user_cache", lambda: tmp_path)
+    monkeypatch.setenv("DANCEDATA_CACHE", str(tmp_path))
 
     def watched(*args: Any) -> Any:
         # Another open file, as another process would have.
-        with file_lock(plain._lock_file(), wait=False) as free:
+        with file_lock(kernels._lock_file(), wait=False) as free:
             held.append(not free)
         return compute(*args)
 

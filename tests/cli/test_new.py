@@ -17,6 +17,7 @@ from dancedata.cli.app import app
 from dancedata.cli.new import KINDS, write_plugin
 from dancedata.core.errors import UsageError
 from dancedata.core.registry import REGISTRIES
+from dancedata.exporting.job import EXPORTS
 from dancedata.recipes.yaml import load_yaml
 from dancedata.testing.conformance import check
 
@@ -26,7 +27,9 @@ def _run(*arguments: str) -> Any:
 
 
 def test_there_is_a_template_of_every_kind() -> None:
-    assert {id(kind.registry) for kind in KINDS.values()} == {id(registry) for registry in REGISTRIES.values()}
+    assert {id(kind.registry) for kind in KINDS.values()} == {
+        id(registry) for registry in (*REGISTRIES.values(), EXPORTS)
+    }
     text = " ".join(_run("--help").stdout.split())
     assert all(kind in text for kind in KINDS)
 

@@ -17,7 +17,6 @@ from dancedata.core.registry import (
     AUGMENTATIONS,
     CONTACTS,
     DATASETS,
-    EXPORTS,
     FEATURES,
     FILTERS,
     KEYMOTIONS,
@@ -27,6 +26,7 @@ from dancedata.core.registry import (
     Registry,
 )
 from dancedata.core.spatial import Spatial
+from dancedata.exporting.job import EXPORTS
 from dancedata.testing import conformance
 
 
@@ -75,7 +75,7 @@ def test_export(name: str, tmp_path: Path):
     conformance.check_export(EXPORTS.get(name), tmp_path)
 
 
-@pytest.mark.parametrize("registry", REGISTRIES.values(), ids=lambda r: r.kind)
+@pytest.mark.parametrize("registry", [*REGISTRIES.values(), EXPORTS], ids=lambda r: r.kind)
 def test_there_is_a_plugin_of_every_kind(registry: Registry):
     assert registry.names()
 
@@ -170,7 +170,7 @@ def test_a_dataset_with_unsorted_clips_fails(monkeypatch: pytest.MonkeyPatch, tm
         conformance.check_dataset(cls, tmp_path)
 
 
-@pytest.mark.parametrize("registry", REGISTRIES.values(), ids=lambda r: r.kind)
+@pytest.mark.parametrize("registry", [*REGISTRIES.values(), EXPORTS], ids=lambda r: r.kind)
 def test_check_finds_the_check_of_every_kind(registry: Registry, monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     called = []
     monkeypatch.setitem(conformance._CHECKS, registry.kind, lambda cls, folder: called.append(cls))

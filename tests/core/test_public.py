@@ -20,7 +20,7 @@ import dancedata.readers
 
 PUBLIC = {
     "open", "build", "plan", "check", "diff", "export", "evaluate", "extract", "encode", "decode", "decode_file",
-    "Motion", "Skeleton", "AudioSignal", "FeatureCache", "__version__",
+    "Motion", "Skeleton", "AudioSignal", "Evaluator", "FeatureCache", "__version__",
 }  # fmt: skip
 MODULES = {"cache", "keymotion", "metrics", "plot", "readers", "report", "store", "synthetic"}
 
@@ -82,6 +82,19 @@ def test_every_name_is_documented(name: str) -> None:
         assert f"\n{section}\n{'-' * len(section)}\n" in text, section
     for parameter in inspect.signature(public).parameters if sections else ():
         assert parameter in text, parameter
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("dancedata.metrics:Evaluator", "dancedata.evaluation.evaluator"),
+        ("dancedata.core.plugins:Export", "dancedata.exporting.job"),
+        ("dancedata.core.registry:EXPORTS", "dancedata.exporting.job"),
+    ],
+)
+def test_old_names_are_those_of_their_new_modules(old: str, new: str) -> None:
+    module, _, name = old.partition(":")
+    assert getattr(importlib.import_module(module), name) is getattr(importlib.import_module(new), name)
 
 
 def test_a_misspelt_name_is_explained() -> None:

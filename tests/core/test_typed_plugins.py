@@ -14,9 +14,8 @@ import numpy as np
 
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.motion import Motion
-from dancedata.core.plugins import Export
 from dancedata.exporting.folder import ExportFolder
-from dancedata.exporting.job import ExportJob
+from dancedata.exporting.job import Export, ExportJob
 from dancedata.recipes.recipe import Recipe
 
 

@@ -13,8 +13,8 @@ import pytest
 from dancedata.core.clip import ClipRef, Scan
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.registry import DATASETS
-from dancedata.datasets._source import SPLITS
 from dancedata.datasets.aistpp import AistPP
+from dancedata.datasets.files import SPLITS
 from dancedata.datasets.finedance import FineDance
 from dancedata.datasets.finedance.facts import facts
 

@@ -14,8 +14,8 @@ import pytest
 from dancedata.core.bodies import SMPLX55
 from dancedata.core.errors import DataError, RecipeError, SourceError
 from dancedata.core.text import listed
-from dancedata.datasets._source import read_names
 from dancedata.datasets.aistpp.load import load_motion as load_aist
+from dancedata.datasets.files import read_names
 from dancedata.datasets.finedance.labels import read_label
 from dancedata.datasets.finedance.lengths import length_note
 from dancedata.datasets.finedance.load import load_motion as load_finedance

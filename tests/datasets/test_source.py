@@ -10,7 +10,7 @@ import pytest
 import dancedata
 from dancedata.core.bodies import SMPLX55
 from dancedata.core.errors import DataError, SourceError, UsageError
-from dancedata.datasets._source import audio_files, files_by_stem, find_root, require_choice
+from dancedata.datasets.files import audio_files, files_by_stem, find_root, require_choice
 from dancedata.datasets.finedance.load import load_motion, motion_length
 from dancedata.formats import arrays
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import dancedata
+from dancedata import Evaluator
 from dancedata.core.errors import UsageError
 from dancedata.core.motion import Motion
-from dancedata.metrics import Evaluator
 from dancedata.store import Store
 
 LENGTH = 150

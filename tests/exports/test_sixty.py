@@ -74,7 +74,7 @@ def test_songs_that_are_not_the_beginning_of_another_are_refused(built, tmp_path
     store = made.store
     loads = iter(range(100))
     monkeypatch.setattr(_songs, "_begins", lambda part, whole: next(loads) < 0)
-    monkeypatch.setattr("dancedata.exporting.music.DIGITS", 0)
+    monkeypatch.setattr("dancedata.pipeline.source_music.DIGITS", 0)
     from dancedata.exporting.job import ExportJob
 
     job = ExportJob(store, tmp_path, made.source)

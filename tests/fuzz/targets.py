@@ -160,7 +160,7 @@ def _read_manifest(path: Path) -> None:
 
 
 def _read_names(path: Path) -> None:
-    from dancedata.datasets._source import read_names
+    from dancedata.datasets.files import read_names
 
     read_names(path)
 
@@ -169,8 +169,8 @@ def _read_file_names(path: Path) -> None:
     """Scan folders that hold files of these names, and write what is said of them as a build does."""
     from dancedata.core.errors import SourceError
     from dancedata.core.hashing import json_sha256
-    from dancedata.datasets._source import require_folder
     from dancedata.datasets.aistpp import AistPP
+    from dancedata.datasets.files import require_folder
     from dancedata.datasets.finedance import FineDance
     from dancedata.datasets.folder import Folder
 

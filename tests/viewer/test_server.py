@@ -23,7 +23,7 @@ import pytest
 
 import dancedata
 from dancedata.core.errors import UsageError
-from dancedata.exporting.music import SourceMusic
+from dancedata.pipeline.source_music import SourceMusic
 from dancedata.scene.source import ClipSource
 from dancedata.viewer.server import ViewServer
 from dancedata.viewer.site import Site

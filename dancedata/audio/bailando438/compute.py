@@ -10,6 +10,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from dancedata.audio.kernels import compiling
 from dancedata.audio.librosa35.settings import HOP
 
 N_MFCC, N_CHROMA, N_LAGS = 20, 12, 384
@@ -40,8 +41,6 @@ def compile_kernels() -> None:
 
     They are more than librosa35's: separating harmonics resynthesises a signal.
     """
-    from dancedata.audio.librosa35.reference import compiling
-
     noise = np.random.default_rng(0).standard_normal(RATE_OF_SEVEN_OCTAVES).astype(np.float32)
     noise[:: RATE_OF_SEVEN_OCTAVES // 4] = 10.0
     with compiling():

@@ -28,7 +28,7 @@ from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
 
 if TYPE_CHECKING:
-    from dancedata.audio.jukebox import JukeboxEncoder
+    from dancedata.audio.jukebox.encoder import JukeboxEncoder
 
 #: Names the folder of the weights unless a recipe does.
 ENVIRONMENT = "DANCEDATA_JUKEBOX"
@@ -279,7 +279,7 @@ def _loaded(
     folder: Path, weights_sha256: str, layer: int, precision: str, device: str, max_codes: int
 ) -> JukeboxEncoder:
     """Load the weights once per process; SourceError if they changed since their hash became a part of cache keys."""
-    from dancedata.audio.jukebox import JukeboxEncoder
+    from dancedata.audio.jukebox.encoder import JukeboxEncoder
 
     def load() -> JukeboxEncoder:
         if weights_sha256 and (found := _weights_sha256(folder, sha256_file)) != weights_sha256:

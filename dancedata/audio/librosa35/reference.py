@@ -6,27 +6,17 @@ and frame rates at which librosa's filters differ between octaves.
 
 from __future__ import annotations
 
-import hashlib
-import os
-import sys
-import tempfile
 import warnings
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from functools import lru_cache
-from importlib import import_module
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dancedata.audio.kernels import compiling
 from dancedata.audio.librosa35.settings import HOP, N_COLUMNS, TEMPO_SAMPLE_RATE, Settings
 from dancedata.audio.signal import pcm16, resample
-from dancedata.core.errors import UsageError
-from dancedata.core.locks import file_lock
-from dancedata.execution.cache import user_cache
-
-_RESAMPLING = ("librosa.core.audio", "librosa.util.utils")
 
 
 def track_features(samples: NDArray[np.float32], settings: Settings) -> NDArray[np.float32]:
@@ -57,41 +47,6 @@ def compile_kernels() -> None:
     noise[:: TEMPO_SAMPLE_RATE // 2] = 10.0
     with compiling():
         _compute(noise, Settings(TEMPO_SAMPLE_RATE, 30 * HOP, None, 100.0))
-
-
-@contextmanager
-def compiling() -> Iterator[None]:
-    """Let kernels of librosa be compiled within the context, which one process at a time enters."""
-    load_librosa()  # here, not in `resample`, which would wait for the lock that this process holds
-    with file_lock(_lock_file()):
-        yield
-
-
-def load_librosa() -> None:
-    """Import the modules of librosa that `resample` uses under the same lock: that compiles kernels already.
-
-    ``import librosa`` alone loads none of its modules.
-    """
-    if any(module not in sys.modules for module in _RESAMPLING):
-        with kernel_lock():
-            for module in _RESAMPLING:
-                import_module(module)
-
-
-def kernel_lock() -> AbstractContextManager[object]:
-    """Return the lock that a process holds while kernels of librosa may be compiled."""
-    return file_lock(_lock_file())
-
-
-def _lock_file() -> Path:
-    name = f"kernels-{hashlib.sha256(sys.prefix.encode()).hexdigest()[:16]}.lock"
-    temporary = Path(tempfile.gettempdir())
-    try:
-        folder = user_cache()
-        folder.mkdir(parents=True, exist_ok=True)
-    except (OSError, UsageError):
-        return temporary / name
-    return (folder if os.access(folder, os.W_OK) else temporary) / name
 
 
 def _compute(samples: NDArray[np.float32], settings: Settings) -> NDArray[np.float32]:

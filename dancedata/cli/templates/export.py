@@ -7,11 +7,9 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from dancedata.core.errors import UsageError
-from dancedata.core.plugins import Export
-from dancedata.core.registry import EXPORTS
 from dancedata.core.text import csv_cell
 from dancedata.exporting.folder import ExportFolder
-from dancedata.exporting.job import ExportJob, Lack
+from dancedata.exporting.job import EXPORTS, Export, ExportJob, Lack
 from dancedata.exporting.needs import needs_field, needs_track_scope
 
 _FIELD = "joints"

@@ -6,9 +6,11 @@ keys that a recipe may set. It has to define the abstract members, and may repla
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+from dancedata.core.lazy import lazy_names
 from dancedata.core.plugins.audio_feature import AudioFeature
 from dancedata.core.plugins.augmentation import Augmentation, SampleField
-from dancedata.core.plugins.export import Export
 from dancedata.core.plugins.metric import Better, Metric
 from dancedata.core.plugins.motion import ContactRule, Dataset, KeyMotionFinder, Representation, WindowFilter
 from dancedata.core.plugins.plugin import Float32Array, Plugin
@@ -19,7 +21,6 @@ __all__ = [
     "Better",
     "ContactRule",
     "Dataset",
-    "Export",
     "Float32Array",
     "KeyMotionFinder",
     "Metric",
@@ -28,3 +29,6 @@ __all__ = [
     "SampleField",
     "WindowFilter",
 ]
+
+if not TYPE_CHECKING:  # deprecated: import it from its module
+    __getattr__, __dir__ = lazy_names(__name__, {"Export": "dancedata.exporting.job"})

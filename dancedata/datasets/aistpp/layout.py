@@ -10,7 +10,8 @@ from dancedata.core.clip import Reject
 from dancedata.core.errors import SourceError
 from dancedata.core.text import listed
 from dancedata.datasets._near_music import NearMusic
-from dancedata.datasets._source import (
+from dancedata.datasets.aistpp.facts import is_music_id, parse_name
+from dancedata.datasets.files import (
     AUDIO_SUFFIXES,
     Files,
     audio_files,
@@ -23,7 +24,6 @@ from dancedata.datasets._source import (
     list_folder,
     relative,
 )
-from dancedata.datasets.aistpp.facts import is_music_id, parse_name
 
 __all__ = [
     "MUSIC_FOLDERS",

@@ -15,7 +15,7 @@ from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import listed, quoted, shown
 from dancedata.datasets._positions import require_rotations
-from dancedata.datasets._source import require_finite
+from dancedata.datasets.files import require_finite
 from dancedata.formats.safe_pickle import as_array, load_pickle
 
 __all__ = ["load_motion"]

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.text import counted, listed
-from dancedata.datasets._source import ALL, SPLITS, Files, clips_note, relative
 from dancedata.datasets.aistpp.facts import facts
 from dancedata.datasets.aistpp.layout import MUSIC_FOLDERS, Folders, MusicFiles, music_in_use
 from dancedata.datasets.aistpp.splits import Ignored, Splits
+from dancedata.datasets.files import ALL, SPLITS, Files, clips_note, relative
 
 __all__ = ["clip_notes", "count_notes", "ignored_notes", "layout_notes"]
 

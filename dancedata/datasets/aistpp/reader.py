@@ -13,7 +13,6 @@ from dancedata.core.motion import Motion
 from dancedata.core.plugins import Dataset
 from dancedata.core.registry import DATASETS
 from dancedata.core.skeleton import SMPL24, Skeleton
-from dancedata.datasets._source import ALL, Files, relative, require_choice
 from dancedata.datasets.aistpp.facts import SequenceName, facts, parse_name, tempo_bpm
 from dancedata.datasets.aistpp.layout import (
     Folders,
@@ -34,6 +33,7 @@ from dancedata.datasets.aistpp.splits import (
     find_splits,
     missing_motion,
 )
+from dancedata.datasets.files import ALL, Files, relative, require_choice
 
 __all__ = ["AistPP"]
 

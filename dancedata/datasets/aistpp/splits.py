@@ -8,9 +8,9 @@ from pathlib import Path
 
 from dancedata.core.errors import SourceError
 from dancedata.core.text import counted, listed, shown
-from dancedata.datasets._source import ALL, SPLITS, describe, list_folder, read_names, relative
 from dancedata.datasets.aistpp.facts import crossmodal_split, facts, parse_name
 from dancedata.datasets.aistpp.layout import Folders
+from dancedata.datasets.files import ALL, SPLITS, describe, list_folder, read_names, relative
 
 __all__ = ["RULE", "Ignored", "Splits", "find_ignored", "find_splits", "missing_motion"]
 

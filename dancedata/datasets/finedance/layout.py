@@ -11,7 +11,7 @@ from dancedata.core.clip import Reject
 from dancedata.core.errors import SourceError
 from dancedata.core.text import listed
 from dancedata.datasets._near_music import NearMusic
-from dancedata.datasets._source import (
+from dancedata.datasets.files import (
     AUDIO_SUFFIXES,
     Files,
     audio_files,

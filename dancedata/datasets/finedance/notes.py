@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.text import counted, listed
-from dancedata.datasets._source import Files, clips_note, relative
+from dancedata.datasets.files import Files, clips_note, relative
 from dancedata.datasets.finedance.facts import facts
 from dancedata.datasets.finedance.layout import LABELS, MOTION, MUSIC, Folders
 from dancedata.datasets.finedance.lengths import MAX_DIFFERENCE

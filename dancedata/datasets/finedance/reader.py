@@ -14,7 +14,7 @@ from dancedata.core.motion import Motion
 from dancedata.core.plugins import Dataset
 from dancedata.core.registry import DATASETS
 from dancedata.core.skeleton import Skeleton
-from dancedata.datasets._source import ALL, Files, relative, require_choice
+from dancedata.datasets.files import ALL, Files, relative, require_choice
 from dancedata.datasets.finedance.facts import facts
 from dancedata.datasets.finedance.labels import read_label
 from dancedata.datasets.finedance.layout import (

@@ -9,8 +9,9 @@ from dancedata.core.clip import Reject
 from dancedata.core.errors import SourceError
 from dancedata.core.text import counted, listed
 from dancedata.datasets._near_music import NearMusic
-from dancedata.datasets._source import (
+from dancedata.datasets.files import (
     AUDIO_SUFFIXES,
+    MOTION_SUFFIXES,
     best_audio,
     describe,
     extra_file,
@@ -18,7 +19,6 @@ from dancedata.datasets._source import (
     list_folder,
     relative,
 )
-from dancedata.datasets.folder.load import SUFFIXES
 
 __all__ = ["LOOKED_FOR", "Matched", "match_names"]
 
@@ -101,11 +101,11 @@ def _by_stem(folders: list[Path], suffixes: tuple[str, ...]) -> list[tuple[str, 
 def _motions(source: Path, folder: Path, rejects: list[Reject]) -> dict[str, Path]:
     """Motion files by stem; several with one stem are ambiguous, and none of them is read."""
     chosen = {}
-    for stem, paths in _by_stem([folder], SUFFIXES):
+    for stem, paths in _by_stem([folder], MOTION_SUFFIXES):
         if len(paths) == 1:
             chosen[stem] = paths[0]
             continue
-        paths.sort(key=lambda path: SUFFIXES.index(path.suffix.lower()))
+        paths.sort(key=lambda path: MOTION_SUFFIXES.index(path.suffix.lower()))
         names = ", ".join(path.name for path in paths)
         detail = f"{names} have the same name; rename or remove all but one, or write a manifest"
         rejects.append(Reject("ambiguous_name", clip=stem, file=relative(paths[0], source), detail=detail))
@@ -130,7 +130,7 @@ def _rest(source: Path, folders: set[Path], motions: dict[str, Path], music: dic
         if stem not in motions
     ]
     for folder in sorted({source, *folders}):
-        known = (*SUFFIXES, *AUDIO_SUFFIXES) if folder in folders else ()
+        known = (*MOTION_SUFFIXES, *AUDIO_SUFFIXES) if folder in folders else ()
         for path in list_folder(folder):
             problem = "" if path in folders else file_problem(path, known, "neither motion nor music")
             if problem:

@@ -34,7 +34,6 @@ from dancedata.datasets.folder.facts import (
 from dancedata.datasets.folder.people import on_video_frames, open_person
 from dancedata.datasets.folder.rates import rate_of_period
 from dancedata.formats.array_file import ArrayFile
-from dancedata.formats.arrays import VALUE_SUFFIXES
 from dancedata.formats.body_model import GENDERS, body_model_skeleton, find_model, gender_of
 from dancedata.formats.bvh.joint_names import JointMap, map_joints
 from dancedata.formats.bvh.kinematics import stretch, world
@@ -42,9 +41,8 @@ from dancedata.formats.bvh.parse import Bvh, read_bvh
 from dancedata.formats.bvh.retarget import Rig, make_rig, retarget, skeleton_of, smpl_rest
 from dancedata.formats.video_pose import PersonArrays
 
-__all__ = ["SUFFIXES", "FileFacts", "Reading", "array_facts", "bvh_facts", "load_motion", "recognised"]
+__all__ = ["FileFacts", "Reading", "array_facts", "bvh_facts", "load_motion", "recognised"]
 
-SUFFIXES = (".npz", ".npy", ".pkl", ".bvh", *(suffix for suffix in VALUE_SUFFIXES if suffix != ".pkl"))
 #: Height of a skeleton in a guessed unit, toes to head joint at rest, metres.
 PLAUSIBLE_M = (1.2, 2.2)
 _UNITS_ALLOWED = f"{', '.join(UNITS)}, or metres per unit, such as 0.0254"

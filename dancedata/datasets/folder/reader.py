@@ -18,11 +18,11 @@ from dancedata.core.registry import DATASETS
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import counted
 from dancedata.datasets._near_music import NearMusic
-from dancedata.datasets._source import AUDIO_SUFFIXES, relative, require_folder
 from dancedata.datasets._split_rule import SplitRule, same_songs
+from dancedata.datasets.files import AUDIO_SUFFIXES, MOTION_SUFFIXES, relative, require_folder
 from dancedata.datasets.folder.facts import Declared
 from dancedata.datasets.folder.layout import LOOKED_FOR, match_names
-from dancedata.datasets.folder.load import SUFFIXES, Reading, load_motion
+from dancedata.datasets.folder.load import Reading, load_motion
 from dancedata.datasets.folder.manifest import MANIFESTS, Row, clip_id, id_problem, inside, read_manifest
 from dancedata.datasets.folder.notes import file_notes, split_note
 from dancedata.datasets.folder.people import split_people
@@ -311,7 +311,7 @@ def _check_row(manifest: Path, row: Row, split: str) -> None:
         raise SourceError(
             f"folder: {error.problem}", where=where, found=error.found, allowed=error.allowed
         ) from error
-    for column, known in (("motion", SUFFIXES), ("audio", AUDIO_SUFFIXES)):
+    for column, known in (("motion", MOTION_SUFFIXES), ("audio", AUDIO_SUFFIXES)):
         suffix = Path(row.get(column)).suffix.lower()
         if row.get(column) and suffix not in known:
             problem = f"folder: {column} has an unsupported file format"

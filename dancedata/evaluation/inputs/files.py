@@ -15,11 +15,8 @@ from dancedata.core.grid import FrameGrid, as_rate
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import listed
-from dancedata.datasets.folder.array_layouts import RATE_KEYS
-from dancedata.datasets.folder.array_values import stored_rate
-from dancedata.datasets.folder.facts import UNITS, UPRIGHT, metres
-from dancedata.datasets.folder.load import SUFFIXES
-from dancedata.datasets.folder.reader import Folder
+from dancedata.datasets.files import MOTION_SUFFIXES
+from dancedata.datasets.folder import RATE_KEYS, UNITS, UPRIGHT, Folder, metres, stored_rate
 from dancedata.evaluation.inputs.clip import ClipInput
 from dancedata.evaluation.inputs.columns import ColumnsReader
 from dancedata.evaluation.pose import Pose
@@ -135,7 +132,7 @@ class FileClip(ClipInput):
             raise DataError(
                 "the array is a batch, and a file is one clip", reason="bad_shape", where=str(self.path),
                 found=str(arrays.shape(name)), allowed=f"(T, {width})",
-                fix="save one file for each, or give the batch to dancedata.metrics.Evaluator",
+                fix="save one file for each, or give the batch to dancedata.Evaluator",
             )  # fmt: skip
         if name is None or len(arrays.shape(name)) != 2:
             return None
@@ -184,10 +181,12 @@ def folder_clips(folder: Path, form: FileFormat) -> tuple[ClipInput, ...]:
     UsageError
         If there are none, or two files have one name.
     """
-    paths = sorted(p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and p.is_file())
+    paths = sorted(p for p in folder.iterdir() if p.suffix.lower() in MOTION_SUFFIXES and p.is_file())
     if not paths:
         found = listed(sorted(p.name for p in folder.iterdir())) or "an empty folder"
-        raise UsageError("no motion to evaluate", where=folder, found=found, allowed=f"files {', '.join(SUFFIXES)}")
+        raise UsageError(
+            "no motion to evaluate", where=folder, found=found, allowed=f"files {', '.join(MOTION_SUFFIXES)}"
+        )
     stems = [path.stem for path in paths]
     twice = sorted({stem for stem in stems if stems.count(stem) > 1})
     if twice:

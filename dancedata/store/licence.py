@@ -9,7 +9,7 @@ from dancedata.core.registry import DATASETS
 from dancedata.core.text import quoted, shown
 
 if TYPE_CHECKING:
-    from dancedata.store import Store
+    from dancedata.store.dataset import Store
 
 __all__ = ["OVERRIDE", "may_share_audio", "require_shareable"]
 

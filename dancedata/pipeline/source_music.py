@@ -13,8 +13,8 @@ from dancedata.core.errors import DanceDataError, DataError, SourceError, UsageE
 from dancedata.core.hashing import sha256_file
 from dancedata.core.registry import DATASETS
 from dancedata.core.text import shown
-from dancedata.datasets.folder.layout import MOTION_FOLDERS
-from dancedata.datasets.folder.manifest import MANIFESTS
+from dancedata.datasets.files import AUDIO_SUFFIXES
+from dancedata.datasets.folder import MANIFESTS, MOTION_FOLDERS
 from dancedata.pipeline.source_record import DIGITS, SourceRecord
 from dancedata.recipes.plugins import one_of
 from dancedata.store.songs import music_hashes
@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from dancedata.core.plugins import Dataset
     from dancedata.store import ClipView, Store
 
-#: Endings of audio files, those that are preferred first.
-SUFFIXES = (".wav", ".flac", ".mp3", ".ogg")
 #: Most files of a folder whose hashes are compared.
 _COMPARED = 4
 
@@ -143,9 +141,9 @@ def dataset_of(store: Store) -> Dataset | None:
 def _named(clips: list[ClipView], source: Path) -> dict[str, Path]:
     """Return files that have the name of a clip, or else of its song."""
     files: dict[str, Path] = {}
-    for path in sorted(p for p in source.rglob("*") if p.suffix.lower() in SUFFIXES and p.is_file()):
+    for path in sorted(p for p in source.rglob("*") if p.suffix.lower() in AUDIO_SUFFIXES and p.is_file()):
         known = files.get(path.stem)
-        if known is None or SUFFIXES.index(path.suffix.lower()) < SUFFIXES.index(known.suffix.lower()):
+        if known is None or AUDIO_SUFFIXES.index(path.suffix.lower()) < AUDIO_SUFFIXES.index(known.suffix.lower()):
             files[path.stem] = path
     found = {clip.id: files.get(clip.id) or files.get(clip.music) for clip in clips}
     return {clip: path for clip, path in found.items() if path is not None}

@@ -1,4 +1,4 @@
-"""Shared by all dataset readers: finding the dataset's folder, listing its files, choosing audio files."""
+"""Shared by all that reads a source: suffixes, finding the dataset's folder, listing its files, choosing audio."""
 
 from __future__ import annotations
 
@@ -13,10 +13,12 @@ from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.errors import DataError, SourceError, UsageError, did_you_mean
 from dancedata.core.regular_file import read_regular
 from dancedata.core.text import listed, quoted
+from dancedata.formats.arrays import VALUE_SUFFIXES
 
 __all__ = [
     "ALL",
     "AUDIO_SUFFIXES",
+    "MOTION_SUFFIXES",
     "SPLITS",
     "Files",
     "audio_files",
@@ -41,6 +43,8 @@ SPLITS = ("train", "val", "test")
 ALL = "all"
 #: Audio files that are read, in order of preference: lossless formats first.
 AUDIO_SUFFIXES = (".wav", ".flac", ".mp3", ".ogg")
+#: Motion files that are read, in order of preference.
+MOTION_SUFFIXES = (".npz", ".npy", ".pkl", ".bvh", *(suffix for suffix in VALUE_SUFFIXES if suffix != ".pkl"))
 _ARCHIVES = (".zip", ".tgz", ".gz", ".tar", ".rar", ".7z")
 #: Bounds of a list of names: size of the file, number of names, length of a name (of a file name, in bytes).
 MAX_LIST_BYTES = 1 << 24
