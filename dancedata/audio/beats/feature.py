@@ -125,7 +125,7 @@ class Beats(AudioFeature):
 
     def workers(self, jobs: int) -> int:
         """Return the number of processes: one per card if the network runs on cards."""
-        from dancedata.audio.networks.running import cards_of
+        from dancedata.audio.networks.feature import cards_of
 
         return (len(cards_of(self.device)) if self.source == "beat_this" else 0) or jobs
 
@@ -238,7 +238,7 @@ class Beats(AudioFeature):
         """Return the device of this process; UsageError without torch, or if it does not exist."""
         require("beats", what="beats: the source beat_this")
         from dancedata.audio.networks.devices import require_device
-        from dancedata.audio.networks.running import device_of_process
+        from dancedata.audio.networks.feature import device_of_process
 
         return require_device(device_of_process(self.device))
 

@@ -14,7 +14,7 @@ from dancedata.audio.checks import require_rows, require_samples, require_window
 from dancedata.audio.hf.model_card import licence_of
 from dancedata.audio.hf.model_folder import ENVIRONMENT, ModelFolder, open_model
 from dancedata.audio.hf.settings import Settings, settings_of
-from dancedata.audio.networks.running import all_cores, cards_of, device_of_process, held, stored
+from dancedata.audio.networks.feature import all_cores, cards_of, device_of_process, held, stored
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.columns import Columns
 from dancedata.core.errors import SourceError, UsageError

@@ -16,7 +16,7 @@ from dancedata.audio.checks import require_rows, require_windows
 from dancedata.audio.jukebox.config import JukeboxConfig, require_layers
 from dancedata.audio.jukebox.contexts import contexts_of
 from dancedata.audio.jukebox.weights.folder import checkpoint_sha256, config_of, highest_layer, is_converted
-from dancedata.audio.networks.running import all_cores, cards_of, device_of_process, held, stored
+from dancedata.audio.networks.feature import all_cores, cards_of, device_of_process, held, stored
 from dancedata.audio.signal import pcm16, resampled_length
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.columns import Columns, Group
