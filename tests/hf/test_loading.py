@@ -178,7 +178,7 @@ def test_weights_that_change_during_a_build_are_an_error(copy: Callable[..., Pat
     tensors[FINAL] = tensors[FINAL] + 1
     save_file(tensors, folder / "model.safetensors", metadata={"format": "pt"})
     signal = AudioSignal(noise(0.5, 16_000), 16_000)
-    with pytest.raises(SourceError, match="the model has changed"):
+    with pytest.raises(SourceError, match="the weights have changed"):
         resolved.extract(signal, FrameGrid.of(30))
 
 

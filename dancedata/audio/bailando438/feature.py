@@ -16,12 +16,10 @@ from numpy.typing import NDArray
 from dancedata.audio.bailando438.compute import (
     DELTA_WIDTH,
     N_CHROMA,
-    N_COLUMNS,
     N_LAGS,
     N_MFCC,
     track_features,
 )
-from dancedata.audio.checks import require_rows, require_samples, require_windows
 from dancedata.audio.librosa35.settings import HOP
 from dancedata.audio.signal import pcm16, resample, resampled_length
 from dancedata.core.audio_signal import AudioSignal
@@ -109,72 +107,22 @@ class Bailando438(AudioFeature):
             Reason ``empty_audio`` (no sample), ``nan`` (samples that are not finite, or above 1e12) or
             ``short_audio`` (fewer than 3 rows).
         """
-        require_samples(self.name, signal)
-        return self._rows(signal.samples, signal.sample_rate, grid)
-
-    def extract_windows(
-        self,
-        signal: AudioSignal,
-        starts: NDArray[np.int64],
-        n_samples: int,
-        grid: FrameGrid,
-        n_rows: int,
-        *,
-        start_bpm: float | None = None,
-    ) -> NDArray[np.float32]:
-        """Features of windows, each one by itself from its own 16-bit wav, as librosa35's are.
-
-        Bailando has no such windows: its features are those of whole songs (scope: track).
-
-        Parameters
-        ----------
-        signal
-            The whole song, mono samples (n,) float32.
-        starts
-            (W,) first sample of each window.
-        n_samples
-            Samples per window, at the signal's rate.
-        grid
-            As in `extract`.
-        n_rows
-            Rows to keep of each window.
-        start_bpm
-            Not used.
-
-        Returns
-        -------
-        NDArray[np.float32]
-            (W, n_rows, 438).
-
-        Raises
-        ------
-        UsageError
-            As in `extract`.
-        DataError
-            As in `extract`; reason ``short_audio`` also if a window is not within the signal, or too short for
-            `n_rows` rows.
-        """
-        require_samples(self.name, signal)
-        require_windows(self.name, signal, starts, n_samples)
-        require_rows(self.name, self.n_rows(n_samples, signal.sample_rate, grid), n_rows, grid)
-        rows = np.empty((len(starts), n_rows, N_COLUMNS), dtype=np.float32)
-        for own, start in zip(rows, starts.tolist(), strict=True):
-            window = pcm16(signal.samples[start : start + n_samples])
-            own[:] = self._rows(window, signal.sample_rate, grid)[:n_rows]
-        return rows
-
-    def _rows(self, samples: NDArray[np.float32], sample_rate: int, grid: FrameGrid) -> NDArray[np.float32]:
+        self.require_samples(signal)
         rate = _feature_rate(grid)
-        available = self.n_rows(len(samples), sample_rate, grid)
+        available = self.n_rows(signal.n_samples, signal.sample_rate, grid)
         if available < DELTA_WIDTH:
             raise DataError(
                 "bailando438: the audio is too short for the derivative of its MFCC",
                 reason="short_audio",
-                found=f"{len(samples)} samples at {sample_rate} Hz: rows {available}",
+                found=f"{signal.n_samples} samples at {signal.sample_rate} Hz: rows {available}",
                 allowed=f"audio for at least {DELTA_WIDTH} rows at {grid.rate} per second",
             )
         fmax = ERA_FMAX if self.onset_fmax == "era" else rate / 2
-        return track_features(resample(samples, sample_rate, rate), rate, fmax)
+        return track_features(resample(signal.samples, signal.sample_rate, rate), rate, fmax)
+
+    def window(self, signal: AudioSignal, start: int, n_samples: int) -> AudioSignal:
+        """Return a window as its own 16-bit wav has it, as librosa35 takes it; Bailando computes whole songs only."""
+        return AudioSignal(pcm16(signal.samples[start : start + n_samples]), signal.sample_rate)
 
 
 def _feature_rate(grid: FrameGrid) -> int:
