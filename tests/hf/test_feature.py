@@ -17,7 +17,7 @@ import torch
 
 import dancedata
 from dancedata.audio.hf import HuggingFace, HuggingFaceEncoder
-from dancedata.audio.hf.placing import place, weight_bytes
+from dancedata.audio.hf.loading import place, weight_bytes
 from dancedata.audio.hf.random_models import KINDS
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DataError, UsageError

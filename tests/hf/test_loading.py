@@ -19,8 +19,7 @@ import torch
 from safetensors.torch import load_file, save_file
 
 from dancedata.audio.hf import HuggingFace, HuggingFaceEncoder, licence_of, open_model
-from dancedata.audio.hf.model_card import UNKNOWN
-from dancedata.audio.hf.model_folder import ENVIRONMENT, PROVENANCE
+from dancedata.audio.hf.model_folder import ENVIRONMENT, PROVENANCE, UNKNOWN
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DanceDataError, SourceError, UsageError
 from dancedata.core.grid import FrameGrid

@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dancedata.audio.beats.track import BeatTrack
+from dancedata.audio.librosa35.reference import compile_kernels, estimated_bpm, known_warnings
 from dancedata.audio.networks.feature import NetworkFeature
+from dancedata.audio.signal import resample
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.columns import Columns, Group
 from dancedata.core.errors import SourceError, UsageError
@@ -27,6 +29,8 @@ ENVIRONMENT = "DANCEDATA_BEAT_THIS"
 
 Source = Literal["librosa", "beat_this"]
 _SOURCES = ("librosa", "beat_this")
+#: Of the onset envelope that librosa finds beats in: 50 frames per second.
+SAMPLE_RATE, HOP, N_FFT = 22050, 441, 1024
 
 
 @FEATURES.register("beats")
@@ -144,8 +148,6 @@ class Beats(NetworkFeature):
         if self.source != "librosa":
             return None
         self.require_samples(signal)
-        from dancedata.audio.librosa35.reference import estimated_bpm
-
         return estimated_bpm(signal.samples, signal.sample_rate)
 
     def estimated_window_bpms(
@@ -155,8 +157,6 @@ class Beats(NetworkFeature):
         if self.source != "librosa":
             return None
         self.require_windows(signal, starts, n_samples)
-        from dancedata.audio.librosa35.reference import estimated_bpm
-
         windows = (signal.samples[start : start + n_samples] for start in starts.tolist())
         return [estimated_bpm(window, signal.sample_rate) for window in windows]
 
@@ -191,8 +191,6 @@ class Beats(NetworkFeature):
     def track(self, signal: AudioSignal, *, start_bpm: float | None = None) -> BeatTrack:
         """Return the beats themselves, which have no rate of rows; parameters and errors as for `extract`."""
         if self.source == "librosa":
-            from dancedata.audio.beats.by_librosa import librosa_beats
-
             return librosa_beats(signal, start_bpm)
         require("beats", what="beats: the source beat_this")
         from dancedata.audio.beats.by_network import network_beats
@@ -201,3 +199,31 @@ class Beats(NetworkFeature):
 
         device, path = require_device(self.device_of_process()), self.weights_path()
         return network_beats(signal, self.network((path, str(device)), lambda: load_network(path).to(device)), device)
+
+
+def librosa_beats(signal: AudioSignal, start_bpm: float | None) -> BeatTrack:
+    """Return the beats of a signal by librosa, without downbeats; none for silence.
+
+    An onset envelope, one tempo for the signal, dynamic programming (Ellis 2007). Frames of the envelope begin at
+    their instant, and are half as long as librosa's default. With the default, beats come a row late
+    (docs/audio-features.md); so, on nine songs with known beats, they lie within 15 ms on both sides.
+
+    Parameters
+    ----------
+    start_bpm
+        Where the search for the tempo starts, in beats per minute; None: at librosa's estimate.
+    """
+    compile_kernels()
+    import librosa
+
+    if start_bpm is None:
+        start_bpm = estimated_bpm(signal.samples, signal.sample_rate)
+    samples = resample(signal.samples, signal.sample_rate, SAMPLE_RATE)
+    padded = np.pad(samples, (0, N_FFT))
+    with known_warnings():
+        envelope = librosa.onset.onset_strength(y=padded, sr=SAMPLE_RATE, hop_length=HOP, n_fft=N_FFT, center=False)
+        _, found = librosa.beat.beat_track(
+            onset_envelope=envelope, sr=SAMPLE_RATE, hop_length=HOP, start_bpm=start_bpm
+        )
+    frames: NDArray[np.int64] = np.asarray(found, dtype=np.int64)
+    return BeatTrack(frames, np.zeros(len(frames), dtype=np.bool_), FrameGrid.of(SAMPLE_RATE // HOP))

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.audio.hf.model_card import licence_of
-from dancedata.audio.hf.model_folder import ENVIRONMENT, ModelFolder, open_model
+from dancedata.audio.hf.model_folder import ENVIRONMENT, ModelFolder, licence_of, open_model
 from dancedata.audio.hf.settings import Settings, settings_of
 from dancedata.audio.networks.feature import NetworkFeature, Precision
 from dancedata.core.audio_signal import AudioSignal

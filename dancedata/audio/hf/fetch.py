@@ -12,8 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dancedata.audio.hf.model_card import licence_of
-from dancedata.audio.hf.model_folder import FILES, PROVENANCE
+from dancedata.audio.hf.model_folder import FILES, PROVENANCE, licence_of
 from dancedata.core.atomic import OWN, sync_folder, write_json
 from dancedata.core.errors import DanceDataError, SourceError, UsageError
 from dancedata.core.hashing import sha256_file
