@@ -103,7 +103,8 @@ class HuggingFace(NetworkFeature):
             object.__setattr__(self, "layers", tuple(self.layers))
         if self.batch_size < 0:
             raise UsageError("hf: invalid value for batch_size", found=self.batch_size, allowed="0 or more")
-        wrong = [f"{key} {value:g}" for key, value in self._seconds() if not 0 <= value < 1e6]
+        seconds = {"chunk_s": self.chunk_s, "overlap_s": self.overlap_s}
+        wrong = [f"{key} {value:g}" for key, value in seconds.items() if value is not None and not 0 <= value < 1e6]
         if wrong:
             raise UsageError("hf: invalid value", found=", ".join(wrong), allowed="seconds, 0 or more")
 
@@ -234,10 +235,6 @@ class HuggingFace(NetworkFeature):
 
     def _stored(self, rows: npt.NDArray[np.float32]) -> npt.NDArray[Any]:
         return self.in_dtype(rows, "set store: float32, or choose another layer")
-
-    def _seconds(self) -> list[tuple[str, float]]:
-        given = {"chunk_s": self.chunk_s, "overlap_s": self.overlap_s}
-        return [(key, value) for key, value in given.items() if value is not None]
 
     def _precision(self, device: str) -> Precision:
         if self.precision == "auto":

@@ -44,7 +44,7 @@ def load_network(folder: ModelFolder, family: Family, top: int, output: Output, 
     safe = files[0].suffix == ".safetensors"
     if safe:
         _check_headers(files)
-    elif _torch_version() < _SAFE_TORCH:
+    elif tuple(int(part) for part in re.findall(r"\d+", torch.__version__)[:2]) < _SAFE_TORCH:
         raise UsageError(
             "hf: pickled weights need a newer torch, as older ones may run code that is in them",
             where=files[0],
@@ -75,7 +75,7 @@ def _load_native(
             found=f"transformers {package.__version__}, without {spec.model}",
             fix="pip install -U transformers",
         )
-    config = getattr(package, config_name)(**_plain(keys))
+    config = getattr(package, config_name)(**{k: v for k, v in keys.items() if k not in _NOT_OF_THE_NETWORK})
     mapping = {"key_mapping": dict(spec.renamed)} if spec.renamed else {}
     with _quiet(package):
         network, info = getattr(package, spec.model).from_pretrained(
@@ -196,15 +196,6 @@ def _quiet(package: Any) -> Iterator[None]:
         logging.set_verbosity(level)
         if bars:
             logging.enable_progress_bar()
-
-
-def _plain(keys: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the keys of a config without those that name code, where it came from, or what a call returns."""
-    return {k: v for k, v in keys.items() if k not in _NOT_OF_THE_NETWORK}
-
-
-def _torch_version() -> tuple[int, ...]:
-    return tuple(int(part) for part in re.findall(r"\d+", torch.__version__)[:2])
 
 
 def place(network: Any, device: torch.device, budget: int | None = None) -> Any:

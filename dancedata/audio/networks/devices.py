@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import getpass
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
@@ -68,7 +69,8 @@ def claimed(devices: tuple[str, ...]) -> str | None:
     """
     for device in devices:
         with suppress(OSError):
-            lock = open_locked(Path(tempfile.gettempdir()) / f"dancedata-{_user()}-{_card(device)}.lock", wait=False)
+            name = f"dancedata-{getpass.getuser()}-{_card(device)}.lock"
+            lock = open_locked(Path(tempfile.gettempdir()) / name, wait=False)
             if lock is not None:
                 _held.append(lock)
                 return device
@@ -79,12 +81,6 @@ def _card(device: str) -> str:
     """Return a name of the card itself: each job of a batch system counts its cards from 0."""
     # torch < 2.5 has no uuid: the number is used instead.
     return str(getattr(torch.cuda.get_device_properties(device), "uuid", device.replace(":", "-")))
-
-
-def _user() -> str:
-    import getpass
-
-    return getpass.getuser()
 
 
 class Batches:
