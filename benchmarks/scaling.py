@@ -126,19 +126,6 @@ class Level(AudioFeature):
         rows = self.n_rows(signal.n_samples, signal.sample_rate, grid)
         return np.full((rows, 1), float(np.abs(signal.samples).mean()), np.float32)
 
-    def extract_windows(
-        self,
-        signal: Any,
-        starts: Any,
-        n_samples: int,
-        grid: FrameGrid,
-        n_rows: int,
-        *,
-        start_bpm: float | None = None,
-    ) -> Any:
-        """Return a constant for each window."""
-        return np.stack([self.extract(signal.part(s, s + n_samples), grid)[:n_rows] for s in starts.tolist()])
-
 
 RECIPE = {
     "recipe": 1,

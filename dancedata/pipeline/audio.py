@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from dancedata.audio.networks.feature import NetworkFeature
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.clip import Reject
 from dancedata.core.errors import DataError
@@ -228,7 +229,8 @@ def extract_windows(
                 return {number: array for number, array in found.items() if array is not None}
             whole = _decoded(signal, ahead)
             starts, length = window_samples(job, signal.n_samples, signal.sample_rate)
-            at_once = job.feature.windows_a_call or len(missing)
+            feature = job.feature
+            at_once = (isinstance(feature, NetworkFeature) and feature.windows_a_call) or len(missing)
             for begin in range(0, len(missing), at_once):
                 some = missing[begin : begin + at_once]
                 rows = job.feature.extract_windows(

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from dancedata.audio.networks.feature import NetworkFeature
 from dancedata.core.clip import Reject, Scan
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.text import printable, shown
@@ -206,7 +207,7 @@ def _meta(recipe: Recipe, sources: Sources, source_sha256: str, record: SourceRe
 
 def _networks(recipe: Recipe) -> dict[str, Any]:
     """Return what audio fields state of their networks, by field; nothing where none has one."""
-    about = {job.name: dict(job.feature.about) for job in recipe.audio}
+    about = {job.name: dict(job.feature.about) for job in recipe.audio if isinstance(job.feature, NetworkFeature)}
     stated = {name: own for name, own in about.items() if own}
     return {"encoders": stated} if stated else {}
 

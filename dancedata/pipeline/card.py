@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
+from dancedata.audio.networks.feature import NetworkFeature
 from dancedata.core.clip import Scan
 from dancedata.pipeline.clips import ComputedClips
 from dancedata.recipes.recipe import Recipe
@@ -68,7 +69,7 @@ def _fields_list(recipe: Recipe) -> str:
     for finder in recipe.keymotion:
         lines.append(f"- `{finder.name}`: key motions, {', '.join(finder.columns.labels)}")
     for job in recipe.audio:
-        about = job.feature.about
+        about = job.feature.about if isinstance(job.feature, NetworkFeature) else {}
         made = f", by {about['model']}, licence of its weights: {about['licence']}" if "licence" in about else ""
         lines.append(f"- `{job.name}`: {job.columns.width} columns{made}")
     return "\n".join([*lines, ""])

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from dancedata.audio.networks.feature import NetworkFeature
 from dancedata.core.clip import Reject
 from dancedata.core.errors import StoreError
 from dancedata.core.plugins import AudioFeature
@@ -175,11 +176,13 @@ def _signal(clip: WindowedClip) -> SignalId:
 
 def _jobs_for(feature: AudioFeature, jobs: Jobs) -> Jobs:
     """Return the workers for a feature: one that computes on cards takes one process per card."""
+    if not isinstance(feature, NetworkFeature):
+        return jobs
     return replace(jobs, n=feature.workers(jobs.n)) if isinstance(jobs, Executor) else feature.workers(jobs)
 
 
 def _next_songs(feature: AudioFeature, songs: Sequence[Path]) -> list[Path | None]:
     """Return, for each unit of work, the file of the next one, if the feature computes on a device meanwhile."""
-    if not feature.reads_ahead:
+    if not (isinstance(feature, NetworkFeature) and feature.reads_ahead):
         return [None] * len(songs)
     return [then if then != path else None for path, then in zip(songs, [*songs[1:], None], strict=False)]

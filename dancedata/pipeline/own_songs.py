@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from dancedata.audio.networks.feature import NetworkFeature
 from dancedata.audio.signal import load_audio
 from dancedata.core.atomic import atomic_file, write_json
 from dancedata.core.audio_signal import AudioSignal
@@ -204,7 +205,8 @@ def _undone_if_it_fails(out: Path) -> Iterator[set[Path]]:
 
 def _weights_of(given: Sequence[str | Path], jobs: Sequence[FeatureJob]) -> dict[str, Path]:
     """Return the folder of weights for each feature that is given one; UsageError for what no feature takes."""
-    takers = [job.name for job in jobs if job.feature.with_weights(Path()) is not job.feature]
+    networks = [(job.name, job.feature) for job in jobs if isinstance(job.feature, NetworkFeature)]
+    takers = [name for name, feature in networks if feature.with_weights(Path()) is not feature]
     found: dict[str, Path] = {}
     for text in map(str, given):
         name, named, folder = text.partition("=")
@@ -227,7 +229,9 @@ def _weights_of(given: Sequence[str | Path], jobs: Sequence[FeatureJob]) -> dict
 
 def _ready(job: FeatureJob, weights: Path | None, dataset: Store | None) -> AudioFeature:
     """Return a feature with its weights; those of a dataset are known by their hash, not by their place."""
-    feature = job.feature if weights is None else job.feature.with_weights(weights)
+    feature = job.feature
+    if weights is not None and isinstance(feature, NetworkFeature):
+        feature = feature.with_weights(weights)
     try:
         return feature.resolved(Cache(default_cache()).file_sha256)
     except (UsageError, SourceError) as error:

@@ -16,7 +16,7 @@ import pytest
 from numpy.typing import NDArray
 
 import dancedata
-from dancedata.audio.bailando438 import Bailando438, compute
+from dancedata.audio.bailando438 import Bailando438, feature
 from dancedata.audio.signal import pcm16, resample
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DataError, RecipeError, UsageError
@@ -86,7 +86,7 @@ def _plain_librosa(y: NDArray[np.float32], sr: int, onset: dict[str, Any]) -> ND
     [("era", "60", {"fmax": 11025}), ("nyquist", "60", {}), ("nyquist", "30", {}), ("nyquist", "7.5", {})],
 )
 def test_it_is_plain_librosa(clicks: AudioSignal, onset_fmax: Any, fps: str, onset: dict[str, Any]) -> None:
-    compute.compile_kernels()
+    feature.compile_kernels()
     signal, grid = clicks.part(0, 3 * clicks.sample_rate), FrameGrid.of(fps)
     rate = int(512 * grid.rate)
     rows = Bailando438(onset_fmax=onset_fmax).extract(signal, grid)
@@ -170,7 +170,7 @@ def test_extract_from_python_and_an_unknown_limit(clicks: AudioSignal) -> None:
 def test_the_first_run_in_a_process_holds_the_lock(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     from dancedata.audio.librosa35 import reference
 
-    held, made = [], compute._compute
+    held, made = [], feature._compute
     # A lock of this test alone: another process of the test run may hold the user's while it compiles.
     monkeypatch.setattr(reference, "user_cache", lambda: tmp_path)
 
@@ -179,8 +179,8 @@ def test_the_first_run_in_a_process_holds_the_lock(monkeypatch: pytest.MonkeyPat
             held.append(not free)
         return made(*args)
 
-    monkeypatch.setattr(compute, "_compute", watched)
-    compute.compile_kernels.cache_clear()
+    monkeypatch.setattr(feature, "_compute", watched)
+    feature.compile_kernels.cache_clear()
     noise = AudioSignal(np.random.default_rng(1).standard_normal(15360).astype(np.float32), 15360)
     for _ in range(2):
         FEATURE.extract(noise, FrameGrid.of(30))

@@ -370,8 +370,7 @@ def reference():
 
 
 def test_the_outputs_of_the_package(reference):
-    from dancedata.audio.beats.by_network import beats_of, song_logits
-    from dancedata.audio.beats.log_mel import log_mel
+    from dancedata.audio.beats.by_network import beats_of, log_mel, song_logits
     from dancedata.audio.beats.weights import load_network
     from dancedata.audio.signal import resample
 

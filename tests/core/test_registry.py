@@ -187,7 +187,7 @@ def test_what_is_registered_is_checked() -> None:
         class Plain:
             pass
 
-    with pytest.raises(UsageError, match="the plug-in lacks columns, extract, extract_windows, n_rows, version"):
+    with pytest.raises(UsageError, match="the plug-in lacks columns, extract, n_rows, version"):
 
         @FEATURES.register("a")
         class Half(AudioFeature):

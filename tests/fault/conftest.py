@@ -64,10 +64,6 @@ class Slow(AudioFeature):
         rows[:, 1] = int(name, 16)
         return rows
 
-    def extract_windows(self, signal, starts, n_samples, grid, n_rows, *, start_bpm=None):
-        parts = [signal.part(int(s), int(s) + n_samples) for s in starts]
-        return np.stack([self.extract(part, grid)[:n_rows] for part in parts])
-
 
 def kill(order, once):
     if order.exists():

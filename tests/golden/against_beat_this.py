@@ -22,8 +22,7 @@ import numpy as np
 import torch
 from safetensors.torch import load_file, save_file
 
-from dancedata.audio.beats.by_network import beats_of, song_logits
-from dancedata.audio.beats.log_mel import log_mel
+from dancedata.audio.beats.by_network import beats_of, log_mel, song_logits
 from dancedata.audio.beats.network import BeatNetwork, Sizes
 from dancedata.audio.beats.weights import load_network
 from dancedata.audio.signal import resample

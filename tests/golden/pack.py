@@ -21,7 +21,7 @@ import soundfile
 
 from dancedata.audio.jukebox.config import JukeboxConfig
 from dancedata.audio.jukebox.network import tensors
-from dancedata.audio.jukebox.weights.files import PRIOR_FILE, VQVAE_FILE
+from dancedata.audio.jukebox.weights.folder import PRIOR_FILE, VQVAE_FILE
 from dancedata.audio.jukebox.weights.legacy_file import LegacyFile
 
 Arrays = dict[str, np.ndarray]

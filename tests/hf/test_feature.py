@@ -17,7 +17,7 @@ import torch
 
 import dancedata
 from dancedata.audio.hf import HuggingFace, HuggingFaceEncoder
-from dancedata.audio.hf.placing import place, weight_bytes
+from dancedata.audio.hf.loading import place, weight_bytes
 from dancedata.audio.hf.random_models import KINDS
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DataError, UsageError
@@ -194,7 +194,7 @@ def test_keys_know_the_weights_and_not_where_they_are(
     (moved / "pytorch_model.bin").write_bytes(weights)
     changed = HuggingFace(model=str(moved), layers=(2,), device="cpu").resolved(sha256_file)
     assert key(changed) != key(first)
-    with pytest.raises(UsageError, match="does not match the recipe"):
+    with pytest.raises(UsageError, match="do not match the recipe"):
         HuggingFace(model=str(moved), model_sha256=first.model_sha256, device="cpu").resolved(sha256_file)
 
 

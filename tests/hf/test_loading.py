@@ -19,8 +19,7 @@ import torch
 from safetensors.torch import load_file, save_file
 
 from dancedata.audio.hf import HuggingFace, HuggingFaceEncoder, licence_of, open_model
-from dancedata.audio.hf.model_card import UNKNOWN
-from dancedata.audio.hf.model_folder import ENVIRONMENT, PROVENANCE
+from dancedata.audio.hf.model_folder import ENVIRONMENT, PROVENANCE, UNKNOWN
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DanceDataError, SourceError, UsageError
 from dancedata.core.grid import FrameGrid
@@ -178,7 +177,7 @@ def test_weights_that_change_during_a_build_are_an_error(copy: Callable[..., Pat
     tensors[FINAL] = tensors[FINAL] + 1
     save_file(tensors, folder / "model.safetensors", metadata={"format": "pt"})
     signal = AudioSignal(noise(0.5, 16_000), 16_000)
-    with pytest.raises(SourceError, match="the model has changed"):
+    with pytest.raises(SourceError, match="the weights have changed"):
         resolved.extract(signal, FrameGrid.of(30))
 
 

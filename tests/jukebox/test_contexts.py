@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dancedata.audio.jukebox.contexts import TAIL_S, contexts_of, unit_of
+from dancedata.audio.jukebox.feature import TAIL_S, contexts_of, unit_of
 from dancedata.core.errors import UsageError
 
 RATE = Fraction(44100, 128)

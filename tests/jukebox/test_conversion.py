@@ -20,7 +20,7 @@ import torch
 from safetensors.torch import load_file
 
 from dancedata.audio.jukebox import JukeboxConfig, JukeboxEncoder, checkpoint_sha256, conversion, convert
-from dancedata.audio.jukebox.weights.files import PRIOR_FILE, VQVAE_FILE
+from dancedata.audio.jukebox.weights.folder import PRIOR_FILE, VQVAE_FILE
 from dancedata.core.errors import SourceError, StoreError, UsageError
 from dancedata.core.hashing import sha256_file
 from dancedata.core.locks import writing_lock

@@ -6,6 +6,7 @@ import os
 import tempfile
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -18,7 +19,6 @@ pytest.importorskip("accelerate")
 
 import torch
 
-from dancedata.audio.jukebox import feature as jukebox_feature
 from dancedata.audio.jukebox.feature import Jukebox
 from dancedata.audio.librosa35.feature import Librosa35
 from dancedata.audio.networks import devices as _devices
@@ -100,23 +100,19 @@ def test_what_cannot_be_is_said_before_a_build(tiny: SimpleNamespace, tmp_path: 
 def test_one_network_a_process_and_the_one_before_goes_first(
     tiny: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(jukebox_feature, "_network", {})
-    loaded: list[tuple[int, int]] = []
-    plain = jukebox_feature.config_of
-
-    def counting(folder: Path) -> Any:
-        loaded.append((len(jukebox_feature._network), 0))
-        return plain(folder)
-
+    networks: dict[str, Any] = {"hf": (None, None)}
+    monkeypatch.setattr("dancedata.audio.networks.feature._networks", networks)
     feature = Jukebox(weights=tiny.folder, layer=3, device="cpu").resolved(sha256_file)
     first = feature._encoder(1722)
     assert first is feature._encoder(1725)  # a code more or less, as sample rates have it
     assert first.max_codes == 1728
-    monkeypatch.setattr(jukebox_feature, "config_of", counting)
-    other = jukebox_feature._loaded(tiny.folder, "", 3, "fp32", "cpu", 1728)
+    seen: list[set[str]] = []
+    plain = Jukebox.weights_hash
+    monkeypatch.setattr(Jukebox, "weights_hash", lambda *given: (seen.append(set(networks)), plain(*given))[1])
+    other = replace(feature, layer=2)._encoder(1722)
     assert other is not first
-    assert loaded == [(0, 0)]
-    assert list(jukebox_feature._network.values()) == [other]
+    assert seen == [{"hf"}]
+    assert networks["jukebox"][1] is other
     assert feature._encoder(100_000).max_codes == 8192
 
 
@@ -140,8 +136,6 @@ def test_tempo_is_no_part_of_the_key(tiny: SimpleNamespace) -> None:
     "change", [{"layer": 5}, {"precision": "bf16"}, {"overlap_s": 5.0}, {"weights_sha256": "0" * 64}]
 )
 def test_what_shapes_numbers_is_part_of_the_key(tiny: SimpleNamespace, change: dict[str, Any]) -> None:
-    from dataclasses import replace
-
     feature = Jukebox(weights=tiny.folder, layer=6, device="cpu").resolved(sha256_file)
     other = replace(feature, **change)
     assert _key(feature) != _key(other)

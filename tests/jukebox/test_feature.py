@@ -14,7 +14,7 @@ pytest.importorskip("torch")
 import dancedata
 from dancedata.audio.jukebox import JukeboxEncoder
 from dancedata.audio.jukebox.feature import ENVIRONMENT, Jukebox
-from dancedata.audio.jukebox.weights.files import PRIOR_FILE
+from dancedata.audio.jukebox.weights.folder import PRIOR_FILE
 from dancedata.audio.signal import pcm16
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DanceDataError, DataError, SourceError, UsageError

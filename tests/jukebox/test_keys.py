@@ -16,7 +16,7 @@ import torch
 
 from dancedata.audio.jukebox import JukeboxConfig
 from dancedata.audio.jukebox.network import memory, tensors
-from dancedata.audio.jukebox.weights.files import PRIOR_FILE, VQVAE_FILE
+from dancedata.audio.jukebox.weights.folder import PRIOR_FILE, VQVAE_FILE
 from dancedata.audio.jukebox.weights.loading import Checkpoint, load_encoder, load_prior
 
 REAL = JukeboxConfig()

@@ -22,7 +22,7 @@ import torch
 
 from dancedata.audio.jukebox import JukeboxEncoder
 from dancedata.audio.jukebox.network.tensors import BLOCKS
-from dancedata.audio.jukebox.weights.files import PRIOR_FILE, VQVAE_FILE
+from dancedata.audio.jukebox.weights.folder import PRIOR_FILE, VQVAE_FILE
 from dancedata.audio.jukebox.weights.legacy_file import MAGIC, PROTOCOL
 from dancedata.audio.jukebox.weights.sources import LegacySource, ZipSource, open_torch_file
 from dancedata.core.errors import DataError, SourceError, UsageError

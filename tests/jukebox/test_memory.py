@@ -14,7 +14,7 @@ import torch
 
 from dancedata.audio.jukebox import JukeboxConfig
 from dancedata.audio.jukebox.network import memory
-from dancedata.audio.networks.batches import Batches
+from dancedata.audio.networks.devices import Batches
 from dancedata.core.errors import DanceDataError, UsageError
 
 REAL = JukeboxConfig()

@@ -17,13 +17,13 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dancedata.audio.jukebox.network.attention import COLUMN, PREVIOUS_ROW, ROW, factored_attention
-from dancedata.audio.jukebox.network.overflow import JukeboxOverflowError
-from dancedata.audio.jukebox.network.resampling import n_frames, resampling_matrix
+from dancedata.audio.jukebox.clips import n_frames, resampling_matrix
+from dancedata.audio.jukebox.encoder import JukeboxOverflowError
 from dancedata.audio.jukebox.network.tensors import CODEBOOK
+from dancedata.audio.jukebox.network.transformer import COLUMN, PREVIOUS_ROW, ROW, factored_attention
 from dancedata.audio.jukebox.network.vqvae import VqEncoder
 from dancedata.audio.jukebox.weights.loading import empty_block
-from dancedata.audio.networks.precision import exact_float32
+from dancedata.audio.networks.devices import exact_float32
 from dancedata.testing.jukebox import TINY
 
 
@@ -128,7 +128,7 @@ def test_guard_with_the_newer_switches() -> None:
     # Each in a process of its own: what is read of a switch may be that above it, and could not be put back.
     code = """
 import os, torch
-from dancedata.audio.networks.precision import exact_float32
+from dancedata.audio.networks.devices import exact_float32
 b = torch.backends
 owners = (b.cuda.matmul, b.cudnn.conv, b.mkldnn.conv, b.mkldnn.matmul)
 for switch in (b, b.cudnn, b.cudnn.conv, b.cuda.matmul):

@@ -7,21 +7,17 @@ Bailando (Siyao et al., CVPR 2022, and its public preparation script). The numbe
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dancedata.audio.bailando438.compute import (
-    DELTA_WIDTH,
-    N_CHROMA,
-    N_COLUMNS,
-    N_LAGS,
-    N_MFCC,
-    track_features,
-)
-from dancedata.audio.checks import require_rows, require_samples, require_windows
+from dancedata.audio.kernels import compiling
 from dancedata.audio.librosa35.settings import HOP
 from dancedata.audio.signal import pcm16, resample, resampled_length
 from dancedata.core.audio_signal import AudioSignal
@@ -35,6 +31,13 @@ from dancedata.core.registry import FEATURES
 MIN_SAMPLE_RATE = 3840
 #: Upper limit of the onset envelope's mel bands in librosa 0.8, whatever the sample rate.
 ERA_FMAX = 11025.0
+N_MFCC, N_CHROMA, N_LAGS = 20, 12, 384
+#: Frames that the derivative of MFCC spans: fewer have none.
+DELTA_WIDTH = 3
+#: The sample rate at which chroma have seven octaves; five at every other one.
+RATE_OF_SEVEN_OCTAVES = 60 * HOP
+
+Floats = NDArray[np.float32]
 
 _GROUPS = (
     Group("mfcc", N_MFCC, "dB"),
@@ -109,72 +112,22 @@ class Bailando438(AudioFeature):
             Reason ``empty_audio`` (no sample), ``nan`` (samples that are not finite, or above 1e12) or
             ``short_audio`` (fewer than 3 rows).
         """
-        require_samples(self.name, signal)
-        return self._rows(signal.samples, signal.sample_rate, grid)
-
-    def extract_windows(
-        self,
-        signal: AudioSignal,
-        starts: NDArray[np.int64],
-        n_samples: int,
-        grid: FrameGrid,
-        n_rows: int,
-        *,
-        start_bpm: float | None = None,
-    ) -> NDArray[np.float32]:
-        """Features of windows, each one by itself from its own 16-bit wav, as librosa35's are.
-
-        Bailando has no such windows: its features are those of whole songs (scope: track).
-
-        Parameters
-        ----------
-        signal
-            The whole song, mono samples (n,) float32.
-        starts
-            (W,) first sample of each window.
-        n_samples
-            Samples per window, at the signal's rate.
-        grid
-            As in `extract`.
-        n_rows
-            Rows to keep of each window.
-        start_bpm
-            Not used.
-
-        Returns
-        -------
-        NDArray[np.float32]
-            (W, n_rows, 438).
-
-        Raises
-        ------
-        UsageError
-            As in `extract`.
-        DataError
-            As in `extract`; reason ``short_audio`` also if a window is not within the signal, or too short for
-            `n_rows` rows.
-        """
-        require_samples(self.name, signal)
-        require_windows(self.name, signal, starts, n_samples)
-        require_rows(self.name, self.n_rows(n_samples, signal.sample_rate, grid), n_rows, grid)
-        rows = np.empty((len(starts), n_rows, N_COLUMNS), dtype=np.float32)
-        for own, start in zip(rows, starts.tolist(), strict=True):
-            window = pcm16(signal.samples[start : start + n_samples])
-            own[:] = self._rows(window, signal.sample_rate, grid)[:n_rows]
-        return rows
-
-    def _rows(self, samples: NDArray[np.float32], sample_rate: int, grid: FrameGrid) -> NDArray[np.float32]:
+        self.require_samples(signal)
         rate = _feature_rate(grid)
-        available = self.n_rows(len(samples), sample_rate, grid)
+        available = self.n_rows(signal.n_samples, signal.sample_rate, grid)
         if available < DELTA_WIDTH:
             raise DataError(
                 "bailando438: the audio is too short for the derivative of its MFCC",
                 reason="short_audio",
-                found=f"{len(samples)} samples at {sample_rate} Hz: rows {available}",
+                found=f"{signal.n_samples} samples at {signal.sample_rate} Hz: rows {available}",
                 allowed=f"audio for at least {DELTA_WIDTH} rows at {grid.rate} per second",
             )
         fmax = ERA_FMAX if self.onset_fmax == "era" else rate / 2
-        return track_features(resample(samples, sample_rate, rate), rate, fmax)
+        return track_features(resample(signal.samples, signal.sample_rate, rate), rate, fmax)
+
+    def window(self, signal: AudioSignal, start: int, n_samples: int) -> AudioSignal:
+        """Return a window as its own 16-bit wav has it, as librosa35 takes it; Bailando computes whole songs only."""
+        return AudioSignal(pcm16(signal.samples[start : start + n_samples]), signal.sample_rate)
 
 
 def _feature_rate(grid: FrameGrid) -> int:
@@ -187,3 +140,66 @@ def _feature_rate(grid: FrameGrid) -> int:
             fix="use 60 (beside motion) or 7.5 (Bailando's GPT) rows per second",
         )
     return int(rate)
+
+
+def track_features(samples: Floats, rate: int, onset_fmax: float) -> Floats:
+    """Compute the columns (T, 438) of samples (n,) at `rate`, T = 1 + n // 512.
+
+    Parameters
+    ----------
+    onset_fmax
+        Upper limit in Hz of the mel bands of the onset envelope.
+    """
+    compile_kernels()
+    return _compute(samples, rate, onset_fmax)
+
+
+@lru_cache(maxsize=1)
+def compile_kernels() -> None:
+    """Load the kernels of librosa that are used here, one process at a time and once per process.
+
+    They are more than librosa35's: separating harmonics resynthesises a signal.
+    """
+    noise = np.random.default_rng(0).standard_normal(RATE_OF_SEVEN_OCTAVES).astype(np.float32)
+    noise[:: RATE_OF_SEVEN_OCTAVES // 4] = 10.0
+    with compiling():
+        _compute(noise, RATE_OF_SEVEN_OCTAVES, RATE_OF_SEVEN_OCTAVES / 2)
+
+
+def _compute(samples: Floats, rate: int, onset_fmax: float) -> Floats:
+    import librosa
+
+    with _known_warnings():
+        mfcc = _mfcc(samples, rate)
+        delta = librosa.feature.delta(mfcc, width=DELTA_WIDTH)
+        harmonic, percussive = librosa.effects.hpss(samples)
+        octaves = 7 if rate == RATE_OF_SEVEN_OCTAVES else 5
+        chroma = librosa.feature.chroma_cqt(y=harmonic, sr=rate, hop_length=HOP, n_chroma=N_CHROMA, n_octaves=octaves)
+        envelope = librosa.onset.onset_strength(
+            y=percussive, sr=rate, hop_length=HOP, aggregate=np.median, fmax=onset_fmax
+        )
+        _, beats = librosa.beat.beat_track(onset_envelope=envelope, sr=rate, hop_length=HOP)
+        tempogram = librosa.feature.tempogram(onset_envelope=envelope, sr=rate, hop_length=HOP, win_length=N_LAGS)
+    beat = np.zeros(len(envelope), dtype=np.float32)
+    beat[beats] = 1
+    rows = np.concatenate([mfcc, delta, chroma, envelope[np.newaxis], beat[np.newaxis], tempogram]).T
+    return np.ascontiguousarray(rows, dtype=np.float32)
+
+
+def _mfcc(samples: Floats, rate: int) -> Floats:
+    """Return (20, T); 0 dB is the largest value of the mel spectrum of the whole signal."""
+    import librosa
+
+    mel = librosa.feature.melspectrogram(y=samples, sr=rate, hop_length=HOP)
+    mfcc: Floats = librosa.feature.mfcc(S=librosa.power_to_db(mel, ref=np.max), n_mfcc=N_MFCC)
+    return mfcc
+
+
+@contextmanager
+def _known_warnings() -> Iterator[None]:
+    """Hide the known warnings, and that about mel bands above half the sample rate: their being empty is meant."""
+    from dancedata.audio.librosa35.reference import known_warnings
+
+    with known_warnings():
+        warnings.filterwarnings("ignore", message="Empty filters detected in mel", category=UserWarning)
+        yield

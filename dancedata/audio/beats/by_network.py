@@ -1,16 +1,19 @@
-"""Beats and downbeats by the network of Beat This!: stretches of a song, and the peaks of their logits.
+"""Beats and downbeats by the network of Beat This!: a log-mel spectrum, stretches of it, the peaks of their logits.
 
-As the package beat_this 1.1 does with its postprocessor ``minimal``.
+Foscarin, Schlueter, Widmer, "Beat this! Accurate beat tracking without DBN postprocessing" (ISMIR 2024). The numbers
+are those of the package beat_this 1.1 (`LogMelSpect`, without torchaudio) with its postprocessor ``minimal``.
 """
 
 from __future__ import annotations
+
+import math
+from functools import lru_cache
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
-from dancedata.audio.beats.log_mel import HOP, MIN_SAMPLES, SAMPLE_RATE, log_mel
 from dancedata.audio.beats.network import BeatNetwork
 from dancedata.audio.beats.track import BeatTrack
 from dancedata.audio.signal import resample
@@ -18,6 +21,14 @@ from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 
+SAMPLE_RATE, HOP, N_FFT, N_BANDS = 22050, 441, 1024, 128
+_LOWEST_HZ, _HIGHEST_HZ = 30.0, 11000.0
+_GAIN = 1000.0
+#: Fewer samples cannot be continued by their mirror image.
+MIN_SAMPLES = N_FFT // 2 + 1
+# Slaney's mel scale (Auditory Toolbox, 1998): 15 mels up to 1 kHz, linear; from there 27 mels for a factor of 6.4.
+_KNEE_HZ, _KNEE_MEL, _LINEAR_HZ = 1000.0, 15.0, 200.0 / 3
+_LOG_STEP = math.log(6.4) / 27
 #: Frames that the network sees at once (30 s), and those on each side whose logits are not used.
 _STRETCH, _BORDER = 1500, 6
 _KEPT = _STRETCH - 2 * _BORDER
@@ -25,6 +36,46 @@ _KEPT = _STRETCH - 2 * _BORDER
 _WITHIN = 7
 #: Rate of the beats' frames: two equal peaks side by side are one beat between them.
 GRID = FrameGrid.of(2 * SAMPLE_RATE // HOP)
+
+
+def log_mel(samples: torch.Tensor) -> torch.Tensor:
+    """Return the spectrum (1 + n // 441, 128) of samples (n,) float32 at 22,050 Hz, n >= `MIN_SAMPLES`.
+
+    Frame t is centred on t / 50 s; the ends are continued by their mirror image. log(1 + 1000 x) of magnitudes, which
+    are divided by the root of the frame's length.
+    """
+    spectrum = torch.stft(
+        samples,
+        N_FFT,
+        hop_length=HOP,
+        window=torch.hann_window(N_FFT, device=samples.device),
+        center=True,
+        pad_mode="reflect",
+        normalized=True,
+        return_complex=True,
+    )
+    bands = _filters().to(samples.device) @ spectrum.abs()
+    return torch.log1p(_GAIN * bands).T
+
+
+@lru_cache(maxsize=1)
+def _filters() -> torch.Tensor:
+    """Return the triangular filters (128, 513) on Slaney's mel scale, each 1 at its top.
+
+    In float32, as those of the training were: where music is quiet, the logarithm shows their last digits.
+    """
+    bins = torch.linspace(0, SAMPLE_RATE // 2, N_FFT // 2 + 1)
+    edges = _hertz(torch.linspace(_mel(_LOWEST_HZ), _mel(_HIGHEST_HZ), N_BANDS + 2))
+    rise, fall = edges.diff()[:-1, None], edges.diff()[1:, None]
+    return torch.minimum((bins - edges[:-2, None]) / rise, (edges[2:, None] - bins) / fall).clamp(min=0)
+
+
+def _mel(hertz: float) -> float:
+    return hertz / _LINEAR_HZ if hertz < _KNEE_HZ else _KNEE_MEL + math.log(hertz / _KNEE_HZ) / _LOG_STEP
+
+
+def _hertz(mel: torch.Tensor) -> torch.Tensor:
+    return torch.where(mel < _KNEE_MEL, mel * _LINEAR_HZ, _KNEE_HZ * torch.exp(_LOG_STEP * (mel - _KNEE_MEL)))
 
 
 def network_beats(signal: AudioSignal, network: BeatNetwork, device: torch.device) -> BeatTrack:

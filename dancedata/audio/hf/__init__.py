@@ -13,7 +13,7 @@ from dancedata.core.lazy import lazy_names
 
 if TYPE_CHECKING:
     from dancedata.audio.hf.encoder import HuggingFaceEncoder as HuggingFaceEncoder
-    from dancedata.audio.hf.model_card import licence_of as licence_of
+    from dancedata.audio.hf.model_folder import licence_of as licence_of
     from dancedata.audio.hf.model_folder import open_model as open_model
     from dancedata.audio.hf.random_models import write_random_model as write_random_model
     from dancedata.audio.hf.settings import settings_of as settings_of

@@ -15,13 +15,10 @@ import torch
 
 from dancedata.audio.hf.chunks import Chunk, chunks_of
 from dancedata.audio.hf.families.base import Prepared
-from dancedata.audio.hf.loading import load_network
-from dancedata.audio.hf.placing import place
+from dancedata.audio.hf.loading import load_network, place
 from dancedata.audio.hf.rows import RowMap, RowSum, frames_of, method_of, row_map
 from dancedata.audio.hf.settings import Settings
-from dancedata.audio.networks.batches import Batches
-from dancedata.audio.networks.devices import require_device
-from dancedata.audio.networks.precision import compute_dtype, exact_float32
+from dancedata.audio.networks.devices import Batches, compute_dtype, exact_float32, require_device
 from dancedata.audio.signal import resample
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid

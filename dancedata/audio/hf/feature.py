@@ -10,18 +10,15 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.audio.checks import require_rows, require_samples, require_windows
-from dancedata.audio.hf.model_card import licence_of
-from dancedata.audio.hf.model_folder import ENVIRONMENT, ModelFolder, open_model
+from dancedata.audio.hf.model_folder import ENVIRONMENT, ModelFolder, licence_of, open_model
 from dancedata.audio.hf.settings import Settings, settings_of
-from dancedata.audio.networks.running import all_cores, cards_of, device_of_process, held, stored
+from dancedata.audio.networks.feature import NetworkFeature, Precision
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.columns import Columns
-from dancedata.core.errors import SourceError, UsageError
+from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import sha256_file
 from dancedata.core.packages import require
-from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
 
 if TYPE_CHECKING:
@@ -29,15 +26,10 @@ if TYPE_CHECKING:
 
 __all__ = ["ENVIRONMENT", "HuggingFace"]
 
-Precision = Literal["auto", "fp32", "fp16", "bf16"]
-
-#: Windows of a call on a card, which are published together.
-_WINDOWS = 32
-
 
 @FEATURES.register("hf")
 @dataclass(frozen=True)
-class HuggingFace(AudioFeature):
+class HuggingFace(NetworkFeature):
     """Learned features of an encoder in the Hugging Face layout: MERT, MuQ, HuBERT, EnCodec, Whisper and others.
 
     A recipe may have several: `hf.mert`, `hf.encodec`. Networks are classes of transformers, and for MuQ one of this
@@ -88,10 +80,7 @@ class HuggingFace(AudioFeature):
     version: ClassVar[int] = 1
     #: Not transformers: its releases leave these numbers as they are, which the golden test holds it to.
     packages: ClassVar[tuple[str, ...]] = ("torch", "soxr")
-    #: The next song is decoded while the device computes.
-    reads_ahead: ClassVar[bool] = True
-    exact: ClassVar[bool] = False
-    uses_tempo: ClassVar[bool] = False
+    weights_key: ClassVar[str] = "model"
 
     model: str = field(default="", metadata={"path": True})
     revision: str | None = field(default=None, metadata={"path": True})
@@ -114,7 +103,8 @@ class HuggingFace(AudioFeature):
             object.__setattr__(self, "layers", tuple(self.layers))
         if self.batch_size < 0:
             raise UsageError("hf: invalid value for batch_size", found=self.batch_size, allowed="0 or more")
-        wrong = [f"{key} {value:g}" for key, value in self._seconds() if not 0 <= value < 1e6]
+        seconds = {"chunk_s": self.chunk_s, "overlap_s": self.overlap_s}
+        wrong = [f"{key} {value:g}" for key, value in seconds.items() if value is not None and not 0 <= value < 1e6]
         if wrong:
             raise UsageError("hf: invalid value", found=", ".join(wrong), allowed="seconds, 0 or more")
 
@@ -142,11 +132,6 @@ class HuggingFace(AudioFeature):
         return self.store
 
     @property
-    def windows_a_call(self) -> int:
-        """Windows per call, which are published together: a killed build loses at most this many."""
-        return self.batch_size or (_WINDOWS if cards_of(self.device) else 1)
-
-    @property
     def about(self) -> Mapping[str, Any]:
         """The model's source, commit, hash, family, the rate and first stamp of its frames, its licence."""
         settings = self._settings()
@@ -171,18 +156,11 @@ class HuggingFace(AudioFeature):
         SourceError
             The model cannot be used.
         """
-        device = self._checked_device()
+        require("hf", what="the audio feature hf")
+        device = str(self.checked_device())
         folder = self._folder()
         settings = self._settings(folder)
-        sha256 = folder.sha256(hash_file)
-        if self.model_sha256 not in ("", sha256):
-            raise UsageError(
-                "hf: the model does not match the recipe",
-                where=folder.path,
-                found=sha256,
-                allowed=self.model_sha256,
-                fix="set model to the folder that has it, or omit model_sha256",
-            )
+        sha256 = self.checked_hash(hash_file)
         return replace(
             self,
             model=self.model if folder.from_hub else str(folder.path),
@@ -194,9 +172,13 @@ class HuggingFace(AudioFeature):
             precision=self._precision(device),
         )
 
-    def workers(self, jobs: int) -> int:
-        """Return the number of processes: one per card, or one on a CPU."""
-        return max(1, len(cards_of(self.device)))
+    def weights_path(self) -> Path:
+        """Return the folder of the model."""
+        return self._folder().path
+
+    def weights_hash(self, hash_file: Callable[[Path], str]) -> str:
+        """Return the hash of weights and config."""
+        return self._folder().sha256(hash_file)
 
     def n_rows(self, n_samples: int, sample_rate: int, grid: FrameGrid) -> int:
         """Return the number of rows of a song: instants 0, 1 / fps, ... within the signal."""
@@ -220,7 +202,7 @@ class HuggingFace(AudioFeature):
             "short_audio" for a song that is shorter than a frame of the encoder, "overflow" for numbers that are not
             finite or exceed the range of the type.
         """
-        require_samples("hf", signal)
+        self.require_samples(signal)
         n_rows = self.n_rows(signal.n_samples, signal.sample_rate, grid)
         return self._rows([signal.samples], signal.sample_rate, grid, n_rows)[0]
 
@@ -234,20 +216,10 @@ class HuggingFace(AudioFeature):
         *,
         start_bpm: float | None = None,
     ) -> npt.NDArray[Any]:
-        """Embed windows, each by itself (scope: window).
-
-        Returns
-        -------
-        (W, n_rows, D) in the type of `store`
-
-        Raises
-        ------
-        DataError
-            As `extract`; "short_audio" for a window beyond the end of the signal.
-        """
-        require_samples("hf", signal)
-        require_windows("hf", signal, starts, n_samples)
-        require_rows("hf", self.n_rows(n_samples, signal.sample_rate, grid), n_rows, grid)
+        """Embed windows, each by itself (scope: window); see `AudioFeature.extract_windows`."""
+        self.require_samples(signal)
+        self.require_windows(signal, starts, n_samples)
+        self.require_rows(self.n_rows(n_samples, signal.sample_rate, grid), n_rows, grid)
         if not len(starts):
             return np.empty((0, n_rows, self.columns.width), self.store)
         windows = [signal.samples[int(start) : int(start) + n_samples] for start in starts]
@@ -256,24 +228,13 @@ class HuggingFace(AudioFeature):
     def _rows(
         self, signals: Sequence[npt.NDArray[np.float32]], sample_rate: int, grid: FrameGrid, n_rows: int
     ) -> list[npt.NDArray[Any]]:
-        with all_cores(self.device):
+        with self.all_cores():
             return self._encoder().rows(
                 signals, sample_rate, grid, n_rows, finish=self._stored, batch_size=self.batch_size or None
             )
 
     def _stored(self, rows: npt.NDArray[np.float32]) -> npt.NDArray[Any]:
-        return stored("hf", rows, self.store, "set store: float32, or choose another layer")
-
-    def _seconds(self) -> list[tuple[str, float]]:
-        given = {"chunk_s": self.chunk_s, "overlap_s": self.overlap_s}
-        return [(key, value) for key, value in given.items() if value is not None]
-
-    def _checked_device(self) -> str:
-        require("hf", what="the audio feature hf")
-        from dancedata.audio.networks.devices import require_device
-
-        cards = cards_of(self.device)
-        return str(require_device((cards or ["cpu" if self.device == "auto" else self.device])[0]))
+        return self.in_dtype(rows, "set store: float32, or choose another layer")
 
     def _precision(self, device: str) -> Precision:
         if self.precision == "auto":
@@ -299,31 +260,16 @@ class HuggingFace(AudioFeature):
         )
 
     def _encoder(self) -> HuggingFaceEncoder:
-        """Return the network of this process, loaded once. The hash is part of the key: files may have changed."""
+        """Return the network of this process."""
         require("hf", what="the audio feature hf")
         from dancedata.audio.hf.encoder import HuggingFaceEncoder
 
-        device = device_of_process(self.device)
+        device = self.device_of_process()
         precision = self._precision(device)
-        key = (self.model, self.revision, self.model_sha256, self._how(), precision, device)
-
-        def load() -> HuggingFaceEncoder:
-            return HuggingFaceEncoder(self._settings(self._same_folder()), device=device, precision=precision)
-
-        return held(_networks, key, load)
-
-    def _same_folder(self) -> ModelFolder:
-        """Return the model; SourceError if it has changed since its hash became a part of cache keys."""
-        folder = self._folder()
-        if self.model_sha256 and (found := folder.sha256(sha256_file)) != self.model_sha256:
-            raise SourceError("hf: the model has changed", where=folder.path, found=found, allowed=self.model_sha256)
-        return folder
-
-    def _how(self) -> tuple[Any, ...]:
-        return (
+        keys = (
             self.output, self.layers, self.reduce, self.chunk_s, self.overlap_s, self.resample, self.normalize,
         )  # fmt: skip
-
-
-#: The network of this process, by what it was loaded from and how.
-_networks: dict[Any, HuggingFaceEncoder] = {}
+        return self.network(
+            (self.model, self.revision, *keys, precision, device),
+            lambda: HuggingFaceEncoder(self._settings(), device=device, precision=precision),
+        )

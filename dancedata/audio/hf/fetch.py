@@ -12,8 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dancedata.audio.hf.model_card import licence_of
-from dancedata.audio.hf.model_folder import FILES, PROVENANCE
+from dancedata.audio.hf.model_folder import FILES, PROVENANCE, licence_of
 from dancedata.core.atomic import OWN, sync_folder, write_json
 from dancedata.core.errors import DanceDataError, SourceError, UsageError
 from dancedata.core.hashing import sha256_file
@@ -261,7 +260,10 @@ def _checked(path: Path, file: RepoSibling) -> str:
     sha256, size = sha256_file(path), path.stat().st_size
     # Of small files the hub has git's own name of their content.
     announced = file.blob_id if file.lfs is None else file.lfs.sha256
-    content = _git_sha1(path.read_bytes()) if file.lfs is None else sha256
+    content = sha256
+    if file.lfs is None:
+        data = path.read_bytes()
+        content = hashlib.sha1(b"blob %d\0" % len(data) + data, usedforsecurity=False).hexdigest()
     if announced not in (None, content) or file.size not in (None, size):
         path.unlink()
         raise SourceError(
@@ -272,10 +274,6 @@ def _checked(path: Path, file: RepoSibling) -> str:
             fix="fetch it again",
         )
     return sha256
-
-
-def _git_sha1(data: bytes) -> str:
-    return hashlib.sha1(b"blob %d\0" % len(data) + data, usedforsecurity=False).hexdigest()
 
 
 def _require_new(out: Path) -> None:

@@ -13,6 +13,7 @@ import torch
 
 from dancedata.audio.hf.families.base import Family, NetworkSpec, Output
 from dancedata.audio.hf.model_folder import ModelFolder
+from dancedata.audio.networks.devices import free_memory
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.packages import load
 from dancedata.core.text import listed, shown
@@ -24,6 +25,8 @@ _NOT_OF_THE_NETWORK = (
     "auto_map", "_name_or_path", "dtype", "torch_dtype",
     "return_dict", "use_return_dict", "torchscript", "output_hidden_states", "output_attentions",
 )  # fmt: skip
+#: Of the free memory of a card, what weights may take: the rest is for a chunk's activations.
+_FOR_WEIGHTS = 0.6
 
 
 def load_network(folder: ModelFolder, family: Family, top: int, output: Output, dtype: torch.dtype) -> Any:
@@ -41,7 +44,7 @@ def load_network(folder: ModelFolder, family: Family, top: int, output: Output, 
     safe = files[0].suffix == ".safetensors"
     if safe:
         _check_headers(files)
-    elif _torch_version() < _SAFE_TORCH:
+    elif tuple(int(part) for part in re.findall(r"\d+", torch.__version__)[:2]) < _SAFE_TORCH:
         raise UsageError(
             "hf: pickled weights need a newer torch, as older ones may run code that is in them",
             where=files[0],
@@ -72,7 +75,7 @@ def _load_native(
             found=f"transformers {package.__version__}, without {spec.model}",
             fix="pip install -U transformers",
         )
-    config = getattr(package, config_name)(**_plain(keys))
+    config = getattr(package, config_name)(**{k: v for k, v in keys.items() if k not in _NOT_OF_THE_NETWORK})
     mapping = {"key_mapping": dict(spec.renamed)} if spec.renamed else {}
     with _quiet(package):
         network, info = getattr(package, spec.model).from_pretrained(
@@ -195,10 +198,40 @@ def _quiet(package: Any) -> Iterator[None]:
             logging.enable_progress_bar()
 
 
-def _plain(keys: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the keys of a config without those that name code, where it came from, or what a call returns."""
-    return {k: v for k, v in keys.items() if k not in _NOT_OF_THE_NETWORK}
+def place(network: Any, device: torch.device, budget: int | None = None) -> Any:
+    """Put a network on a device.
+
+    Parameters
+    ----------
+    budget
+        Bytes that its weights may take there; None: 60 % of a card's free memory, all of a CPU's.
+
+    Notes
+    -----
+    What is beyond the budget stays on the host, and is copied to the device block by block when it is needed.
+    """
+    if budget is None and device.type == "cuda":
+        free = free_memory(device)
+        budget = None if free is None else int(_FOR_WEIGHTS * free)
+    if budget is None or weight_bytes(network) <= budget:
+        return network.to(device)
+    from accelerate import (  # type: ignore[import-untyped]
+        cpu_offload,
+        dispatch_model,
+        infer_auto_device_map,
+    )
+
+    if device.type == "cpu":
+        return cpu_offload(network, execution_device=device)
+    whole = getattr(network, "_no_split_modules", None) or []
+    where = infer_auto_device_map(
+        network,
+        max_memory={device.index or 0: budget, "cpu": 1 << 60},
+        no_split_module_classes=list(whole),
+    )
+    return dispatch_model(network, device_map=where, main_device=device)
 
 
-def _torch_version() -> tuple[int, ...]:
-    return tuple(int(part) for part in re.findall(r"\d+", torch.__version__)[:2])
+def weight_bytes(network: torch.nn.Module) -> int:
+    """Return the size of all parameters and buffers."""
+    return sum(t.numel() * t.element_size() for t in (*network.parameters(), *network.buffers()))

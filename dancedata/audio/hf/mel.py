@@ -40,7 +40,7 @@ def kaldi_log_mel(
     """
     n_frames = max(0, (len(samples) - _FIELD) // _HOP + 1)
     mel = np.empty((n_frames, n_bins), np.float32)
-    shape = _window(window)
+    shape = np.hanning(_FIELD) ** (0.85 if window == "povey" else 1)
     filters = _filters(n_bins, sample_rate)
     for begin in range(0, n_frames, _BLOCK):
         end = min(begin + _BLOCK, n_frames)
@@ -70,8 +70,3 @@ def _filters(n_bins: int, sample_rate: int) -> npt.NDArray[np.float64]:
         triangularize_in_mel_space=True,
     )
     return found
-
-
-def _window(name: Literal["povey", "hann"]) -> npt.NDArray[np.float64]:
-    hann = np.hanning(_FIELD)
-    return np.power(hann, 0.85) if name == "povey" else hann

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -12,6 +13,7 @@ from typing import Any
 
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.hashing import json_sha256
+from dancedata.core.regular_file import read_regular
 from dancedata.core.strict_json import read_json
 from dancedata.core.text import listed, shown
 
@@ -47,6 +49,10 @@ _IDLE_KEYS = (
 _COMMIT = re.compile(r"[0-9a-f]{40}")
 _HUB_ID = re.compile(r"[A-Za-z0-9][\w.-]*/[A-Za-z0-9][\w.-]*")
 _PLAIN_NAME = re.compile(r"[\w][\w.-]*")
+UNKNOWN = "unknown, see the model's page"
+_MAX_CARD = 1 << 22
+_MAX_LICENCE = 200
+_KEY = re.compile(r"^(license|license_name|license_link):[ \t]*(.*)$", re.MULTILINE)
 
 
 @dataclass(frozen=True)
@@ -265,3 +271,19 @@ def _shaping(document: Mapping[str, Any]) -> dict[str, Any]:
         for key, value in document.items()
         if key not in _IDLE_KEYS
     }
+
+
+def licence_of(folder: Path) -> str:
+    """Return the licence that the front matter of a folder's README.md states, or `hf fetch` noted, or UNKNOWN.
+
+    ``license: other`` is replaced by ``license_name`` and ``license_link`` where the card has them.
+    """
+    text = ""
+    with suppress(OSError):
+        text = read_regular(folder / "README.md", _MAX_CARD).decode("utf-8", "replace")
+    head = re.match(r"\A\ufeff?---[ \t]*\r?\n(.*?)\r?\n---", text, re.DOTALL)
+    keys = {} if head is None else {key: value.strip().strip("'\"") for key, value in _KEY.findall(head.group(1))}
+    licence = keys.get("license", "")
+    if licence in ("", "other") and keys.get("license_name"):
+        licence = " ".join(part for part in (keys["license_name"], keys.get("license_link", "")) if part)
+    return shown(licence or provenance_of(folder).get("licence") or UNKNOWN, _MAX_LICENCE)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from dancedata.audio.jukebox.config import JukeboxConfig as JukeboxConfig
     from dancedata.audio.jukebox.conversion import convert as convert
     from dancedata.audio.jukebox.encoder import JukeboxEncoder as JukeboxEncoder
-    from dancedata.audio.jukebox.network.overflow import JukeboxOverflowError as JukeboxOverflowError
+    from dancedata.audio.jukebox.encoder import JukeboxOverflowError as JukeboxOverflowError
     from dancedata.audio.jukebox.weights.download import fetch as fetch
     from dancedata.audio.jukebox.weights.folder import checkpoint_sha256 as checkpoint_sha256
 else:  # type checkers take the imports above, and so find misspelt names

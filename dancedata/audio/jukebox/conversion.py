@@ -28,10 +28,11 @@ from dancedata.audio.jukebox.network.tensors import (
     table_tensors,
     vqvae_tensors,
 )
-from dancedata.audio.jukebox.weights.files import LICENCE, MAX_JSON_BYTES
 from dancedata.audio.jukebox.weights.folder import (
     DESCRIPTION_FILE,
     FORMAT,
+    LICENCE,
+    MAX_JSON_BYTES,
     Description,
     checkpoint_sha256,
     read_description,

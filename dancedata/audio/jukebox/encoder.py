@@ -13,23 +13,28 @@ from numpy.typing import ArrayLike, NDArray
 from dancedata.audio.jukebox.clips import (
     TooLong,
     fitted,
+    n_frames,
     prepare,
     require_audio,
     require_codes,
     require_length,
     require_max_codes,
+    resampling_matrix,
 )
 from dancedata.audio.jukebox.config import JukeboxConfig, require_layers
 from dancedata.audio.jukebox.conversion import open_converted
 from dancedata.audio.jukebox.network import memory
-from dancedata.audio.jukebox.network.overflow import overflow
-from dancedata.audio.jukebox.network.resampling import n_frames, resampling_matrix
 from dancedata.audio.jukebox.weights.folder import read_description
 from dancedata.audio.jukebox.weights.loading import Checkpoint, load_encoder, load_prior, open_openai
-from dancedata.audio.networks.batches import Batches
-from dancedata.audio.networks.devices import free_memory, require_device
-from dancedata.audio.networks.precision import compute_dtype, exact_float32, resolve_precision
-from dancedata.core.errors import UsageError
+from dancedata.audio.networks.devices import (
+    Batches,
+    compute_dtype,
+    exact_float32,
+    free_memory,
+    require_device,
+    resolve_precision,
+)
+from dancedata.core.errors import DanceDataError, UsageError
 
 Features = dict[int, NDArray[np.float32]]
 
@@ -379,3 +384,18 @@ class JukeboxEncoder:
             finite &= torch.isfinite(largest_key)
         if not finite.all():
             raise overflow(layer, self.precision)
+
+
+class JukeboxOverflowError(DanceDataError):
+    """An activation is not a finite number; the results must not be used."""
+
+
+def overflow(layer: int, precision: str) -> JukeboxOverflowError:
+    """Return the error for values that are not finite, at `layer` or before."""
+    return JukeboxOverflowError(
+        f"jukebox: activations up to layer {layer} are not finite",
+        found=f"infinity or NaN, in precision {precision}",
+        fix='start again with precision "bf16" (or "fp32") for all clips: a dataset should have one precision only'
+        if precision == "fp16"
+        else "check the weights: values within the range of float32 do not overflow in this precision",
+    )

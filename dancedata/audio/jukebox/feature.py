@@ -12,11 +12,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.audio.checks import require_rows, require_windows
+from dancedata.audio.jukebox.clips import n_frames, prepare
 from dancedata.audio.jukebox.config import JukeboxConfig, require_layers
-from dancedata.audio.jukebox.contexts import contexts_of
 from dancedata.audio.jukebox.weights.folder import checkpoint_sha256, config_of, highest_layer, is_converted
-from dancedata.audio.networks.running import all_cores, cards_of, device_of_process, held, stored
+from dancedata.audio.networks.feature import NetworkFeature, Precision
 from dancedata.audio.signal import pcm16, resampled_length
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.columns import Columns, Group
@@ -24,7 +23,6 @@ from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import json_sha256, sha256_file
 from dancedata.core.packages import require
-from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
 
 if TYPE_CHECKING:
@@ -32,13 +30,14 @@ if TYPE_CHECKING:
 
 #: Names the folder of the weights unless a recipe does.
 ENVIRONMENT = "DANCEDATA_JUKEBOX"
-
-Precision = Literal["auto", "fp32", "fp16", "bf16"]
+#: Seconds at the end of a context whose rows come from the next one: Fourier resampling treats a context as periodic,
+#: so its ends ring into each other, and the last codes lack the samples that follow.
+TAIL_S = Fraction(16, 30)
 
 
 @FEATURES.register("jukebox")
 @dataclass(frozen=True)
-class Jukebox(AudioFeature):
+class Jukebox(NetworkFeature):
     """Activations of OpenAI's Jukebox 5b prior (Dhariwal et al. 2020), EDGE's music features.
 
     Scope window is EDGE's: each window, quantised to 16 bit, by itself, with its own gain and its own start. Scope
@@ -68,10 +67,6 @@ class Jukebox(AudioFeature):
 
     version: ClassVar[int] = 1
     packages: ClassVar[tuple[str, ...]] = ("torch", "soxr")
-    #: The next song is decoded while the device computes.
-    reads_ahead: ClassVar[bool] = True
-    exact: ClassVar[bool] = False
-    uses_tempo: ClassVar[bool] = False
 
     weights: Path | None = field(default=None, metadata={"path": True})
     weights_sha256: str = ""
@@ -113,11 +108,6 @@ class Jukebox(AudioFeature):
         """Half precision: as exact as the network in fp16, in half the space."""
         return "float16"
 
-    @property
-    def windows_a_call(self) -> int:
-        """Windows per call, which are published together: a killed build loses at most this many."""
-        return self.batch_size or (32 if cards_of(self.device) else 1)
-
     def resolved(self, hash_file: Callable[[Path], str]) -> Jukebox:
         """Return the feature with the precision and the hash of the weights resolved.
 
@@ -129,33 +119,35 @@ class Jukebox(AudioFeature):
             The weights do not match `weights_sha256` or lack the layer, or the device does not exist.
         """
         require("jukebox", what="the audio feature jukebox")
-        from dancedata.audio.networks.devices import require_device
-        from dancedata.audio.networks.precision import resolve_precision
+        from dancedata.audio.networks.devices import resolve_precision
 
-        folder = self._folder()
-        cards = cards_of(self.device) or ["cpu" if self.device == "auto" else self.device]
-        device = require_device(cards[0])
-        sha256 = _weights_sha256(folder, hash_file)
-        if self.weights_sha256 not in ("", sha256):
-            raise UsageError(
-                "jukebox: the weights do not match the recipe",
-                where=folder,
-                found=sha256,
-                allowed=self.weights_sha256,
-                fix="set weights to the folder that has them, or omit weights_sha256",
-            )
+        folder = self.weights_path()
+        device = self.checked_device()
+        sha256 = self.checked_hash(hash_file)
         require_layers((self.layer,), highest_layer(folder))
         precision: Any = resolve_precision(self.precision, device)
         return replace(self, weights=folder, weights_sha256=sha256, precision=precision)
 
-    def workers(self, jobs: int) -> int:
-        """Return the number of processes: one per card, or one on a CPU."""
-        return max(1, len(cards_of(self.device)))
+    def weights_path(self) -> Path:
+        """Return the folder of the weights."""
+        folder = self.weights or _named_folder()
+        if folder is None:
+            raise UsageError(
+                "jukebox: the folder of the weights is unknown (they are not part of this package)",
+                fix=f"set {ENVIRONMENT}, or audio.jukebox.weights in the recipe, to the folder that "
+                "`dancedata jukebox fetch` or `convert` wrote",
+            )
+        if not folder.is_dir():
+            raise SourceError("the folder of Jukebox's weights does not exist", where=folder)
+        return folder.absolute()
+
+    def weights_hash(self, hash_file: Callable[[Path], str]) -> str:
+        """Return the hash of the files and the config."""
+        folder = self.weights_path()
+        return json_sha256({"files": checkpoint_sha256(folder, hash_file), "config": config_of(folder).to_json()})
 
     def n_rows(self, n_samples: int, sample_rate: int, grid: FrameGrid) -> int:
         """Return the number of rows of a song: one for every frame that begins before its last code ends."""
-        from dancedata.audio.jukebox.network.resampling import n_frames
-
         config = self._config
         contexts_of(1, n_ctx=config.n_ctx, code_rate=config.code_rate, fps=grid.rate, overlap_s=self._overlap)
         codes = resampled_length(n_samples, sample_rate, config.sample_rate) // config.hop
@@ -178,8 +170,6 @@ class Jukebox(AudioFeature):
         DataError
             "short_audio" for a song of less than one code, 128 samples at 44.1 kHz.
         """
-        from dancedata.audio.jukebox.clips import prepare
-
         encoder, config = self._encoder(self._config.n_ctx), self._config
         audio = prepare(signal.samples, signal.sample_rate, config)
         n_codes = len(audio) // config.hop
@@ -189,7 +179,7 @@ class Jukebox(AudioFeature):
         clips = [audio[p.first_code * config.hop : (p.first_code + p.n_codes) * config.hop] for p in parts[:-1]]
         # The last one includes the samples after the last whole code, as a clip does.
         clips.append(audio[parts[-1].first_code * config.hop :])
-        with all_cores(self.device):
+        with self.all_cores():
             found = encoder.embed_prepared(clips, float(grid.rate), batch_size=self.batch_size or None)
         rows = [one[self.layer][p.keep_from : p.keep_to] for p, one in zip(parts, found, strict=True)]
         return self._stored(np.concatenate(rows))
@@ -204,26 +194,22 @@ class Jukebox(AudioFeature):
         *,
         start_bpm: float | None = None,
     ) -> npt.NDArray[Any]:
-        """Embed windows, each by itself, as EDGE does (scope: window).
-
-        Returns
-        -------
-        (W, n_rows, D) float16
+        """Embed windows, each by itself, as EDGE does (scope: window); see `AudioFeature.extract_windows`.
 
         Raises
         ------
         DataError
             "short_audio" for a window beyond the end of the signal; "long_audio" for windows of more than 23.78 s.
         """
-        require_windows(self.name, signal, starts, n_samples)
+        self.require_windows(signal, starts, n_samples)
         clips = [pcm16(signal.samples[start : start + n_samples]) for start in starts]
         codes = resampled_length(n_samples, signal.sample_rate, self._config.sample_rate) // self._config.hop
-        with all_cores(self.device):
+        with self.all_cores():
             found = self._encoder(codes).embed_batch(
                 clips, signal.sample_rate, float(grid.rate), batch_size=self.batch_size or None
             )
         rows = [one[self.layer][:n_rows] for one in found]
-        require_rows(self.name, min(map(len, rows), default=n_rows), n_rows, grid)
+        self.require_rows(min(map(len, rows), default=n_rows), n_rows, grid)
         width = self._config.width
         return self._stored(np.stack(rows) if rows else np.empty((0, n_rows, width), np.float32))
 
@@ -236,34 +222,27 @@ class Jukebox(AudioFeature):
         folder = self.weights or _named_folder()
         return config_of(folder) if folder is not None else JukeboxConfig()
 
-    def _folder(self) -> Path:
-        folder = self.weights or _named_folder()
-        if folder is None:
-            raise UsageError(
-                "jukebox: the folder of the weights is unknown (they are not part of this package)",
-                fix=f"set {ENVIRONMENT}, or audio.jukebox.weights in the recipe, to the folder that "
-                "`dancedata jukebox fetch` or `convert` wrote",
-            )
-        if not folder.is_dir():
-            raise SourceError("the folder of Jukebox's weights does not exist", where=folder)
-        return folder.absolute()
-
     def _encoder(self, n_codes: int) -> JukeboxEncoder:
         """Return the network, with tables for clips of up to `n_codes` codes."""
         require("jukebox", what="the audio feature jukebox")
+        from dancedata.audio.jukebox.encoder import JukeboxEncoder
         from dancedata.audio.jukebox.network.memory import padded_length
 
-        device = device_of_process(self.device)
+        device = self.device_of_process()
         # Rounded up to whole rows: the same length for songs of all sample rates.
         longest = min(padded_length(self._config, max(n_codes, 1)), self._config.n_ctx)
-        return _loaded(self._folder(), self.weights_sha256, self.layer, self.precision, device, longest)
+        folder = self.weights_path()
+
+        def load() -> JukeboxEncoder:
+            how: Any = {"layers": (self.layer,), "device": device, "precision": self.precision, "max_codes": longest}
+            if is_converted(folder):
+                return JukeboxEncoder.from_converted(folder, **how)
+            return JukeboxEncoder.from_openai(folder, config=config_of(folder), **how)
+
+        return self.network((folder, self.layer, self.precision, device, longest), load)
 
     def _stored(self, rows: npt.NDArray[np.float32]) -> npt.NDArray[np.float16]:
-        return stored("jukebox", rows, "float16", "choose another layer")
-
-
-def _weights_sha256(folder: Path, hash_file: Callable[[Path], str]) -> str:
-    return json_sha256({"files": checkpoint_sha256(folder, hash_file), "config": config_of(folder).to_json()})
+        return self.in_dtype(rows, "choose another layer")
 
 
 def _named_folder() -> Path | None:
@@ -271,22 +250,74 @@ def _named_folder() -> Path | None:
     return Path(named) if named else None
 
 
-#: The network of this process, by the arguments of `_loaded`.
-_network: dict[tuple[Any, ...], JukeboxEncoder] = {}
+@dataclass(frozen=True)
+class Context:
+    """A part of a song that the transformer processes at once.
+
+    Attributes
+    ----------
+    first_code, n_codes
+        Codes of the song.
+    first_row
+        Row of the song at the beginning of the context.
+    keep_from, keep_to
+        Rows of the context that become rows of the song.
+    """
+
+    first_code: int
+    n_codes: int
+    first_row: int
+    keep_from: int
+    keep_to: int
 
 
-def _loaded(
-    folder: Path, weights_sha256: str, layer: int, precision: str, device: str, max_codes: int
-) -> JukeboxEncoder:
-    """Load the weights once per process; SourceError if they changed since their hash became a part of cache keys."""
-    from dancedata.audio.jukebox.encoder import JukeboxEncoder
+def unit_of(code_rate: Fraction, fps: Fraction) -> tuple[int, int]:
+    """Return the least numbers of codes and of rows of equal duration: 735 and 64 at 30 rows per second."""
+    return FrameGrid(code_rate).common_period(FrameGrid(fps))
 
-    def load() -> JukeboxEncoder:
-        if weights_sha256 and (found := _weights_sha256(folder, sha256_file)) != weights_sha256:
-            raise SourceError("jukebox: the weights have changed", where=folder, found=found, allowed=weights_sha256)
-        how: Any = {"layers": (layer,), "device": device, "precision": precision, "max_codes": max_codes}
-        if is_converted(folder):
-            return JukeboxEncoder.from_converted(folder, **how)
-        return JukeboxEncoder.from_openai(folder, config=config_of(folder), **how)
 
-    return held(_network, (folder, weights_sha256, layer, precision, device, max_codes), load)
+def contexts_of(
+    n_codes: int, *, n_ctx: int, code_rate: Fraction, fps: Fraction, overlap_s: Fraction
+) -> list[Context]:
+    """Cut a song's codes into contexts that overlap by at least `overlap_s`.
+
+    Each begins at an instant of both a code and a row. Except in the song's first context, the first rows are warm-up
+    and dropped; except in its last one, so is a short tail. The rows that are kept join without a gap.
+
+    Raises
+    ------
+    UsageError
+        If a context is too short for the overlap, or for one unit of codes and rows.
+    """
+    codes, rows = unit_of(code_rate, fps)
+    per_context = n_ctx // codes
+    grid = FrameGrid(fps)
+    tail = grid.frames_up(TAIL_S)
+    overlap = FrameGrid(fps / rows).frames_up(overlap_s)
+    if per_context < 1:
+        raise UsageError(
+            "jukebox: contexts cannot overlap at this frame rate: codes and rows do not coincide within a context",
+            found=f"{fps} rows per second, {codes} codes to {rows} rows",
+            allowed=f"rates at which they coincide within {n_ctx} codes, such as 30, 60, 25 or 24",
+        )
+    if overlap >= per_context or overlap * rows <= tail:
+        raise UsageError(
+            "jukebox: invalid value for overlap_s",
+            found=f"{float(overlap_s):g} s at {fps} rows per second",
+            allowed=f"above {float(grid.seconds(tail)):.2f} s and below "
+            f"{float(grid.seconds((per_context - 1) * rows)):.2f} s, in a context of "
+            f"{float(grid.seconds(per_context * rows)):.2f} s",
+        )
+    found = []
+    step = per_context - overlap
+    first = 0
+    while True:
+        begin = first * codes
+        last = begin + per_context * codes >= n_codes
+        length = min(per_context * codes, n_codes - begin)
+        n_rows = FrameGrid(code_rate).rows_up(length, of=grid)
+        keep_from = 0 if first == 0 else overlap * rows - tail
+        found.append(Context(begin, length, first * rows, keep_from, n_rows if last else n_rows - tail))
+        if last:
+            return found
+        first += step

@@ -13,14 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dancedata.audio.librosa35.arrays import Floats, one_blas_thread
-from dancedata.audio.librosa35.beats import window_beats
+from dancedata.audio.librosa35.beats import window_beats, window_tempos
 from dancedata.audio.librosa35.chroma import cens, window_chroma
 from dancedata.audio.librosa35.filters import N_OCTAVES, filter_bank, has_one_bank
 from dancedata.audio.librosa35.onset import envelope_and_mfcc
 from dancedata.audio.librosa35.resample import MAX_PERIOD, period, resampled
 from dancedata.audio.librosa35.settings import HOP, N_COLUMNS, TEMPO_SAMPLE_RATE, Settings
 from dancedata.audio.librosa35.spectra import mel_db, window_spectra
-from dancedata.audio.librosa35.tempo import window_tempos
 from dancedata.audio.librosa35.ties import decide_near_ties, decided_onsets, librosa_tuning
 from dancedata.audio.librosa35.tuning import window_tuning
 from dancedata.audio.librosa35.windows import Windows, resampled_windows, shortest

@@ -21,7 +21,6 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from dancedata.audio.checks import require_rows, require_samples, require_windows
 from dancedata.audio.librosa35.settings import HOP, N_COLUMNS, Settings
 from dancedata.audio.signal import pcm16, resampled_length
 from dancedata.core.audio_signal import AudioSignal
@@ -117,7 +116,7 @@ class Librosa35(AudioFeature):
         """
         rate = _feature_rate(grid)
         _require_bpm(start_bpm)
-        require_samples("librosa35", signal)
+        self.require_samples(signal)
         from dancedata.audio.librosa35 import fast, reference
 
         is_fast = self._is_fast(lambda: fast.why_not_track(signal.samples, signal.sample_rate, rate))
@@ -127,7 +126,7 @@ class Librosa35(AudioFeature):
     def estimated_bpm(self, signal: AudioSignal, grid: FrameGrid) -> float:
         """Return the tempo that `extract` starts from if none is given, in beats per minute."""
         rate = _feature_rate(grid)
-        require_samples("librosa35", signal)
+        self.require_samples(signal)
         from dancedata.audio.librosa35 import fast, reference
 
         is_fast = self._is_fast(lambda: fast.why_not_track(signal.samples, signal.sample_rate, rate))
@@ -139,8 +138,8 @@ class Librosa35(AudioFeature):
     ) -> list[float]:
         """Return the tempos that `extract_windows` starts from if none is given, one per window."""
         rate = _feature_rate(grid)
-        require_samples("librosa35", signal)
-        require_windows("librosa35", signal, starts, n_samples)
+        self.require_samples(signal)
+        self.require_windows(signal, starts, n_samples)
         from dancedata.audio.librosa35 import fast, reference
 
         is_fast = self._is_fast(lambda: fast.why_not_windows(n_samples, signal.sample_rate, rate))
@@ -160,43 +159,15 @@ class Librosa35(AudioFeature):
     ) -> NDArray[np.float32]:
         """Features of windows, each one by itself from its own 16-bit wav, as EDGE computes them.
 
-        Resampling, padding, the 80 dB floor, tuning, CENS smoothing, tempo and beats depend on the window alone.
-
-        Parameters
-        ----------
-        signal
-            The whole song, mono samples (n,) float32.
-        starts
-            (W,) first sample of each window. Pass all windows of a song at once: those that begin a whole number
-            of frames after the song does (as windows in frames do, at the usual rates) share most of their work.
-            The numbers of a window do not depend on the other windows.
-        n_samples
-            Samples per window, at the signal's rate.
-        grid
-            Frame rate, as in `extract`.
-        n_rows
-            Rows to keep of each window (EDGE: 150 of the 151 of 5 s at 30 FPS).
-        start_bpm
-            As in `extract`; None: estimated for each window by itself.
-
-        Returns
-        -------
-        NDArray[np.float32]
-            (W, n_rows, 35).
-
-        Raises
-        ------
-        UsageError
-            As in `extract`.
-        DataError
-            As in `extract`; reason ``short_audio`` if a window is not within the signal, or too short for
-            `n_rows` rows.
+        Resampling, padding, the 80 dB floor, tuning, CENS smoothing, tempo and beats depend on the window alone. Pass
+        all windows of a song at once: those that begin a whole number of frames after the song does (as windows in
+        frames do, at the usual rates) share most of their work. See `AudioFeature.extract_windows`.
         """
         rate = _feature_rate(grid)
         _require_bpm(start_bpm)
-        require_samples("librosa35", signal)
-        require_windows("librosa35", signal, starts, n_samples)
-        require_rows("librosa35", self.n_rows(n_samples, signal.sample_rate, grid), n_rows, grid)
+        self.require_samples(signal)
+        self.require_windows(signal, starts, n_samples)
+        self.require_rows(self.n_rows(n_samples, signal.sample_rate, grid), n_rows, grid)
         if len(starts) == 0:
             return np.empty((0, n_rows, N_COLUMNS), dtype=np.float32)
         from dancedata.audio.librosa35 import fast, reference

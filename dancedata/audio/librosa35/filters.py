@@ -88,6 +88,8 @@ def sparse_filters(tuning: int, rate: int) -> tuple[Any, NDArray[np.float64]]:
 
 def _spectra(tuning: int, rate: int) -> tuple[NDArray[np.complex64], NDArray[np.float64]]:
     """Build the thinned spectra (36, n / 2 + 1) of the top octave's filters, and the lengths (252,) of all."""
+    import scipy.fft
+
     frequencies, bandwidths = _frequencies(tuning)
     all_lengths = _lengths(frequencies, bandwidths, rate)
     top = slice(-BINS_PER_OCTAVE, None)
@@ -99,7 +101,8 @@ def _spectra(tuning: int, rate: int) -> tuple[NDArray[np.complex64], NDArray[np.
         start = (n_fft - len(wavelet)) // 2
         filter_[start : start + len(wavelet)] = wavelet
     wavelets *= lengths[:, np.newaxis] / float(n_fft)
-    return _thinned(_fft(wavelets)[:, : n_fft // 2 + 1]), all_lengths
+    spectra: NDArray[np.complex64] = scipy.fft.fft(wavelets, axis=1)
+    return _thinned(spectra[:, : n_fft // 2 + 1]), all_lengths
 
 
 def _frequencies(tuning: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -129,13 +132,6 @@ def _wavelet(cycles_per_sample: float, length: float) -> NDArray[np.complex128]:
     wavelet = (np.cos(phase) + 1j * np.sin(phase)) * hann(len(phase))
     scaled: NDArray[np.complex128] = wavelet / np.abs(wavelet).sum()
     return scaled
-
-
-def _fft(rows: NDArray[np.complex64]) -> NDArray[np.complex64]:
-    import scipy.fft
-
-    spectra: NDArray[np.complex64] = scipy.fft.fft(rows, axis=1)
-    return spectra
 
 
 def _thinned(spectra: NDArray[np.complex64]) -> NDArray[np.complex64]:

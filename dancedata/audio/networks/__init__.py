@@ -1,1 +1,1 @@
-"""What all features that run a network share: devices, batches, precision, the network of a process, its rows."""
+"""What all features that run a network share: devices, batches, precision, the network of a process."""

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.columns import Columns, Group
-from dancedata.core.errors import DataError, UsageError
+from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.plugins import AudioFeature, Float32Array
 from dancedata.core.registry import FEATURES
@@ -48,34 +47,9 @@ class TemplateName(AudioFeature):
 
     def extract(self, signal: AudioSignal, grid: FrameGrid, *, start_bpm: float | None = None) -> Float32Array:
         """Return (T, 1) of a whole signal; row t belongs to t / fps seconds."""
-        if signal.n_samples == 0:
-            raise DataError("the signal has no samples", reason="empty_audio")
-        return self._rows(signal.samples, signal.sample_rate, grid)
-
-    def extract_windows(
-        self,
-        signal: AudioSignal,
-        starts: npt.NDArray[np.int64],
-        n_samples: int,
-        grid: FrameGrid,
-        n_rows: int,
-        *,
-        start_bpm: float | None = None,
-    ) -> Float32Array:
-        """Return (W, n_rows, 1): windows from samples `starts` (W,), each computed from its own samples alone."""
-        if len(starts) and int(np.max(starts)) + n_samples > signal.n_samples:
-            raise DataError("a window reaches beyond the audio", reason="short_audio")
-        if self.n_rows(n_samples, signal.sample_rate, grid) < n_rows:
-            raise DataError("the windows are too short", reason="short_audio", found=f"{n_samples} samples")
-        windows = np.empty((len(starts), n_rows, 1), dtype=np.float32)
-        for window, start in zip(windows, starts, strict=True):
-            part = signal.samples[int(start) : int(start) + n_samples]
-            window[:] = self._rows(part, signal.sample_rate, grid)[:n_rows]
-        return windows
-
-    def _rows(self, samples: npt.NDArray[np.float32], sample_rate: int, grid: FrameGrid) -> Float32Array:
-        rows = np.arange(self.n_rows(len(samples), sample_rate, grid))
+        self.require_samples(signal)
+        rows = np.arange(self.n_rows(signal.n_samples, signal.sample_rate, grid))
         # Whole numbers: exact at rates such as 30000/1001 too.
-        first = rows * sample_rate * grid.rate.denominator // grid.rate.numerator
-        peaks = np.maximum.reduceat(np.abs(samples), first)
+        first = rows * signal.sample_rate * grid.rate.denominator // grid.rate.numerator
+        peaks = np.maximum.reduceat(np.abs(signal.samples), first)
         return (self.scale * peaks).astype(np.float32)[:, None]

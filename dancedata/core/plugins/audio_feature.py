@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, ClassVar, Literal, Self
 
@@ -12,12 +12,16 @@ import numpy.typing as npt
 
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.columns import Columns
+from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.plugins.plugin import Plugin
 
+#: Above it the squared spectrum might overflow float32; full scale is 1.
+MAX_SAMPLE = 1e12
+
 
 class AudioFeature(Plugin):
-    """Turns a signal into feature rows.
+    """Turns a signal into feature rows; `dancedata.audio.networks.feature.NetworkFeature` does it by a network.
 
     Attributes
     ----------
@@ -28,8 +32,6 @@ class AudioFeature(Plugin):
         computed in the calling process.
     uses_tempo
         Whether `start_bpm` has an effect; if not, it is not part of the cache key.
-    reads_ahead
-        Whether it computes on a device, so that the next song may be decoded meanwhile.
     beat_rows_late
         How many rows after its instant a beat stands in the group "beat": whoever wants the instant subtracts them.
     """
@@ -37,7 +39,6 @@ class AudioFeature(Plugin):
     packages: ClassVar[tuple[str, ...]]
     exact: ClassVar[bool] = True
     uses_tempo: ClassVar[bool] = True
-    reads_ahead: ClassVar[bool] = False
     beat_rows_late: ClassVar[int] = 0
 
     @property
@@ -50,16 +51,6 @@ class AudioFeature(Plugin):
         """Type on disk."""
         return "float32"
 
-    @property
-    def windows_a_call(self) -> int | None:
-        """Windows that `extract_windows` takes at once, after which they are published; None: all of a song."""
-        return None
-
-    @property
-    def about(self) -> Mapping[str, Any]:
-        """What dataset.json says of a network: its source, licence and the like, as JSON; not part of any key."""
-        return {}
-
     @abstractmethod
     def n_rows(self, n_samples: int, sample_rate: int, grid: FrameGrid) -> int:
         """Return how many rows `extract` gives, without computing them."""
@@ -68,7 +59,6 @@ class AudioFeature(Plugin):
     def extract(self, signal: AudioSignal, grid: FrameGrid, *, start_bpm: float | None = None) -> npt.NDArray[Any]:
         """Return (T, D) rows of a whole signal at the rate of `grid` (scope: track)."""
 
-    @abstractmethod
     def extract_windows(
         self,
         signal: AudioSignal,
@@ -79,7 +69,48 @@ class AudioFeature(Plugin):
         *,
         start_bpm: float | None = None,
     ) -> npt.NDArray[Any]:
-        """Return (W, n_rows, D): windows of `n_samples` samples, each by itself, as EDGE does (scope: window)."""
+        """Compute windows, each from its samples alone, as EDGE does (scope: window).
+
+        The default calls `extract` for each `window`.
+
+        Parameters
+        ----------
+        signal
+            The whole song.
+        starts
+            (W,) first sample of each window.
+        n_samples
+            Samples per window, at the signal's rate.
+        grid
+            Rate of the rows.
+        n_rows
+            Rows to keep of each window.
+        start_bpm
+            As in `extract`.
+
+        Returns
+        -------
+        NDArray
+            (W, n_rows, D).
+
+        Raises
+        ------
+        UsageError
+            As in `extract`.
+        DataError
+            As in `extract`; "short_audio" if a window is not within the signal, or too short for `n_rows` rows.
+        """
+        self.require_samples(signal)
+        self.require_windows(signal, starts, n_samples)
+        self.require_rows(self.n_rows(n_samples, signal.sample_rate, grid), n_rows, grid)
+        windows = np.empty((len(starts), n_rows, self.columns.width), self.dtype)
+        for rows, start in zip(windows, starts.tolist(), strict=True):
+            rows[:] = self.extract(self.window(signal, start, n_samples), grid, start_bpm=start_bpm)[:n_rows]
+        return windows
+
+    def window(self, signal: AudioSignal, start: int, n_samples: int) -> AudioSignal:
+        """Return the signal of a window."""
+        return signal.part(start, start + n_samples)
 
     def resolved(self, hash_file: Callable[[Path], str]) -> Self:
         """Return the feature with everything fixed that depends on this machine, such as a precision.
@@ -90,14 +121,6 @@ class AudioFeature(Plugin):
             Gives the SHA-256 of a file, such as one with weights.
         """
         return self
-
-    def with_weights(self, folder: Path) -> Self:
-        """Return the feature with the weights in a folder; one that has no weights stays as it is."""
-        return self
-
-    def workers(self, jobs: int) -> int:
-        """Return how many processes to run in, of `jobs`: one for each card, for example."""
-        return jobs
 
     def estimated_bpm(self, signal: AudioSignal, grid: FrameGrid) -> float | None:
         """Return the tempo that `extract` estimates where `start_bpm` is None; None if it estimates none."""
@@ -113,3 +136,41 @@ class AudioFeature(Plugin):
     def make_example(cls, folder: Path) -> Self:
         """Return the feature with its defaults, for tests; one that needs files writes small ones into the folder."""
         return cls()
+
+    def require_samples(self, signal: AudioSignal) -> None:
+        """Raise DataError for a signal without samples, or with samples whose spectrum would overflow."""
+        if len(signal.samples) == 0:
+            raise DataError(f"{self.name}: the signal has no samples", reason="empty_audio", found="0 samples")
+        # Not "any > maximum": NaN fails every comparison.
+        bad = np.flatnonzero(~(np.abs(signal.samples) <= MAX_SAMPLE))
+        if bad.size:
+            raise DataError(
+                f"{self.name}: the signal has samples that are NaN, infinite or too large",
+                reason="nan",
+                found=f"{bad.size} samples, the first is {signal.samples[bad[0]]} at sample {bad[0]}",
+                allowed=f"finite samples up to {MAX_SAMPLE:g} (full scale is 1)",
+                fix="export the file again, for example as 16-bit wav",
+            )
+
+    def require_windows(self, signal: AudioSignal, starts: npt.NDArray[np.int64], n_samples: int) -> None:
+        """Raise DataError if a window of `n_samples` samples is not within the signal."""
+        if len(starts) == 0:
+            return
+        first, last = int(np.min(starts)), int(np.max(starts)) + n_samples
+        if first < 0 or last > len(signal.samples):
+            raise DataError(
+                f"{self.name}: a window reaches beyond the audio",
+                reason="short_audio",
+                found=f"windows from sample {first} to {last}",
+                allowed=f"0 to {len(signal.samples)} (at {signal.sample_rate} Hz)",
+            )
+
+    def require_rows(self, available: int, n_rows: int, grid: FrameGrid) -> None:
+        """Raise DataError if windows give fewer rows than are asked for."""
+        if n_rows > available:
+            raise DataError(
+                f"{self.name}: the windows are too short",
+                reason="short_audio",
+                found=f"windows of {available} rows",
+                allowed=f"audio for {n_rows} rows at {grid.rate} frames per second",
+            )

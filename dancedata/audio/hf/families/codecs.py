@@ -159,7 +159,9 @@ class Dac(_Codec):
         self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]
     ) -> dict[int, torch.Tensor]:
         """Encode (B, n)."""
-        filled = _whole_hops(inputs, self.hop)
+        from torch.nn.functional import pad
+
+        filled = pad(inputs, (0, -inputs.shape[-1] % self.hop))
         if output == "embedding":
             return {0: network.encoder(filled[:, None]).transpose(1, 2)}
         return {0: network.encode(filled[:, None]).audio_codes.transpose(1, 2)}
@@ -224,9 +226,3 @@ class Mimi(_Codec):
         finally:
             del quantizer.encode
         return {0: (found[0] if output == "embedding" else codes).transpose(1, 2)}
-
-
-def _whole_hops(inputs: torch.Tensor, hop: int) -> torch.Tensor:
-    from torch.nn.functional import pad
-
-    return pad(inputs, (0, -inputs.shape[-1] % hop))

@@ -1,1 +1,1 @@
-"""Jukebox's network: the VQ-VAE's encoder, the blocks of the top-level prior, their precision and their memory."""
+"""Jukebox's network: the VQ-VAE's encoder, the top-level prior, and where its blocks are."""

@@ -1,19 +1,167 @@
-"""One block of the prior."""
+"""The top-level prior, from codes to the residual stream after each block."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
 import torch
 from torch import nn
-from torch.nn.functional import layer_norm, silu
+from torch.func import functional_call
+from torch.nn.functional import layer_norm, scaled_dot_product_attention, silu
 
 from dancedata.audio.jukebox.config import JukeboxConfig
-from dancedata.audio.jukebox.network.attention import factored_attention
-from dancedata.audio.jukebox.network.precision import add_product, product
+from dancedata.audio.jukebox.network.memory import N_SLOTS, padded_length
 from dancedata.audio.jukebox.network.tensors import BLOCKS, block_tensors
 
 # Jukebox's GELU is u * sigmoid(1.702 u) = silu(1.702 u) / 1.702. The factors go into the two products around it.
 GELU_SLOPE = 1.702
 NORM_EPSILON = 1e-5
+#: Patterns of attention, by the number of the block modulo 3.
+ROW, COLUMN, PREVIOUS_ROW = range(3)
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Tables and blocks, on the device.
+
+    Attributes
+    ----------
+    config : sizes.
+    start : (W,) float32: y_cond, the input before the first code.
+    code_table : (codebook_size, W) float32.
+    positions : (n, W) float32: position embedding plus x_cond of the first n positions, n whole rows.
+    stream : the blocks.
+    """
+
+    config: JukeboxConfig
+    start: torch.Tensor
+    code_table: torch.Tensor
+    positions: torch.Tensor
+    stream: BlockStream
+
+    def run(self, codes: torch.Tensor) -> Iterator[tuple[int, torch.Tensor, torch.Tensor | None]]:
+        """Compute the residual stream, block by block.
+
+        Parameters
+        ----------
+        codes
+            (B, T) int64 on the device; shorter clips are padded at their end with any code, which has no effect by
+            causality.
+
+        Yields
+        ------
+        layer, h, largest_key : tuple
+            Layer from 1; h (B, T, W) float32, a view that the next block changes; the largest key so far in fp16.
+        """
+        n_clips, n_codes = codes.shape
+        h = self._embed(codes)
+        largest: torch.Tensor | None = None
+        for layer, key in self.stream.run(h.view(-1, self.config.width), n_clips):
+            largest = key if largest is None or key is None else torch.maximum(largest, key)
+            yield layer, h[:, :n_codes], largest
+
+    def _embed(self, codes: torch.Tensor) -> torch.Tensor:
+        """Return the input (B, L, W) of the first block, L whole rows: each position has the previous code."""
+        n_clips, n_codes = codes.shape
+        length = padded_length(self.config, n_codes)
+        before = codes.new_zeros(n_clips, length)
+        before[:, 1:n_codes] = codes[:, :-1]
+        h = self.code_table[before]
+        h[:, 0] = self.start
+        return h.add_(self.positions[:length])
+
+
+class BlockStream:
+    """The blocks, and device memory for two of those on the host.
+
+    The weights of a block are copied while the previous block computes. Accelerate's offloading copies at the moment
+    of use, from memory that is not pinned, so that the device waits for every block.
+
+    Parameters
+    ----------
+    blocks
+        In order; the weights of resident blocks are on `device`, those of the others on the host (pinned for CUDA).
+    resident
+        For each block, whether it is on the device.
+    device
+        The device to compute on.
+    """
+
+    def __init__(self, blocks: Sequence[Block], resident: Sequence[bool], device: torch.device) -> None:
+        self.blocks = blocks
+        self.resident = resident
+        self._away = [index for index, here in enumerate(resident) if not here]
+        homes = [dict(blocks[index].named_parameters()) for index in self._away[:N_SLOTS]]
+        self._slots = [_Slot(home, device) for home in homes]
+        self._copies: torch.cuda.Stream | None = None
+        if device.type == "cuda" and self._away:
+            self._copies = torch.cuda.Stream(device)  # type: ignore[no-untyped-call]
+
+    def run(self, h: torch.Tensor, n_clips: int) -> Iterator[tuple[int, torch.Tensor | None]]:
+        """Send the residual stream h (n_clips * L, W) through all blocks, in place.
+
+        Yields
+        ------
+        layer, largest_key : tuple
+            After each block: its number from 1, and the result of `Block.forward`.
+        """
+        queue = iter(self._away)
+        for slot, index in zip(self._slots, queue, strict=False):
+            self._fetch(slot, index)
+        turn = 0
+        for index, block in enumerate(self.blocks):
+            if self.resident[index]:
+                yield index + 1, block(h, n_clips)
+                continue
+            slot = self._slots[turn % len(self._slots)]
+            slot.wait()
+            largest = functional_call(block, slot.weights, (h, n_clips))
+            slot.release()
+            following = next(queue, None)
+            if following is not None:
+                self._fetch(slot, following)
+            turn += 1
+            yield index + 1, largest
+
+    def _fetch(self, slot: _Slot, index: int) -> None:
+        slot.fill(dict(self.blocks[index].named_parameters()), self._copies)
+
+
+class _Slot:
+    """Device memory for one block, and two events: its weights are copied; no computation uses them any more."""
+
+    def __init__(self, home: Mapping[str, torch.Tensor], device: torch.device) -> None:
+        self.weights = {name: torch.empty_like(weight, device=device) for name, weight in home.items()}
+        self._device = device
+        self._arrived: Any = None
+        self._released: Any = None
+
+    def fill(self, home: Mapping[str, torch.Tensor], copies: torch.cuda.Stream | None) -> None:
+        """Begin to copy a block's weights from the host."""
+        if copies is None:
+            self._copy(home)
+            return
+        with torch.cuda.stream(copies):
+            if self._released is not None:
+                copies.wait_event(self._released)
+            self._copy(home)
+            self._arrived = copies.record_event()
+
+    def _copy(self, home: Mapping[str, torch.Tensor]) -> None:
+        for name, weight in self.weights.items():
+            weight.copy_(home[name], non_blocking=True)
+
+    def wait(self) -> None:
+        """Delay the computation until the weights are copied."""
+        if self._arrived is not None:
+            torch.cuda.current_stream(self._device).wait_event(self._arrived)
+
+    def release(self) -> None:
+        """Record that all operations launched so far are the last to use these weights."""
+        if self._arrived is not None:
+            self._released = torch.cuda.current_stream(self._device).record_event()
 
 
 class Block(nn.Module):
@@ -97,3 +245,84 @@ def prepared(name: str, tensor: torch.Tensor) -> torch.Tensor:
     """Return a tensor of the file as a `Block` stores it."""
     # The bias is inside the GELU, so its factor applies.
     return tensor.float() * GELU_SLOPE if name.endswith("mlp.c_fc.b") else tensor
+
+
+def factored_attention(qkv: torch.Tensor, kind: int, *, n_clips: int, heads: int, row_length: int) -> torch.Tensor:
+    """Attend within the row, within the column, or to the previous row.
+
+    The Sparse Transformer (Child et al. 2019) as Jukebox uses it: rows of 64 codes, and a pattern for every third
+    block. The sequence is padded to full rows at its end; by causality, the padding has no effect.
+
+    Parameters
+    ----------
+    qkv
+        (n_clips * L, 3 S): queries, keys and values of sequences of L codes, L a multiple of the row length.
+    kind
+        `ROW`, `COLUMN` or `PREVIOUS_ROW`.
+    heads
+        Number of heads; head i has the i-th part of the S columns.
+    row_length
+        Codes per row.
+
+    Returns
+    -------
+    torch.Tensor
+        (n_clips * L, S), same type.
+    """
+    n_codes, width = qkv.shape[0], qkv.shape[1] // 3
+    n_rows = n_codes // n_clips // row_length
+    rows = qkv.view(n_clips * n_rows, row_length, 3, heads, width // heads)
+    if kind == COLUMN:
+        columns = rows.view(n_clips, n_rows, row_length, 3, heads, -1).permute(3, 0, 2, 4, 1, 5)
+        q, k, v = columns.reshape(3, n_clips * row_length, heads, n_rows, -1)
+        attended = _attend(q, k, v, causal=True).view(n_clips, row_length, heads, n_rows, -1)
+        return attended.permute(0, 3, 1, 2, 4).reshape(n_codes, width)
+    q, k, v = rows.permute(2, 0, 3, 1, 4)
+    if kind == ROW:
+        return _attend(q, k, v, causal=True).transpose(1, 2).reshape(n_codes, width)
+    attended = qkv.new_zeros(n_clips * n_rows, row_length, heads, width // heads)
+    if n_clips * n_rows > 1:
+        attended[1:] = _attend(q[1:], k[:-1], v[:-1], causal=False).transpose(1, 2)
+    # The first row of a clip has no previous row; above, it attended to the last row of another clip.
+    attended[::n_rows] = 0
+    return attended.view(n_codes, width)
+
+
+def _attend(q: torch.Tensor, k: torch.Tensor, v: torch.Tensor, *, causal: bool) -> torch.Tensor:
+    """Softmax(q k / sqrt(width)) v of (N, heads, length, width); the softmax in fp32.
+
+    The kernels scale before or within the product of q and k, in fp32; the reference's order, product first, can
+    overflow in fp16.
+    """
+    if q.device.type == "cpu" and q.dtype != torch.float32:
+        return scaled_dot_product_attention(q.float(), k.float(), v.float(), is_causal=causal).to(q.dtype)
+    return scaled_dot_product_attention(q, k, v, is_causal=causal)
+
+
+def product(x: torch.Tensor, weight: torch.Tensor, bias: torch.Tensor, *, alpha: float = 1.0) -> torch.Tensor:
+    """Linear layer alpha * (x @ weight) + bias, rounded to the type of x; sums in fp32.
+
+    Parameters
+    ----------
+    x
+        (N, in).
+    weight
+        (in, out), of any floating type: weights stored in fp16 stay in fp16 in memory, and are cast for each product.
+    bias
+        (out,).
+    """
+    if x.device.type == "cpu" and x.dtype != torch.float32:
+        # CPUs without half-precision units take 75 times as long. The tensor cores of GPUs compute the same:
+        # products of exactly representable factors, summed in fp32 and rounded once.
+        return torch.addmm(bias.float(), x.float(), weight.float(), alpha=alpha).to(x.dtype)
+    return torch.addmm(bias, x, weight.to(x.dtype), alpha=alpha)
+
+
+def add_product(
+    total: torch.Tensor, x: torch.Tensor, weight: torch.Tensor, bias: torch.Tensor, *, alpha: float = 1.0
+) -> None:
+    """Add a linear layer to the fp32 residual stream `total` (N, out), in place; otherwise as `product`."""
+    if x.dtype == torch.float32:
+        total.addmm_(x, weight.float(), alpha=alpha).add_(bias)
+    else:
+        total.add_(product(x, weight, bias, alpha=alpha))

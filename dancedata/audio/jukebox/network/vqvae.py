@@ -9,7 +9,7 @@ from torch.nn.functional import conv1d, relu
 
 from dancedata.audio.jukebox.config import JukeboxConfig
 from dancedata.audio.jukebox.network.tensors import CODEBOOK, ENCODER
-from dancedata.audio.networks.precision import exact_float32
+from dancedata.audio.networks.devices import exact_float32
 
 # Codes at once whose distances to all code vectors are computed: 17 MB at 2048 code vectors.
 _CHUNK = 1024

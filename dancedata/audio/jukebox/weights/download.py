@@ -14,7 +14,7 @@ from http.client import HTTPException, HTTPResponse
 from pathlib import Path
 from typing import Any
 
-from dancedata.audio.jukebox.weights.files import LICENCE, PRIOR_FILE, VQVAE_FILE
+from dancedata.audio.jukebox.weights.folder import LICENCE, PRIOR_FILE, VQVAE_FILE
 from dancedata.core.atomic import OWN, atomic_file
 from dancedata.core.errors import DanceDataError, SourceError, UsageError
 from dancedata.core.hashing import sha256_file

@@ -9,12 +9,20 @@ from pathlib import Path
 from typing import Any
 
 from dancedata.audio.jukebox.config import JukeboxConfig
-from dancedata.audio.jukebox.weights.files import MAX_JSON_BYTES, PRIOR_FILE, VQVAE_FILE
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.hashing import sha256_file
 from dancedata.core.strict_json import read_json
 from dancedata.core.text import quoted, shown
 
+VQVAE_FILE = "vqvae.pth.tar"
+PRIOR_FILE = "prior_level_2.pth.tar"
+#: Limit of JSON files beside the weights, which have some ten kilobytes.
+MAX_JSON_BYTES = 1 << 20
+LICENCE = (
+    "The Jukebox weights are OpenAI's. They are published under OpenAI's Noncommercial Use License "
+    "(https://github.com/openai/jukebox/blob/master/LICENSE): noncommercial use only, and anyone who passes "
+    "them on must include that license. They are not part of dancedata, whose own licence does not cover them."
+)
 #: Sizes of another network than the real one, beside OpenAI's files.
 HPARAMS_FILE = "hparams.json"
 #: Marks a converted folder, see `conversion`.

@@ -12,14 +12,11 @@ from accelerate.utils import set_module_tensor_to_device  # type: ignore[import-
 
 from dancedata.audio.jukebox.config import JukeboxConfig
 from dancedata.audio.jukebox.network import tensors
-from dancedata.audio.jukebox.network.block_stream import BlockStream
-from dancedata.audio.jukebox.network.conditioning import start_vector, time_conditioning
 from dancedata.audio.jukebox.network.memory import Placement, padded_length
-from dancedata.audio.jukebox.network.prior import Prior
-from dancedata.audio.jukebox.network.transformer import Block, parameter_name, prepared
+from dancedata.audio.jukebox.network.tensors import start_vector, time_conditioning
+from dancedata.audio.jukebox.network.transformer import Block, BlockStream, Prior, parameter_name, prepared
 from dancedata.audio.jukebox.network.vqvae import VqEncoder
-from dancedata.audio.jukebox.weights.files import PRIOR_FILE, VQVAE_FILE
-from dancedata.audio.jukebox.weights.folder import refuse_hugging_face
+from dancedata.audio.jukebox.weights.folder import PRIOR_FILE, VQVAE_FILE, refuse_hugging_face
 from dancedata.audio.jukebox.weights.sources import TensorSource, open_torch_file, require_tensors
 from dancedata.core.errors import SourceError
 from dancedata.core.text import listed

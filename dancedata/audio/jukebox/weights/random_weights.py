@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from dancedata.audio.jukebox.config import JukeboxConfig
 from dancedata.audio.jukebox.network import tensors
-from dancedata.audio.jukebox.weights.files import PRIOR_FILE, VQVAE_FILE
+from dancedata.audio.jukebox.weights.folder import PRIOR_FILE, VQVAE_FILE
 from dancedata.core.atomic import write_json
 
 if TYPE_CHECKING:
