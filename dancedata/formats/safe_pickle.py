@@ -4,11 +4,11 @@ A pickle is a program, and its result can be far larger, deeper or slower to tra
 opcodes that build anything are therefore replaced by checked ones (`checked_unpickler`), and the result satisfies:
 
 - Keys and members of sets are texts and small integers.
-- Objects of the few classes that are allowed are stand-ins without behaviour (`stand_in`).
+- Objects of the few classes that are allowed are stand-ins without behaviour (`StandIn`).
 - Containers are nested at most MAX_DEPTH deep, and none contains itself.
 - The total size of what calls build (arrays, bytes, sets) is not much larger than the file.
 
-Files that joblib.dump has written are read as well (`joblib_arrays`), also compressed ones (`unpacked`).
+Files that joblib.dump has written are read as well (`numpy_pickle`), also compressed ones (`unpacked`).
 
 A list can still occur so many times in the result that expanding it fills any memory: `as_array` accepts no nested
 lists, and messages show values by `core.text.shown`, which does not expand them.
@@ -29,17 +29,27 @@ import numpy as np
 
 from dancedata.core.errors import DataError
 from dancedata.core.text import shown
-from dancedata.formats.checked_unpickler import CheckedUnpickler, UnsafePickleError, invalid
-from dancedata.formats.joblib_arrays import WRAPPER, NamesOfJoblib, read_array
+from dancedata.formats.checked_unpickler import (
+    CheckedUnpickler,
+    ClassName,
+    StandIn,
+    UnsafePickleError,
+    default_dict,
+    invalid,
+    new_object,
+    set_state,
+)
 from dancedata.formats.numpy_pickle import (
     ALLOWED,
     INVALID_ARRAY,
+    WRAPPER,
+    NamesOfJoblib,
     NdarrayName,
     is_array_state,
     is_dtype_state,
+    read_array,
     reconstruct,
 )
-from dancedata.formats.stand_in import ClassName, StandIn, default_dict, new_object, set_state
 from dancedata.formats.unpacked import read_unpacked
 
 __all__ = [

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from dancedata.core.errors import UsageError
-from dancedata.core.kinematics import forward_kinematics
-from dancedata.core.motion import Motion
+from dancedata.core.motion import Motion, forward_kinematics
 from dancedata.core.skeleton import SMPL24
 from dancedata.core.windows import WindowGrid
 from dancedata.synthetic import synthesise_motion, synthesise_song, write_synthetic
