@@ -20,7 +20,7 @@ import io
 import pickle
 import struct
 from collections import OrderedDict
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sized
 from pathlib import Path
 from types import FunctionType
 from typing import Any, ClassVar
@@ -98,7 +98,7 @@ def _call(unpickler: Any) -> None:
         unpickler.count_built(result.nbytes)
         if function is reconstruct:
             unpickler.unfinished[id(result)] = result
-    elif not isinstance(result, np.dtype | StandIn):
+    elif isinstance(result, Sized):
         unpickler.count_built(len(result))
     unpickler.stack[-1] = result
 
@@ -150,11 +150,21 @@ _CONTAINERS = (
 )  # fmt: skip
 
 
+class _Stream(io.BytesIO):
+    def readline(self, size: int | None = -1, /) -> bytes:
+        line = super().readline(size)
+        if not line.endswith(b"\n"):  # a truncated name must not be read as another name
+            raise EOFError("the pickle ends within a line")
+        return line
+
+
 class ArrayUnpickler(CheckedUnpickler):
     """Accepts numpy arrays and plain containers, and counts what calls build.
 
     Attributes
     ----------
+    stream
+        The file, behind the opcodes that were read.
     names
         What the pickle may name, and what stands for it.
     size
@@ -177,8 +187,8 @@ class ArrayUnpickler(CheckedUnpickler):
 
     def __init__(self, data: bytes, names: Names, size: int) -> None:
         # latin1: pickles of Python 2 store the bytes of arrays as text.
-        self._stream = io.BytesIO(data)  # from memory: reads there do not allocate the size that the pickle announces
-        super().__init__(self._stream, encoding="latin1")
+        self.stream = _Stream(data)  # from memory: reads there do not allocate the size that the pickle announces
+        super().__init__(self.stream, encoding="latin1")
         self.data = data
         self.names = names
         self.size = size
@@ -189,20 +199,20 @@ class ArrayUnpickler(CheckedUnpickler):
 
     def take(self, count: int) -> memoryview:
         """Return the next bytes of the file, behind the opcodes that were read."""
-        start = self._stream.tell()
+        start = self.stream.tell()
         if count > len(self.data) - start:
             raise EOFError(f"an array of {count:,} bytes, but the file has {len(self.data) - start:,} more")
-        self._stream.seek(start + count)
+        self.stream.seek(start + count)
         return memoryview(self.data)[start : start + count]
 
     def load_inner(self) -> Any:
         """Load a pickle that follows the opcodes that were read; it counts as a part of this one."""
         inner = ArrayUnpickler(self.data, ALLOWED, self.size)
-        inner._stream.seek(self._stream.tell())
+        inner.stream.seek(self.stream.tell())
         inner.left, inner.n_containers = self.left, self.n_containers
         found = inner.load()
         self.left, self.n_containers = inner.left, inner.n_containers
-        self._stream.seek(inner._stream.tell())
+        self.stream.seek(inner.stream.tell())
         return found
 
     def find_class(self, module: str, name: str) -> Callable[..., Any]:
