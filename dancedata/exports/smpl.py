@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 from dancedata.core.plugins import Export
 from dancedata.core.registry import EXPORTS
 from dancedata.exports._motions import decoded, field_name, motion_lacks
-from dancedata.formats.smpl_files import amass_arrays, smplx_arrays
+from dancedata.formats.motion_files import amass_arrays, smplx_arrays
 
 if TYPE_CHECKING:
     from dancedata.exporting.folder import ExportFolder

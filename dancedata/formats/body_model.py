@@ -27,12 +27,11 @@ from dancedata.core.errors import DataError, UsageError
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import listed, shown
 from dancedata.formats.array_file import ArrayFile
-from dancedata.formats.arrays import open_arrays
+from dancedata.formats.arrays import ValueArrays, open_arrays
 from dancedata.formats.bvh.hierarchy import MAX_VALUE
 from dancedata.formats.checked_unpickler import ClassName, StandIn, make
 from dancedata.formats.numpy_pickle import is_shape
 from dancedata.formats.safe_pickle import ARRAY_NAMES, Names, as_array, load_pickle
-from dancedata.formats.value_arrays import ValueArrays
 
 __all__ = ["GENDERS", "SMPLH52", "body_model_skeleton", "find_model", "gender_of"]
 

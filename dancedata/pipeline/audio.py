@@ -16,8 +16,7 @@ import numpy.typing as npt
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.clip import Reject
 from dancedata.core.errors import DataError
-from dancedata.core.grid import FrameGrid
-from dancedata.core.windows import WindowGrid
+from dancedata.core.grid import FrameGrid, WindowGrid
 from dancedata.execution.cache import Cache, CachedArray, package_version
 from dancedata.execution.reference_process import expected
 from dancedata.pipeline.read_ahead import decoded, read_ahead
