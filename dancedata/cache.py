@@ -23,8 +23,7 @@ from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid, Number
 from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
-from dancedata.execution.cache import Cache, CachedArray, default_cache
-from dancedata.execution.lost_entries import with_lost_entries
+from dancedata.execution.cache import Cache, CachedArray, default_cache, with_lost_entries
 from dancedata.execution.progress import Progress
 from dancedata.execution.threads import as_in_builds
 from dancedata.pipeline.audio import (

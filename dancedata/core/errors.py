@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import difflib
+import re
 from collections.abc import Iterable
 from typing import ClassVar
 
-from dancedata.core.nearest import closest
 from dancedata.core.text import listed, printable, shown
 
 #: Most characters of a path in a message: the longest path of a file system.
@@ -15,6 +16,10 @@ _MAX_PART = 20_000
 _COMMANDS = {"dancedata", "ffmpeg", "mv", "pip"}
 #: Most known names in a message: all joints of a skeleton, but not all clips of a dataset.
 _LISTED = 60
+#: Most characters of a name that are compared, and least of a part: shorter ones are too frequent to count.
+_LONGEST, _MIN_PART = 100, 3
+# Letters and digits are parts of their own: "edge" of "edge151".
+_PARTS = re.compile(r"[^\W\d_]+|\d+")
 
 
 class DanceDataError(Exception):
@@ -152,3 +157,30 @@ def did_you_mean(name: str, known: Iterable[str], also: Iterable[str] = ()) -> s
     close = closest(shown(name), [*names, *also])
     known_names = f"known: {listed(names, _LISTED)}" if names else "none is known"
     return f"did you mean {close!r}? {known_names}" if close is not None else known_names
+
+
+def closest(name: str, known: Iterable[str]) -> str | None:
+    """Return the most similar of the known names, or None if none is similar.
+
+    Case and separators of parts are ignored; a part, the end or the beginning of a name stands for it.
+    """
+    query = "".join(_parts(name))
+    whole: dict[str, str] = {}
+    partly: dict[str, str] = {}
+    for candidate in sorted(known, key=len):  # of several names with the part, the shortest is preferred
+        parts = _parts(candidate)
+        plain = "".join(parts)
+        whole.setdefault(plain, candidate)
+        ends = ["".join(parts[k:]) for k in range(1, len(parts))]
+        for part in [query] if plain.startswith(query) else [*parts, *ends]:
+            if len(part) >= _MIN_PART:
+                partly.setdefault(part, candidate)
+    for names, cutoff in ((whole, 0.8), (partly, 0.75), (whole, 0.6)):
+        if query and (match := difflib.get_close_matches(query, names, 1, cutoff)):
+            return names[match[0]]
+    return None
+
+
+def _parts(name: str) -> list[str]:
+    # "aistpp" is a common spelling of "aist++".
+    return _PARTS.findall(name[:_LONGEST].lower().replace("+", "p"))

@@ -84,7 +84,8 @@ def require(extra: str, modules: Sequence[str] = (), *, what: str = "", instead:
     """
     missing = [name for name in modules or MODULES[extra] if not _is_installed(name)]
     if missing:
-        problem = f"{what or 'this'} needs {' and '.join(missing)}, which {_are(missing)} not installed"
+        are = "is" if len(missing) == 1 else "are"
+        problem = f"{what or 'this'} needs {' and '.join(missing)}, which {are} not installed"
         raise MissingPackageError(problem, fix=f"{install(extra)}{instead and '. ' + instead}")
 
 
@@ -92,10 +93,6 @@ def load(module: str, extra: str, what: str = "") -> ModuleType:
     """Import a module of an extra; MissingPackageError where it is not installed."""
     require(extra, [module.partition(".")[0]], what=what)
     return import_module(module)
-
-
-def _are(names: Sequence[str]) -> str:
-    return "is" if len(names) == 1 else "are"
 
 
 def _is_installed(module: str) -> bool:

@@ -53,16 +53,12 @@ def printable(text: str, *, lines: bool = False) -> str:
     """
     if text.isprintable():
         return text
-    return "".join(c if _prints(c) or (lines and c == "\n") else _escaped(c) for c in text)
+    return "".join(c if _prints(c) or (lines and c == "\n") else c.encode("unicode_escape").decode() for c in text)
 
 
 def _prints(character: str) -> bool:
     # isprintable() is false for all spaces except one, also those of other scripts.
     return character.isprintable() or category(character) == "Zs"
-
-
-def _escaped(character: str) -> str:
-    return character.encode("unicode_escape").decode("ascii")
 
 
 def is_unicode(text: str) -> bool:

@@ -20,10 +20,9 @@ from dancedata.evaluation.report import Report, lengths_of, per_clip_rows
 from dancedata.evaluation.request import Request, Side
 from dancedata.evaluation.scores import Score, rows_of, scores_of
 from dancedata.evaluation.song_beats import song_beats
-from dancedata.execution.cache import Cache, default_cache, package_version
+from dancedata.execution.cache import Cache, default_cache, package_version, with_lost_entries
 from dancedata.execution.executors.base import Executor
 from dancedata.execution.executors.loky import LokyExecutor
-from dancedata.execution.lost_entries import with_lost_entries
 from dancedata.execution.progress import Progress
 from dancedata.execution.workers import check_backend, start_workers
 

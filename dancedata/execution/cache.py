@@ -8,11 +8,11 @@ import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from stat import S_ISLNK
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +21,7 @@ from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.hashing import json_sha256, sha256_file
 from dancedata.core.packages import version
 from dancedata.execution import cache_files as files
+from dancedata.execution.progress import Progress
 
 ENVIRONMENT = "DANCEDATA_CACHE"
 #: Results that took longer than this to compute are flushed to disk before they appear in the cache.
@@ -304,3 +305,29 @@ class _clear_errors:  # noqa: N801
                 found=str(error),
                 fix=f"set {ENVIRONMENT} to a writable folder with free space",
             ) from error
+
+
+#: How often a build starts again because entries were removed or damaged while it ran.
+LOST_ENTRIES = 3
+
+T = TypeVar("T")
+
+
+def with_lost_entries(cache: Cache, run: Callable[[Cache], T], progress: Progress) -> T:
+    """Run a build, and run it again if an entry of the cache is lost.
+
+    Checksums of arrays are compared when arrays are read, which may be late. After the first mismatch, those of all
+    entries are compared when they are looked up: all damaged entries are then computed again in one go.
+
+    Raises
+    ------
+    EntryLostError
+        If entries are lost repeatedly: something removes them, or the disk is failing.
+    """
+    for _ in range(LOST_ENTRIES):
+        try:
+            return run(cache)
+        except EntryLostError as error:
+            progress.write(f"{error.where}: {error.problem}; all entries are compared with their checksums now")
+            cache = replace(cache, careful=True)
+    return run(cache)

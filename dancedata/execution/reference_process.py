@@ -27,7 +27,7 @@ import cloudpickle
 
 from dancedata.core.errors import DanceDataError
 from dancedata.execution import arithmetic
-from dancedata.execution.shielded import shielded
+from dancedata.execution.children import shielded
 
 T = TypeVar("T")
 

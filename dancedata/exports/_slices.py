@@ -13,10 +13,9 @@ import numpy as np
 
 from dancedata.audio.signal import pcm16
 from dancedata.core.audio_signal import AudioSignal
-from dancedata.core.grid import FrameGrid
+from dancedata.core.grid import FrameGrid, WindowGrid
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.text import counted, listed
-from dancedata.core.windows import WindowGrid
 from dancedata.exporting.job import ExportJob, Lack
 from dancedata.exporting.needs import needs_field, needs_fps, needs_music, needs_splits
 

@@ -1,9 +1,13 @@
 """Skeletons from the user's body model: SMPL-X, SMPL-H or SMPL, as .npz or .pkl.
 
 The rest joints of a SMPL body are J_regressor @ (v_template + shapedirs @ betas) (Loper et al. 2015, eq. 10;
-Pavlakos et al. 2019). Only these three arrays of the published file are needed, so they are read here; the classes
-that a .pkl names are neither imported nor called (`model_pickle`). The smplx library gives the same joints (a test
-compares the two), but it runs the code in the file (allow_pickle=True), and needs torch, for a .pkl also chumpy.
+Pavlakos et al. 2019). Only these three arrays of the published file are needed, so they are read here. The smplx
+library gives the same joints (a test compares the two), but it runs the code in the file (allow_pickle=True), and
+needs torch, for a .pkl also chumpy.
+
+Published .pkl files, with chumpy arrays and scipy's sparse matrices, were written by Python 2. Their classes are
+neither imported nor called: a chumpy array is a stand-in whose attribute x is the array; chumpy's Select takes
+elements of another one; a sparse matrix has data, indices and indptr.
 """
 
 from __future__ import annotations
@@ -13,6 +17,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,11 +25,13 @@ from numpy.typing import ArrayLike, NDArray
 from dancedata.core.bodies import SMPLH52, SMPLX55
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.skeleton import SMPL24, Skeleton
-from dancedata.core.text import listed
+from dancedata.core.text import listed, shown
 from dancedata.formats.array_file import ArrayFile
-from dancedata.formats.arrays import open_arrays
+from dancedata.formats.arrays import ValueArrays, open_arrays
 from dancedata.formats.bvh.hierarchy import MAX_VALUE
-from dancedata.formats.model_pickle import open_model_pickle
+from dancedata.formats.checked_unpickler import ClassName, StandIn, make
+from dancedata.formats.numpy_pickle import is_shape
+from dancedata.formats.safe_pickle import ARRAY_NAMES, Names, as_array, load_pickle
 
 __all__ = ["GENDERS", "SMPLH52", "body_model_skeleton", "find_model", "gender_of"]
 
@@ -148,7 +155,7 @@ def gender_of(file: Path) -> str | None:
 @contextmanager
 def _open(file: Path) -> Iterator[ArrayFile]:
     if file.suffix.lower() == ".pkl":
-        yield open_model_pickle(file)
+        yield _open_pickle(file)
         return
     with open_arrays(file) as arrays:
         yield arrays
@@ -231,3 +238,99 @@ def _shape(file: Path, betas: ArrayLike | None, available: int) -> Floats:
 def _not_a_model(file: Path, found: str, allowed: str) -> UsageError:
     fix = "set body_model to a SMPL-X, SMPL-H or SMPL model as published (.npz or .pkl)"
     return UsageError("not a body model", where=str(file), found=found, allowed=allowed, fix=fix)
+
+
+_CH, _SELECT, _CSC, _CSR = "chumpy.ch.Ch", "chumpy.reordering.Select", "csc_matrix", "csr_matrix"
+#: Elements of a dense matrix; SMPL-X's regressor has 55 x 10,475.
+_MAX_DENSE = 1 << 24
+
+Array = np.ndarray[Any, Any]
+
+_NAMES: Names = {
+    **ARRAY_NAMES,
+    ("chumpy.ch", "Ch"): ClassName(_CH, makes=True),
+    ("chumpy", "Ch"): ClassName(_CH, makes=True),
+    ("chumpy.reordering", "Select"): ClassName(_SELECT, makes=True),
+    **{
+        (f"scipy.sparse.{module}", f"{name}_matrix"): ClassName(f"{name}_matrix", makes=True)
+        for name in ("csc", "csr")
+        for module in (name, f"_{name}")
+    },
+    **{(package, "object"): ClassName("object") for package in ("builtins", "__builtin__")},
+    **{(package, "_reconstructor"): make for package in ("copyreg", "copy_reg")},
+}
+
+
+def _open_pickle(path: Path) -> ValueArrays:
+    """Return the arrays of a body model by name; those of classes that are not arrays are not numbers.
+
+    Raises
+    ------
+    DataError
+        As `load_pickle` does, and for sparse matrices and chumpy arrays that contradict themselves.
+    """
+    content = load_pickle(path, _NAMES)
+    if not isinstance(content, dict):
+        content = {}
+    return ValueArrays(path, {name: _value(path, name, value) for name, value in content.items()})
+
+
+def _value(path: Path, name: object, value: object) -> object:
+    if not isinstance(value, StandIn):
+        return value
+    try:
+        return _array(value)
+    except Exception as error:  # of indices and shapes that a crafted file states
+        raise DataError(
+            f"{shown(name)} is not an array as {value.name} holds it",
+            reason="broken_file",
+            where=path,
+            found=shown(error),
+            fix="download the model again",
+        ) from error
+
+
+def _array(value: StandIn) -> Array:
+    state = value.state or {}
+    if value.name == _CH:
+        return _numbers(state["x"])
+    if value.name == _SELECT:
+        taken = _numbers(_inner(state["a"])).reshape(-1)[_indices(state["idxs"])]
+        shape = state.get("preferred_shape", taken.shape)
+        if not is_shape(shape):
+            raise ValueError(f"a shape {shown(shape)}")
+        return taken.reshape(shape)
+    return _dense(value.name, state)
+
+
+def _inner(value: object) -> object:
+    """Return the array in a chumpy array, or the value itself."""
+    if isinstance(value, StandIn) and value.name == _CH:
+        return (value.state or {})["x"]
+    return value
+
+
+def _numbers(value: object) -> Array:
+    array = as_array(value)
+    if array is None or array.dtype.kind not in "fiu":
+        raise ValueError(f"not an array of numbers: {shown(value)}")
+    return array
+
+
+def _indices(value: object) -> Array:
+    array = _numbers(value)
+    if array.dtype.kind not in "iu":
+        raise ValueError("indices that are not whole numbers")
+    return array
+
+
+def _dense(kind: str, state: dict[str, Any]) -> Array:
+    from scipy import sparse
+
+    shape = state["_shape"] if "_shape" in state else state["shape"]
+    if not is_shape(shape) or len(shape) != 2 or shape[0] * shape[1] > _MAX_DENSE:
+        raise ValueError(f"a matrix of shape {shown(shape)}")
+    parts = (_numbers(state["data"]), _indices(state["indices"]), _indices(state["indptr"]))
+    matrix = (sparse.csc_matrix if kind == _CSC else sparse.csr_matrix)(parts, shape=shape)
+    matrix.check_format(full_check=True)
+    return np.asarray(matrix.toarray())

@@ -2,6 +2,9 @@
 
 Subclasses decide by `find_class` which names a pickle may use. In the result, keys and members of sets are texts and
 small integers: other values can have equal hashes, or hashes that take arbitrarily long to compute.
+
+No class of a file is looked up, imported or called. Stand-ins have the class's name and take a state, and do nothing.
+What a stand-in means, for example which of its values is the array, is decided by the reader that has allowed it.
 """
 
 from __future__ import annotations
@@ -16,11 +19,17 @@ from dancedata.core.text import shown
 __all__ = [
     "MAX_KEY",
     "CheckedUnpickler",
+    "ClassName",
+    "StandIn",
     "UnsafePickleError",
+    "default_dict",
     "frozen_set",
     "invalid",
+    "make",
     "mutable_set",
+    "new_object",
     "ordered_dict",
+    "set_state",
 ]
 
 #: Bound of integer keys and of memo indices: only a handful of integers below it share a hash.
@@ -162,3 +171,62 @@ class CheckedUnpickler(pickle._Unpickler):
     def _instantiate(self, klass: Any, args: Any) -> None:
         # Called by the opcode INST after its lookup of the class.
         _refuse(self)
+
+
+class ClassName:
+    """The name of a class in a pickle, which may be an argument. Not called.
+
+    Attributes
+    ----------
+    name : module and name, for messages.
+    makes : whether objects of it may be made.
+    """
+
+    def __init__(self, name: str, makes: bool = False) -> None:
+        self.name = name
+        self.makes = makes
+
+
+class StandIn:
+    """Stands for an object: the name of its class, and its attributes as the pickle sets them.
+
+    Attributes
+    ----------
+    state : attributes by name; None until they are set, which happens once.
+    """
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.state: dict[str, Any] | None = None
+
+
+def make(kind: object, base: object = None, state: object = None) -> StandIn:
+    """Make the stand-in of an object; as copyreg._reconstructor does, which old protocols use."""
+    if not isinstance(kind, ClassName) or not kind.makes:
+        raise UnsafePickleError(f"an object of {kind.name if isinstance(kind, ClassName) else type(kind).__name__}")
+    if state is not None:
+        raise invalid("an object that is made from another one")
+    return StandIn(kind.name)
+
+
+def default_dict(factory: object = None) -> dict[Any, Any]:
+    """Make a plain dict for a collections.defaultdict; what it would make of missing keys is not used."""
+    return {}
+
+
+def new_object(unpickler: Any) -> None:
+    """Handle the opcode NEWOBJ: make the stand-in of an object without arguments."""
+    arguments = unpickler.stack.pop()
+    kind = unpickler.stack.pop()
+    if arguments != () or type(arguments) is not tuple:
+        raise UnsafePickleError("an object that is made with arguments")
+    unpickler.append(make(kind))
+
+
+def set_state(target: StandIn, state: object) -> None:
+    """Set the attributes of a stand-in."""
+    if target.state is not None or not isinstance(state, dict):
+        raise invalid(f"the state of a {target.name}")
+    if any(type(name) is not str for name in state):
+        raise pickle.UnpicklingError(f"the state of a {target.name}, whose keys are not names")
+    target.state = state

@@ -1,7 +1,15 @@
-"""What numpy's own pickles name and build: stand-ins for its functions, and the states that it writes.
+"""What the pickles of numpy and joblib name and build: stand-ins for its functions, and the states that it writes.
 
 `safe_pickle` calls nothing else. numpy does not validate the state of an array or a dtype: a wrong dtype flag would
 turn bytes of the file into pointers.
+
+joblib.dump writes the description of an array in the pickle, and the values as raw bytes behind its opcodes::
+
+    NEWOBJ joblib.numpy_pickle.NumpyArrayWrapper, BUILD {subclass, shape, order, dtype, allow_mmap,
+    numpy_array_alignment_bytes}, then one byte n and n bytes of padding (joblib 1.2 and later), then the values
+
+Arrays of objects are a pickle of their own in that place. The values are not copied: arrays are views of the file's
+bytes.
 """
 
 from __future__ import annotations
@@ -12,9 +20,20 @@ from typing import Any
 import numpy as np
 
 from dancedata.core.text import shown
-from dancedata.formats.checked_unpickler import frozen_set, invalid, mutable_set, ordered_dict
+from dancedata.formats.checked_unpickler import ClassName, frozen_set, invalid, mutable_set, ordered_dict
 
-__all__ = ["ALLOWED", "INVALID_ARRAY", "NdarrayName", "is_array_state", "is_dtype_state", "is_shape", "reconstruct"]
+__all__ = [
+    "ALLOWED",
+    "INVALID_ARRAY",
+    "WRAPPER",
+    "NamesOfJoblib",
+    "NdarrayName",
+    "is_array_state",
+    "is_dtype_state",
+    "is_shape",
+    "read_array",
+    "reconstruct",
+]
 
 MAX_DIMENSIONS = 32
 #: Bound of a dimension, so that their product is a number of bounded size.
@@ -118,3 +137,39 @@ def is_array_state(unpickler: Any, state: tuple[Any, ...]) -> bool:
     # an unfinished array can still become one of objects.
     nested = any(isinstance(v, np.ndarray) and (v.dtype.hasobject or id(v) in unpickler.unfinished) for v in data)
     return math.prod(shape) == len(data) and not nested
+
+
+#: The class of joblib's description of an array.
+WRAPPER = "joblib.numpy_pickle.NumpyArrayWrapper"
+_NAMES = {"subclass", "shape", "order", "dtype", "allow_mmap", "numpy_array_alignment_bytes"}
+
+#: What joblib's files name beside what `safe_pickle` allows.
+NamesOfJoblib: dict[tuple[str, str], Any] = {
+    ("joblib.numpy_pickle", "NumpyArrayWrapper"): ClassName(WRAPPER, makes=True),
+    # Older copies of joblib.
+    ("sklearn.externals.joblib.numpy_pickle", "NumpyArrayWrapper"): ClassName(WRAPPER, makes=True),
+    ("numpy", "memmap"): ALLOWED["numpy", "ndarray"],
+}
+
+
+def read_array(unpickler: Any, state: dict[str, Any]) -> np.ndarray[Any, Any]:
+    """Read the array that follows its description, and leave the position of the file behind it."""
+    frame = unpickler._unframer.current_frame
+    if frame is not None and frame.read(1):
+        raise invalid("an array within a frame of the pickle")
+    if not {"subclass", "shape", "order", "dtype"} <= set(state) <= _NAMES:
+        raise invalid(INVALID_ARRAY)
+    shape, order, dtype = state["shape"], state["order"], state["dtype"]
+    plain = isinstance(dtype, np.dtype) and type(order) is str and order in ("C", "F")
+    if not plain or not is_shape(shape) or state["subclass"] is not NdarrayName:
+        raise invalid(INVALID_ARRAY)
+    if dtype.hasobject:
+        array = unpickler.load_inner()
+        if not isinstance(array, np.ndarray) or array.shape != shape or not array.dtype.hasobject:
+            raise invalid("an array of objects that is none")
+        return array
+    if state.get("numpy_array_alignment_bytes") is not None:
+        unpickler.take(unpickler.take(1)[0])
+    count = math.prod(shape)
+    values = np.frombuffer(unpickler.take(count * dtype.itemsize), dtype=dtype, count=count)
+    return values.reshape(shape, order=order)

@@ -4,11 +4,12 @@ A pickle is a program, and its result can be far larger, deeper or slower to tra
 opcodes that build anything are therefore replaced by checked ones (`checked_unpickler`), and the result satisfies:
 
 - Keys and members of sets are texts and small integers.
-- Objects of the few classes that are allowed are stand-ins without behaviour (`stand_in`).
+- Objects of the few classes that are allowed are stand-ins without behaviour (`StandIn`).
 - Containers are nested at most MAX_DEPTH deep, and none contains itself.
 - The total size of what calls build (arrays, bytes, sets) is not much larger than the file.
 
-Files that joblib.dump has written are read as well (`joblib_arrays`), also compressed ones (`unpacked`).
+Files that joblib.dump has written are read as well (`numpy_pickle`), also compressed ones, within limits of
+their size.
 
 A list can still occur so many times in the result that expanding it fills any memory: `as_array` accepts no nested
 lists, and messages show values by `core.text.shown`, which does not expand them.
@@ -16,42 +17,113 @@ lists, and messages show values by `core.text.shown`, which does not expand them
 
 from __future__ import annotations
 
+import bz2
 import io
+import lzma
 import pickle
 import struct
+import zlib
 from collections import OrderedDict
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sized
 from pathlib import Path
 from types import FunctionType
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
 from dancedata.core.errors import DataError
+from dancedata.core.regular_file import read_regular
 from dancedata.core.text import shown
-from dancedata.formats.checked_unpickler import CheckedUnpickler, UnsafePickleError, invalid
-from dancedata.formats.joblib_arrays import WRAPPER, NamesOfJoblib, read_array
+from dancedata.formats.checked_unpickler import (
+    CheckedUnpickler,
+    ClassName,
+    StandIn,
+    UnsafePickleError,
+    default_dict,
+    invalid,
+    new_object,
+    set_state,
+)
 from dancedata.formats.numpy_pickle import (
     ALLOWED,
     INVALID_ARRAY,
+    WRAPPER,
+    NamesOfJoblib,
     NdarrayName,
     is_array_state,
     is_dtype_state,
+    read_array,
     reconstruct,
 )
-from dancedata.formats.stand_in import ClassName, StandIn, default_dict, new_object, set_state
-from dancedata.formats.unpacked import read_unpacked
 
 __all__ = [
     "ARRAY_NAMES",
+    "BOMB_BYTES",
+    "BOMB_RATIO",
     "MAX_DEPTH",
     "MAX_PICKLE_BYTES",
     "ArrayUnpickler",
     "Names",
     "as_array",
     "load_pickle",
+    "read_unpacked",
     "require_shallow",
 ]
+
+#: Something above this size with a higher compression ratio than this is not a motion.
+BOMB_BYTES = 1 << 26
+BOMB_RATIO = 100
+#: Memory of lzma's dictionary; its highest preset needs 64 MiB.
+_LZMA_BYTES = 80 << 20
+
+
+class _Decompressor(Protocol):
+    @property
+    def eof(self) -> bool: ...
+
+    def decompress(self, data: bytes, max_length: int, /) -> bytes: ...
+
+
+def _lzma(kind: int) -> Callable[[], Any]:
+    return lambda: lzma.LZMADecompressor(kind, memlimit=_LZMA_BYTES)
+
+
+#: First bytes -> what unpacks; no pickle begins so.
+_KINDS: dict[bytes, Callable[[], _Decompressor]] = {
+    b"\x78": zlib.decompressobj,
+    b"\x1f\x8b": lambda: zlib.decompressobj(wbits=31),
+    b"BZh": bz2.BZ2Decompressor,
+    b"\xfd7zXZ\x00": _lzma(lzma.FORMAT_XZ),
+    b"\x5d\x00": _lzma(lzma.FORMAT_ALONE),
+}
+_LZ4 = b"\x04\x22\x4d\x18"
+
+
+def read_unpacked(path: Path, limit: int) -> tuple[bytes, int]:
+    """Return the content of a file, unpacked if zlib, gzip, bz2, lzma or xz has packed it, and the file's size.
+
+    Raises
+    ------
+    ValueError
+        If it is larger than the limit, truncated, or packed more than 100-fold.
+    OSError
+        If it cannot be read.
+    """
+    data = read_regular(path, limit)
+    kind = next((make for head, make in _KINDS.items() if data.startswith(head)), None)
+    if data.startswith(_LZ4):
+        raise ValueError("compressed by lz4; write it with compress='zlib', or without compression")
+    if kind is None:
+        return data, len(data)
+    allowed = min(limit, max(BOMB_BYTES, BOMB_RATIO * len(data)))
+    unpacker = kind()
+    content = unpacker.decompress(data, allowed + 1)
+    if len(content) > allowed:
+        raise ValueError(f"{len(data):,} bytes unpack to more than {allowed:,}")
+    if not unpacker.eof:
+        raise ValueError("the compressed data are truncated")
+    return content, len(data)
+
 
 MAX_PICKLE_BYTES = 1 << 29
 MAX_DEPTH = 100
@@ -88,7 +160,7 @@ def _call(unpickler: Any) -> None:
         unpickler.count_built(result.nbytes)
         if function is reconstruct:
             unpickler.unfinished[id(result)] = result
-    elif not isinstance(result, np.dtype | StandIn):
+    elif isinstance(result, Sized):
         unpickler.count_built(len(result))
     unpickler.stack[-1] = result
 
@@ -140,11 +212,21 @@ _CONTAINERS = (
 )  # fmt: skip
 
 
+class _Stream(io.BytesIO):
+    def readline(self, size: int | None = -1, /) -> bytes:
+        line = super().readline(size)
+        if not line.endswith(b"\n"):  # a truncated name must not be read as another name
+            raise EOFError("the pickle ends within a line")
+        return line
+
+
 class ArrayUnpickler(CheckedUnpickler):
     """Accepts numpy arrays and plain containers, and counts what calls build.
 
     Attributes
     ----------
+    stream
+        The file, behind the opcodes that were read.
     names
         What the pickle may name, and what stands for it.
     size
@@ -167,8 +249,8 @@ class ArrayUnpickler(CheckedUnpickler):
 
     def __init__(self, data: bytes, names: Names, size: int) -> None:
         # latin1: pickles of Python 2 store the bytes of arrays as text.
-        self._stream = io.BytesIO(data)  # from memory: reads there do not allocate the size that the pickle announces
-        super().__init__(self._stream, encoding="latin1")
+        self.stream = _Stream(data)  # from memory: reads there do not allocate the size that the pickle announces
+        super().__init__(self.stream, encoding="latin1")
         self.data = data
         self.names = names
         self.size = size
@@ -179,20 +261,20 @@ class ArrayUnpickler(CheckedUnpickler):
 
     def take(self, count: int) -> memoryview:
         """Return the next bytes of the file, behind the opcodes that were read."""
-        start = self._stream.tell()
+        start = self.stream.tell()
         if count > len(self.data) - start:
             raise EOFError(f"an array of {count:,} bytes, but the file has {len(self.data) - start:,} more")
-        self._stream.seek(start + count)
+        self.stream.seek(start + count)
         return memoryview(self.data)[start : start + count]
 
     def load_inner(self) -> Any:
         """Load a pickle that follows the opcodes that were read; it counts as a part of this one."""
         inner = ArrayUnpickler(self.data, ALLOWED, self.size)
-        inner._stream.seek(self._stream.tell())
+        inner.stream.seek(self.stream.tell())
         inner.left, inner.n_containers = self.left, self.n_containers
         found = inner.load()
         self.left, self.n_containers = inner.left, inner.n_containers
-        self._stream.seek(inner._stream.tell())
+        self.stream.seek(inner.stream.tell())
         return found
 
     def find_class(self, module: str, name: str) -> Callable[..., Any]:

@@ -16,12 +16,11 @@ import numpy as np
 from dancedata.core.errors import DataError
 from dancedata.core.regular_file import open_regular
 from dancedata.core.text import quoted, shown
-from dancedata.formats.checked_unpickler import UnsafePickleError, invalid
+from dancedata.formats.checked_unpickler import ClassName, UnsafePickleError, invalid
 from dancedata.formats.numpy_pickle import is_shape
 from dancedata.formats.safe_pickle import ARRAY_NAMES, MAX_PICKLE_BYTES, ArrayUnpickler, Names, require_shallow
-from dancedata.formats.stand_in import ClassName
 
-__all__ = ["STORAGES", "TORCH_HEAD", "load_torch"]
+__all__ = ["STORAGE_NAMES", "TORCH_HEAD", "load_torch", "require_layout", "storage_of"]
 
 #: First bytes of a zip archive.
 TORCH_HEAD = b"PK\x03\x04"
@@ -39,7 +38,9 @@ STORAGES = {
     "ByteStorage": ("uint8", 1),
     "BoolStorage": ("bool", 1),
 }
-_KINDS = {f"torch.{name}": dtype for name, (dtype, _) in STORAGES.items()}
+#: Largest counts, which are int64 in files from before the zip format.
+_MAX_COUNT = 1 << 63
+STORAGE_NAMES: Names = {("torch", name): ClassName(name) for name in STORAGES}
 
 Array = np.ndarray[Any, Any]
 
@@ -51,9 +52,26 @@ class _Storage:
         self.elements = elements
 
 
-def _tensor(storage: object, offset: object, shape: Any, stride: Any, *_: object) -> Array:
+def storage_of(pid: Any, length: int) -> tuple[str, int, str, int]:
+    """Return type, bytes of an element, key and count of elements of a storage that a pickle refers to."""
+    if type(pid) is not tuple or len(pid) != length or pid[0] != "storage" or not isinstance(pid[1], ClassName):
+        raise invalid("a reference that torch never writes")
+    _, kind, key, _, count = pid[:5]
+    if kind.name not in STORAGES or type(key) is not str or type(count) is not int or not 0 <= count < _MAX_COUNT:
+        raise invalid(f"a storage named {quoted(key)}")
+    return *STORAGES[kind.name], key, count
+
+
+def require_layout(offset: object, shape: Any, stride: Any) -> None:
+    """Raise UnpicklingError unless these can be the place of a tensor in a storage."""
+    if type(offset) is not int or not is_shape(shape) or not is_shape(stride) or len(shape) != len(stride):
+        raise invalid("a tensor that torch never writes")
+
+
+def _tensor(storage: object, offset: Any, shape: Any, stride: Any, *_: object) -> Array:
     """Stand for torch._utils._rebuild_tensor_v2."""
-    if not isinstance(storage, _Storage) or type(offset) is not int or not is_shape(shape) or not is_shape(stride):
+    require_layout(offset, shape, stride)
+    if not isinstance(storage, _Storage):
         raise invalid("a tensor that torch never writes")
     if 0 in shape:
         return storage.elements[:0].reshape(shape)
@@ -75,7 +93,7 @@ _NAMES: Names = {
     **ARRAY_NAMES,
     ("torch._utils", "_rebuild_tensor_v2"): _tensor,
     ("torch._utils", "_rebuild_parameter"): _parameter,
-    **{("torch", name): ClassName(f"torch.{name}") for name in STORAGES},
+    **STORAGE_NAMES,
 }
 
 
@@ -90,12 +108,7 @@ class _Unpickler(ArrayUnpickler):
         self._storages: dict[str, tuple[str, _Storage]] = {}
 
     def persistent_load(self, pid: Any) -> _Storage:
-        if type(pid) is not tuple or len(pid) != 5 or pid[0] != "storage" or not isinstance(pid[1], ClassName):
-            raise invalid("a reference that torch never writes")
-        _, kind, key, _, count = pid
-        dtype = _KINDS.get(kind.name)
-        if dtype is None or type(key) is not str or type(count) is not int:
-            raise invalid(f"a storage named {quoted(key)}")
+        dtype, _, key, count = storage_of(pid, 5)
         known = self._storages.get(key)
         if known is None:
             known = self._storages.setdefault(key, (dtype, self._read(key, dtype, count)))

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.dance import Dance, Undefined, checked_joints
-from dancedata.core.grounding import ground_height
+from dancedata.core.motion import ground_height
 from dancedata.core.plugins import Better, Metric
 from dancedata.core.registry import METRICS
 from dancedata.core.rotations import Float64Array

@@ -17,8 +17,7 @@ from dancedata.audio.networks.feature import NetworkFeature
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.clip import Reject
 from dancedata.core.errors import DataError
-from dancedata.core.grid import FrameGrid
-from dancedata.core.windows import WindowGrid
+from dancedata.core.grid import FrameGrid, WindowGrid
 from dancedata.execution.cache import Cache, CachedArray, package_version
 from dancedata.execution.reference_process import expected
 from dancedata.pipeline.read_ahead import decoded, read_ahead

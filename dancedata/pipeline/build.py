@@ -15,10 +15,9 @@ from dancedata.core.clip import Reject, Scan
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.text import printable, shown
 from dancedata.core.version import __version__
-from dancedata.execution.cache import Cache, default_cache, package_version
+from dancedata.execution.cache import Cache, default_cache, package_version, with_lost_entries
 from dancedata.execution.cache_files import running, sweep
 from dancedata.execution.executors.base import Executor
-from dancedata.execution.lost_entries import with_lost_entries
 from dancedata.execution.progress import Progress
 from dancedata.execution.reference_process import expected
 from dancedata.execution.workers import check_backend, start_workers

@@ -17,7 +17,7 @@ from dancedata.core.quality import implausible_flags, implausible_sides
 from dancedata.core.registry import DATASETS
 from dancedata.core.sides import has_sides
 from dancedata.core.text import listed
-from dancedata.execution.crash_report import named_if_it_crashes
+from dancedata.execution.children import named_if_it_crashes
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import run_units
 from dancedata.pipeline.implausible import implausible_problems

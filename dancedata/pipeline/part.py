@@ -12,8 +12,7 @@ from typing import Any
 
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import UsageError
-from dancedata.execution.cache import Cache, default_cache
-from dancedata.execution.lost_entries import with_lost_entries
+from dancedata.execution.cache import Cache, default_cache, with_lost_entries
 from dancedata.execution.progress import Progress
 from dancedata.pipeline.build import workers_for
 from dancedata.pipeline.clips import ComputedClips, compute_clips

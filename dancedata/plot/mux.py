@@ -20,7 +20,7 @@ from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.packages import install, load, require
 from dancedata.core.text import shown
-from dancedata.execution.shielded import shielded
+from dancedata.execution.children import shielded
 
 __all__ = ["find_ffmpeg", "write_mp4"]
 

@@ -1,6 +1,6 @@
 """Forward kinematics and decoding in torch, for losses on joint positions (EDGE, Lodge) and for generated motion.
 
-The numbers are those of `Representation.decode` and `core.kinematics`, within 1e-5 m in float32; shapes may have any
+The numbers are those of `Representation.decode` and `core.motion`, within 1e-5 m in float32; shapes may have any
 number of leading axes, everything is differentiable, and nothing waits for the device::
 
     scaler = train.normalizer("edge151")
@@ -72,7 +72,7 @@ class Poses:
 
 
 def forward_kinematics(skeleton: Skeleton, rotations: Tensor, translation: Tensor) -> Tensor:
-    """Return joint positions, as `core.kinematics.forward_kinematics` does.
+    """Return joint positions, as `core.motion.forward_kinematics` does.
 
     Parameters
     ----------

@@ -11,10 +11,9 @@ import numpy.typing as npt
 
 from dancedata.core.columns import Columns
 from dancedata.core.errors import UsageError
-from dancedata.core.grid import FrameGrid
+from dancedata.core.grid import FrameGrid, WindowGrid
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import AudioFeature, ContactRule, KeyMotionFinder, Representation, WindowFilter
-from dancedata.core.windows import WindowGrid
 from dancedata.recipes.documents import document_of
 
 Kind = Literal["motion", "keymotion", "audio"]

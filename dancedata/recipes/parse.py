@@ -28,8 +28,7 @@ from dancedata.core.registry import (
 from dancedata.core.resources import resource, resources
 from dancedata.core.text import shown
 from dancedata.recipes.fields import FeatureJob, FieldSpec, KeyMotionField, MotionField, WindowSpec
-from dancedata.recipes.parse_augment import copy_specs
-from dancedata.recipes.plugins import key_paths, longest_key, make_instance, one_of
+from dancedata.recipes.plugins import copy_specs, key_paths, longest_key, make_instance, one_of
 from dancedata.recipes.recipe import Recipe
 from dancedata.recipes.yaml import load_yaml, read_yaml
 

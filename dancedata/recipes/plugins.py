@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
-from dancedata.core.errors import DanceDataError, RecipeError, did_you_mean
+from dancedata.core.columns import Columns
+from dancedata.core.errors import DanceDataError, RecipeError, UsageError, did_you_mean
 from dancedata.core.plugins import Plugin
-from dancedata.core.registry import Registry
+from dancedata.core.registry import AUGMENTATIONS, Registry
 from dancedata.core.text import shown
+from dancedata.recipes.copies import CopySpec
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -171,3 +173,39 @@ def one_of(registry: Registry[P], where: str, given: Any, problems: list[str]) -
         return None
     ((name, parameters),) = given.items()
     return make_plugin(registry, where, str(name), parameters, problems)
+
+
+def copy_specs(given: Any, fields: Mapping[str, Columns], problems: list[str]) -> tuple[CopySpec, ...]:
+    """Make the augmentations that a recipe names: ``{NAME: {parameters}}``, or ``{NAME: true}`` for the defaults.
+
+    Parameters
+    ----------
+    fields
+        Columns of the recipe's motion and key motion fields.
+    problems
+        What is wrong is added to it.
+    """
+    given = {given: {}} if isinstance(given, str) else given
+    if given is not None and not isinstance(given, dict):
+        problems.append(f"augment: must be a mapping such as {{mirror: true}}; found {shown(repr(given))}")
+        return ()
+    specs = []
+    for name, parameters in (given or {}).items():
+        own = {} if isinstance(parameters, bool) else parameters
+        made = make_instance(AUGMENTATIONS, "augment", str(name), own, problems)
+        if made is None or parameters is False:
+            continue
+        if not made.makes_copies:
+            problems.append(
+                f"augment.{name}: it makes no copies: it changes samples when a dataset is read; "
+                f"fix: WindowDataset(..., augment=[{made.name!r}])"
+            )
+            continue
+        for field, columns in fields.items():
+            try:
+                made.check(columns)
+            except UsageError as error:
+                problems.append(f"augment.{name}: field {field}: {error}")
+        specs.append(CopySpec(str(name), made))
+    # By name, as the recipe's hash does not depend on the order.
+    return tuple(sorted(specs, key=lambda spec: spec.name))

@@ -14,8 +14,7 @@ import numpy.typing as npt
 from dancedata.core.bodies import on_body
 from dancedata.core.columns import Columns
 from dancedata.core.grid import FrameGrid
-from dancedata.core.grounding import grounded
-from dancedata.core.motion import Motion
+from dancedata.core.motion import Motion, grounded
 from dancedata.core.plugins import ContactRule, Representation
 from dancedata.core.rotations import (
     Float64Array,

@@ -15,10 +15,10 @@ import numpy.typing as npt
 from dancedata.core.clip import Window
 from dancedata.core.columns import Columns
 from dancedata.core.errors import StoreError, UsageError, did_you_mean
+from dancedata.core.grid import WindowGrid
 from dancedata.core.hashing import sha256_file
 from dancedata.core.normalize import MinMax
 from dancedata.core.text import shown
-from dancedata.core.windows import WindowGrid
 from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.clip_view import Clips, ClipView
 from dancedata.store.dataset_json import Description, stated_weights

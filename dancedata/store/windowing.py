@@ -9,7 +9,7 @@ from fractions import Fraction
 import numpy as np
 
 from dancedata.core.errors import UsageError
-from dancedata.core.windows import WindowGrid
+from dancedata.core.grid import WindowGrid
 from dancedata.store.dataset_json import Description
 from dancedata.store.schema import Field
 from dancedata.store.shard_reader import ShardReader

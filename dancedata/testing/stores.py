@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.columns import Columns, Group, Mirror
+from dancedata.core.grid import WindowGrid
 from dancedata.core.skeleton import SMPL24
-from dancedata.core.windows import WindowGrid
 from dancedata.store.schema import Field, Order, Scope, StoreHeader
 from dancedata.store.stored_clip import AudioBlock, StoredClip
 from dancedata.store.writer import write_store

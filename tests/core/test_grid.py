@@ -11,8 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dancedata.core.errors import UsageError
-from dancedata.core.grid import FrameGrid, as_rate
-from dancedata.core.windows import WindowGrid
+from dancedata.core.grid import FrameGrid, WindowGrid, as_rate
 
 rates = st.sampled_from(["24", "25", "29.97", "30000/1001", "30", "50", "60", "100", "120"]).map(FrameGrid.of)
 

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from dancedata.core.bodies import SMPLX22, SMPLX52
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
-from dancedata.core.grounding import ground_height, grounded
-from dancedata.core.motion import Motion
+from dancedata.core.motion import Motion, ground_height, grounded
 from dancedata.core.skeleton import SMPL24, SMPL24_EDGE, Skeleton
 
 THIRTY = FrameGrid.of(30)

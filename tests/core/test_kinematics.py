@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from dancedata.core.grid import FrameGrid
-from dancedata.core.kinematics import forward_kinematics
-from dancedata.core.motion import Motion
+from dancedata.core.motion import Motion, forward_kinematics
 from dancedata.core.quality import quality_flags
 from dancedata.core.rotations import (
     matrix_from_6d,

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from dancedata.core.errors import did_you_mean
-from dancedata.core.nearest import closest
+from dancedata.core.errors import closest, did_you_mean
 
 RECIPES = ("aist++-60", "aist++-edge-exact", "aist++-lodge", "aist++", "demo", "finedance")
 KEYS = ("store", "windows", "windows.stride_s", "store.shard_mb", "audio.librosa35.tightness")

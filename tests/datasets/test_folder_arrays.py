@@ -21,8 +21,7 @@ from scipy.spatial.transform import Rotation
 from dancedata.core.bodies import SMPLX52, SMPLX55
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DataError
-from dancedata.core.kinematics import forward_kinematics
-from dancedata.core.motion import Motion
+from dancedata.core.motion import Motion, forward_kinematics
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.datasets.folder import Folder
 from dancedata.datasets.folder.facts import UPRIGHT
@@ -427,7 +426,7 @@ def test_bombs_are_refused_before_they_are_unpacked(tmp_path: Path, monkeypatch:
 
 def test_limits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(_folder_arrays, "MAX_ARRAY_BYTES", 1000)
-    monkeypatch.setattr("dancedata.formats.value_arrays.MAX_PICKLE_BYTES", 1000)
+    monkeypatch.setattr("dancedata.formats.arrays.MAX_PICKLE_BYTES", 1000)
     monkeypatch.setattr(_folder_arrays, "MAX_MEMBERS", 1)
     np.save(tmp_path / "a.npy", np.zeros((5, 315)))
     np.savez(tmp_path / "a.npz", **GOOD)

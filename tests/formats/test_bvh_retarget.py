@@ -13,8 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DataError, UsageError
-from dancedata.core.kinematics import forward_kinematics
-from dancedata.core.motion import Motion
+from dancedata.core.motion import Motion, forward_kinematics
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.datasets.folder import Folder
 from dancedata.datasets.folder.facts import UPRIGHT

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from dancedata.core.errors import DataError
-from dancedata.formats.value_arrays import load_values
+from dancedata.formats.arrays import load_values
 from tests.video_files import joblib_bytes, torch_file, wham, wham_person
 
 COMPRESSIONS = [0, 3, ("gzip", 3), ("bz2", 1), ("lzma", 1), ("xz", 1)]
@@ -142,7 +142,7 @@ def test_crafted_descriptions(tmp_path: Path) -> None:
 
 
 def test_files_that_unpack_to_too_much(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("dancedata.formats.unpacked.BOMB_BYTES", 1 << 20)
+    monkeypatch.setattr("dancedata.formats.safe_pickle.BOMB_BYTES", 1 << 20)
     bomb = zlib.compress(b"\x80\x04" + b"\0" * (2 << 20))
     assert "unpack to more than" in refused(tmp_path / "a.pkl", bomb, "broken_file")
     assert "lz4" in refused(tmp_path / "a.pkl", b"\x04\x22\x4d\x18" + bytes(20), "broken_file")

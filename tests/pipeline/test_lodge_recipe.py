@@ -11,7 +11,7 @@ import pytest
 
 import dancedata
 from dancedata.core.errors import RecipeError, SourceError
-from dancedata.core.kinematics import forward_kinematics
+from dancedata.core.motion import forward_kinematics
 from dancedata.core.registry import DATASETS, KEYMOTIONS, REPRESENTATIONS
 from dancedata.pipeline.build import build
 from dancedata.pipeline.plan import make_plan

@@ -9,8 +9,7 @@ from typing import Any
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dancedata.core.grid import FrameGrid
-from dancedata.core.windows import WindowGrid
+from dancedata.core.grid import FrameGrid, WindowGrid
 from dancedata.pipeline.audio import window_samples
 from dancedata.recipes.fields import FeatureJob, WindowSpec
 

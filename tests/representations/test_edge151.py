@@ -17,8 +17,7 @@ from dancedata.contacts.velocity import Velocity
 from dancedata.core.bodies import SMPLX52
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
-from dancedata.core.kinematics import forward_kinematics
-from dancedata.core.motion import Motion
+from dancedata.core.motion import Motion, forward_kinematics
 from dancedata.core.normalize import MinMax
 from dancedata.core.skeleton import SMPL24, SMPL24_EDGE
 from dancedata.datasets.aistpp import AistPP

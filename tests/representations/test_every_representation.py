@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from dancedata.core.grid import FrameGrid
-from dancedata.core.grounding import grounded
-from dancedata.core.motion import Motion
+from dancedata.core.motion import Motion, grounded
 from dancedata.core.registry import CONTACTS, REPRESENTATIONS
 from dancedata.core.skeleton import Skeleton
 

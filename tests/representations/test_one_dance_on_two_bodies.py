@@ -21,7 +21,7 @@ from dancedata.datasets.folder import Folder
 from dancedata.evaluation.measuring import measure_pose
 from dancedata.evaluation.pose import Pose
 from dancedata.evaluation.protocol import MotionRule
-from dancedata.formats.smpl_files import amass_arrays, smplx_arrays
+from dancedata.formats.motion_files import amass_arrays, smplx_arrays
 from dancedata.pipeline.motion import MotionKeys
 from dancedata.recipes.parse import parse_recipe
 from dancedata.synthetic import synthesise_motion

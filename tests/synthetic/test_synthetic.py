@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from dancedata.core.errors import UsageError
-from dancedata.core.kinematics import forward_kinematics
-from dancedata.core.motion import Motion
+from dancedata.core.grid import WindowGrid
+from dancedata.core.motion import Motion, forward_kinematics
 from dancedata.core.skeleton import SMPL24
-from dancedata.core.windows import WindowGrid
 from dancedata.synthetic import synthesise_motion, synthesise_song, write_synthetic
 from dancedata.synthetic.motion import MotionTruth
 from dancedata.synthetic.plan import CATALOGUE, crossmodal_split, make_plan, tempo_bpm

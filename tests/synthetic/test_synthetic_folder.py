@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import SourceError
-from dancedata.core.kinematics import forward_kinematics
-from dancedata.core.motion import Motion
+from dancedata.core.motion import Motion, forward_kinematics
 from dancedata.core.registry import DATASETS
 from dancedata.core.skeleton import SMPL24
 from dancedata.datasets.synthetic import Synthetic

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dancedata.core.errors import SourceError, did_you_mean
-from dancedata.core.nearest import closest
+from dancedata.core.errors import SourceError, closest, did_you_mean
 from dancedata.core.regular_file import read_regular
 from dancedata.core.strict_json import parse_json
 from dancedata.core.text import csv_text, quoted, shown

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from dancedata.execution.crash_report import named_if_it_crashes
+from dancedata.execution.children import named_if_it_crashes
 from dancedata.execution.executors.base import Call, Executor, OnResult, unit_name
 from dancedata.execution.reference_process import ReferenceProcessError
 

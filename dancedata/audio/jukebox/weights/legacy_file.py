@@ -21,24 +21,14 @@ from typing import Any, ClassVar
 
 from dancedata.core.errors import DataError, SourceError
 from dancedata.core.text import quoted, shown
-from dancedata.formats.checked_unpickler import CheckedUnpickler, UnsafePickleError, ordered_dict
-from dancedata.formats.torch_file import STORAGES
+from dancedata.formats.checked_unpickler import UnsafePickleError, invalid, ordered_dict
+from dancedata.formats.safe_pickle import ArrayUnpickler, Names
+from dancedata.formats.torch_file import STORAGE_NAMES, require_layout, storage_of
 
 MAGIC = 0x1950A86A20F9469CFC6C
 PROTOCOL = 1001
-MAX_DIMENSIONS = 32
-#: Limit of element counts, which are int64 in the file.
-MAX_NUMBER = 1 << 63
 # A prior of 872 tensors has 0.1 MB of pickles; a file with more is damaged.
 MAX_PICKLE_BYTES = 64 << 20
-
-
-@dataclass(frozen=True)
-class _StorageType:
-    """Replaces a torch storage class in the pickle."""
-
-    dtype: str
-    item_bytes: int
 
 
 @dataclass(frozen=True)
@@ -46,7 +36,8 @@ class _Storage:
     """A whole storage, or a part of one, by the key of the whole; counts are elements."""
 
     key: str
-    type: _StorageType
+    dtype: str
+    item_bytes: int
     whole: int
     offset: int
 
@@ -80,33 +71,22 @@ class LegacyTensor:
 
 
 class _Ignored(dict[Any, Any]):
-    """Replaces other objects beside the tensors (hyperparameters of OpenAI's class, numpy numbers); does nothing."""
-
-    def __init__(self, *_: object) -> None:
-        super().__init__()
+    """Replaces other objects beside the tensors (hyperparameters of OpenAI's class, numpy numbers)."""
 
 
-def _key(value: Any) -> str:
-    """Return the key of a storage as text, as torch writes it."""
-    if type(value) is not str and not (type(value) is int and abs(value) < MAX_NUMBER):
-        raise pickle.UnpicklingError(f"a storage named {shown(value)}")
-    return str(value)
+def _ignored(*_: object) -> _Ignored:
+    return _Ignored()
 
 
 def _tensor(storage: Any, offset: Any, shape: Any, stride: Any, *_: object) -> LegacyTensor:
     """Replace torch._utils._rebuild_tensor and _rebuild_tensor_v2."""
-    sizes = (offset, *shape, *stride)
-    if not isinstance(storage, _Storage) or len(shape) != len(stride) or len(shape) > MAX_DIMENSIONS:
-        raise pickle.UnpicklingError("an invalid tensor")
-    if any(type(n) is not int or abs(n) >= MAX_NUMBER for n in sizes):
-        raise pickle.UnpicklingError(f"a tensor of sizes {shown(sizes)}")
+    require_layout(offset, shape, stride)
+    if not isinstance(storage, _Storage):
+        raise invalid("a tensor that torch never writes")
     start = offset + storage.offset
-    tensor = LegacyTensor(
-        storage.key, storage.type.dtype, storage.type.item_bytes, start, tuple(shape), tuple(stride)
-    )
-    end = start + tensor.span(shape[0] if shape else 1)
-    if min(start, *shape, *stride, 0) < 0 or end > storage.whole:
-        raise pickle.UnpicklingError(f"a tensor of shape {shown(tuple(shape))} that reaches beyond its storage")
+    tensor = LegacyTensor(storage.key, storage.dtype, storage.item_bytes, start, shape, stride)
+    if start < 0 or start + tensor.span(shape[0] if shape else 1) > storage.whole:
+        raise invalid(f"a tensor of shape {shown(shape)} that reaches beyond its storage")
     return tensor
 
 
@@ -114,25 +94,25 @@ def _parameter(tensor: Any, *_: object) -> Any:
     return tensor
 
 
-def _new(unpickler: Any) -> None:
-    """Replace the creation of an object by its class, as for those of OpenAI's package."""
-    unpickler.stack.pop()
-    if unpickler.stack.pop() is not _Ignored:
-        raise UnsafePickleError("an object of a class")
-    unpickler.append(_Ignored())
-
-
-_ALLOWED: dict[tuple[str, str], Any] = {
+_NAMES: Names = {
     ("collections", "OrderedDict"): ordered_dict,
     ("torch._utils", "_rebuild_tensor"): _tensor,
     ("torch._utils", "_rebuild_tensor_v2"): _tensor,
     ("torch._utils", "_rebuild_parameter"): _parameter,
-    ("numpy", "dtype"): _Ignored,
-    ("numpy.core.multiarray", "scalar"): _Ignored,
-    ("numpy._core.multiarray", "scalar"): _Ignored,
-    ("_codecs", "encode"): _Ignored,
-    **{("torch", name): _StorageType(*what) for name, what in STORAGES.items()},
+    ("numpy", "dtype"): _ignored,
+    ("numpy.core.multiarray", "scalar"): _ignored,
+    ("numpy._core.multiarray", "scalar"): _ignored,
+    ("_codecs", "encode"): _ignored,
+    **STORAGE_NAMES,
 }
+
+
+def _new(unpickler: Any) -> None:
+    """Replace the creation of an object by its class, as for those of OpenAI's package."""
+    unpickler.stack.pop()
+    if unpickler.stack.pop() is not _ignored:
+        raise UnsafePickleError("an object of a class")
+    unpickler.append(_Ignored())
 
 
 def _build(unpickler: Any) -> None:
@@ -142,74 +122,32 @@ def _build(unpickler: Any) -> None:
         raise UnsafePickleError(f"the state of a {type(unpickler.stack[-1]).__name__}")
 
 
-def _refuse(unpickler: Any) -> None:
-    raise UnsafePickleError("a byte array")
-
-
-class _Unpickler(CheckedUnpickler):
+class _Unpickler(ArrayUnpickler):
     """Accepts tensors and plain containers only; a pickle cannot set its state."""
 
     dispatch: ClassVar[dict[int, Any]] = {
-        **CheckedUnpickler.dispatch,
+        **ArrayUnpickler.dispatch,
         pickle.BUILD[0]: _build,
         pickle.NEWOBJ[0]: _new,
-        pickle.BYTEARRAY8[0]: _refuse,
     }
 
-    def find_class(self, module: str, name: str) -> Callable[..., Any]:
-        if module.split(".")[0] == "jukebox":
-            # A class of OpenAI's package, by its name alone: the package is not imported.
-            return _Ignored
-        try:
-            found: Callable[..., Any] = _ALLOWED[module, name]
-        except KeyError:
-            raise UnsafePickleError(f"{shown(module)}.{shown(name)}") from None
-        return found
-
-    def __init__(self, file: Any) -> None:
-        super().__init__(file, encoding="utf-8")
+    def __init__(self, data: bytes) -> None:
+        super().__init__(data, _NAMES, len(data))
         self.storages: dict[str, tuple[int, int]] = {}  # item bytes and element count by key
 
+    def find_class(self, module: str, name: str) -> Callable[..., Any]:
+        # A class of OpenAI's package, by its name alone: the package is not imported.
+        return _ignored if module.split(".")[0] == "jukebox" else super().find_class(module, name)
+
     def persistent_load(self, pid: Any) -> _Storage:
-        kind, storage_type, key, _device, whole, view = pid
-        known = type(kind) is str and kind == "storage" and isinstance(storage_type, _StorageType)
-        if not known or type(whole) is not int or not 0 <= whole < MAX_NUMBER:
-            raise pickle.UnpicklingError(f"a reference to a {quoted(kind)}")
-        what = (storage_type.item_bytes, whole)
-        if self.storages.setdefault(_key(key), what) != what:
-            raise pickle.UnpicklingError(f"two sizes of the storage {quoted(key)}")
+        dtype, item_bytes, key, whole = storage_of(pid, 6)
+        if self.storages.setdefault(key, (item_bytes, whole)) != (item_bytes, whole):
+            raise invalid(f"two sizes of the storage {quoted(key)}")
         # The view of a storage that is a part of another one is (own key, offset, size).
-        offset = 0 if view is None else view[1]
-        if type(offset) is not int or abs(offset) >= MAX_NUMBER:
-            raise pickle.UnpicklingError(f"a part of a storage at offset {shown(offset)}")
-        return _Storage(_key(key), storage_type, whole, offset)
-
-
-class _Limited:
-    """The head of a file; reading beyond its end raises EOFError, whatever size the pickle states."""
-
-    def __init__(self, file: BufferedReader, limit: int) -> None:
-        self._file = file
-        self._limit = limit
-
-    def _checked(self, n: int) -> int:
-        if not 0 <= n <= self._limit - self._file.tell():
-            raise EOFError("the pickles reach beyond the end of the file")
-        return n
-
-    def read(self, n: int) -> bytes:
-        return self._file.read(self._checked(n))
-
-    def readinto(self, buffer: Any) -> int:
-        self._checked(len(buffer))
-        return int(self._file.readinto(buffer))
-
-    def readline(self) -> bytes:
-        line = self._file.readline(self._limit - self._file.tell())
-        if not line.endswith(b"\n"):
-            # A truncated name must not be read as another name.
-            raise EOFError("the pickles end within a line")
-        return line
+        offset = 0 if pid[5] is None else pid[5][1]
+        if type(offset) is not int:
+            raise invalid(f"a part of a storage at offset {shown(offset)}")
+        return _Storage(key, dtype, item_bytes, whole, offset)
 
 
 class LegacyFile:
@@ -273,19 +211,17 @@ class LegacyFile:
 
     def _load_pickles(self) -> tuple[Any, list[Any], dict[str, tuple[int, int]]]:
         """Return the object, the keys in the order of the data, and the storages by key."""
-        head = _Limited(self._file, min(self._size, MAX_PICKLE_BYTES))
+        unpickler = _Unpickler(self._file.read(MAX_PICKLE_BYTES))
         try:
-            magic = _Unpickler(head).load()
+            magic = unpickler.load()
             if type(magic) is not int or magic != MAGIC:
-                raise pickle.UnpicklingError("a wrong magic number")
-            protocol, system = _Unpickler(head).load(), _Unpickler(head).load()
+                raise invalid("a wrong magic number")
+            protocol, system = unpickler.load(), unpickler.load()
             if type(protocol) is not int or protocol != PROTOCOL or not system["little_endian"]:
-                raise pickle.UnpicklingError(f"protocol {shown(protocol)}, {shown(system)}")
-            unpickler = _Unpickler(head)
-            obj = unpickler.load()
-            keys = [_key(key) for key in _Unpickler(head).load()]
-            if set(keys) != unpickler.storages.keys():
-                raise pickle.UnpicklingError("the list of storages does not match the tensors")
+                raise invalid(f"protocol {shown(protocol)}, {shown(system)}")
+            obj, keys = unpickler.load(), unpickler.load()
+            if any(type(key) is not str for key in keys) or set(keys) != unpickler.storages.keys():
+                raise invalid("the list of storages does not match the tensors")
         except UnsafePickleError as error:
             raise DataError(
                 "the torch file contains foreign code; nothing was run",
@@ -303,6 +239,7 @@ class LegacyFile:
                 allowed="a file that torch.save wrote",
                 fix="get the file again",
             ) from error
+        self._file.seek(unpickler.stream.tell())
         return obj, keys, unpickler.storages
 
     def _locate(self, keys: list[str], storages: dict[str, tuple[int, int]]) -> dict[str, tuple[int, int]]:
