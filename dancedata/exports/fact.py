@@ -141,8 +141,8 @@ class Fact(Export):
                 files[shard].write(record(_example(dance, song, self.feature)))
 
 
-def _songs(job: ExportJob) -> Mapping[str, str]:
-    from dancedata.store.songs import songs_of  # here, as plug-ins are listed without the store
+def _songs(job: ExportJob) -> dict[str, str]:
+    from dancedata.store.songs import songs_of  # `dancedata list` imports exports, and loads no HDF5
 
     return songs_of(job.store.clips, job.store.meta)
 
