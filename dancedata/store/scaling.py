@@ -20,7 +20,7 @@ __all__ = ["Like", "Reader", "Scaling", "opened", "stated_in", "store_of"]
 _ENTRY = "normalized"
 _STATE = "state it: normalized=True or normalized=False, in a command --normalized or --not-normalized"
 #: Mean distance from unit length, and relative one from a bone's length, of motion that a good model generates.
-_UNIT, _BONE = 0.03, 0.1
+_UNIT, _BONE = 0.03, 0.15
 #: What is stated is wrong if its distance is above this plus 3 times that of the other choice.
 _WORSE = 0.02
 #: Mean distance from [-1, 1] of motion in its own units, after normalising; and of values that no scaler gave.
@@ -228,13 +228,14 @@ def _check(
     found = ""
     (own, least), (undone, _) = (_distance(r, representation) for r in (rows, scaler.unnormalize(rows)))
     stated, other = (undone, own) if normalized else (own, undone)
-    if other < least and stated > _WORSE + 3 * other:
+    range_ = np.tile(np.linspace(-1, 1, 5)[:, None], scaler.width)
+    narrows = _outside(scaler.normalize(range_)) > 3 * _INSIDE
+    again = _outside(scaler.normalize(rows))
+    scaled = narrows and again > 3 * _INSIDE and _outside(rows) < _INSIDE
+    if other < least and (stated > _WORSE + 3 * other or (scaled and not normalized and stated > other)):
         found = f"vectors or bones {stated:.1%} off their length; {other:.1%} with the other choice"
-    if normalized and not found:
-        range_ = np.tile(np.linspace(-1, 1, 5)[:, None], scaler.width)
-        inside = _outside(scaler.normalize(rows)) < _INSIDE and _outside(scaler.normalize(range_)) > 3 * _INSIDE
-        if inside or _outside(rows) > _FAR:
-            found = f"values from {rows.min():.3g} to {rows.max():.3g}, which are not of this scaler"
+    if normalized and not found and ((narrows and again < _INSIDE) or _outside(rows) > _FAR):
+        found = f"values from {rows.min():.3g} to {rows.max():.3g}, which are not of this scaler"
     if found:
         words = ("normalised", "not normalised")
         spelt = ("normalized=True, --normalized", "normalized=False, --not-normalized")

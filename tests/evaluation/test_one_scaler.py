@@ -17,6 +17,7 @@ import dancedata
 from dancedata.cli.app import app
 from dancedata.core.errors import UsageError
 from dancedata.core.normalize import MinMax
+from dancedata.core.registry import REPRESENTATIONS
 from dancedata.evaluation.evaluator import Evaluator
 from dancedata.evaluation.inputs.files import FileClip
 from dancedata.evaluation.protocol import PROTOCOLS
@@ -24,6 +25,7 @@ from dancedata.evaluation.request import Request
 from dancedata.readers import ClipDataset, WindowDataset
 from dancedata.scene.takes import file_format, take_of
 from dancedata.store import Store
+from dancedata.store.scaling import Scaling
 
 FIELD = "edge151"
 KINDS: dict[str, dict[str, Any]] = {
@@ -192,6 +194,18 @@ def test_columns_that_are_not_as_stated_are_refused(store: Store, field: str) ->
             for columns in (right, noisy):
                 with pytest.raises(UsageError, match=f"and are not.*{other[not normalized]}"):
                     wrong.update(columns[None])
+
+
+def test_normalised_positions_of_a_model_that_errs_are_not_taken_as_plain(store: Store) -> None:
+    rows = store.read(store.windows("train")[0], "joints") + 5.0  # as in a capture volume whose corner is the origin
+    scaler, plugin = MinMax(np.full(72, 6 - 1.45), np.full(72, 6 + 1.45)), REPRESENTATIONS.get("joints")()
+    scaling = Scaling(scaler, normalized=False)
+    normal = scaler.normalize(rows) + np.random.default_rng(0).normal(0, 0.01, rows.shape)
+    with pytest.raises(UsageError, match="stated to be not normalised, and are not"):
+        scaling.undo(normal, plugin)
+    np.testing.assert_array_equal(scaling.undo(rows, plugin), rows)
+    for size in (0.15, 0.3, 0.6, 1.0):  # a network that is not trained
+        scaling.undo(np.random.default_rng(1).normal(0, size, rows.shape), plugin)
 
 
 @pytest.mark.parametrize("field", [FIELD, "lodge139", "joints"])
