@@ -15,8 +15,7 @@ from dancedata.core.grid import FrameGrid, as_rate
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import listed
-from dancedata.datasets.folder.array_layouts import RATE_KEYS
-from dancedata.datasets.folder.array_values import stored_rate
+from dancedata.datasets.folder.array_layouts import RATE_KEYS, same_rate, stated_grid
 from dancedata.datasets.folder.facts import UNITS, UPRIGHT, metres
 from dancedata.datasets.folder.load import SUFFIXES
 from dancedata.datasets.folder.reader import Folder
@@ -139,8 +138,8 @@ class FileClip(ClipInput):
             )  # fmt: skip
         if name is None or len(arrays.shape(name)) != 2:
             return None
-        stored = self._stored_rate(arrays)
-        if stored not in (None, reader.grid):
+        stored = stated_grid(arrays)
+        if not same_rate(stored, reader.grid):
             raise DataError(
                 "the frame rate of this file is not that of its columns", reason="bad_rate", where=str(self.path),
                 found=f"{stored} frames per second", allowed=f"{reader.grid}, as --fps or --like states",
@@ -148,17 +147,12 @@ class FileClip(ClipInput):
         return reader.pose(arrays.read(name), file=stated_in(arrays), where=self.path)
 
     def _grid(self, arrays: ArrayFile) -> FrameGrid:
-        stored = self._stored_rate(arrays)
+        stored = stated_grid(arrays)
         if stored is not None:
             return stored
         if self.format.fps is None:
             raise self._undeclared("frame rate of these positions", "--fps RATE, or --like STORE")
         return FrameGrid.of(self.format.fps)
-
-    def _stored_rate(self, arrays: ArrayFile) -> FrameGrid | None:
-        """Return the rate that the file states, None without one; DataError ("bad_rate") if it is not a rate."""
-        key = next((n for n in RATE_KEYS if n in arrays.names), None)
-        return None if key is None else FrameGrid(stored_rate(arrays, key))
 
     def _undeclared(self, what: str, fix: str) -> DataError:
         return DataError(
