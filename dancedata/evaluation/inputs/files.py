@@ -105,7 +105,7 @@ class FileClip(ClipInput):
         """
         if self.path.suffix.lower() != ".bvh":
             with open_arrays(self.path) as arrays:
-                pose = self._positions(arrays) or self._columns(arrays)
+                pose = self._columns(arrays) or self._positions(arrays)
             if pose is not None:
                 return pose
         return Pose.of_motion(self.format.folder.load(ClipRef(self.id, self.path, None, "test")))
@@ -129,7 +129,7 @@ class FileClip(ClipInput):
         if reader is None:
             return None
         width = reader.representation.columns.width
-        name = next((n for n in _COLUMNS if n in arrays.names and arrays.shape(n)[-1:] == (width,)), None)
+        name = next((n for n in _COLUMNS if n in arrays.names and _shape(arrays, n)[-1:] == (width,)), None)
         if name is not None and len(arrays.shape(name)) == 3:
             raise DataError(
                 "the array is a batch, and a file is one clip", reason="bad_shape", where=str(self.path),
@@ -160,13 +160,17 @@ class FileClip(ClipInput):
         )
 
 
-def _is_positions(arrays: ArrayFile, name: str) -> bool:
+def _shape(arrays: ArrayFile, name: str) -> tuple[int, ...]:
     try:
-        shape = arrays.shape(name)
+        return arrays.shape(name)
     except DataError:
         if name and len(arrays.names) > 1:
-            return False  # such as the names of the joints, beside their positions
+            return ()  # such as the names of the joints, beside their positions
         raise
+
+
+def _is_positions(arrays: ArrayFile, name: str) -> bool:
+    shape = _shape(arrays, name)
     return len(shape) == 3 and shape[1] >= 22 and shape[2] == 3
 
 
