@@ -177,7 +177,7 @@ def decode_file(
     out
         Folder for the files: <name>.bvh, or <name>_000.bvh and so on for a batch.
     fps
-        Frames per second. Default: those of `like` or of the file, or the representation's own rate, where it has one.
+        Frames per second. Default: those of `like` or of the file, or the representation's own, where it has one.
     key
         Name of the array, where the file has several. Default: the only one with the representation's columns.
     overwrite

@@ -26,7 +26,7 @@ _STATE = "state it: normalized=True or normalized=False, in a command --normaliz
 _UNIT, _BONE = 0.03, 0.15
 #: What is stated is wrong if its distance is above this plus 3 times that of the other choice.
 _WORSE = 0.02
-#: Where what is stated is further off than this and 3 times the other choice, or there is no other, a warning says so.
+#: A warning says so where what is stated is off by more than this, and 3 times the other choice if there is one.
 _DOUBT = 0.1
 #: Mean distance from [-1, 1] of motion in its own units, after normalising; and of values that no scaler gave.
 _INSIDE, _FAR = 0.05, 10.0

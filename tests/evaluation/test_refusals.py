@@ -223,7 +223,11 @@ def test_columns_beside_positions_are_what_is_read(store: Store, tmp_path: Path)
     columns = store.clips[0].read("edge151")
     options: dict[str, Any] = {"representation": "edge151", "fps": 30, "metrics": ["pfc"], "bootstrap": 0}
     wanted = []
-    for name, beside in (("alone", {}), ("both", {"joints": dance()}), ("named", {"joints": np.array(["hip", "knee"])})):
+    for name, beside in (
+        ("alone", {}),
+        ("both", {"joints": dance()}),
+        ("named", {"joints": np.array(["hip", "knee"])}),
+    ):
         (tmp_path / name).mkdir()
         np.savez(tmp_path / name / "a.npz", columns=columns, **beside)  # type: ignore[arg-type]
         wanted.append(dancedata.evaluate(tmp_path / name, **options)["pfc"])
