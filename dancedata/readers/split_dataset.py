@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -30,6 +31,9 @@ from dancedata.store.window_list import WindowList
 
 #: In place of an epoch while none is set.
 _NOT_SET = -1
+#: Times the range of the scaler that augmentations need, above which a warning says so.
+_FAR = 10.0
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -126,6 +130,15 @@ class SplitDataset(Dataset[dict[str, Any]]):
         self._normalizers = {
             name: self._scaler(name) for name in normalized_fields(self.store, self.fields, normalize)
         }
+        for name, scaler in self._normalizers.items() if not self.clip else ():
+            needed, known = self._augmenter.scaler(name, scaler).data_range, scaler.data_range
+            wider = needed / np.where(known > 1e-5, known, np.inf)  # constant columns are not stretched
+            if wider.max() > _FAR:
+                label = self.store.fields[name].labels[int(wider.argmax())]
+                _log.warning(
+                    "augment= takes normalised values of %s far beyond [-1, 1], those of %s furthest; name what the "
+                    "scaler has to cover with normalizer_covers=, or cut values with clip=True", name, label,
+                )  # fmt: skip
 
     @property
     def store(self) -> Store:
