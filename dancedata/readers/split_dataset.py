@@ -132,9 +132,9 @@ class SplitDataset(Dataset[dict[str, Any]]):
         }
         for name, scaler in self._normalizers.items() if not self.clip else ():
             needed, known = self._augmenter.scaler(name, scaler).data_range, scaler.data_range
-            wider = needed / np.where(known > 1e-5, known, np.inf)  # constant columns are not stretched
-            if wider.max() > _FAR:
-                label = self.store.fields[name].labels[int(wider.argmax())]
+            times = needed / np.where(known > 1e-5, known, np.inf)  # constant columns are not stretched
+            if times.max() > _FAR:
+                label = self.store.fields[name].labels[int(times.argmax())]
                 _log.warning(
                     "augment= takes normalised values of %s far beyond [-1, 1], those of %s furthest; name what the "
                     "scaler has to cover with normalizer_covers=, or cut values with clip=True", name, label,
@@ -207,9 +207,12 @@ class SplitDataset(Dataset[dict[str, Any]]):
         Raises
         ------
         UsageError
-            For a negative epoch.
+            For a negative epoch, or one of 2**63 and more.
         """
-        self._epoch.fill_(_NOT_SET if epoch is None else whole("epoch", epoch))
+        number = _NOT_SET if epoch is None else whole("epoch", epoch)
+        if number >= 2**63:
+            raise UsageError("the epoch is too large", found=number, allowed="0 to 2**63 - 1")
+        self._epoch.fill_(number)
 
     def _drawn_epoch(self, epoch: int | None) -> int:
         """Return the number that decides what happens to samples: an epoch, or one from torch's generator.
@@ -248,8 +251,14 @@ class SplitDataset(Dataset[dict[str, Any]]):
         return tuple(self._normalizers)
 
     def state_dict(self) -> dict[str, Any]:
-        """Return the hashes of the scalers, {"scalers": {field: hash}}, for a checkpoint."""
-        return {"scalers": {name: scaler.sha256 for name, scaler in self._normalizers.items()}}
+        """Return the hashes of the scalers, {"scalers": {field: hash}}, for a checkpoint.
+
+        Of the fields that are normalised, and of those whose scaler a caller names for normalising elsewhere.
+        """
+        wider = self.normalizer_covers_mirror or self._covering.steps or self.normalizer_over != "train"
+        motion = [name for name in self.fields if wider and self.store.field(name).kind == "motion"]
+        names = dict.fromkeys((*self._normalizers, *self._named_scalers, *motion))
+        return {"scalers": {name: self.normalizer(name).sha256 for name in names}}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Check that the model of a checkpoint was trained with the scalers of this reader; changes nothing.

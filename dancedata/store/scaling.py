@@ -59,7 +59,14 @@ Like = Store | Reader
 
 def opened(like: Like | str | Path) -> Like:
     """Return a dataset or reader, opened if it is a path."""
-    return open_store(Path(like).expanduser()) if isinstance(like, str | Path) else like
+    if isinstance(like, str | Path):
+        return open_store(Path(like).expanduser())
+    if not hasattr(like, "normalizer"):
+        raise UsageError(
+            "like is neither a dataset nor a reader", found=type(like).__name__,
+            fix="give the WindowDataset or ClipDataset that it holds",
+        )  # fmt: skip
+    return like
 
 
 def store_of(like: Like) -> Store:

@@ -11,6 +11,7 @@ import pytest
 
 pytest.importorskip("torch")
 
+from torch.utils.data import Subset
 from typer.testing import CliRunner
 
 import dancedata
@@ -123,6 +124,17 @@ def test_a_reader_that_leaves_normalising_to_the_trainer_has_its_scaler(store: S
     assert worst(dancedata.decode(rows, FIELD, like=wide).joints(), wanted) < 1e-5
     val = WindowDataset(store, "val", (FIELD,), scaler=wide)
     np.testing.assert_array_equal(val.normalizer(FIELD).data_min, wide.normalizer(FIELD).data_min)
+    val.load_state_dict(wide.state_dict())
+    with pytest.raises(UsageError, match="other scalers"):
+        WindowDataset(store, fields=(FIELD,), normalize=False).load_state_dict(wide.state_dict())
+    for call in (
+        lambda: WindowDataset(store, fields=(FIELD,), scaler=store),
+        lambda: dancedata.decode(rows, FIELD, like=Subset(wide, [0])),
+    ):
+        with pytest.raises(
+            UsageError, match=r"a dataset is not a scaler|neither a dataset nor a reader; found Subset"
+        ):
+            call()
     other = WindowDataset(store, fields=("lodge139",))
     with pytest.raises(UsageError, match="nothing states whether"):
         dancedata.decode(rows, FIELD, like=other)

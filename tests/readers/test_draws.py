@@ -303,6 +303,8 @@ def test_the_sampler_reaches_what_wrappers_hold(train: WindowDataset) -> None:
     next(iter(EpochSampler(Slotted(train))))
     assert train.epoch == 0
     assert next(iter(EpochSampler([10, 20], shuffle=False))) == 0
+    with pytest.raises(UsageError, match="epoch is too large"):
+        train.set_epoch(2**63)
 
 
 def test_the_page_has_these_ways() -> None:
