@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core import atomic
-from dancedata.core.errors import DanceDataError, StoreError, UsageError, did_you_mean
+from dancedata.core.errors import DanceDataError, DataError, StoreError, UsageError, did_you_mean
 from dancedata.core.grid import FrameGrid, Number
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import Representation
@@ -111,13 +111,14 @@ def decode(
 
 @dataclass(frozen=True)
 class _Statement:
-    """What a call states, and its file, of how columns are scaled."""
+    """What a call states, and its file, of how columns are scaled, and the rate of the file."""
 
     like: Like
     normalized: bool | None
     scaler: Scaler
     clip: bool
     file: bool | None = None
+    grid: FrameGrid | None = None
 
 
 def _decoded(
@@ -134,7 +135,7 @@ def _decoded(
     _require_shape(array, plugin, representation)
     like = None if stated.like is None else opened(stated.like)
     store = None if like is None else store_of(like)
-    grid = _grid(plugin, representation, fps, store)
+    grid = _grid(plugin, representation, fps, store, stated.grid)
     scaling = Scaling.of(
         like, representation, plugin.columns.labels, normalized=stated.normalized, scaler=stated.scaler,
         clip=stated.clip,
@@ -166,7 +167,8 @@ def decode_file(
     ----------
     path
         .npy, .npz or .pkl with columns (T, D), or a batch (B, T, D). Pickles are read without executing them. An
-        entry ``normalized``, True or False, states whether the columns are normalised.
+        entry ``normalized``, True or False, states whether the columns are normalised, and one such as ``fps`` their
+        rate.
     representation, like, normalized, scaler, clip, parameters
         As in `decode`.
     to
@@ -175,7 +177,7 @@ def decode_file(
     out
         Folder for the files: <name>.bvh, or <name>_000.bvh and so on for a batch.
     fps
-        Frames per second. Default: those of `like`, or the representation's own rate, where it has one.
+        Frames per second. Default: those of `like` or of the file, or the representation's own, where it has one.
     key
         Name of the array, where the file has several. Default: the only one with the representation's columns.
     overwrite
@@ -191,7 +193,7 @@ def decode_file(
     UsageError
         As `decode`; for an unknown format or array, an unknown rate, and files that are there.
     DataError
-        As `decode`, and if the file cannot be read.
+        As `decode`; if the file cannot be read, or states another rate than `fps` or `like`.
     StoreError
         If the files cannot be written; then none is left.
 
@@ -206,18 +208,19 @@ def decode_file(
         raise UsageError(f"unknown format {to!r}", fix=did_you_mean(to, MOTION_FILES))
     name, _ = split_instance(REPRESENTATIONS, representation)
     plugin = make_named(REPRESENTATIONS, "motion", name, parameters)
+    from dancedata.datasets.folder import stated_grid
     from dancedata.store.scaling import stated_in
 
-    if like is None and fps is None and plugin.rate is None:
+    with open_arrays(path) as arrays:
+        array, file, grid = arrays.read(_key(arrays, plugin, key)), stated_in(arrays), stated_grid(arrays)
+    if like is None and fps is None and plugin.rate is None and grid is None:
         raise UsageError(
             "the frame rate of these columns is unknown",
             where=path,
             fix="give it with --fps, or name the dataset that the trainer read with --like",
         )
-    with open_arrays(path) as arrays:
-        array, file = arrays.read(_key(arrays, plugin, key)), stated_in(arrays)
     try:
-        found = _decoded(array, representation, plugin, fps, _Statement(like, normalized, scaler, clip, file))
+        found = _decoded(array, representation, plugin, fps, _Statement(like, normalized, scaler, clip, file, grid))
     except DanceDataError as error:
         error.where = f"{path}, {error.where}" if error.where else path
         raise
@@ -256,11 +259,18 @@ def _named_by_width(width: int) -> str | None:
     return f"{width} columns are those of {' or '.join(fitting)}" if fitting else None
 
 
-def _grid(plugin: Representation, name: str, fps: Number | None, store: Store | None) -> FrameGrid:
+def _grid(
+    plugin: Representation, name: str, fps: Number | None, store: Store | None, file: FrameGrid | None
+) -> FrameGrid:
     stored = None if store is None else FrameGrid(store.field(name).rate)
-    if fps is None:
-        return stored or FrameGrid(plugin.rate or FrameGrid.of(30).rate)
-    grid = FrameGrid.of(fps)
+    grid = FrameGrid.of(fps) if fps is not None else stored or file or FrameGrid(plugin.rate or FrameGrid.of(30).rate)
+    from dancedata.datasets.folder import same_rate
+
+    if not same_rate(file, grid):
+        raise DataError(
+            "the file states another rate", reason="bad_rate", found=f"{file} frames per second",
+            allowed=f"{grid}, as --fps or --like states", fix="leave the wrong one out, or save the file again",
+        )  # fmt: skip
     if stored is not None and grid != stored:
         raise UsageError(
             f"{name} has another rate in the dataset",

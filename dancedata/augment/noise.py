@@ -76,6 +76,21 @@ class JointNoise(Augmentation):
         motion = self._noisy(representation.decode(rows, field.grid), draw).with_cache()
         return representation.encode_again(motion, field.contacts)
 
+    def cover(self, low: Float64Array, high: Float64Array, field: SampleField) -> tuple[Float64Array, Float64Array]:
+        """Return bounds that hold for any angles of the joints but the root, and any contacts; of nothing else."""
+        low, high = low.copy(), high.copy()
+        for name in field.columns.names if self.std_degrees else ():
+            part = field.columns.slice(name)
+            if name.startswith("rotation"):
+                root = (part.stop - part.start) // _decodable(field).skeleton.n_joints
+                part, bound = slice(part.start + root, part.stop), -1.0
+            elif name == "contact":
+                bound = 0.0
+            else:
+                continue
+            low[part], high[part] = np.minimum(low[part], bound), np.maximum(high[part], 1)
+        return low, high
+
     def _noisy(self, motion: Motion, draw: Draw) -> Motion:
         joints = motion.skeleton.n_joints
         turns = draw_smooth(draw, joints - 1, motion.n_frames, motion.grid, self.every_s)

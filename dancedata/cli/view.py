@@ -49,6 +49,13 @@ def view(
 
     if audio not in ("none", "embed"):
         raise UsageError("invalid value for --audio", found=audio, allowed="none, embed")
+    about = {
+        "--compare-as": compare_as, "--normalized or --not-normalized": normalized, "--scaler": scaler,
+        "--clip": clip_to_range or None, "--fps": fps, "--up": None if up == "y" else up,
+        "--unit": None if unit == "m" else unit,
+    }  # fmt: skip
+    if not compare:
+        _require_served(about, "", fix="name the files: --compare FOLDER")
     if video is not None:
         _require_served({"--compare": compare, "--window": window, "--export": export}, "--video")
         _write_video(store, clip, video, field, source, at, embed=audio == "embed", shared=share, overwrite=overwrite)
@@ -69,13 +76,13 @@ def view(
     serve(request, port=port, browser=not no_browser, say=typer.echo)
 
 
-def _require_served(options: Mapping[str, object], output: str) -> None:
-    """Raise UsageError for options that a file would not show."""
+def _require_served(options: Mapping[str, object], output: str, fix: str = "") -> None:
+    """Raise UsageError for options that a file would not show; without a file, for those of --compare."""
     named = [name for name, value in options.items() if value not in (None, [])]
     if named:
-        wrong = f"{' and '.join(named)} would have no effect with {output}"
         raise UsageError(
-            wrong, fix=f"leave {output} out and look at the page that is served, or leave out the others"
+            f"{' and '.join(named)} would have no effect {f'with {output}' if output else 'without --compare'}",
+            fix=fix or f"leave {output} out and look at the page that is served, or leave out the others",
         )
 
 

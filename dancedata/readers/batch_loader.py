@@ -119,7 +119,7 @@ class BatchLoader:
                 "shuffle cannot be combined with a sampler",
                 fix="leave it out, or give EpochSampler(..., shuffle=True)",
             )
-        self._own = EpochSampler(dataset, seed=dataset.seed) if shuffle else None
+        self._own = EpochSampler(len(dataset), seed=dataset.seed) if shuffle else None
         given: Iterable[int] = SequentialSampler(dataset) if sampler is None else sampler
         self.sampler = given if self._own is None else self._own
         self.drop_last = bool(drop_last)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -19,6 +20,7 @@ from dancedata.readers.selection import Choice, select
 from dancedata.store.dataset import Store
 from dancedata.store.scaling import Reader, Scaling
 
+_log = logging.getLogger(__name__)
 #: A scaler that the caller names: itself, its file, those of several fields, or a reader that has them.
 ScalerLike = MinMax | str | Path | Mapping[str, MinMax | str | Path] | Reader | None
 
@@ -40,6 +42,10 @@ def named_scalers(store: Store, fields: tuple[str, ...], scaler: ScalerLike) -> 
         one = scaler if isinstance(scaler, MinMax) else MinMax.load(scaler)
         fitting = [name for name in fields if store.fields[name].width == one.width]
         given = {one.field or (fitting[0] if len(fitting) == 1 else ""): one}
+    elif isinstance(scaler, Store):
+        raise UsageError(
+            "a dataset is not a scaler", found=repr(scaler), fix="give a reader, store.normalizer(FIELD), or its file"
+        )
     else:
         shared = [name for name in scaler.fields if name in fields]
         given = {n: scaler.normalizer(n) for n in shared if n in scaler.normalized or store.field(n).kind == "motion"}
@@ -137,6 +143,11 @@ def scaler_of(store: Store, name: str, choice: Choice, *, covers_mirror: bool, o
             plain = store.normalizer(name)
         else:
             plain = _fit(store, name, (store.read(window, name) for window in train))
+            _log.warning(
+                "the scaler of %s is that of the train split of protocol %s, not the stored one: save it with the "
+                "model, reader.normalizer(%r).save(FILE), and name it wherever columns are decoded or measured",
+                name, choice.protocol, name,
+            )  # fmt: skip
     return plain.with_mirror(field.columns.mirror) if covers and field.columns.mirror else plain
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -30,6 +31,9 @@ from dancedata.store.window_list import WindowList
 
 #: In place of an epoch while none is set.
 _NOT_SET = -1
+#: Times the range of the scaler that augmentations need, above which a warning says so.
+_FAR = 10.0
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -126,6 +130,15 @@ class SplitDataset(Dataset[dict[str, Any]]):
         self._normalizers = {
             name: self._scaler(name) for name in normalized_fields(self.store, self.fields, normalize)
         }
+        for name, scaler in self._normalizers.items() if not self.clip else ():
+            needed, known = self._augmenter.scaler(name, scaler).data_range, scaler.data_range
+            times = needed / np.where(known > 1e-5, known, np.inf)  # constant columns are not stretched
+            if times.max() > _FAR:
+                label = self.store.fields[name].labels[int(times.argmax())]
+                _log.warning(
+                    "augment= takes normalised values of %s far beyond [-1, 1], those of %s furthest; name what the "
+                    "scaler has to cover with normalizer_covers=, or cut values with clip=True", name, label,
+                )  # fmt: skip
 
     @property
     def store(self) -> Store:
@@ -194,9 +207,12 @@ class SplitDataset(Dataset[dict[str, Any]]):
         Raises
         ------
         UsageError
-            For a negative epoch.
+            For a negative epoch, or one of 2**63 and more.
         """
-        self._epoch.fill_(_NOT_SET if epoch is None else whole("epoch", epoch))
+        number = _NOT_SET if epoch is None else whole("epoch", epoch)
+        if number >= 2**63:
+            raise UsageError("the epoch is too large", found=number, allowed="0 to 2**63 - 1")
+        self._epoch.fill_(number)
 
     def _drawn_epoch(self, epoch: int | None) -> int:
         """Return the number that decides what happens to samples: an epoch, or one from torch's generator.
@@ -235,8 +251,14 @@ class SplitDataset(Dataset[dict[str, Any]]):
         return tuple(self._normalizers)
 
     def state_dict(self) -> dict[str, Any]:
-        """Return the hashes of the scalers, {"scalers": {field: hash}}, for a checkpoint."""
-        return {"scalers": {name: scaler.sha256 for name, scaler in self._normalizers.items()}}
+        """Return the hashes of the scalers, {"scalers": {field: hash}}, for a checkpoint.
+
+        Of the fields that are normalised, and of those whose scaler a caller names for normalising elsewhere.
+        """
+        wider = self.normalizer_covers_mirror or self._covering.steps or self.normalizer_over != "train"
+        motion = [name for name in self.fields if wider and self.store.field(name).kind == "motion"]
+        names = dict.fromkeys((*self._normalizers, *self._named_scalers, *motion))
+        return {"scalers": {name: self.normalizer(name).sha256 for name in names}}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Check that the model of a checkpoint was trained with the scalers of this reader; changes nothing.

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -17,12 +19,15 @@ from dancedata.store.dataset import Store, open_store
 
 __all__ = ["Like", "Reader", "Scaling", "opened", "stated_in", "store_of"]
 
+_log = logging.getLogger(__name__)
 _ENTRY = "normalized"
 _STATE = "state it: normalized=True or normalized=False, in a command --normalized or --not-normalized"
 #: Mean distance from unit length, and relative one from a bone's length, of motion that a good model generates.
-_UNIT, _BONE = 0.03, 0.1
+_UNIT, _BONE = 0.03, 0.15
 #: What is stated is wrong if its distance is above this plus 3 times that of the other choice.
 _WORSE = 0.02
+#: A warning says so where what is stated is off by more than this, and 3 times the other choice if there is one.
+_DOUBT = 0.1
 #: Mean distance from [-1, 1] of motion in its own units, after normalising; and of values that no scaler gave.
 _INSIDE, _FAR = 0.05, 10.0
 #: Mean size of values that are about 0.
@@ -54,7 +59,14 @@ Like = Store | Reader
 
 def opened(like: Like | str | Path) -> Like:
     """Return a dataset or reader, opened if it is a path."""
-    return open_store(Path(like).expanduser()) if isinstance(like, str | Path) else like
+    if isinstance(like, str | Path):
+        return open_store(Path(like).expanduser())
+    if not hasattr(like, "normalizer"):
+        raise UsageError(
+            "like is neither a dataset nor a reader", found=type(like).__name__,
+            fix="give the WindowDataset or ClipDataset that it holds",
+        )  # fmt: skip
+    return like
 
 
 def store_of(like: Like) -> Store:
@@ -194,11 +206,14 @@ class Scaling:
                     "the file states that its columns are normalised, and no scaler is named", where=where,
                     fix="name it: like= or scaler=, in a command --like STORE or --scaler FILE",
                 )  # fmt: skip
+            off, limit = _distance(_rows(columns), representation)
+            if limit == _UNIT and off > _DOUBT:  # bones may be those of another body
+                _warn_once(f"vectors of {representation.name}, taken as not normalised, are far off unit length")
             return columns
         if normalized is None:
             raise self.unstated(where)
         rows = np.asarray(columns, dtype=np.float64)
-        _check(rows.reshape(-1, rows.shape[-1]), representation, self.scaler, normalized, where)
+        _check(_rows(rows), representation, self.scaler, normalized, where)
         if not normalized:
             return columns
         undone: npt.NDArray[Any] = self.scaler.unnormalize(rows, clip=self.clip)
@@ -213,6 +228,17 @@ def _hash(stored: MinMax | None) -> str:
     return "" if stored is None else stored.sha256
 
 
+def _rows(columns: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+    """Return columns (..., D) as (N, D), with nan for infinity."""
+    rows = np.asarray(columns, dtype=np.float64).reshape(-1, columns.shape[-1])
+    return np.where(np.isfinite(rows), rows, np.nan)
+
+
+@cache
+def _warn_once(text: str) -> None:
+    _log.warning("%s; like= or scaler=, and normalized=, state how they are scaled (docs/decoding.md)", text)
+
+
 def _check(
     rows: npt.NDArray[np.float64], representation: Representation, scaler: MinMax, normalized: bool, where: Any
 ) -> None:
@@ -220,33 +246,44 @@ def _check(
 
     They are not if the other choice, and it alone, gives what motion has: vectors of 6D and matrices of unit length,
     bones of the skeleton's length, values within the range of the scaler. The output of a network that is not
-    trained has that with neither choice, or is near 0, and passes.
+    trained has that with neither choice, or is near 0, and passes; with a warning where the other choice is far
+    better.
     """
-    rows = rows[np.isfinite(rows).all(axis=1)]
-    if not len(rows) or np.abs(rows).mean() < _NEAR_0:
+    if not np.isfinite(rows).any() or _mean(np.abs(rows)) < _NEAR_0:
         return
     found = ""
     (own, least), (undone, _) = (_distance(r, representation) for r in (rows, scaler.unnormalize(rows)))
     stated, other = (undone, own) if normalized else (own, undone)
-    if other < least and stated > _WORSE + 3 * other:
+    range_ = np.tile(np.linspace(-1, 1, 5)[:, None], scaler.width)
+    narrows = _outside(scaler.normalize(range_)) > 3 * _INSIDE
+    again = _outside(scaler.normalize(rows))
+    scaled = narrows and again > 3 * _INSIDE and _outside(rows) < _INSIDE
+    if other < least and (stated > _WORSE + 3 * other or (scaled and not normalized and stated > other)):
         found = f"vectors or bones {stated:.1%} off their length; {other:.1%} with the other choice"
-    if normalized and not found:
-        range_ = np.tile(np.linspace(-1, 1, 5)[:, None], scaler.width)
-        inside = _outside(scaler.normalize(rows)) < _INSIDE and _outside(scaler.normalize(range_)) > 3 * _INSIDE
-        if inside or _outside(rows) > _FAR:
-            found = f"values from {rows.min():.3g} to {rows.max():.3g}, which are not of this scaler"
+    if normalized and not found and ((narrows and again < _INSIDE) or _outside(rows) > _FAR):
+        found = f"values from {np.nanmin(rows):.3g} to {np.nanmax(rows):.3g}, which are not of this scaler"
+    words = ("normalised", "not normalised")
+    if not found and stated > max(_DOUBT, 3 * other):
+        name = f"vectors or bones of {representation.name}, stated to be {words[not normalized]}"
+        _warn_once(f"{name}, are far off their length, and nearer to it with the other choice")
     if found:
-        words = ("normalised", "not normalised")
         spelt = ("normalized=True, --normalized", "normalized=False, --not-normalized")
         raise UsageError(
-            f"the columns are stated to be {words[not normalized]}, and are not", where=where, found=found,
+            f"the columns are stated to be {words[not normalized]}, but look {words[normalized]}", where=where,
+            found=found,
             fix=f"if they are {words[normalized]}: {spelt[normalized]}",
         )  # fmt: skip
 
 
 def _outside(rows: npt.NDArray[np.float64]) -> float:
     """Return the mean distance of values from [-1, 1]."""
-    return float(np.maximum(np.abs(rows) - 1, 0).mean())
+    return _mean(np.maximum(np.abs(rows) - 1, 0))
+
+
+def _mean(values: npt.NDArray[np.float64]) -> float:
+    """Return the mean of the finite values; nan without one."""
+    finite = values[np.isfinite(values)]
+    return float(finite.mean()) if len(finite) else float("nan")
 
 
 def _distance(rows: npt.NDArray[np.float64], representation: Representation) -> tuple[float, float]:
@@ -258,11 +295,11 @@ def _distance(rows: npt.NDArray[np.float64], representation: Representation) -> 
     for name in columns.names:
         if name.startswith(("rotation_6d", "rotation_matrix")):
             vectors = rows[:, columns.slice(name)].reshape(len(rows), -1, 3)
-            return float(np.abs(np.linalg.norm(vectors, axis=-1) - 1).mean()), _UNIT
+            return _mean(np.abs(np.linalg.norm(vectors, axis=-1) - 1)), _UNIT
     if "position" not in columns.names:
         return float("nan"), 0.0
     joints = rows[:, columns.slice("position")].reshape(len(rows), -1, 3)
     length = np.linalg.norm(skeleton.offsets[1:], axis=1)
     bones = np.linalg.norm(joints[:, 1:] - joints[:, list(skeleton.parents[1:])], axis=-1)
     there = length > 0
-    return float(np.abs(bones[:, there] / length[there] - 1).mean()), _BONE
+    return _mean(np.abs(bones[:, there] / length[there] - 1)), _BONE

@@ -132,6 +132,25 @@ def test_the_file_that_is_decoded_stays(tmp_path: Path) -> None:
     assert (tmp_path / "x.npz").read_bytes() == before
 
 
+def test_the_rate_that_a_file_states_is_that_of_its_columns(store: Store, tmp_path: Path) -> None:
+    def decoded(rate: float, **options: Any) -> float:
+        np.savez(tmp_path / "x.npz", columns=_columns("edge151")[1], normalized=False, fps=rate)
+        options |= {"out": tmp_path / "out", "overwrite": True}
+        (made,) = dancedata.decode_file(tmp_path / "x.npz", "edge151", to="npz", **options)
+        with np.load(made) as arrays:
+            return float(arrays["fps"])
+
+    assert decoded(60.0) == 60
+    assert decoded(60.0, fps=60) == 60
+    assert decoded(24.0, like=store) == 24
+    assert decoded(29.97, fps=29.97) == 29.97
+    for options, rate in (({"fps": 24}, "24"), ({"like": store}, "24"), ({"fps": 24, "like": store}, "24")):
+        with pytest.raises(DataError, match=f"x.npz: the file states another rate.*60 frames.*allowed: {rate}"):
+            decoded(60.0, **options)
+    with pytest.raises(DataError, match="fps is not a frame rate"):
+        decoded(0.0, like=store)
+
+
 @pytest.mark.parametrize("to", ["bvh", "npz", "smpl", "smplx"])
 def test_a_trainers_file(store: Store, tmp_path: Path, to: Any) -> None:
     window = store.windows("train")[0]

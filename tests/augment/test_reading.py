@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 from torch.utils.data import DataLoader
 
 import dancedata
@@ -124,6 +125,25 @@ def test_scaled_values_lie_within_the_range_and_other_splits_share_it(store_path
     narrow = dataset(store_path, augment)
     stored = dancedata.open(store_path).normalizer("edge151")
     np.testing.assert_array_equal(narrow.normalizer("edge151").data_min, stored.data_min)
+
+
+def test_a_scaler_covers_noise_and_without_one_a_warning_says_how_far_it_goes(
+    store_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    store, fields = dancedata.open(store_path), ("edge151", "lodge139")
+    for options, far in (
+        ({}, 2), ({"clip": True}, 0), ({"normalizer_covers": ["noise"]}, 0), ({"normalize": False}, 0),
+    ):  # fmt: skip
+        caplog.clear()
+        dataset(store_path, ["noise"], fields=fields, **options)
+        assert sum("far beyond [-1, 1]" in message for message in caplog.messages) == far, options
+    wide = dataset(store_path, ["noise"], fields=fields, normalizer_covers=["noise"])
+    for name in fields:
+        rows = torch.cat([wide[k][name] for k in range(len(wide))])
+        turned = [k for k, label in enumerate(store.fields[name].labels) if "translation" not in label]
+        assert float(rows[:, turned].abs().max()) <= 1 + 1e-4  # float32
+        assert (wide.normalizer(name).data_range >= store.normalizer(name).data_range).all()
+        np.testing.assert_array_equal(wide.normalizer(name).data_min[4:13], store.normalizer(name).data_min[4:13])
 
 
 def test_crops_are_windows_of_their_clips(store_path: Path) -> None:

@@ -11,12 +11,14 @@ import pytest
 
 pytest.importorskip("torch")
 
+from torch.utils.data import Subset
 from typer.testing import CliRunner
 
 import dancedata
 from dancedata.cli.app import app
 from dancedata.core.errors import UsageError
 from dancedata.core.normalize import MinMax
+from dancedata.core.registry import REPRESENTATIONS
 from dancedata.evaluation.evaluator import Evaluator
 from dancedata.evaluation.inputs.files import FileClip
 from dancedata.evaluation.protocol import PROTOCOLS
@@ -24,6 +26,7 @@ from dancedata.evaluation.request import Request
 from dancedata.readers import ClipDataset, WindowDataset
 from dancedata.scene.takes import file_format, take_of
 from dancedata.store import Store
+from dancedata.store.scaling import Scaling, _warn_once
 
 FIELD = "edge151"
 KINDS: dict[str, dict[str, Any]] = {
@@ -121,6 +124,17 @@ def test_a_reader_that_leaves_normalising_to_the_trainer_has_its_scaler(store: S
     assert worst(dancedata.decode(rows, FIELD, like=wide).joints(), wanted) < 1e-5
     val = WindowDataset(store, "val", (FIELD,), scaler=wide)
     np.testing.assert_array_equal(val.normalizer(FIELD).data_min, wide.normalizer(FIELD).data_min)
+    val.load_state_dict(wide.state_dict())
+    with pytest.raises(UsageError, match="other scalers"):
+        WindowDataset(store, fields=(FIELD,), normalize=False).load_state_dict(wide.state_dict())
+    for call in (
+        lambda: WindowDataset(store, fields=(FIELD,), scaler=store),
+        lambda: dancedata.decode(rows, FIELD, like=Subset(wide, [0])),
+    ):
+        with pytest.raises(
+            UsageError, match=r"a dataset is not a scaler|neither a dataset nor a reader; found Subset"
+        ):
+            call()
     other = WindowDataset(store, fields=("lodge139",))
     with pytest.raises(UsageError, match="nothing states whether"):
         dancedata.decode(rows, FIELD, like=other)
@@ -190,8 +204,47 @@ def test_columns_that_are_not_as_stated_are_refused(store: Store, field: str) ->
             evaluator.update(np.stack([right, noisy]))
             wrong = Evaluator.of(store, field, normalized=not normalized, protocol=options["protocol"])
             for columns in (right, noisy):
-                with pytest.raises(UsageError, match=f"and are not.*{other[not normalized]}"):
+                with pytest.raises(UsageError, match=f"but look .*{other[not normalized]}"):
                     wrong.update(columns[None])
+
+
+def test_normalised_positions_of_a_model_that_errs_are_not_taken_as_plain(store: Store) -> None:
+    rows = store.read(store.windows("train")[0], "joints") + 5.0  # as in a capture volume whose corner is the origin
+    scaler, plugin = MinMax(np.full(72, 6 - 1.45), np.full(72, 6 + 1.45)), REPRESENTATIONS.get("joints")()
+    scaling = Scaling(scaler, normalized=False)
+    normal = scaler.normalize(rows) + np.random.default_rng(0).normal(0, 0.01, rows.shape)
+    with pytest.raises(UsageError, match="stated to be not normalised, but look normalised"):
+        scaling.undo(normal, plugin)
+    np.testing.assert_array_equal(scaling.undo(rows, plugin), rows)
+    for size in (0.15, 0.3, 0.6, 1.0):  # a network that is not trained
+        scaling.undo(np.random.default_rng(1).normal(0, size, rows.shape), plugin)
+
+
+@pytest.mark.parametrize("field", [FIELD, "joints"])
+def test_a_column_of_nan_hides_nothing(store: Store, field: str) -> None:
+    scaler, plugin = store.normalizer(field), REPRESENTATIONS.get(field)()
+    rows = np.array(store.read(store.windows("train")[0], field))
+    for normalized, right in ((True, scaler.normalize(rows)), (False, rows)):
+        right[:, 0], right[3, 5] = np.nan, np.inf
+        Scaling(scaler, normalized).undo(right, plugin)
+        with pytest.raises(UsageError, match="but look"):
+            Scaling(scaler, not normalized).undo(right, plugin)
+
+
+def test_doubts_are_a_warning(store: Store, caplog: pytest.LogCaptureFixture) -> None:
+    scaler, plugin = store.normalizer(FIELD), REPRESENTATIONS.get(FIELD)()
+    rows = store.read(store.windows("train")[0], FIELD)
+    # As a network with a mean-squared loss: vectors too short by 5 %, for its whole life.
+    normal = scaler.normalize(np.concatenate([rows[:, :7], 0.95 * rows[:, 7:]], axis=1))
+    for scaling, columns, words in (
+        (Scaling(scaler, True), normal, ""), (Scaling(scaler, False), normal, "nearer to it with the other choice"),
+        (Scaling(None, False), rows, ""), (Scaling(None, False), normal, "taken as not normalised"),
+    ):  # fmt: skip
+        _warn_once.cache_clear()
+        caplog.clear()
+        scaling.undo(columns, plugin)
+        scaling.undo(columns, plugin)
+        assert [words in message for message in caplog.messages] == ([True] if words else [])
 
 
 @pytest.mark.parametrize("field", [FIELD, "lodge139", "joints"])

@@ -219,6 +219,23 @@ def test_columns_at_another_rate_than_their_file_states(store: Store, tmp_path: 
     assert dancedata.evaluate(tmp_path, like=store, normalized=False, metrics=["pfc"], bootstrap=0)["pfc"] is not None
 
 
+def test_columns_beside_positions_are_what_is_read(store: Store, tmp_path: Path) -> None:
+    columns = store.clips[0].read("edge151")
+    options: dict[str, Any] = {"representation": "edge151", "fps": 30, "metrics": ["pfc"], "bootstrap": 0}
+    wanted = []
+    for name, beside in (
+        ("alone", {}),
+        ("both", {"joints": dance()}),
+        ("named", {"joints": np.array(["hip", "knee"])}),
+    ):
+        (tmp_path / name).mkdir()
+        np.savez(tmp_path / name / "a.npz", columns=columns, **beside)  # type: ignore[arg-type]
+        wanted.append(dancedata.evaluate(tmp_path / name, **options)["pfc"])
+    assert wanted == [wanted[0]] * 3
+    np.savez(tmp_path / "both" / "a.npz", joints=dance(), motion=np.array(["walk"]))
+    assert dancedata.evaluate(tmp_path / "both", up="y", **options)["pfc"] != wanted[0]
+
+
 def test_a_protocol_needs_its_members() -> None:
     @dataclass(frozen=True)
     class Bare(Protocol):

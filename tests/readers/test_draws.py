@@ -16,7 +16,7 @@ import pytest
 pytest.importorskip("torch")
 
 import torch
-from torch.utils.data import ConcatDataset, DataLoader, Dataset, Subset, random_split
+from torch.utils.data import ConcatDataset, DataLoader, Subset, random_split
 
 from dancedata.core.errors import UsageError
 from dancedata.readers import BatchLoader, BatchStream, BucketSampler, ClipDataset, EpochSampler, WindowDataset
@@ -215,7 +215,10 @@ def test_streams_are_functions_of_the_step(train: WindowDataset, n_workers: int)
 def test_a_batch_loader_passes_on_the_epoch_of_a_sampler_that_has_no_dataset(train: WindowDataset) -> None:
     found = draws(BatchLoader(train, 8, sampler=EpochSampler(len(train), seed=1)))
     assert train.epoch is None
+    shuffled = draws(BatchLoader(train, 8, shuffle=True))
+    assert train.epoch is None  # so that a later loop without a sampler draws anew
     assert found == draws(loader_of(train, sampler=EpochSampler(train, seed=1)))
+    assert shuffled == found
 
 
 def test_crops_and_buckets_draw_anew_too(mixed_store: Store) -> None:
@@ -267,11 +270,11 @@ def test_a_sample_comes_back_from_what_its_id_says(train: WindowDataset) -> None
             assert torch.equal(again["lodge139"], sample["lodge139"])
 
 
-class Held(Dataset[Any]):
-    """A wrapper of a user: what it holds is among its attributes."""
+class Held:
+    """A wrapper of a user, not of torch's class: what it holds is among its attributes, and so is it itself."""
 
     def __init__(self, inner: Any) -> None:
-        self.inner, self.number = {"a": inner}, 3
+        self.inner, self.number, self.parts, self.names = {"a": inner}, 3, [[self]], "abc"
 
     def __len__(self) -> int:
         return len(self.inner["a"])
@@ -280,13 +283,28 @@ class Held(Dataset[Any]):
         return self.inner["a"][index]
 
 
+class Slotted:
+    __slots__ = ("inner",)
+
+    def __init__(self, inner: Any) -> None:
+        self.inner = [[inner]]
+
+    def __len__(self) -> int:
+        return len(self.inner[0][0])
+
+
 def test_the_sampler_reaches_what_wrappers_hold(train: WindowDataset) -> None:
     other = WindowDataset(train.store, fields=FIELDS, mirror=0.5)
     sampler = EpochSampler(ConcatDataset([Held(train), Subset(other, [1, 2])]))
     sampler.set_epoch(4)
     next(iter(sampler))
     assert (train.epoch, other.epoch) == (4, 4)
+    train.set_epoch(None)
+    next(iter(EpochSampler(Slotted(train))))
+    assert train.epoch == 0
     assert next(iter(EpochSampler([10, 20], shuffle=False))) == 0
+    with pytest.raises(UsageError, match="epoch is too large"):
+        train.set_epoch(2**63)
 
 
 def test_the_page_has_these_ways() -> None:

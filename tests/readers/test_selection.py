@@ -160,8 +160,9 @@ def test_relative_root(store: Store) -> None:
         _read(store, relative_root=True, normalize=True)
 
 
-def test_a_scaler_of_the_protocols_own_train_clips(store: Store) -> None:
+def test_a_scaler_of_the_protocols_own_train_clips(store: Store, caplog: pytest.LogCaptureFixture) -> None:
     dataset = WindowDataset(store, fields=("lodge139",), protocol="other", split="val")
+    assert "that of the train split of protocol other, not the stored one" in caplog.text
     train = _read(store, protocol="other")
     rows = np.concatenate([store.read(w, "lodge139") for w in train.windows])
     wanted = MinMax(rows.min(axis=0), rows.max(axis=0))

@@ -74,6 +74,12 @@ def test_a_video_needs_a_clip_and_a_source(demo: Path, tmp_path: Path) -> None:
         (["--compare", "nowhere", "--export", "v.html"], "--compare would have no effect with --export"),
         (["--compare", "nowhere", "--video", "v.mp4"], "--compare would have no effect with --video"),
         (["--at", "1", "--export", "v.html"], "--at would have no effect"),
+        (["--fps", "17", "--export", "v.html"], "--fps would have no effect without --compare"),
+        (["--up", "z", "--unit", "cm", "--no-browser"], "--up and --unit would have no effect without --compare"),
+        (
+            ["--compare-as", "edge151", "--normalized", "--video", "v.mp4"],
+            "--compare-as and --normalized or --not-nor",
+        ),
         (["--window", "0", "--export", "v.html"], "does not show a window to loop"),
         (["--window", "0", "--video", "v.mp4"], "--window would have no effect"),
         (["--export", "v.html", "--video", "v.mp4"], "--export would have no effect with --video"),

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from dancedata.core.bodies import SMPLX55
 from dancedata.core.errors import DataError
+from dancedata.core.grid import FrameGrid
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import shown
 from dancedata.datasets._positions import POSITIONS, require_rotations
@@ -36,6 +37,7 @@ from dancedata.datasets.folder.array_values import (
     length_mismatch,
     scales,
     scaling,
+    stored_rate,
 )
 from dancedata.datasets.folder.facts import Fact, bad_declaration
 from dancedata.formats.array_file import ArrayFile
@@ -43,7 +45,7 @@ from dancedata.formats.body_model import SMPLH52
 from dancedata.formats.six_d import check_rows, rotations_of
 from dancedata.formats.video_pose import PHALP_CAMERA, PHALP_ROTATIONS, PersonArrays
 
-__all__ = ["RATE_KEYS", "Layout", "read_motion", "recognise"]
+__all__ = ["RATE_KEYS", "Layout", "read_motion", "recognise", "same_rate", "stated_grid"]
 
 RATE_KEYS = ("mocap_framerate", "mocap_frame_rate", "fps", "frame_rate", "framerate")
 _AMASS_RATES = RATE_KEYS[:2]
@@ -69,6 +71,17 @@ _PAIRS = {"leye_pose": ("pose_eye", 0), "reye_pose": ("pose_eye", 1)}
 _PAIRS |= {"left_hand_pose": ("pose_hand", 0), "right_hand_pose": ("pose_hand", 1)}
 
 Floats = NDArray[np.float64]
+
+
+def stated_grid(arrays: ArrayFile) -> FrameGrid | None:
+    """Return the frame rate that a file states, None without one; DataError ("bad_rate") if it is not a rate."""
+    key = next((name for name in RATE_KEYS if name in arrays.names), None)
+    return None if key is None else FrameGrid(stored_rate(arrays, key))
+
+
+def same_rate(stated: FrameGrid | None, grid: FrameGrid) -> bool:
+    """Return whether a file states no other rate than `grid`; 29.97 and 30000/1001 are the same."""
+    return stated is None or abs(stated.rate / grid.rate - 1) < 1e-4
 
 
 @dataclass(frozen=True)

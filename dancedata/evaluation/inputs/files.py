@@ -16,7 +16,7 @@ from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import listed
 from dancedata.datasets.files import MOTION_SUFFIXES
-from dancedata.datasets.folder import RATE_KEYS, UNITS, UPRIGHT, Folder, metres, stored_rate
+from dancedata.datasets.folder import RATE_KEYS, UNITS, UPRIGHT, Folder, metres, same_rate, stated_grid
 from dancedata.evaluation.inputs.clip import ClipInput
 from dancedata.evaluation.inputs.columns import ColumnsReader
 from dancedata.evaluation.pose import Pose
@@ -103,7 +103,7 @@ class FileClip(ClipInput):
         """
         if self.path.suffix.lower() != ".bvh":
             with open_arrays(self.path) as arrays:
-                pose = self._positions(arrays) or self._columns(arrays)
+                pose = self._columns(arrays) or self._positions(arrays)
             if pose is not None:
                 return pose
         return Pose.of_motion(self.format.folder.load(ClipRef(self.id, self.path, None, "test")))
@@ -127,7 +127,7 @@ class FileClip(ClipInput):
         if reader is None:
             return None
         width = reader.representation.columns.width
-        name = next((n for n in _COLUMNS if n in arrays.names and arrays.shape(n)[-1:] == (width,)), None)
+        name = next((n for n in _COLUMNS if n in arrays.names and _shape(arrays, n)[-1:] == (width,)), None)
         if name is not None and len(arrays.shape(name)) == 3:
             raise DataError(
                 "the array is a batch, and a file is one clip", reason="bad_shape", where=str(self.path),
@@ -136,8 +136,8 @@ class FileClip(ClipInput):
             )  # fmt: skip
         if name is None or len(arrays.shape(name)) != 2:
             return None
-        stored = self._stored_rate(arrays)
-        if stored not in (None, reader.grid):
+        stored = stated_grid(arrays)
+        if not same_rate(stored, reader.grid):
             raise DataError(
                 "the frame rate of this file is not that of its columns", reason="bad_rate", where=str(self.path),
                 found=f"{stored} frames per second", allowed=f"{reader.grid}, as --fps or --like states",
@@ -145,17 +145,12 @@ class FileClip(ClipInput):
         return reader.pose(arrays.read(name), file=stated_in(arrays), where=self.path)
 
     def _grid(self, arrays: ArrayFile) -> FrameGrid:
-        stored = self._stored_rate(arrays)
+        stored = stated_grid(arrays)
         if stored is not None:
             return stored
         if self.format.fps is None:
             raise self._undeclared("frame rate of these positions", "--fps RATE, or --like STORE")
         return FrameGrid.of(self.format.fps)
-
-    def _stored_rate(self, arrays: ArrayFile) -> FrameGrid | None:
-        """Return the rate that the file states, None without one; DataError ("bad_rate") if it is not a rate."""
-        key = next((n for n in RATE_KEYS if n in arrays.names), None)
-        return None if key is None else FrameGrid(stored_rate(arrays, key))
 
     def _undeclared(self, what: str, fix: str) -> DataError:
         return DataError(
@@ -163,13 +158,17 @@ class FileClip(ClipInput):
         )
 
 
-def _is_positions(arrays: ArrayFile, name: str) -> bool:
+def _shape(arrays: ArrayFile, name: str) -> tuple[int, ...]:
     try:
-        shape = arrays.shape(name)
+        return arrays.shape(name)
     except DataError:
         if name and len(arrays.names) > 1:
-            return False  # such as the names of the joints, beside their positions
+            return ()  # such as the names of the joints, beside their positions
         raise
+
+
+def _is_positions(arrays: ArrayFile, name: str) -> bool:
+    shape = _shape(arrays, name)
     return len(shape) == 3 and shape[1] >= 22 and shape[2] == 3
 
 
