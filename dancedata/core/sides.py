@@ -32,6 +32,8 @@ _LEAST_FRAMES = 30
 #: How much steadier the floor along that axis is than the one along +Y; less where the body is upside down, as both
 #: are then moved by the same bending of its knees.
 _STEADIER = 0.5
+#: Feet move along a floor by this, metres: the middle half of their places. 0.12 and more in real dances.
+_STEPS_M = 0.05
 
 
 @dataclass(frozen=True)
@@ -60,8 +62,8 @@ class Sides:
 
     @property
     def legs(self) -> float:
-        """The least of toes and knees, NaN without evidence."""
-        return float(np.fmin(self.toes, self.knees))
+        """Toes or knees, whichever agree better, as pointed feet say nothing; NaN without evidence."""
+        return float(np.fmax(self.toes, self.knees))
 
     @property
     def swapped(self) -> str:
@@ -73,7 +75,7 @@ class Sides:
     @property
     def certain(self) -> bool:
         """Whether all there is contradicts the names."""
-        return self.chest < _CERTAIN or float(np.fmax(self.toes, self.knees)) < _CERTAIN
+        return self.chest < _CERTAIN or self.legs < _CERTAIN
 
     def __str__(self) -> str:
         """Show the cosines for which there is evidence."""
@@ -114,7 +116,8 @@ def wrong_up(joints: Float64Array) -> tuple[Float64Array, bool] | None:
     """Return the body's mean direction if the dancer stands along another axis than +Y, and whether that is certain.
 
     Dancers lie down and stand on their hands: an axis is wrong only if the lowest joint along the other one keeps
-    its height better than that along +Y, as on a floor.
+    its height better than that along +Y, as on a floor, on which the feet move. Those of a dancer who lies still keep
+    their place along any axis.
 
     Parameters
     ----------
@@ -129,7 +132,8 @@ def wrong_up(joints: Float64Array) -> tuple[Float64Array, bool] | None:
         return None
     floor, other = _unrest(places[..., 1]), _unrest(places[..., axis] * np.sign(mean[axis]))
     steadier = other < floor * (1 if axis == 1 else _STEADIER)
-    return (mean, bool(abs(mean[axis]) > _CERTAINLY_ALONG)) if steadier else None
+    steps = _middle_half(places[:, (7, 8)])[:, np.arange(3) != axis].max()
+    return (mean, bool(abs(mean[axis]) > _CERTAINLY_ALONG)) if steadier and steps > _STEPS_M else None
 
 
 def has_sides(joints: tuple[str, ...]) -> bool:
@@ -157,8 +161,13 @@ def _where_bent(values: Float64Array, sines: Float64Array) -> float:
 
 def _unrest(heights: Float64Array) -> float:
     """Return how much the lowest joint moves along an axis: the middle half of its heights, metres."""
-    low, high = np.quantile(heights.min(axis=1), (0.25, 0.75))
-    return float(high - low)
+    return float(_middle_half(heights.min(axis=1)))
+
+
+def _middle_half(values: Float64Array) -> Float64Array:
+    """Return the span of the middle half of the frames (T, ...)."""
+    low, high = np.quantile(values, (0.25, 0.75), axis=0)
+    return np.asarray(high - low)
 
 
 def _step(n_frames: int) -> int:

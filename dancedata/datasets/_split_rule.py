@@ -210,7 +210,7 @@ def same_songs(clips: Iterable[ClipRef]) -> dict[str, str]:
     same = DisjointSet(set().union(*names.values()))
     for alike in _grouped(names, _beginning):
         if len(set().union(*(names[path] for path in alike))) > 1:
-            for equal in _grouped(alike, lambda path: load_audio(path).sha256):
+            for equal in _grouped(alike, _samples):
                 first, *others = {name for path in equal for name in names[path]}
                 for name in others:
                     same.merge(name, first)
@@ -227,6 +227,12 @@ def _grouped(paths: Iterable[Path], key: Callable[[Path], Hashable]) -> list[lis
     return list(groups.values())
 
 
+def _samples(path: Path) -> str:
+    """Return the hash of all samples; -0.0 is 0.0."""
+    signal = load_audio(path)
+    return replace(signal, samples=signal.samples + 0).sha256
+
+
 def _beginning(path: Path) -> tuple[int, int, str]:
     """Return rate and length by the file's header, and a hash of the first samples' mean over channels."""
     import soundfile
@@ -235,7 +241,7 @@ def _beginning(path: Path) -> tuple[int, int, str]:
         try:
             with soundfile.SoundFile(file) as sound:
                 start = sound.read(_BEGINNING, dtype="float32", always_2d=True)
-                return sound.samplerate, sound.frames, sha256_bytes(start.mean(axis=1).tobytes())
+                return sound.samplerate, sound.frames, sha256_bytes((start.mean(axis=1) + 0).tobytes())
         except (soundfile.LibsndfileError, TypeError) as error:
             raise OSError(str(error)) from error
 

@@ -13,7 +13,7 @@ from dancedata.core.version import __version__
 from dancedata.evaluation.clip_music import ClipMusic
 from dancedata.evaluation.inputs.clip import ClipInput
 from dancedata.evaluation.measuring import MeasuredClip, measure_clips
-from dancedata.evaluation.music import named_songs, stored_beats
+from dancedata.evaluation.music import about_windows, named_songs, stored_beats
 from dancedata.evaluation.pool import Pool, check_target, load_pool, one_rate, pool_of, save_pool
 from dancedata.evaluation.protocol import Protocol
 from dancedata.evaluation.report import Report, lengths_of, per_clip_rows
@@ -155,7 +155,9 @@ class _Run:
             left = [clip for clip in side.clips if clip.id not in found]
             if store is not None and left:
                 pieces = request.protocol.pieces(side.role)
-                found |= stored_beats(store, rule, pieces, left, request.songs, self.cache.file_sha256)
+                stored = stored_beats(store, rule, pieces, left, request.songs, self.cache.file_sha256)
+                problems += about_windows(store, rule) if stored else []
+                found |= stored
         if not found:
             problems.append(_no_music(request.protocol))
         return found, problems

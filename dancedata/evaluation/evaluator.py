@@ -23,7 +23,7 @@ from dancedata.evaluation.evaluate import pool_for, report_of
 from dancedata.evaluation.inputs.clip import MemoryClip
 from dancedata.evaluation.inputs.columns import ColumnsReader, reader_for
 from dancedata.evaluation.measuring import MeasuredClip, measure_pose
-from dancedata.evaluation.music import beat_field
+from dancedata.evaluation.music import about_windows, beat_field
 from dancedata.evaluation.pool import Pool
 from dancedata.evaluation.protocol import Protocol
 from dancedata.evaluation.report import Report
@@ -118,6 +118,7 @@ class Evaluator:
         self.reader = reader
         self.pool = pool
         self._music_field = music_field
+        self._about_music: tuple[str, ...] = ()
         problem = reader.problem(self.protocol.motion)
         if problem:
             raise UsageError(f"{self.protocol.name} cannot be computed from these columns", found=problem)
@@ -194,12 +195,9 @@ class Evaluator:
             scaler=scaling.scaler if scaling.normalized else None,
         )
         found = pool_for(request, jobs=jobs, cache=None if cache is None else Path(cache))
-        return cls(
-            made,
-            reader,
-            found,
-            music_field=None if beats is None else dataset.field(beats),
-        )
+        evaluator = cls(made, reader, found, music_field=None if beats is None else dataset.field(beats))
+        evaluator._about_music = () if made.music is None else tuple(about_windows(dataset, made.music))
+        return evaluator
 
     def __len__(self) -> int:
         """Return the number of samples, those of other processes too after `gather`."""
@@ -371,7 +369,9 @@ class Evaluator:
         report = report_of(
             self.protocol, clips, self.pool, role="generated", source="samples of a model", draws=bootstrap
         )
-        return replace(report, left_out=tuple(sorted(self._left_out.items())))
+        heard = any(trace.beats is not None for trace in self._traces.values())
+        warnings = (*(self._about_music if heard else ()), *report.warnings)
+        return replace(report, warnings=warnings, left_out=tuple(sorted(self._left_out.items())))
 
 
 def _as_numpy(batch: Any) -> npt.NDArray[Any]:

@@ -199,7 +199,7 @@ def _common_key(protocol: Protocol, role: Role, measure: Measure) -> str:
         _STAGE,
         version=EVALUATE_STAGE,
         motion=repr(protocol.motion),
-        pieces=repr(protocol.pieces(role)),
+        pieces=protocol.pieces(role).identity,
         metric=[metric.name, metric.version, document_of(metric)],
         measured=[measure.fps, measure.frames(role), *(["steady"] if measure.steady else [])],
         packages={name: package_version(name) for name in ("numpy", "scipy")},

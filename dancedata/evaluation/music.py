@@ -20,7 +20,7 @@ from dancedata.evaluation.protocol import MusicRule, Pieces
 from dancedata.store import Store
 from dancedata.store.listed_file import FileHash
 
-__all__ = ["beat_field", "named_songs", "read_songs", "song_name", "stored_beats"]
+__all__ = ["about_windows", "beat_field", "named_songs", "read_songs", "song_name", "stored_beats"]
 
 _MAX_CSV_BYTES = 1 << 24
 
@@ -71,6 +71,16 @@ def beat_field(store: Store, rule: MusicRule, pieces: Pieces) -> str | None:
             if name.split(".")[0] == feature and BEAT in columns.names and own_rate:
                 return name
     return None
+
+
+def about_windows(store: Store, rule: MusicRule) -> list[str]:
+    """Warn of a store that has beats of each window alone, where a protocol takes those of whole songs."""
+    if store.scope == "track" or rule.scope == "window":
+        return []
+    return [
+        "beats are those of each window by itself, as the dataset is of window scope; the protocol takes those of "
+        "whole songs: scores of beats compare with those of such datasets alone"
+    ]
 
 
 def song_name(text: str) -> str:

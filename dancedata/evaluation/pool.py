@@ -157,7 +157,7 @@ def _measured_by(protocol: Protocol) -> str:
         for m in protocol.measures
         if m.metric.needs_pool
     ]
-    return json_sha256([repr(protocol.motion), repr(protocol.truth), metrics])
+    return json_sha256([repr(protocol.motion), protocol.truth.identity, metrics])
 
 
 def save_pool(path: Path, protocol: Protocol, pool: Pool) -> None:

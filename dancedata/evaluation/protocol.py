@@ -73,7 +73,8 @@ class Pieces:
     length, stride
         Length and distance of pieces, frames; None: one piece. Clips shorter than a piece have none.
     seconds
-        Instead of `length` and `stride`, both in seconds, for protocols of any rate.
+        Instead of `length` and `stride`, both in seconds, for protocols of any rate: lengths and first frames are
+        rounded down.
     shorter
         Whether a clip shorter than `length` is one piece.
     multiple
@@ -96,7 +97,10 @@ class Pieces:
         if length is None or stride is None or (self.shorter and n < length):
             cuts = [(0, n)] if n else []
         else:
-            cuts = [(start, length) for start in range(0, n - length + 1, stride)]
+            starts = [k * stride for k in range(n // stride + 1)]
+            if self.seconds is not None:  # a stride that is rounded down would drift
+                starts = [_MS.rows_down(k * round(1000 * self.seconds[1]), of=grid) for k in range(len(starts))]
+            cuts = [(start, length) for start in starts if start + length <= n]
         whole = [(self.skip + start, size - size % self.multiple) for start, size in cuts]
         return [cut for cut in whole if cut[1]]
 
@@ -108,6 +112,11 @@ class Pieces:
         if length < 1 or stride < 1:
             raise UsageError("the frame rate is too low for pieces of this length", found=str(grid))
         return length, stride
+
+    @property
+    def identity(self) -> str:
+        """What cuts depend on, for cache keys and pools."""
+        return repr(self) + "; exact starts" * (self.seconds is not None)
 
     def __str__(self) -> str:
         """Show how clips are cut, for tables: "5 s every 2.5 s", "the first 1,200 frames", "whole clips"."""

@@ -13,6 +13,7 @@ from dancedata.core.clip import Window
 from dancedata.core.dance import Dance, Undefined
 from dancedata.core.grid import FrameGrid
 from dancedata.core.rotations import Float64Array
+from dancedata.evaluation.clip_music import beats_after
 from dancedata.metrics.beats import BeatAlignment
 from dancedata.report.pieces import ClipReader, Piece
 from dancedata.report.tally import Tally
@@ -206,7 +207,7 @@ class _Part:
             key_motions=len(times),
             offsets=_offsets(times, beats),
             shifted=_offsets(times, None if beats is None else _half_a_period_later(beats)),
-            alignment=_alignment(piece),
+            alignment=_alignment(piece, first),
         )
 
 
@@ -259,14 +260,14 @@ def _facing(joints: Float64Array, names: Sequence[str]) -> Float64Array:
     return np.unwrap(np.arctan2(across[:, 2], across[:, 0]))
 
 
-def _alignment(piece: Piece) -> tuple[float, float] | None:
-    """Return the beat alignment score and its chance level; None where it is undefined."""
-    joints = piece.figure.joints
+def _alignment(piece: Piece, first: int) -> tuple[float, float] | None:
+    """Return the beat alignment score from frame `first` on and its chance level; None where it is undefined."""
+    joints, grid = piece.figure.joints[first:], piece.figure.grid
     if piece.beats is None or joints.shape[1] < len(BODY_JOINTS):
         return None
     metric = BeatAlignment(joints=len(BODY_JOINTS))
     try:
-        score, chance = metric.measure(Dance(joints, piece.figure.grid, piece.beats)).tolist()
+        score, chance = metric.measure(Dance(joints, grid, beats_after(piece.beats, first, grid))).tolist()
     except Undefined:
         return None
     return score, chance

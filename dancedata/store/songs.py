@@ -10,12 +10,14 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from dancedata.core.clip import Window
 from dancedata.core.text import listed, shown
 from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.dataset import Store
 from dancedata.store.schema import Field
 
 Rows = npt.NDArray[np.float32]
+Mask = npt.NDArray[np.bool_]
 
 #: Two songs of at least this likeness are one recording; docs/report.md has the measurements behind it.
 LIKENESS = 0.74
@@ -106,11 +108,27 @@ class AlikeSongs(NamedTuple):
 
 @dataclass(frozen=True)
 class _Recording:
-    """Rows of a song that are compared: (T, D), each column of mean 0 and deviation 1."""
+    """Rows of a song that are compared.
+
+    Attributes
+    ----------
+    rows
+        (T, D), each column of mean 0 and deviation 1; 0 where the dataset lacks them.
+    stored
+        (T,) bool: where it has them.
+    """
 
     song: str
     splits: frozenset[str]
     rows: Rows
+    stored: Mask
+
+    def spectrum(self, n: int) -> npt.NDArray[np.complex64]:
+        """Return the Fourier transforms of n rows: (n // 2 + 1, D + 2) of `rows`, their energy, and `stored`."""
+        from scipy import fft
+
+        energy = (self.rows * self.rows).sum(axis=1)
+        return np.asarray(fft.rfft(np.column_stack([self.rows, energy, self.stored.astype(np.float32)]), n, axis=0))
 
 
 def sound_field(store: Store) -> Field | None:
@@ -132,6 +150,7 @@ def alike_songs(store: Store, songs: Mapping[str, str]) -> list[AlikeSongs] | No
     The rows of `sound_field` are compared at the shift of their largest normalised cross-correlation, in pieces of
     half a second; the likeness is the correlation of the piece at the lowest tenth. Loudness, format, sample rate and
     silence or cuts at the ends do not matter; at least 5 s have to be in both. Another speed or key is another song.
+    In window scope the clip of a song with the most windows is taken, and frames between windows do not count.
 
     Parameters
     ----------
@@ -155,55 +174,63 @@ def alike_songs(store: Store, songs: Mapping[str, str]) -> list[AlikeSongs] | No
     field = sound_field(store)
     if field is None or len(set().union(*splits.values())) < 2:
         return []
-    hashes = music_hashes(store.meta)
+    hashes, windows = music_hashes(store.meta), _windows_of(store)
     chosen: dict[tuple[str, str | None], str] = {}
     for clip in store.clips:
         if clip.id in songs and not clip.source:
-            chosen.setdefault((songs[clip.id], hashes.get(clip.id)), clip.id)
+            first = chosen.setdefault((songs[clip.id], hashes.get(clip.id)), clip.id)
+            if len(windows[clip.id]) > len(windows[first]):
+                chosen[songs[clip.id], hashes.get(clip.id)] = clip.id
     if len(chosen) * (len(chosen) - 1) // 2 > MAX_PAIRS:
         return None
     step = max(1, round(float(field.rate) / _RATE))
     rate = float(field.rate) / step
     found = [
-        _Recording(song, frozenset(splits[song]), _comparable(rows[:, _sound_columns(field)], step, rate))
-        for (song, _), rows in zip(chosen, _rows_of(store, list(chosen.values()), field), strict=True)
+        _Recording(song, frozenset(splits[song]), *_comparable(rows[:, _sound_columns(field)], stored, step, rate))
+        for (song, _), clip in chosen.items()
+        for rows, stored in [_rows_of(store, clip, windows[clip], field)]
     ]
-    return sorted(_alike([r for r in found if len(r.rows) >= _OVERLAP_S * rate], rate), key=lambda a: -a.likeness)
+    return sorted(_alike([r for r in found if r.stored.sum() >= _OVERLAP_S * rate], rate), key=lambda a: -a.likeness)
 
 
-def _rows_of(store: Store, clips: Sequence[str], field: Field) -> Iterator[Rows]:
-    """Yield the rows of the songs of clips; in window scope the mean of a clip's windows, each at its place."""
-    if store.scope == "track":
-        yield from (store.read_song(clip, field.name) for clip in clips)
-        return
+def _windows_of(store: Store) -> defaultdict[str, list[Window]]:
+    """Return the windows of each clip in window scope, and none in track scope."""
     windows = defaultdict(list)
-    for split in store.splits:
+    for split in store.splits if store.scope == "window" else ():
         for window in store.windows(split):
             windows[window.clip].append(window)
-    for clip in clips:
-        own = windows[clip]
-        first, last = min(w.start for w in own), max(w.start + w.length for w in own)
-        rows = np.zeros((store.grid.rows(last - first, of=field.grid), field.columns.width), dtype=np.float32)
-        count = np.zeros((len(rows), 1), dtype=np.float32)
-        for window in own:
-            begin = store.grid.rows(window.start - first, of=field.grid)
-            part = store.read(window, field.name)
-            rows[begin : begin + len(part)] += part
-            count[begin : begin + len(part)] += 1
-        yield (rows / np.maximum(count, 1)).astype(np.float32)
+    return windows
 
 
-def _comparable(rows: npt.NDArray[Any], step: int, rate: float) -> Rows:
-    """Return means of `step` rows, without slow changes, each column divided by its deviation."""
+def _rows_of(store: Store, clip: str, windows: Sequence[Window], field: Field) -> tuple[Rows, Mask]:
+    """Return the rows of a clip's song, and which there are; the mean of its windows in window scope."""
+    if store.scope == "track":
+        song = store.read_song(clip, field.name)
+        return song, np.ones(len(song), dtype=bool)
+    first, last = min(w.start for w in windows), max(w.start + w.length for w in windows)
+    rows = np.zeros((store.grid.rows(last - first, of=field.grid), field.columns.width), dtype=np.float32)
+    count = np.zeros((len(rows), 1), dtype=np.float32)
+    for window in windows:
+        begin = store.grid.rows(window.start - first, of=field.grid)
+        part = store.read(window, field.name)
+        rows[begin : begin + len(part)] += part
+        count[begin : begin + len(part)] += 1
+    return (rows / np.maximum(count, 1)).astype(np.float32), count[:, 0] > 0
+
+
+def _comparable(rows: npt.NDArray[Any], stored: Mask, step: int, rate: float) -> tuple[Rows, Mask]:
+    """Return means of `step` rows, without slow changes, each column divided by its deviation; and which exist."""
     count, span = len(rows) // step, int(_SLOW_S * rate) | 1
-    means = rows[: count * step].astype(np.float64).reshape(count, step, -1).mean(axis=1)
-    if count:
+    there = stored[: count * step].reshape(count, step).all(axis=1)
+    means = rows[: count * step].astype(np.float64).reshape(count, step, -1).mean(axis=1) * there[:, None]
+    if there.any():
         from scipy.ndimage import uniform_filter1d
 
-        means -= uniform_filter1d(means, span, axis=0, mode="nearest")
-        means -= means.mean(axis=0)
-        means /= np.maximum(means.std(axis=0), 1e-9)
-    return np.asarray(means, dtype=np.float32)
+        weights = uniform_filter1d(there.astype(np.float64), span, mode="nearest")[:, None]
+        means -= uniform_filter1d(means, span, axis=0, mode="nearest") / np.maximum(weights, 1e-9)
+        means -= means[there].mean(axis=0)
+        means /= np.maximum(means[there].std(axis=0), 1e-9)
+    return np.asarray(means * there[:, None], dtype=np.float32), there
 
 
 def _alike(recordings: Sequence[_Recording], rate: float) -> Iterator[AlikeSongs]:
@@ -218,14 +245,15 @@ def _alike(recordings: Sequence[_Recording], rate: float) -> Iterator[AlikeSongs
         block = ordered[begin:end]
         # No recording before these is longer than the longest of them.
         n = fft.next_fast_len(2 * len(block[-1].rows), real=True)
-        spectra = np.stack([fft.rfft(r.rows, n, axis=0) for r in block])
+        spectra = np.stack([r.spectrum(n) for r in block])
         for place, one in enumerate(ordered[: end - 1]):
             others = [k for k, r in enumerate(block) if begin + k > place and _are_compared(one, r)]
             if others:
-                spectrum = fft.rfft(one.rows, n, axis=0).conj()
-                products = np.einsum("fd,bfd->bf", spectrum, spectra[others])
-                for k, correlation in zip(others, fft.irfft(products, n), strict=True):
-                    likeness, shift = _likeness(one.rows, block[k].rows, correlation, rate)
+                x, y = one.spectrum(n).conj(), spectra[others]
+                both = np.einsum("fd,bfd->bf", x[:, :-2], y[..., :-2])
+                products = [both, x[:, -2] * y[..., -1], x[:, -1] * y[..., -2], x[:, -1] * y[..., -1]]
+                for k, sums in zip(others, fft.irfft(np.stack(products, axis=1), n), strict=True):
+                    likeness, shift = _likeness(one, block[k], sums, rate)
                     if likeness >= LIKENESS:
                         turned = place_of[id(one)] > place_of[id(block[k])]
                         a, b, shift = (block[k], one, -shift) if turned else (one, block[k], shift)
@@ -237,24 +265,30 @@ def _are_compared(one: _Recording, other: _Recording) -> bool:
     return one.song != other.song and len(one.splits | other.splits) > 1
 
 
-def _likeness(a: Rows, b: Rows, correlation: npt.NDArray[Any], rate: float) -> tuple[float, int]:
+def _likeness(a: _Recording, b: _Recording, sums: npt.NDArray[Any], rate: float) -> tuple[float, int]:
     """Return the likeness of two songs, and the shift in rows from `a` to `b` at which they are most alike.
 
     Parameters
     ----------
-    correlation
-        Sum over t of ``a[t] * b[t + shift]`` at index `shift`; negative shifts count from the end.
+    sums
+        (4, n) over the rows t that both have, with ``t + shift`` of `b`, at index `shift`; negative shifts count from
+        the end: of the products, the energy of `a`, the energy of `b`, and their number.
     """
-    shifts = np.arange(round(_OVERLAP_S * rate) - len(a), len(b) - round(_OVERLAP_S * rate) + 1)
-    first, last = np.maximum(0, -shifts), np.minimum(len(a), len(b) - shifts)
-    of_a, of_b = (np.concatenate([[0.0], np.cumsum((rows * rows).sum(axis=1))]) for rows in (a, b))
-    energy = (of_a[last] - of_a[first]) * (of_b[last + shifts] - of_b[first + shifts])
-    best = int(np.argmax(correlation[shifts] / np.sqrt(np.maximum(energy, 1e-9))))
-    shift, begin, end = int(shifts[best]), int(first[best]), int(last[best])
-    size = max(1, round(_PIECE_S * rate))
+    least = round(_OVERLAP_S * rate)
+    shifts = np.arange(least - len(a.rows), len(b.rows) - least + 1)
+    products, *energies, n = sums[:, shifts]
+    floor = _SILENT * a.rows.shape[1] * np.maximum(n, 1)
+    alike = products / np.sqrt(np.maximum(energies[0], floor) * np.maximum(energies[1], floor))
+    best = int(np.argmax(np.where(np.rint(n) >= least, alike, -np.inf)))
+    if round(n[best]) < least:
+        return 0.0, 0
+    shift, size = int(shifts[best]), max(1, round(_PIECE_S * rate))
+    begin, end = max(0, -shift), min(len(a.rows), len(b.rows) - shift)
     end -= (end - begin) % size
-    x, y = (rows.reshape(-1, size * rows.shape[1]) for rows in (a[begin:end], b[begin + shift : end + shift]))
-    energies = (x * x).sum(axis=1), (y * y).sum(axis=1)
-    heard = np.maximum(*energies) > _SILENT * max(float(e.mean()) for e in energies)
-    pieces = (x * y).sum(axis=1)[heard] / np.sqrt(np.maximum(energies[0] * energies[1], 1e-9))[heard]
+    parts = slice(begin, end), slice(begin + shift, end + shift)
+    whole = (a.stored[parts[0]] & b.stored[parts[1]]).reshape(-1, size).all(axis=1)
+    x, y = (r.rows[part].reshape(len(whole), -1)[whole] for r, part in zip((a, b), parts, strict=True))
+    x2, y2 = (x * x).sum(axis=1), (y * y).sum(axis=1)
+    heard = np.maximum(x2, y2) > _SILENT * max(x2.mean(), y2.mean()) if whole.any() else whole[:0]
+    pieces = (x * y).sum(axis=1)[heard] / np.sqrt(np.maximum(x2 * y2, 1e-9))[heard]
     return (float(np.quantile(pieces, _WEAKEST)), shift) if heard.any() else (0.0, 0)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
 from dancedata.core.motion import Motion
@@ -124,6 +125,30 @@ def test_dancers_who_lie_or_stand_on_their_hands(dance: Motion, root: tuple[floa
     motion = on_the_floor(dance, root)
     head = motion.joints()[:, 15] - motion.joints()[:, 7:9].mean(axis=1)
     assert np.median(head[:, 1]) < 0.3
+    assert kinds(motion) == set()
+
+
+def test_a_dancer_who_lies_and_rolls_the_chest(dance: Motion) -> None:
+    """Hips and feet rest, so that the floor along the body is the steadier one, by millimetres."""
+    rotations = np.zeros((600, 24, 3))
+    rotations[:, 0, 0], rotations[:, 16, 2], rotations[:, 17, 2] = -np.pi / 2, -1.2, 1.2
+    rotations[:, (3, 6), 1] = 0.2 * np.sin(np.arange(600) / 30)[:, None]
+    noise = gaussian_filter1d(np.random.default_rng(0).normal(0, 0.003, (600, 3)), 6, axis=0)
+    for turn in (0, np.pi):
+        world = Rotation.from_euler("y", turn)
+        motion = turned(Motion(noise, rotations, dance.grid, SMPL24), world)
+        assert kinds(motion) & {"implausible_up", "implausible_sides"} == set()
+
+
+@pytest.mark.parametrize("degrees", [40, 60, 80, 100])
+def test_pointed_feet(dance: Motion, degrees: int) -> None:
+    """Toes that point down or back, as en pointe, contradict nothing while knees and shoulders agree."""
+    rotations = np.array(dance.rotations)
+    rotations[:, (7, 8)] = (np.radians(degrees), 0, 0)
+    motion = Motion(dance.translation, rotations, dance.grid, dance.skeleton)
+    sides = sides_of(motion.joints(), motion)
+    assert sides.knees > 0.5
+    assert sides.toes < 0.5
     assert kinds(motion) == set()
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DataError
@@ -27,7 +28,7 @@ LEG = ("hip", "knee", "ankle", "foot")
 @pytest.fixture(scope="module")
 def text() -> str:
     """A dance of SMPL's joints, whose names are SMPL's own, in metres."""
-    return motion_bvh(synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=120)[0])
+    return motion_bvh(synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=240)[0])
 
 
 @pytest.fixture
@@ -116,7 +117,7 @@ def test_a_wrong_up_axis_of_a_bvh(bvh: Path, up: Any) -> None:
 
 @pytest.mark.parametrize("up", ["z", "-y"])
 def test_a_wrong_up_axis_of_arrays(tmp_path: Path, up: Any) -> None:
-    motion = synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=120)[0]
+    motion = synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=240)[0]
     path = tmp_path / "a.npz"
     np.savez(path, poses=motion.rotations.reshape(-1, 72), trans=motion.translation)
     assert np.allclose(load(path, fps=60, up="y").translation, motion.translation)
@@ -124,6 +125,18 @@ def test_a_wrong_up_axis_of_arrays(tmp_path: Path, up: Any) -> None:
         load(path, fps=60, up=up)
     assert error.value.reason == "bad_declaration"
     assert "implausible_up" in [flag.kind for flag in implausible_flags(load(path, {"up": up}, fps=60))]
+
+
+def test_a_body_along_an_axis_that_cannot_be_declared(tmp_path: Path) -> None:
+    """No declaration of up makes it stand, so none is wrong: a flag, but the clip is read."""
+    motion, path = synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=240)[0], tmp_path / "a.npz"
+    for axis, angle in (("x", -90), ("z", 90), ("z", -90)):
+        world = Rotation.from_euler(axis, angle, degrees=True)
+        rotations, root = np.array(motion.rotations), motion.skeleton.offsets[0]
+        rotations[:, 0] = (world * Rotation.from_rotvec(rotations[:, 0])).as_rotvec()
+        translation = world.apply(root + motion.translation) - root
+        np.savez(path, poses=rotations.reshape(-1, 72), trans=translation)
+        assert "implausible_up" in [flag.kind for flag in implausible_flags(load(path, fps=60, up="y"))]
 
 
 def test_real_files_with_planted_swaps(shared: Path, tmp_path: Path) -> None:

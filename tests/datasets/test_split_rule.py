@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import soundfile
 from hypothesis import given
 from hypothesis import strategies as st
 from typer.testing import CliRunner
@@ -18,7 +19,7 @@ from typer.testing import CliRunner
 from dancedata.cli.app import app
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import RecipeError, SourceError, UsageError
-from dancedata.datasets._split_rule import SplitRule
+from dancedata.datasets._split_rule import SplitRule, same_songs
 from dancedata.datasets.folder import Folder
 from dancedata.recipes.parse import parse_recipe
 
@@ -101,6 +102,17 @@ def test_by_dancer_genre_and_clip() -> None:
     # A clip without music shares none.
     silent = [ClipRef(f"take{k}", Path("x"), None, "") for k in range(40)]
     assert set(splits(RULE, silent).values()) == {"train", "val", "test"}
+
+
+def test_songs_whose_zeros_differ_in_sign_are_one(tmp_path: Path) -> None:
+    samples = np.random.default_rng(0).integers(-9, 9, 4800) / 32768
+    minus = np.where(samples == 0, -0.0, samples)
+    refs = []
+    for name, values, kind in (("a.flac", samples, "PCM_16"), ("b.wav", minus, "FLOAT"), ("c.wav", -minus, "FLOAT")):
+        soundfile.write(tmp_path / name, values, 48_000, subtype=kind)
+        refs.append(ClipRef(name, Path("x"), tmp_path / name, "", music=name))
+    assert np.signbit(soundfile.read(tmp_path / "b.wav")[0][minus == 0]).all()
+    assert same_songs(refs) == {"b.wav": "a.flac"}
 
 
 def test_an_empty_split_names_a_seed_that_does() -> None:

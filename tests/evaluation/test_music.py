@@ -19,6 +19,7 @@ from dancedata.evaluation.inputs.clip import MemoryClip
 from dancedata.evaluation.music import named_songs, read_songs, song_name
 from dancedata.metrics import MusicBeats
 from dancedata.store import Store
+from dancedata.testing.stores import write_random_store
 
 
 def test_beats_of_a_piece_are_counted_from_its_first_frame() -> None:
@@ -58,6 +59,25 @@ def test_music_that_ends_before_the_motion_is_told(store: Store, tmp_path: Path)
     long = {"long": np.concatenate([joints, joints, joints])}
     report = dancedata.evaluate(long, like=store, music_of={"long": clip.music}, bootstrap=0)
     assert any("the music ends before the motion of 1 clip: long" in warning for warning in report.warnings)
+
+
+@pytest.mark.parametrize("scope", ["track", "window"])
+def test_beats_of_windows_where_a_protocol_takes_those_of_songs(store: Store, tmp_path: Path, scope: Any) -> None:
+    meta, fields = {"recipe": store.meta["recipe"], "licence": ""}, [store.field("edge151"), store.field("librosa35")]
+    write_random_store(
+        tmp_path / "a", scope=scope, clips={"train": 2}, length=150, n_frames=(165, 165), meta=meta, fields=fields
+    )
+    windows = dancedata.open(tmp_path / "a")
+    columns, music = (np.stack([windows.read(w, f) for w in windows.windows("train")]) for f in windows.fields)
+    evaluator = dancedata.metrics.Evaluator.of(windows, normalized=False)
+    evaluator.update(columns)
+    silent = evaluator.compute().warnings
+    evaluator.update(columns + 1, ids=list("abcd"), music=music)
+    reports = [dancedata.evaluate(windows, metrics=["bas"], bootstrap=0), evaluator.compute()]
+    for report in reports:
+        assert report["bas"] is not None
+    told = [any("beats are those of each window" in w for w in ws) for ws in (silent, *(r.warnings for r in reports))]
+    assert told == [False, *[scope == "window"] * 2]
 
 
 @pytest.mark.parametrize(("text", "found"), [("a,b,c\n", 3), ("clip,song\na,b\nc\n", 1)])

@@ -5,6 +5,7 @@ Dancers, songs and scores are of the numpy of this file.
 
 from __future__ import annotations
 
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -165,6 +166,18 @@ def test_pieces_and_cache_keys_have_the_instants() -> None:
     assert ClipMusic(beats).identity(instants=True) != ClipMusic(same).identity(instants=True)
     pieces = [ClipMusic(same, by_piece={0: b}).identity(instants=True) for b in (beats, same)]
     assert pieces[0] != pieces[1]
+
+
+@pytest.mark.parametrize("rate", ["30", "30000/1001", "60000/1001", "24000/1001", "22.5", "60"])
+def test_pieces_begin_at_one_instant_at_all_rates(rate: str) -> None:
+    """Every 2.5 s, less than a frame early: a stride that was rounded down is off by 0.7 s after a minute."""
+    grid, pieces = FrameGrid.of(rate), PROTOCOLS.get("dancedata")().truth
+    cuts = pieces.of(int(120 * grid.rate), grid)
+    assert len(cuts) == 47
+    for k, (start, length) in enumerate(cuts):
+        assert 0 <= Fraction(5, 2) * k - grid.seconds(start) < grid.seconds(1)
+        assert 0 <= 5 - grid.seconds(length) < grid.seconds(1)
+    assert cuts[-1][0] + cuts[-1][1] <= int(120 * grid.rate)
 
 
 def numbers(joints: np.ndarray, fps: int, music: MusicBeats) -> list[np.ndarray]:

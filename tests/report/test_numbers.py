@@ -10,6 +10,8 @@ import pytest
 
 import dancedata
 from dancedata.core.clip import Reject
+from dancedata.core.dance import Dance
+from dancedata.metrics.beats import BeatAlignment
 from dancedata.report import write_report
 from dancedata.report.findings import findings
 from dancedata.store import open_store, songs
@@ -53,6 +55,20 @@ def test_speed_is_that_of_22_joints(document: Any, joints: dict[str, np.ndarray]
     )
     for row in document["clips"]:
         assert row["speed"] == pytest.approx(speeds[row["clip"]].mean())
+
+
+def test_the_beat_alignment_is_of_frames_from_trim_start_on(relabelled: Any, joints: dict[str, np.ndarray]) -> None:
+    path = relabelled(lambda k: {"trim_start": 40})
+    for row in write_report(path).document["clips"]:
+        with open_store(path) as ds:
+            clip = next(clip for clip in ds.clips if clip.id == row["clip"])
+            music = ds.field("librosa35")
+            heard = dancedata.metrics.MusicBeats.of_rows(clip.read("librosa35"), music.columns, music.grid, late=1)
+        cut = dancedata.metrics.MusicBeats(
+            heard.frames[heard.frames >= 40] - 40, ds.grid, heard.seconds[heard.frames >= 40] - 40 / 30
+        )
+        dance = Dance(joints[clip.id][40:, :22], ds.grid, cut)
+        assert row["bas"] == pytest.approx(BeatAlignment(joints=22).measure(dance)[0])
 
 
 def test_floor_path_and_contacts(demo: Path, document: Any, joints: dict[str, np.ndarray]) -> None:

@@ -53,15 +53,22 @@ def as_mp3(samples: Samples, folder: Path, rate: int = RATE) -> Samples:
 def write(tmp_path: Path) -> Callable[..., Path]:
     """Return a function that writes a store: by split the songs of its clips, name -> rows of librosa35."""
 
-    def make(songs: Split, hashes: Mapping[str, str] | None = None, scope: Any = "track") -> Path:
+    def make(
+        songs: Split,
+        hashes: Mapping[str, str] | None = None,
+        scope: Any = "track",
+        n_frames: int = 240,
+        stride: int = 15,
+    ) -> Path:
         fields = (
             Field("pose", "motion", random_columns(3), Fraction(30)),
             Field("librosa35", "audio", Librosa35().columns, Fraction(30)),
         )
         counts = {split: len(own) for split, own in songs.items()}
         made = write_random_store(
-            tmp_path / "random", clips=counts, fields=fields, n_frames=(240, 240), length=150, scope=scope
-        )
+            tmp_path / "random", clips=counts, fields=fields, n_frames=(n_frames, n_frames), length=150,
+            stride=stride, scope=scope,
+        )  # fmt: skip
         clips = []
         pairs = [(name, audio) for own in songs.values() for name, audio in own.items()]
         for clip, (name, audio) in zip(made.clips, pairs, strict=True):
@@ -107,6 +114,45 @@ def test_a_copy_in_another_format_is_found(write: Callable[..., Path], tmp_path:
         assert abs(pair.shift_s + 1) < 0.1
         (name,) = splits(store)["songs"]["names"]["train and test"]
         assert name.startswith("first (sounds as copy, likeness 0.")
+
+
+@pytest.mark.parametrize("stride", [200, 260])
+def test_windows_with_gaps_between_them(write: Callable[..., Path], stride: int) -> None:
+    """A copy without the first 3.2 s has its gaps at other places; frames that no window covers do not count."""
+    first, second = (song(name, length_s=30) for name in CLOSE)
+    songs = {
+        "train": {"first": rows(first)},
+        "test": {"second": rows(second), "copy": rows(first[int(3.2 * RATE) :])},
+    }
+    path = write(songs, scope="window", n_frames=780, stride=stride)
+    with open_store(path) as store:
+        (pair,) = alike_songs(store, songs_of(store.clips, store.meta))
+    assert pair.songs == ("first", "copy")
+    assert pair.likeness > LIKENESS + 0.03
+    assert abs(pair.shift_s + 3.2) < 0.1
+
+
+def test_the_clip_with_the_most_windows_stands_for_a_song(write: Callable[..., Path], monkeypatch: Any) -> None:
+    noise = np.random.default_rng(0).normal(size=(310, 35)).astype("f4")
+    with open_store(
+        write({"train": {"a": noise}, "val": {"b": noise[::-1]}, "test": {"c": noise}}, scope="window")
+    ) as s:
+        names = [clip.id for clip in s.clips]
+        listed = type(s).windows
+        monkeypatch.setattr(
+            type(s), "windows", lambda self, split: list(listed(self, split))[: 1 if split == "train" else 9]
+        )
+        one = {names[0]: "x", names[1]: "y", names[2]: "x"}
+        read: list[str] = []
+        monkeypatch.setattr(type(s), "read", lambda self, window, field: read.append(window.clip) or noise[:150])
+        alike_songs(s, one)
+    assert set(read) == {names[1], names[2]}
+
+
+def test_gaps_alone_are_not_alike(write: Callable[..., Path]) -> None:
+    """Different songs with their gaps at the same places."""
+    songs = {"train": {"first": rows(song(CLOSE[0], 30))}, "test": {"second": rows(song(CLOSE[1], 30))}}
+    assert verify_store(write(songs, scope="window", n_frames=780, stride=260)) == []
 
 
 @pytest.mark.nightly

@@ -284,12 +284,14 @@ def _check_standing(bvh: Bvh, joints: JointMap, up: Fact[str]) -> None:
 
 
 def _check_up(path: Path, motion: Motion, up: Fact[str]) -> None:
-    """Reject files that certainly stand along another axis; the manifest's word for one file is believed."""
+    """Reject files that certainly stand along another axis that can be declared; the manifest's word is believed."""
     wrong = wrong_up(motion.joints()) if up.where != IN_MANIFEST else None
     if wrong is None or not wrong[1]:
         return
     in_file = wrong[0] @ UPRIGHT[up.value]
     better = max(UPRIGHT, key=lambda axis: float((UPRIGHT[axis] @ in_file)[1]))
+    if (UPRIGHT[better] @ in_file)[1] < abs(in_file).max():
+        return  # along -z or x: no declaration of up makes this body stand
     raise DataError(
         f"the body does not stand along the up axis {up}",
         reason="undeclared" if up.where == _CONVENTION else "bad_declaration",
