@@ -101,6 +101,10 @@ class _Run:
         needs_music = any(protocol.measures[number].metric.needs_music for number in numbers)
         music, problems = self._music(replace(side, clips=clips)) if needs_music else ({}, [])
         measured, rejects = self._measure(clips, side, numbers, music)
+        if needs_music and not any(m.fps for m in measured):
+            raise UsageError(
+                "no clip has music, and nothing else is measured", where=side.source, found="; ".join(problems)
+            )
         report = report_of(
             protocol, measured, pool, role=side.role, source=side.source, draws=self.request.draws, numbers=numbers
         )
@@ -157,6 +161,9 @@ class _Run:
             if store is not None and left:
                 pieces = request.protocol.pieces(side.role)
                 found |= stored_beats(store, rule, pieces, left, request.songs, self.cache.file_sha256)
+        unheard = sorted({clip.music for clip in side.clips if clip.id in request.songs and clip.id not in found})
+        if unheard and not files:
+            problems.append(f"no beats of songs that --music-of names: {listed(unheard)}")
         if not found:
             problems.append(_no_music(request.protocol))
         return found, problems
