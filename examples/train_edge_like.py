@@ -6,7 +6,7 @@
     accelerate launch examples/train_edge_like.py --data data/aistpp --out runs/edge --width 512 --steps 200000
 
 `--data` has edge151, lodge139 or finedance319, and librosa35: AIST++, FineDance, or data of one's own. OUT/dance.bvh,
-for Blender, and OUT/dance.svg, for a browser, are a dance for `--song`. A resume needs the same `--seconds` (of a window).
+for Blender, and OUT/dance.svg, for a browser, are a dance for `--song`. Resume with the same `--seconds`.
 """
 
 from __future__ import annotations
@@ -170,9 +170,7 @@ def options(description: str | None, **defaults: object) -> argparse.ArgumentPar
     parser.add_argument("--song", type=Path, help="music to dance to; default: that of the dataset's last clip")
     numbers = {"steps": 120, "batch": 16, "width": 96, "layers": 3, "rate": 1e-3, "workers": 0, "seed": 0}
     for name, value in {**numbers, "save_every": 500, "ddim": 25, "guidance": 2.0, **defaults}.items():
-        parser.add_argument(
-            f"--{name.replace('_', '-')}", type=type(value), default=value, help="default: %(default)s"
-        )
+        parser.add_argument("--" + name.replace("_", "-"), type=type(value), default=value, help=f"default: {value}")
     parser.add_argument("--cpu", action="store_true", help="use no GPU")
     return parser
 
@@ -181,19 +179,17 @@ def main() -> None:
     """Train, and generate."""
     args = options(__doc__, seconds=5.0).parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
-    store = dancedata.open(args.data)
-    field = next((name for name in ("edge151", "lodge139", "finedance319") if name in store.fields), "edge151")
+    ds = dancedata.open(args.data)
+    field = next((name for name in ("edge151", "lodge139", "finedance319") if name in ds.fields), "edge151")
     both = (field, "librosa35")
-    data = WindowDataset(store, fields=both, normalize=both, length_s=args.seconds, stride_s=0.5, mirror=0.5)
+    data = WindowDataset(ds, fields=both, normalize=both, length_s=args.seconds, stride_s=0.5, mirror=0.5)
     torch.manual_seed(args.seed)
-    model = Denoiser(store.fields[field].width, 35, args.width, args.layers, data.windows[0].length)
-    music = (
-        dancedata.extract("librosa35", args.song, fps=store.fps) if args.song else store.clips[-1].read("librosa35")
-    )
+    model = Denoiser(ds.fields[field].width, 35, args.width, args.layers, data.windows[0].length)
+    music = dancedata.extract("librosa35", args.song, fps=ds.fps) if args.song else ds.clips[-1].read("librosa35")
     accelerator, model = train(args, model, data, Losses(data, field), lambda batch: (batch["librosa35"],), field)
     if accelerator.is_main_process:
         made = generate(model, data, field, torch.from_numpy(music).to(accelerator.device), args.ddim, args.guidance)
-        write_dance(args.out / "dance", decode(made[: len(music)], field), float(store.fps))
+        write_dance(args.out / "dance", decode(made[: len(music)], field), float(ds.fps))
 
 
 if __name__ == "__main__":
