@@ -6,7 +6,7 @@
     accelerate launch examples/train_edge_like.py --data data/aistpp --out runs/edge --width 512 --steps 200000
 
 `--data` has edge151, lodge139 or finedance319, and librosa35: AIST++, FineDance, or data of one's own. OUT/dance.bvh,
-for Blender, and OUT/dance.svg, for a browser, are a dance for `--song`. The original's model is larger, with Jukebox.
+for Blender, and OUT/dance.svg, for a browser, are a dance for `--song`. Resume with the same `--seconds`.
 """
 
 from __future__ import annotations
@@ -17,8 +17,7 @@ import math
 from pathlib import Path
 
 import torch
-from accelerate import Accelerator
-from accelerate.utils import set_seed
+from accelerate import Accelerator, utils
 from torch import Tensor, nn
 from torch.utils.data import DataLoader
 
@@ -113,7 +112,8 @@ def write_dance(out: Path, poses: Poses, fps: float) -> None:
     """Write poses of (T) frames as BVH, in metres, and as a figure that moves in a browser, seen from the front."""
     bones, places = poses.skeleton, poses.joints().cpu()
     turns, root = poses.matrices.double().cpu().numpy(), places[:, 0].double().numpy()
-    write_bvh(out.with_suffix(".bvh"), bones.joints, bones.parents, bones.offsets, turns, root, f"{1 / fps:.8f}")
+    offsets = bones.offsets * (torch.arange(len(bones.joints)) > 0).numpy()[:, None]  # the root's is in its channels
+    write_bvh(out.with_suffix(".bvh"), bones.joints, bones.parents, offsets, turns, root, f"{1 / fps:.8f}")
     low, high = places.amin((0, 1)) - 0.1, places.amax((0, 1)) + 0.1
     x, y = (places[..., 0] - low[0]) * 200, (high[1] - places[..., 1]) * 200
     pairs, frames = list(enumerate(bones.parents))[1:], zip(x.int().tolist(), y.int().tolist(), strict=True)
@@ -123,12 +123,13 @@ def write_dance(out: Path, poses: Poses, fps: float) -> None:
     figure = f'<path fill="none" stroke="black" stroke-width="5" d="{lines[0]}"><animate {motion}/></path>'
     page = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}">{figure}</svg>'
     out.with_suffix(".svg").write_text(page, encoding="utf-8")
+    print(f"wrote {out.with_suffix('.bvh')} and {out.with_suffix('.svg')}")
 
 
 def train(args: argparse.Namespace, model: nn.Module, data, losses_of, condition_of, field: str) -> tuple:
     """Train from the last checkpoint to `--steps`; OUT/log.jsonl has the losses. Returns accelerator and model."""
     accelerator = Accelerator(cpu=args.cpu)
-    set_seed(args.seed, device_specific=True)
+    utils.set_seed(args.seed, device_specific=True)
     optimizer = torch.optim.AdamW(model.parameters(), lr=args.rate, weight_decay=0.02)
     model, optimizer = accelerator.prepare(model, optimizer)
     checkpoint, done = args.out / "checkpoint", 0
@@ -169,8 +170,8 @@ def options(description: str | None, **defaults: object) -> argparse.ArgumentPar
     parser.add_argument("--song", type=Path, help="music to dance to; default: that of the dataset's last clip")
     numbers = {"steps": 120, "batch": 16, "width": 96, "layers": 3, "rate": 1e-3, "workers": 0, "seed": 0}
     for name, value in {**numbers, "save_every": 500, "ddim": 25, "guidance": 2.0, **defaults}.items():
-        parser.add_argument(f"--{name.replace('_', '-')}", type=type(value), default=value)
-    parser.add_argument("--cpu", action="store_true")
+        parser.add_argument("--" + name.replace("_", "-"), type=type(value), default=value, help=f"default: {value}")
+    parser.add_argument("--cpu", action="store_true", help="use no GPU")
     return parser
 
 
@@ -178,18 +179,17 @@ def main() -> None:
     """Train, and generate."""
     args = options(__doc__, seconds=5.0).parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
-    store = dancedata.open(args.data)
-    field = next((name for name in ("edge151", "lodge139", "finedance319") if name in store.fields), "edge151")
+    ds = dancedata.open(args.data)
+    field = next((name for name in ("edge151", "lodge139", "finedance319") if name in ds.fields), "edge151")
     both = (field, "librosa35")
-    data = WindowDataset(store, fields=both, normalize=both, length_s=args.seconds, stride_s=0.5, mirror=0.5)
+    data = WindowDataset(ds, fields=both, normalize=both, length_s=args.seconds, stride_s=0.5, mirror=0.5)
     torch.manual_seed(args.seed)
-    model = Denoiser(store.fields[field].width, 35, args.width, args.layers, data.windows[0].length)
+    model = Denoiser(ds.fields[field].width, 35, args.width, args.layers, data.windows[0].length)
+    music = dancedata.extract("librosa35", args.song, fps=ds.fps) if args.song else ds.clips[-1].read("librosa35")
     accelerator, model = train(args, model, data, Losses(data, field), lambda batch: (batch["librosa35"],), field)
     if accelerator.is_main_process:
-        song = args.song and dancedata.extract("librosa35", args.song, fps=store.fps)
-        music = song if args.song else store.clips[-1].read("librosa35")
         made = generate(model, data, field, torch.from_numpy(music).to(accelerator.device), args.ddim, args.guidance)
-        write_dance(args.out / "dance", decode(made[: len(music)], field), float(store.fps))
+        write_dance(args.out / "dance", decode(made[: len(music)], field), float(ds.fps))
 
 
 if __name__ == "__main__":

@@ -98,14 +98,14 @@ def main() -> None:
         genre = [genres.index(name) if name else -1 for name in batch["genre"]]
         return batch["librosa35"], batch["primitive_start"], torch.tensor(genre)
 
-    accelerator, model = train(args, model, data, Losses(data, FIELD), condition_of, "primitives")
-    if not accelerator.is_main_process:
-        return
     music = store.clips[-1].read("librosa35")
     if args.song:
         music = dancedata.extract("librosa35", args.song, fps=store.fps)
     if len(music) < args.frames:
         raise SystemExit(f"the music has {len(music)} frames; --frames {args.frames} are needed")
+    accelerator, model = train(args, model, data, Losses(data, FIELD), condition_of, "primitives")
+    if not accelerator.is_main_process:
+        return
     music = music[: args.frames]
     start = placed_on_beats(data, music, args.segment)
     genre = args.genre or store.clips[-1].genre

@@ -100,6 +100,8 @@ class _Run:
         needs_music = any(protocol.measures[number].metric.needs_music for number in numbers)
         music, problems = self._music(replace(side, clips=clips)) if needs_music else ({}, [])
         measured, rejects = self._measure(clips, side, numbers, music)
+        if needs_music and not any(m.fps for m in measured):
+            raise UsageError("no clip could be measured", where=side.source, found="; ".join(problems))
         report = report_of(
             protocol, measured, pool, role=side.role, source=side.source, draws=self.request.draws, numbers=numbers
         )
@@ -158,6 +160,9 @@ class _Run:
                 stored = stored_beats(store, rule, pieces, left, request.songs, self.cache.file_sha256)
                 problems += about_windows(store, rule) if stored else []
                 found |= stored
+        unheard = sorted({clip.music for clip in side.clips if clip.id in request.songs and clip.id not in found})
+        if unheard and not files:
+            problems.append(f"no beats of songs that --music-of names: {listed(unheard)}")
         if not found:
             problems.append(_no_music(request.protocol))
         return found, problems

@@ -21,7 +21,7 @@ from dancedata.core.text import counted, listed
 from dancedata.evaluation.clip_music import BEAT, ClipMusic, field_beats
 from dancedata.evaluation.evaluate import pool_for, report_of
 from dancedata.evaluation.inputs.clip import MemoryClip
-from dancedata.evaluation.inputs.columns import ColumnsReader, reader_for
+from dancedata.evaluation.inputs.columns import ColumnsReader, reader_for, sample_lengths
 from dancedata.evaluation.measuring import MeasuredClip, measure_pose
 from dancedata.evaluation.music import about_windows, beat_field
 from dancedata.evaluation.pool import Pool
@@ -42,6 +42,8 @@ _Part = tuple[list[MeasuredClip], list[tuple[str, str]], list[str], dict[str, "_
 _WINDOW = re.compile(r"@\d+\+\d+(:.*)?$", re.DOTALL)
 #: How far the trace of a sample that is generated again may be off: the same network in batches of other sizes.
 _SAME = 1e-4
+#: How many rows music may be longer or shorter than motion.
+_ROWS = 2
 
 
 @dataclass(frozen=True)
@@ -214,7 +216,9 @@ class Evaluator:
         self._unnamed: list[str] = []
         self._traces: dict[str, _Trace] = {}
 
-    def update(self, motion: Any, *, ids: Sequence[str] | None = None, music: Any = None) -> None:
+    def update(
+        self, motion: Any, *, ids: Sequence[str] | None = None, music: Any = None, lengths: Any = None
+    ) -> None:
         """Measure a batch.
 
         Parameters
@@ -226,11 +230,16 @@ class Evaluator:
             once: samplers repeat samples to fill up. Default: the number of the process and of the sample.
         music
             (B, M, D') rows of the audio field, or (B, M) its column of beats; None: beat metrics are not computed.
+            They have the motion's length at the field's rate, within two rows.
+        lengths
+            (B,) rows of motion that each sample has, where it is padded: ``batch["lengths"]["edge151"]`` of
+            `pad_clips`. Motion and music behind them do not count. Default: all.
 
         Raises
         ------
         UsageError
-            For arrays that are not such a batch, or another motion or music under a name that was there before.
+            For arrays that are not such a batch, padded motion without lengths, music of another length, or another
+            motion or music under a name that was there before.
         """
         batch = _as_numpy(motion)
         if batch.ndim != 3:
@@ -243,16 +252,16 @@ class Evaluator:
                 allowed=f"(B, L, {width})",
             )
         named = self._numbered(len(batch)) if ids is None else [str(i) for i in ids]
-        rows = None if music is None else self._beats(_as_numpy(music))
-        for what, n in (("ids", len(named)), ("music", len(batch) if rows is None else len(rows))):
-            if n != len(batch):
-                raise UsageError(f"{what} and motion differ in length", found=f"{n} and {len(batch)}")
+        if len(named) != len(batch):
+            raise UsageError("ids and motion differ in length", found=f"{len(named)} and {len(batch)}")
+        sizes = sample_lengths(batch, named, None if lengths is None else _as_numpy(lengths))
+        rows = None if music is None else self._beats(_as_numpy(music), batch.shape[1], sizes, lengths is not None)
         if ids is None:
             self._unnamed += named
         for k, name in enumerate(named):
-            beats = None if rows is None else rows[k]
-            if not self._repeats(name, _Trace.of(batch[k], beats)):
-                self._measure(name, batch[k], beats)
+            beats, columns = None if rows is None else rows[k], batch[k, : sizes[k]]
+            if not self._repeats(name, _Trace.of(columns, beats)):
+                self._measure(name, columns, beats)
 
     def _numbered(self, n: int) -> list[str]:
         """Return names of samples without ids, which no other sample has."""
@@ -280,8 +289,8 @@ class Evaluator:
         # Windows of a clip are not independent: intervals leave out the clip as a whole.
         self._measured[name] = replace(measured, clip=_WINDOW.sub("", name))
 
-    def _beats(self, music: npt.NDArray[Any]) -> list[MusicBeats]:
-        """Return the beats of each sample."""
+    def _beats(self, music: npt.NDArray[Any], whole: int, sizes: Sequence[int], padded: bool) -> list[MusicBeats]:
+        """Return the beats of each sample, of motion of `sizes` rows in a batch of `whole` rows."""
         field = self._music_field
         if field is None:
             raise UsageError(
@@ -298,7 +307,19 @@ class Evaluator:
                 allowed=f"(B, M, {field.columns.width}), "
                 f"beats in column {field.columns.slice(BEAT).start}, or (B, M)",
             )  # fmt: skip
-        return [field_beats(rows, field) for rows in music]
+        if len(music) != len(sizes):
+            raise UsageError("music and motion differ in length", found=f"{len(music)} and {len(sizes)}")
+        grid, n = self.reader.grid, music.shape[1]
+        ends, most = [grid.rows_up(size, of=field.grid) for size in sizes], grid.rows_up(whole, of=field.grid)
+        other = padded and field.grid != grid  # fields of other rates are padded by other amounts
+        if n < max(ends, default=0) - _ROWS or (n > most + _ROWS and not other):
+            raise UsageError(
+                "music and motion of a batch have other lengths",
+                found=f"{n} rows of music, {whole} of motion",
+                allowed=f"{most} rows of {field.name}, which has {field.grid.rate} per second, within {_ROWS}",
+                fix="give the rows of the same frames; a field of another rate: Evaluator.of(..., music=FIELD)",
+            )  # fmt: skip
+        return [field_beats(rows[:end], field) for rows, end in zip(music, ends, strict=True)]
 
     def gather(self, gather: Gather | None = None, *, repeated: Literal["same", "first"] = "same") -> Self:
         """Join the samples of all processes; every process has to call it, and then has all of them.
@@ -370,8 +391,17 @@ class Evaluator:
             self.protocol, clips, self.pool, role="generated", source="samples of a model", draws=bootstrap
         )
         heard = any(trace.beats is not None for trace in self._traces.values())
-        warnings = (*(self._about_music if heard else ()), *report.warnings)
+        warnings = (*(self._about_music if heard else self._unheard()), *report.warnings)
         return replace(report, warnings=warnings, left_out=tuple(sorted(self._left_out.items())))
+
+    def _unheard(self) -> list[str]:
+        """Warn of samples that are all without music, where the protocol takes it."""
+        if not any(measure.metric.needs_music for measure in self.protocol.measures):
+            return []
+        field = self._music_field
+        if field is None:
+            return ["no beats of music: the dataset has no audio field with those of this protocol"]
+        return [f"no beats of music: give update(..., music=batch[{field.name!r}])"]
 
 
 def _as_numpy(batch: Any) -> npt.NDArray[Any]:

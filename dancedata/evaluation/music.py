@@ -92,6 +92,8 @@ def song_name(text: str) -> str:
 def read_songs(path: Path) -> dict[str, str]:
     """Read clip and song from a CSV file with these two columns; a heading "clip,song" may come first.
 
+    Columns are separated by commas, semicolons or tabulators, whichever make two of the first line.
+
     Raises
     ------
     UsageError
@@ -100,7 +102,10 @@ def read_songs(path: Path) -> dict[str, str]:
     try:
         if path.stat().st_size > _MAX_CSV_BYTES:
             raise UsageError("the list of songs is too large", where=path, allowed=f"{_MAX_CSV_BYTES:,} bytes")
-        lines = list(csv.reader(io.StringIO(path.read_bytes().decode("utf-8-sig"), newline="")))
+        text = path.read_bytes().decode("utf-8-sig")
+        head = text.lstrip().partition("\n")[0]
+        between = next((c for c in ",;\t" if len(next(csv.reader([head], delimiter=c), [])) == 2), ",")
+        lines = list(csv.reader(io.StringIO(text, newline=""), delimiter=between))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise UsageError("the list of songs cannot be read", where=path, found=str(error)) from error
     songs: dict[str, str] = {}

@@ -207,7 +207,7 @@ def latex(report: Report) -> str:
             rf"\hline & {head} \\ \hline",
             rf"{_escaped(report.source, latex=True)} & {values} \\ \hline",
             r"\end{tabular}",
-            rf"\caption{{Protocol {name}; {len(report.clips)} clips, {report.fps} frames per second.}}",
+            rf"\caption{{Protocol {name}; {counted(len(report.clips), 'clip')}, {report.fps} frames per second.}}",
             r"\end{table}",
         ]
     )

@@ -17,6 +17,7 @@ from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
 from dancedata.core.text import listed
 from dancedata.datasets.files import AUDIO_SUFFIXES, best_audio
+from dancedata.datasets.folder import MUSIC_FOLDERS
 from dancedata.evaluation.clip_music import ClipMusic, field_beats
 from dancedata.evaluation.inputs.clip import ClipInput
 from dancedata.evaluation.protocol import MusicRule, Protocol, Role
@@ -43,20 +44,24 @@ _DEFAULT = FrameGrid.of(30)
 
 
 def song_files(folder: Path) -> dict[str, Path]:
-    """Return the music files of a folder by their names without suffix.
+    """Return the music files of a folder, or else of its folder of music, by their names without suffix.
 
     Raises
     ------
     UsageError
         If there are none.
     """
-    found: dict[str, list[Path]] = {}
-    for path in sorted(folder.iterdir()) if folder.is_dir() else []:
-        if path.suffix.lower() in AUDIO_SUFFIXES and path.is_file():
-            found.setdefault(path.stem, []).append(path)
-    if not found:
-        raise UsageError("no music in the folder", where=folder, allowed=f"files {', '.join(AUDIO_SUFFIXES)}")
-    return {stem: best_audio(paths)[0] for stem, paths in found.items()}
+    for place in (folder, *(folder / name for name in MUSIC_FOLDERS)):
+        found: dict[str, list[Path]] = {}
+        for path in sorted(place.iterdir()) if place.is_dir() else []:
+            if path.suffix.lower() in AUDIO_SUFFIXES and path.is_file():
+                found.setdefault(path.stem, []).append(path)
+        if found:
+            return {stem: best_audio(paths)[0] for stem, paths in found.items()}
+    raise UsageError(
+        "no music in the folder", where=folder,
+        allowed=f"files {', '.join(AUDIO_SUFFIXES)}, here or in {listed(f'{name}/' for name in MUSIC_FOLDERS)}",
+    )  # fmt: skip
 
 
 def song_beats(

@@ -94,6 +94,11 @@ def test_music_files_give_what_the_store_has(store: Store, folder: Path) -> None
     assert wavs.is_dir(), sorted(p.name for p in (folder / "small-source").iterdir())
     computed = json.loads(run(store.path, "--jobs", 1, "--bootstrap", 0, "--source", wavs, "--json"))
     assert computed["scores"]["bas"]["value"] == stored["scores"]["bas"]["value"]
+    root = json.loads(run(store.path, "--jobs", 1, "--bootstrap", 0, "--source", wavs.parent, "--json"))
+    assert root["scores"]["bas"]["value"] == stored["scores"]["bas"]["value"]
+    refused = run(store.path, "--jobs", 1, "--source", store.path, code=2)
+    assert "no music in the folder; allowed: files .wav" in refused
+    assert "here or in music/, wavs/" in refused
 
 
 def test_beats_of_windows_are_computed_each_by_itself(store: Store, folder: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 import dancedata
 from dancedata import Evaluator
 from dancedata.core.errors import UsageError
+from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.store import Store
 
@@ -128,6 +130,63 @@ def test_samples_that_cannot_be_measured_are_named(evaluator: Evaluator, batch: 
         evaluator.update(columns[:3], music=music[:3, :, :20])
     with pytest.raises(UsageError, match="music and motion differ in length; found 2 and 3"):
         evaluator.update(columns[:3], music=music[:2])
+
+
+def test_padding_is_not_measured(store: Store, evaluator: Evaluator, batch: Any) -> None:
+    ids, columns, music = batch
+    sizes = [LENGTH, 131, 97, 140]
+    evaluator.reset()
+    for k, n in enumerate(sizes):
+        evaluator.update(columns[k : k + 1, :n], ids=ids[k : k + 1], music=music[k : k + 1, :n])
+    alone = values(evaluator.compute())
+    padded, heard = np.zeros((4, LENGTH + 10, 151)), np.zeros((4, LENGTH + 10, 35))
+    for k, n in enumerate(sizes):
+        padded[k, :n], heard[k, :n] = columns[k, :n], music[k, :n]
+    evaluator.reset()
+    evaluator.update(padded, ids=ids[:4], music=heard, lengths=np.array(sizes))
+    assert values(evaluator.compute()) == alone
+    evaluator.update(padded[1:2, :131], ids=ids[1:2], music=heard[1:2, :131])  # the same sample, padded otherwise
+    assert len(evaluator) == 4
+    junk = padded.copy()
+    junk[1, 131:] = columns[0, 0]  # what a network makes of padded rows
+    evaluator.reset()
+    evaluator.update(junk, ids=ids[:4], music=heard, lengths=sizes)
+    assert values(evaluator.compute()) == alone
+    evaluator.reset()
+    with pytest.raises(UsageError, match=r"a sample is padded.*found 10 rows of 0. Say how long .*lengths=batch"):
+        evaluator.update(padded, ids=ids[:4], music=heard)
+    for wrong in ([1, 2], [1, 2, 3, 0], [1, 2, 3, 161], [1.5, 2, 3, 4], {"edge151": sizes}):
+        with pytest.raises(UsageError, match=r"lengths are not the rows .* 4 whole numbers from 1 to 160"):
+            evaluator.update(padded, ids=ids[:4], lengths=wrong)
+    assert len(evaluator) == 0
+    evaluator.update(np.zeros((2, LENGTH, 151)))  # an untrained network stands still: no padding
+    assert len(evaluator) == 2
+
+
+def test_music_of_another_length_or_rate(store: Store, evaluator: Evaluator, batch: Any) -> None:
+    ids, columns, music = batch
+    evaluator.reset()
+    for wrong in (music[:, ::2], music.repeat(2, axis=1), music[:, :100], music[:, ::2, 34]):
+        with pytest.raises(UsageError, match=r"other lengths; found \d+ rows of music, 150 of motion; allowed: 150"):
+            evaluator.update(columns, ids=ids, music=wrong)
+    with pytest.raises(UsageError, match="found 75 rows of music, 150 of motion"):
+        evaluator.update(columns, ids=ids, music=music[:, ::2], lengths=[LENGTH] * len(ids))
+    evaluator.update(columns, ids=ids, music=music[:, :149])
+    field = store.field("librosa35")
+    sixty: Any = SimpleNamespace(name=field.name, columns=field.columns, grid=FrameGrid.of(60))
+    other = Evaluator(evaluator.protocol, evaluator.reader, evaluator.pool, music_field=sixty)
+    with pytest.raises(UsageError, match="allowed: 300 rows of librosa35, which has 60 per second"):
+        other.update(columns, ids=ids, music=music)
+    other.update(columns, ids=ids, music=music.repeat(2, axis=1))
+
+
+def test_samples_without_music_have_a_warning(store: Store, evaluator: Evaluator, batch: Any) -> None:
+    ids, columns, music = batch
+    evaluator.reset()
+    evaluator.update(columns[:4], ids=ids[:4])
+    assert "no beats of music: give update(..., music=batch['librosa35'])" in evaluator.compute().warnings
+    evaluator.update(columns[4:8], ids=ids[4:8], music=music[4:8])
+    assert not any("no beats" in warning for warning in evaluator.compute().warnings)
 
 
 def test_columns_that_do_not_fit_the_protocol(store: Store) -> None:

@@ -89,6 +89,28 @@ def test_broken_lists_of_songs(tmp_path: Path, text: str, found: int) -> None:
         read_songs(tmp_path / "missing.csv")
 
 
+def test_lists_of_songs_of_other_spreadsheets(tmp_path: Path) -> None:
+    for between in ",;\t":
+        for head in ("", f"clip{between}song\n"):
+            (tmp_path / "songs.csv").write_text(f"{head}a{between}mBR0.wav\nb{between}mBR1\n", encoding="utf-8")
+            assert read_songs(tmp_path / "songs.csv") == {"a": "mBR0", "b": "mBR1"}
+    (tmp_path / "songs.csv").write_text("a;b;c,mBR0\n", encoding="utf-8")
+    assert read_songs(tmp_path / "songs.csv") == {"a;b;c": "mBR0"}
+
+
+def test_songs_that_are_not_there_are_named(store: Store, tmp_path: Path) -> None:
+    for k, clip in enumerate(store.clips[:2]):
+        np.save(tmp_path / f"sample{k}.npy", clip.read("edge151"))
+    options: dict[str, Any] = {"like": store, "normalized": False, "bootstrap": 0, "metrics": ["bas"]}
+    songs = {"sample0": store.clips[0].music, "sample1": "nosong"}
+    report = dancedata.evaluate(tmp_path, music_of=songs, **options)
+    assert "no beats of songs that --music-of names: nosong" in report.warnings
+    with pytest.raises(UsageError, match=r"could be measured; found no beats of songs .*: nosong, other; no b"):
+        dancedata.evaluate(tmp_path, music_of={"sample0": "other", "sample1": "nosong"}, **options)
+    with pytest.raises(UsageError, match=r"could be measured; found no beats of music: .* --music-of FILE.csv"):
+        dancedata.evaluate(tmp_path, **options)
+
+
 @pytest.fixture(scope="module")
 def other_songs(store: Store) -> dict[str, str]:
     """For each clip of the dataset, another song of it."""

@@ -196,6 +196,10 @@ def test_undeclared_facts_of_files(tmp_path: Path) -> None:
         dancedata.evaluate(tmp_path, fps=30)
     with pytest.raises(DataError, match=r"frame rate of these positions is unknown.*--fps"):
         dancedata.evaluate(tmp_path, up="y")
+    np.savez(tmp_path / "a.npz", poses=np.zeros((9, 72)), trans=np.zeros((9, 3)), mocap_framerate=30)
+    (tmp_path / "a.npy").unlink()
+    with pytest.raises(DataError, match=r"up axis .* unknown.*\. Declare it: --fps RATE, --up y or z, --unit m, cm"):
+        dancedata.evaluate(tmp_path)
     with pytest.raises(UsageError, match="there is nothing to evaluate"):
         dancedata.evaluate(tmp_path / "b")
     (tmp_path / "empty").mkdir()

@@ -29,13 +29,14 @@ recipe asks for it. Music: wav, flac, mp3 or ogg. See docs/own-data.md.
 
 from dancedata.datasets.folder.array_layouts import RATE_KEYS, same_rate, stated_grid
 from dancedata.datasets.folder.facts import UNITS, UPRIGHT, metres
-from dancedata.datasets.folder.layout import MOTION_FOLDERS
+from dancedata.datasets.folder.layout import MOTION_FOLDERS, MUSIC_FOLDERS
 from dancedata.datasets.folder.manifest import MANIFESTS
 from dancedata.datasets.folder.reader import Folder
 
 __all__ = [
     "MANIFESTS",
     "MOTION_FOLDERS",
+    "MUSIC_FOLDERS",
     "RATE_KEYS",
     "UNITS",
     "UPRIGHT",

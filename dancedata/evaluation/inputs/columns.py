@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,7 +13,7 @@ from dancedata.core.errors import DataError, UsageError, did_you_mean
 from dancedata.core.grid import FrameGrid
 from dancedata.core.plugins import Representation
 from dancedata.core.skeleton import SMPL24
-from dancedata.core.text import listed
+from dancedata.core.text import listed, shown
 from dancedata.evaluation.pose import BODIES, Pose
 from dancedata.evaluation.protocol import MotionRule
 from dancedata.recipes.documents import document_of
@@ -21,7 +22,7 @@ from dancedata.recipes.parse import parse_recipe
 from dancedata.store import Store
 from dancedata.store.scaling import Scaling
 
-__all__ = ["ColumnsReader", "field_readers", "reader_for"]
+__all__ = ["ColumnsReader", "field_readers", "reader_for", "sample_lengths"]
 
 _POSITION = "position"
 _AS_STORED = Scaling()
@@ -133,3 +134,29 @@ def reader_for(store: Store, rule: MotionRule, field: str | None) -> tuple[str, 
         if only_rate
         else "build it with a field that has them: " + listed(["edge151", "lodge319", "joints"]),
     )
+
+
+def sample_lengths(batch: npt.NDArray[Any], names: Sequence[str], lengths: npt.NDArray[Any] | None) -> list[int]:
+    """Return how many rows each sample of a batch (B, L, D) has: `lengths` (B,), or L.
+
+    Raises
+    ------
+    UsageError
+        For lengths that are not such numbers, or for none where samples are padded.
+    """
+    if lengths is not None:
+        if lengths.shape != batch.shape[:1] or not np.isin(lengths, np.arange(1, batch.shape[1] + 1)).all():
+            raise UsageError(
+                "lengths are not the rows of each sample", found=shown(lengths),
+                allowed=f'{len(batch)} whole numbers from 1 to {batch.shape[1]}, as batch["lengths"][FIELD] has them',
+            )  # fmt: skip
+        return [int(size) for size in lengths]
+    for name, rows in zip(names, batch, strict=True):
+        even = (rows == rows[:, :1]).all(axis=1)  # all columns are one number: filled up, and no motion
+        if len(rows) and even[-1] and not even.all():
+            raise UsageError(
+                "a sample is padded: its last rows are one number", where=f"sample {name}",
+                found=f"{int(even[::-1].argmin())} rows of {rows[-1, 0]:g}",
+                fix='say how long samples are: update(..., lengths=batch["lengths"][FIELD]), as pad_clips gives them',
+            )  # fmt: skip
+    return [batch.shape[1]] * len(batch)

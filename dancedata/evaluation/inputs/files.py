@@ -30,6 +30,11 @@ __all__ = ["FileClip", "FileFormat", "folder_clips"]
 #: Names of arrays (T, J, 3) that are taken as positions; "" is the only array of a file.
 _JOINTS = ("full_pose", "joints", "positions", "keypoints3d", "")
 _COLUMNS = ("columns", "motion", "")
+#: What to do about a file with rotations, by reason, in words of the command.
+_REMEDIES = {
+    "undeclared": "declare it: --fps RATE, --up y or z, --unit m, cm, mm or inch",
+    "missing_key": "name its arrays so, or say what columns they are: --like STORE, --representation NAME",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +111,11 @@ class FileClip(ClipInput):
                 pose = self._columns(arrays) or self._positions(arrays)
             if pose is not None:
                 return pose
-        return Pose.of_motion(self.format.folder.load(ClipRef(self.id, self.path, None, "test")))
+        try:
+            return Pose.of_motion(self.format.folder.load(ClipRef(self.id, self.path, None, "test")))
+        except DataError as error:  # the folder's remedies are keys of a recipe
+            error.fix = _REMEDIES.get(error.reason, error.fix)
+            raise
 
     def _positions(self, arrays: ArrayFile) -> Pose | None:
         name = next((n for n in _JOINTS if n in arrays.names and _is_positions(arrays, n)), None)
