@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dancedata.audio.beats.track import BeatTrack
-from dancedata.audio.librosa35.reference import compile_kernels, estimated_bpm, known_warnings
 from dancedata.audio.networks.feature import NetworkFeature
 from dancedata.audio.signal import resample
 from dancedata.core.audio_signal import AudioSignal
@@ -148,6 +147,8 @@ class Beats(NetworkFeature):
         if self.source != "librosa":
             return None
         self.require_samples(signal)
+        from dancedata.audio.librosa35.reference import estimated_bpm
+
         return estimated_bpm(signal.samples, signal.sample_rate)
 
     def estimated_window_bpms(
@@ -157,6 +158,8 @@ class Beats(NetworkFeature):
         if self.source != "librosa":
             return None
         self.require_windows(signal, starts, n_samples)
+        from dancedata.audio.librosa35.reference import estimated_bpm
+
         windows = (signal.samples[start : start + n_samples] for start in starts.tolist())
         return [estimated_bpm(window, signal.sample_rate) for window in windows]
 
@@ -213,6 +216,8 @@ def librosa_beats(signal: AudioSignal, start_bpm: float | None) -> BeatTrack:
     start_bpm
         Where the search for the tempo starts, in beats per minute; None: at librosa's estimate.
     """
+    from dancedata.audio.librosa35.reference import compile_kernels, estimated_bpm, known_warnings
+
     compile_kernels()
     import librosa
 

@@ -22,7 +22,7 @@ else:  # type checkers take the imports above, and so find misspelt names
         __name__,
         {
             "HuggingFaceEncoder": f"{__name__}.encoder",
-            "licence_of": f"{__name__}.model_card",
+            "licence_of": f"{__name__}.model_folder",
             "open_model": f"{__name__}.model_folder",
             "settings_of": f"{__name__}.settings",
             "write_random_model": f"{__name__}.random_models",

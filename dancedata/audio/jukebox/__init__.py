@@ -29,7 +29,7 @@ else:  # type checkers take the imports above, and so find misspelt names
         {
             "JukeboxConfig": f"{__name__}.config",
             "JukeboxEncoder": f"{__name__}.encoder",
-            "JukeboxOverflowError": f"{__name__}.network.overflow",
+            "JukeboxOverflowError": f"{__name__}.encoder",
             "checkpoint_sha256": f"{__name__}.weights.folder",
             "convert": f"{__name__}.conversion",
             "fetch": f"{__name__}.weights.download",
