@@ -1,4 +1,4 @@
-"""Arrays in files of numpy, pickle, joblib and torch: no code is run, and headers are checked before they take memory.
+"""Arrays in files of numpy, pickle, joblib and torch: no code is run; headers are checked before memory is taken.
 
 Every .npy file and every member of an .npz archive goes through `_read_header`, the only parser of such headers.
 """
