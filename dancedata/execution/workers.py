@@ -28,8 +28,7 @@ def start_workers(
     if backend == "loky" or scheduler is None:
         yield LokyExecutor(n)
         return
-    from dancedata.execution.executors.dask import DaskExecutor, connected
-    from dancedata.execution.requirements import worker_requirements
+    from dancedata.execution.executors.dask import DaskExecutor, connected, worker_requirements
 
     with connected(scheduler) as client, worker_requirements(cache, source, packages) as requirements:
         yield DaskExecutor(n, client=client, requirements=requirements)

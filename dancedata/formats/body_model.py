@@ -26,8 +26,7 @@ from dancedata.core.bodies import SMPLH52, SMPLX55
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import listed, shown
-from dancedata.formats.array_file import ArrayFile
-from dancedata.formats.arrays import ValueArrays, open_arrays
+from dancedata.formats.arrays import ArrayFile, ValueArrays, open_arrays
 from dancedata.formats.bvh.hierarchy import MAX_VALUE
 from dancedata.formats.checked_unpickler import ClassName, StandIn, make
 from dancedata.formats.numpy_pickle import is_shape

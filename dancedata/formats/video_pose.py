@@ -25,8 +25,7 @@ from numpy.typing import NDArray
 
 from dancedata.core.errors import DataError
 from dancedata.core.text import counted, shown
-from dancedata.formats.array_file import as_numbers
-from dancedata.formats.arrays import ValueArrays, load_values
+from dancedata.formats.arrays import ValueArrays, as_numbers, load_values
 from dancedata.formats.safe_pickle import as_array
 
 __all__ = ["PHALP_CAMERA", "PHALP_ROTATIONS", "TOOLS", "PersonArrays", "open_people"]

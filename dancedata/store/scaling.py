@@ -6,7 +6,7 @@ import logging
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -14,8 +14,10 @@ import numpy.typing as npt
 from dancedata.core.errors import DataError, UsageError, did_you_mean
 from dancedata.core.normalize import MinMax
 from dancedata.core.plugins import Representation
-from dancedata.formats.array_file import ArrayFile
 from dancedata.store.dataset import Store, open_store
+
+if TYPE_CHECKING:
+    from dancedata.formats.arrays import ArrayFile
 
 __all__ = ["Like", "Reader", "Scaling", "opened", "stated_in", "store_of"]
 

@@ -165,8 +165,8 @@ def test_a_worker_is_checked_for_what_it_needs(
 ):
     distributed = pytest.importorskip("distributed")
     from dancedata.core.errors import DanceDataError
-    from dancedata.execution import requirements
     from dancedata.execution.cache_files import locked_file
+    from dancedata.execution.executors import dask
 
     worker = SimpleNamespace(address="tcp://x", state=SimpleNamespace(nthreads=wrong.pop("threads", 1)))
     monkeypatch.setattr(distributed, "get_worker", lambda: worker)
@@ -176,10 +176,10 @@ def test_a_worker_is_checked_for_what_it_needs(
             stack.enter_context(locked_file(tmp_path, token.name))
         token.write_text("w")
         right: dict[str, Any] = {"token": token, "token_text": "w", "source": corpus}
-        right |= {"names_sha256": requirements._names_sha256(corpus), "versions": requirements._versions({"librosa"})}
-        required = requirements.WorkerRequirements(**{**right, **wrong})
+        right |= {"names_sha256": dask._names_sha256(corpus), "versions": dask._versions({"librosa"})}
+        required = dask.WorkerRequirements(**{**right, **wrong})
         stack.enter_context(nullcontext() if said is None else pytest.raises(DanceDataError, match=said))
-        requirements.check_worker(required)
+        dask.check_worker(required)
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ pytest.importorskip("torch")
 
 import torch
 
-from dancedata.core import kinematics
+from dancedata.core import motion as in_numpy
 from dancedata.core.bodies import SKELETONS, SMPLX22
 from dancedata.core.columns import Columns, Group
 from dancedata.core.errors import UsageError
@@ -72,7 +72,7 @@ def flat(tensor: torch.Tensor) -> np.ndarray:
 @pytest.mark.parametrize("skeleton", SKELETONS.values(), ids=SKELETONS)
 def test_joints_of_every_skeleton(skeleton: Skeleton, kind: str, device: str) -> None:
     motion = random_motion(skeleton)
-    wanted = kinematics.forward_kinematics(skeleton, motion.rotations, motion.translation)
+    wanted = in_numpy.forward_kinematics(skeleton, motion.rotations, motion.translation)
     turns, root = (batched(a).to(device, getattr(torch, kind)) for a in (motion.rotations, motion.translation))
     for rotations in (turns, batched(motion.matrices).to(device, getattr(torch, kind))):
         found = forward_kinematics(skeleton, rotations, root)

@@ -40,7 +40,7 @@ from dancedata.datasets.folder.array_values import (
     stored_rate,
 )
 from dancedata.datasets.folder.facts import Fact, bad_declaration
-from dancedata.formats.array_file import ArrayFile
+from dancedata.formats.arrays import ArrayFile
 from dancedata.formats.body_model import SMPLH52
 from dancedata.formats.six_d import check_rows, rotations_of
 from dancedata.formats.video_pose import PHALP_CAMERA, PHALP_ROTATIONS, PersonArrays

@@ -15,8 +15,7 @@ from dancedata.core.errors import DataError
 from dancedata.core.rotations import slerp
 from dancedata.core.text import counted, listed, quoted
 from dancedata.datasets.folder.manifest import id_problem
-from dancedata.formats.array_file import ArrayFile
-from dancedata.formats.arrays import VALUE_SUFFIXES, open_arrays
+from dancedata.formats.arrays import VALUE_SUFFIXES, ArrayFile, open_arrays
 from dancedata.formats.video_pose import PersonArrays, open_people
 
 __all__ = ["Seen", "on_video_frames", "open_person", "seen_in", "split_people"]
