@@ -231,9 +231,9 @@ def _hash(stored: MinMax | None) -> str:
 
 
 def _rows(columns: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
-    """Return columns (..., D) as (N, D), with nan for infinity."""
+    """Return columns (..., D) as (N, D), with nan for infinity, and within what can be squared."""
     rows = np.asarray(columns, dtype=np.float64).reshape(-1, columns.shape[-1])
-    return np.where(np.isfinite(rows), rows, np.nan)
+    return np.where(np.isfinite(rows), rows.clip(-1e9, 1e9), np.nan)
 
 
 @cache
