@@ -221,7 +221,7 @@ def _rows_of(store: Store, clip: str, windows: Sequence[Window], field: Field) -
 def _comparable(rows: npt.NDArray[Any], stored: Mask, step: int, rate: float) -> tuple[Rows, Mask]:
     """Return means of `step` rows, without slow changes, each column divided by its deviation; and which exist."""
     count, span = len(rows) // step, int(_SLOW_S * rate) | 1
-    there = stored[: count * step].reshape(count, step).all(axis=1)
+    there = np.asarray(stored[: count * step].reshape(count, step).all(axis=1))
     means = rows[: count * step].astype(np.float64).reshape(count, step, -1).mean(axis=1) * there[:, None]
     if there.any():
         from scipy.ndimage import uniform_filter1d
@@ -286,7 +286,7 @@ def _likeness(a: _Recording, b: _Recording, sums: npt.NDArray[Any], rate: float)
     begin, end = max(0, -shift), min(len(a.rows), len(b.rows) - shift)
     end -= (end - begin) % size
     parts = slice(begin, end), slice(begin + shift, end + shift)
-    whole = (a.stored[parts[0]] & b.stored[parts[1]]).reshape(-1, size).all(axis=1)
+    whole = np.asarray((a.stored[parts[0]] & b.stored[parts[1]]).reshape(-1, size).all(axis=1))
     x, y = (r.rows[part].reshape(len(whole), -1)[whole] for r, part in zip((a, b), parts, strict=True))
     x2, y2 = (x * x).sum(axis=1), (y * y).sum(axis=1)
     heard = np.maximum(x2, y2) > _SILENT * max(x2.mean(), y2.mean()) if whole.any() else whole[:0]
