@@ -199,7 +199,11 @@ class FootSkating(Metric):
 
     version: ClassVar[int] = 1
     source: ClassVar[str] = "Li et al. 2024, Lodge; rules: SKATING_RULES"
-    better: ClassVar[dict[str, Better]] = {"skating": "lower"}
+    better: ClassVar[dict[str, Better]] = {
+        "skating_left": "lower",
+        "skating_right": "lower",
+        "skating": "lower",
+    }
     bounds: ClassVar[tuple[float, float]] = (0, 1)
 
     rule: str = "speed"

@@ -340,7 +340,7 @@ def describe_features(out: Path, about: Mapping[str, Any]) -> str:
     if about["tempo_estimated"]:
         return f"{text}; tempo estimated: {tempo:.5g} BPM (--bpm sets it)"
     known = {
-        "samples": "as the dataset states for this song",
+        "samples": "as the dataset states for this song, known by its samples",
         "name": "as the dataset states for a song of this name, whose samples are others (--bpm sets it)",
     }
     return f"{text}; tempo {tempo:g} BPM, {known[about['tempo_from']]}" if about["tempo_from"] in known else text

@@ -53,16 +53,21 @@ def _drift(facts: FileFacts) -> tuple[str, ...]:
 def file_notes(clips: Sequence[ClipRef], reading: Callable[[ClipRef], Reading]) -> tuple[list[ClipRef], list[str]]:
     """Return the clips with notes on their files and their bodies, and a summary of the kinds of files."""
     counts: Counter[str] = Counter()
-    described = []
+    described, first = [], dict[str, str]()
     for clip in clips:
         try:
             notes, body = describe(clip.motion_path, reading(clip))
         except DataError as error:
             notes, body = (f"not usable ({error.reason}), see the rejects",), ""
         counts.update(notes)
+        for note in notes:
+            first.setdefault(note, clip.motion_path.name)
         described.append(replace(clip, notes=notes, body=body))
     kinds = counts.most_common()
-    summary = [f"{counted(n, 'file')}: {kind}." for kind, n in sorted(kinds[:_MAX_KINDS], key=lambda item: item[0])]
+    summary = []
+    for kind, n in sorted(kinds[:_MAX_KINDS], key=lambda item: item[0]):
+        which = f" ({first[kind]}{', ...' * (n > 1)})" if n < len(clips) else ""
+        summary.append(f"{counted(n, 'file')}: {kind}{which}.")
     if len(kinds) > _MAX_KINDS:
         summary.append(f"{len(kinds) - _MAX_KINDS} more kinds of files.")
     return described, summary
