@@ -345,7 +345,7 @@ def test_what_cannot_be_used_is_said_once_and_named_by_load(tmp_path: Path) -> N
     scan = Folder(music="optional").scan(tmp_path)
     notes = "\n".join(scan.notes)
     assert "1 file: not usable (undeclared)" in notes
-    assert "1 file: not usable (broken_file)" in notes
+    assert "1 file: not usable (broken_file), see the rejects (b.bvh)." in notes
     for clip, reason in (("a", "undeclared"), ("b", "broken_file")):
         with pytest.raises(DataError) as error:
             Folder(music="optional").load(by_id(scan)[clip])

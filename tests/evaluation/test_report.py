@@ -47,7 +47,8 @@ def test_names_in_tables() -> None:
     assert r"| ~/a^b_\<c>\\\|% |" in markdown(hostile)
     protocol = BailandoAistpp()
     object.__setattr__(protocol, "name", "my_protocol")
-    assert r"\caption{Protocol my\_protocol, version 1;" in latex(replace(report, protocol=protocol))
+    one = replace(report, protocol=protocol, clips=("d0",))
+    assert r"\caption{Protocol my\_protocol, version 1; 1 clip, 30 frames" in latex(one)
 
 
 @pytest.mark.filterwarnings("ignore:overflow:RuntimeWarning")
