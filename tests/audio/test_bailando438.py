@@ -16,6 +16,7 @@ import pytest
 from numpy.typing import NDArray
 
 import dancedata
+from dancedata.audio import kernels
 from dancedata.audio.bailando438 import Bailando438, feature
 from dancedata.audio.signal import pcm16, resample
 from dancedata.core.audio_signal import AudioSignal
@@ -168,14 +169,12 @@ def test_extract_from_python_and_an_unknown_limit(clicks: AudioSignal) -> None:
 
 
 def test_the_first_run_in_a_process_holds_the_lock(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    from dancedata.audio.librosa35 import reference
-
     held, made = [], feature._compute
     # A lock of this test alone: another process of the test run may hold the user's while it compiles.
-    monkeypatch.setattr(reference, "user_cache", lambda: tmp_path)
+    monkeypatch.setattr("dancedata.execution.cache.user_cache", lambda: tmp_path)
 
     def watched(*args: Any) -> Any:
-        with file_lock(reference._lock_file(), wait=False) as free:
+        with file_lock(kernels._lock_file(), wait=False) as free:
             held.append(not free)
         return made(*args)
 
