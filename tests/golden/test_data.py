@@ -27,7 +27,7 @@ def test_it_is_small_and_its_files_are_described() -> None:
 
 def test_what_stays_outside_is_one_line(tmp_path: Path) -> None:
     env = {**os.environ, "DANCEDATA_SHARED": str(tmp_path / "nowhere"), "PYTHONPATH": str(ROOT)}
-    names = ("golden/test_real_clips", "datasets/test_bvh_retarget", "core/test_kinematics")
+    names = ("golden/test_real_clips", "formats/test_bvh_retarget", "core/test_kinematics")
     options = ["-q", "-n", "0", "-p", "no:cacheprovider", "-k", "real or edges"]
     command = [sys.executable, "-m", "pytest", *options, *(f"tests/{name}.py" for name in names)]
     result = subprocess.run(command, cwd=ROOT, env=env, capture_output=True, text=True, check=False)
