@@ -29,7 +29,7 @@ Normalized = Annotated[
     bool | None, typer.Option("--normalized/--not-normalized", help=NORMALIZED_HELP, show_default=False)
 ]
 ScalerFile = Annotated[Path | None, typer.Option("--scaler", metavar="FILE", help=SCALER_HELP)]
-Clip = Annotated[bool, typer.Option("--clip", help=CLIP_HELP)]
+Clip = Annotated[bool, typer.Option("--clip-values", help=CLIP_HELP)]
 
 
 @errors_to_exit_codes

@@ -51,7 +51,7 @@ def view(
         raise UsageError("invalid value for --audio", found=audio, allowed="none, embed")
     about = {
         "--compare-as": compare_as, "--normalized or --not-normalized": normalized, "--scaler": scaler,
-        "--clip": clip_to_range or None, "--fps": fps, "--up": None if up == "y" else up,
+        "--clip-values": clip_to_range or None, "--fps": fps, "--up": None if up == "y" else up,
         "--unit": None if unit == "m" else unit,
     }  # fmt: skip
     if not compare:
