@@ -6,14 +6,16 @@ The numbers beside the limits are medians of whole clips of real dances (AIST++ 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from dancedata.core.motion import Motion
 from dancedata.core.rotations import Float64Array, matrix_from_rotvec
 from dancedata.core.skeleton import SMPL24
 
-__all__ = ["MIN_ELBOWS", "MIN_STANCE", "Sides", "has_sides", "sides_of", "wrong_up"]
+__all__ = ["MIN_ELBOWS", "MIN_STANCE", "Sides", "has_sides", "sampled", "sides_of", "wrong_up"]
 
 #: Frames that are looked at.
 _FRAMES = 600
@@ -95,7 +97,7 @@ def sides_of(joints: Float64Array, motion: Motion | None = None, *, toes: bool =
     toes
         Whether the toes are known, and not only the ankles.
     """
-    places = joints[:: _step(len(joints))]
+    places = sampled(joints)
     left = places[:, 1] - places[:, 2]
     width = _length(left)
     up = (places[:, 16] + places[:, 17] - places[:, 1] - places[:, 2]) / 2
@@ -124,7 +126,7 @@ def wrong_up(joints: Float64Array) -> tuple[Float64Array, bool] | None:
     joints
         (T, J, 3) as for `sides_of`.
     """
-    places = joints[:: _step(len(joints)), :22]
+    places = sampled(joints)[:, :22]
     body = places[:, 15] - places[:, (7, 8)].mean(axis=1)
     mean = np.asarray(_unit(body).mean(axis=0))
     axis = int(np.abs(mean).argmax())
@@ -134,6 +136,11 @@ def wrong_up(joints: Float64Array) -> tuple[Float64Array, bool] | None:
     steadier = other < floor * (1 if axis == 1 else _STEADIER)
     steps = _middle_half(places[:, (7, 8)])[:, np.arange(3) != axis].max()
     return (mean, bool(abs(mean[axis]) > _CERTAINLY_ALONG)) if steadier and steps > _STEPS_M else None
+
+
+def sampled(frames: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return the frames (T, ...) that are looked at: every n-th one, at most 600."""
+    return frames[:: -(-len(frames) // _FRAMES)]
 
 
 def has_sides(joints: tuple[str, ...]) -> bool:
@@ -149,7 +156,7 @@ def _knees(places: Float64Array, left: Float64Array) -> float:
 
 def _elbows(motion: Motion) -> float:
     bones = _unit(motion.skeleton.offsets[[20, 21]])
-    turns = matrix_from_rotvec(motion.rotations[:: _step(motion.n_frames), (18, 19)])
+    turns = matrix_from_rotvec(sampled(motion.rotations)[:, (18, 19)])
     forearms = np.einsum("tjab,jb->tja", turns, bones)
     return _where_bent(forearms[..., 2], _length(np.cross(forearms, bones)))
 
@@ -168,10 +175,6 @@ def _middle_half(values: Float64Array) -> Float64Array:
     """Return the span of the middle half of the frames (T, ...)."""
     low, high = np.quantile(values, (0.25, 0.75), axis=0)
     return np.asarray(high - low)
-
-
-def _step(n_frames: int) -> int:
-    return -(-n_frames // _FRAMES)
 
 
 def _length(vectors: Float64Array) -> Float64Array:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from dancedata.core.bodies import CROSSING, SMPLX55
 from dancedata.core.clip import Reject
-from dancedata.core.dance import Dance, Undefined
+from dancedata.core.dance import Dance, MusicBeats, Undefined
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.rotations import Float64Array
@@ -106,30 +107,39 @@ def measure_pose(
     placed, notes = pose.conformed(protocol.motion)
     joints = in_axes(placed.joints, protocol.motion)
     cuts = protocol.pieces(role).of(len(joints), placed.grid)
-    found: dict[int, list[Any] | None] = {}
-    for number in numbers:
-        measure = protocol.measures[number]
-        if measure.metric.needs_music and music is None:
-            found[number] = None
-            continue
-        outcomes = [_outcome(measure, role, joints, placed.grid, cut, music) for cut in cuts]
-        found[number] = [str(placed.grid), [list(cut) for cut in cuts], list(notes), outcomes]
-    return found
+    heard = [number for number in numbers if music is not None or not protocol.measures[number].metric.needs_music]
+    outcomes: dict[int, list[list[float] | str]] = {number: [] for number in heard}
+    for start, length in cuts:
+        piece = _Piece(joints[start : start + length], placed.grid)
+        beats = None if music is None else music.after(start, placed.grid)
+        for number in heard:
+            outcomes[number].append(_outcome(protocol.measures[number], role, piece, beats))
+    about = [str(placed.grid), [list(cut) for cut in cuts], list(notes)]
+    return {number: [*about, outcomes[number]] if number in outcomes else None for number in numbers}
 
 
-def _outcome(
-    measure: Measure, role: Role, joints: Float64Array, grid: FrameGrid, cut: tuple[int, int], music: ClipMusic | None
-) -> list[float] | str:
-    start, length = cut
-    beats = music.after(start, grid) if music is not None and measure.metric.needs_music else None
-    piece = joints[start : start + length]
+@dataclass(frozen=True, eq=False)
+class _Piece:
+    """Joints (T, J, 3) of a piece at a rate, and its steady positions, which several measures share."""
+
+    joints: Float64Array
+    grid: FrameGrid
+
+    @cached_property
+    def steady(self) -> Float64Array:
+        return steady(self.joints, float(self.grid.rate))
+
+
+def _outcome(measure: Measure, role: Role, piece: _Piece, beats: MusicBeats | None) -> list[float] | str:
+    joints, grid = piece.joints, piece.grid
     if measure.steady:
-        piece, grid = steady(piece, float(grid.rate)), FrameGrid.of(STEADY_FPS)
+        joints, grid = piece.steady, FrameGrid.of(STEADY_FPS)
     elif measure.fps is not None:
         target = FrameGrid.of(measure.fps)
-        piece, grid = interpolated(piece, grid, target), target
+        joints, grid = interpolated(joints, grid, target), target
+    music = beats if measure.metric.needs_music else None
     try:
-        numbers = measure.metric.measure(Dance(piece[: measure.frames(role)], grid, beats))
+        numbers = measure.metric.measure(Dance(joints[: measure.frames(role)], grid, music))
     except Undefined as error:
         return error.reason
     return [float(number) for number in numbers] if np.isfinite(numbers).all() else "not_finite"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -14,6 +14,7 @@ from dancedata.exporting.job import EXPORTS, Export, ExportJob, Lack
 from dancedata.exporting.needs import needs_music
 
 if TYPE_CHECKING:
+    from dancedata.core.clip import Window
     from dancedata.exporting.folder import ExportFolder
     from dancedata.store import ClipView
 
@@ -47,7 +48,13 @@ class Npz(Export):
 
     def write(self, job: ExportJob, folder: ExportFolder) -> None:
         """Write clips/<id>.npz, index.json and, with a source, music/."""
-        clips = {clip.id: self._write_clip(job, clip, folder) for clip in job.each("clips", job.clips())}
+        from dancedata.store import windows_by_clip  # `dancedata list` imports exports, and loads no HDF5
+
+        windows = windows_by_clip(job.store) if job.store.scope == "window" else {}
+        clips = {
+            clip.id: self._write_clip(job, clip, folder, windows.get(clip.id, []))
+            for clip in job.each("clips", job.clips())
+        }
         if job.source is not None:
             for clip, name in _copy_music(job, folder).items():
                 clips[clip]["music_file"] = name
@@ -68,11 +75,13 @@ class Npz(Export):
     def _names(self, job: ExportJob) -> tuple[str, ...]:
         return self.fields or tuple(job.store.fields)
 
-    def _write_clip(self, job: ExportJob, clip: ClipView, folder: ExportFolder) -> dict[str, Any]:
+    def _write_clip(
+        self, job: ExportJob, clip: ClipView, folder: ExportFolder, windows: Sequence[Window]
+    ) -> dict[str, Any]:
         record = clip.record
         about = {key: list(value) if isinstance(value, tuple) else value for key, value in vars(record).items()}
         file = f"clips/{clip.id}.npz"
-        folder.write_npz(file, _arrays(job, clip, self._names(job)))
+        folder.write_npz(file, _arrays(job, clip, self._names(job), windows))
         return {**about, "file": file}
 
     def _index(self, job: ExportJob, clips: Mapping[str, Any]) -> dict[str, Any]:
@@ -88,11 +97,9 @@ class Npz(Export):
         return {**about, "fields": fields, "clips": clips, "windows": windows}
 
 
-def _arrays(job: ExportJob, clip: ClipView, names: tuple[str, ...]) -> dict[str, Any]:
+def _arrays(job: ExportJob, clip: ClipView, names: tuple[str, ...], windows: Sequence[Window]) -> dict[str, Any]:
     if job.store.scope == "track":
         return {name: clip.read(name) for name in names}
-    windows = [w for w in job.store.windows(clip.split) if w.clip == clip.id]
-    windows.sort(key=lambda window: window.start)
     return {name: np.stack([job.store.read(w, name) for w in windows]) for name in names}
 
 

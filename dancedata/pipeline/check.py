@@ -10,12 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.atomic import OWN
-from dancedata.core.clip import ClipRef, Reject, Scan, Window
+from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import DanceDataError, DataError, SourceError
 from dancedata.core.plugins import Dataset
 from dancedata.core.quality import implausible_flags, implausible_sides
 from dancedata.core.registry import DATASETS
-from dancedata.core.sides import has_sides
+from dancedata.core.sides import has_sides, sampled
 from dancedata.core.text import listed
 from dancedata.execution.children import named_if_it_crashes
 from dancedata.execution.progress import Progress
@@ -24,12 +24,9 @@ from dancedata.pipeline.implausible import implausible_problems
 from dancedata.pipeline.rejects import NOTED, reject_of
 from dancedata.recipes.fields import MotionField
 from dancedata.recipes.parse import parse_recipe
-from dancedata.store import Problem, Store, open_store, verify_store
+from dancedata.store import Problem, Store, open_store, verify_store, windows_by_clip
 from dancedata.store.schema import DATASET_FILE, is_shard_name
 from dancedata.store.songs import sound_field
-
-#: Frames of a clip whose sides are looked at.
-_FRAMES = 600
 
 
 def check(
@@ -93,17 +90,14 @@ def _side_rows(store: Store) -> Iterator[dict[str, Any]]:
     field = _field_with_body(store)
     if field is None:
         return
-    windows: dict[str, list[Window]] = {}
-    for split in store.splits if store.scope == "window" else ():
-        for window in store.windows(split):
-            windows.setdefault(window.clip, []).append(window)
+    windows = windows_by_clip(store) if store.scope == "window" else {}
     for clip in store.clips:
         if store.scope == "track":
             columns = clip.read(field.name)
         else:
             columns = np.concatenate([store.read(window, field.name) for window in windows[clip.id]])
         try:
-            found = _sides(field, columns[:: -(-len(columns) // _FRAMES)])
+            found = _sides(field, sampled(columns))
         except DanceDataError:
             continue  # finite, but not columns of a body
         yield from ({"clip": clip.id, "kind": kind, "value": value} for kind, value in found)

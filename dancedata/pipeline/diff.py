@@ -16,7 +16,7 @@ from dancedata.core.errors import UsageError
 from dancedata.core.text import counted, listed, shown
 from dancedata.pipeline.diff_rows import is_same_number, unmatched
 from dancedata.pipeline.source_record import SourceRecord, source_differences
-from dancedata.store import Store, open_store
+from dancedata.store import Store, open_store, windows_by_clip
 from dancedata.store.clip_columns import CLIP_COLUMNS
 from dancedata.store.clip_view import ClipView
 
@@ -189,11 +189,7 @@ def _windows(one: Store, two: Store) -> Iterator[Difference]:
 
 
 def _starts(store: Store) -> dict[str, set[tuple[int, int]]]:
-    found: dict[str, set[tuple[int, int]]] = {}
-    for split in store.splits:
-        for w in store.windows(split):
-            found.setdefault(w.clip, set()).add((w.start, w.length))
-    return found
+    return {clip: {(w.start, w.length) for w in windows} for clip, windows in windows_by_clip(store).items()}
 
 
 def _values(

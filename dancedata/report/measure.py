@@ -18,7 +18,7 @@ from dancedata.metrics.beats import BeatAlignment
 from dancedata.report.pieces import ClipReader, Piece
 from dancedata.report.tally import Tally
 from dancedata.scene.figure import Figure
-from dancedata.store import ClipView, Store
+from dancedata.store import ClipView, Store, windows_by_clip
 
 __all__ = ["ClipNumbers", "Measured", "measure"]
 
@@ -134,17 +134,13 @@ def measure(store: Store) -> Measured:
     DataError, StoreError
         If a clip cannot be read.
     """
-    windows: dict[str, list[Window]] = {}
-    for split in store.splits:
-        for window in store.windows(split):
-            windows.setdefault(window.clip, []).append(window)
+    windows = windows_by_clip(store)
     reader = ClipReader.of(store)
-    found = Measured(reader, {clip: len(own) for clip, own in windows.items()})
+    measured = Measured(reader, {clip: len(of_clip) for clip, of_clip in windows.items()})
     for clip in store.clips:
         if not clip.source:
-            own = sorted(windows.get(clip.id, []), key=lambda w: w.start)
-            found.clips[clip.id] = _clip(found, clip, own)
-    return found
+            measured.clips[clip.id] = _clip(measured, clip, windows.get(clip.id, []))
+    return measured
 
 
 def _clip(found: Measured, clip: ClipView, windows: Sequence[Window]) -> ClipNumbers:

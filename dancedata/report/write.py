@@ -20,7 +20,7 @@ from dancedata.report.pictures import heat_map
 from dancedata.report.player import Player, clip_player, embedded_sound
 from dancedata.report.scales import Scales
 from dancedata.report.target import Target
-from dancedata.store import Store, open_store
+from dancedata.store import Store, open_store, windows_by_clip
 
 __all__ = ["Clips", "Report", "default_path", "write_report"]
 
@@ -192,7 +192,7 @@ def _heat_maps(store: Store, own: Document) -> dict[str, Figure]:
     if not own["clips"]:
         return {}
     clip = max(own["clips"], key=lambda row: (row["frames"], row["clip"]))["clip"]
-    windows = [w for split in store.splits for w in store.windows(split) if w.clip == clip]
+    windows = windows_by_clip(store).get(clip, [])
     if store.scope == "window" and not windows:
         return {}
     figures = {}

@@ -16,7 +16,7 @@ from dancedata.core.text import counted
 from dancedata.keymotion.minima import KeyMotion
 from dancedata.scene.fields import Rhythm, drawable_fields, field_to_draw, rhythm_fields, rhythm_of
 from dancedata.scene.figure import Figure, Movement
-from dancedata.store import Store
+from dancedata.store import Store, windows_by_clip
 from dancedata.store.clip_columns import ClipRecord
 
 __all__ = ["Flag", "Item", "Scene", "Scenes"]
@@ -225,11 +225,8 @@ class Scenes:
 
     @cached_property
     def _windows(self) -> dict[str, tuple[tuple[int, int], ...]]:
-        found: dict[str, list[tuple[int, int]]] = {}
-        for split in self.store.splits:
-            for window in self.store.windows(split):
-                found.setdefault(window.clip, []).append((window.start, window.length))
-        return {clip: tuple(sorted(windows)) for clip, windows in found.items()}
+        by_clip = windows_by_clip(self.store)
+        return {clip: tuple((w.start, w.length) for w in windows) for clip, windows in by_clip.items()}
 
     @cached_property
     def _quality(self) -> dict[str, list[Mapping[str, Any]]]:

@@ -8,6 +8,7 @@ from dancedata.store.schema import Field, StoreHeader
 from dancedata.store.stored_clip import AudioBlock, LazyArray, StoredClip
 from dancedata.store.verify import verify_store
 from dancedata.store.window_list import WindowList
+from dancedata.store.windowing import windows_by_clip
 from dancedata.store.writer import write_store
 
 __all__ = [
@@ -24,5 +25,6 @@ __all__ = [
     "WindowList",
     "open_store",
     "verify_store",
+    "windows_by_clip",
     "write_store",
 ]

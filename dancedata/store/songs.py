@@ -15,6 +15,7 @@ from dancedata.core.text import listed, shown
 from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.dataset import Store
 from dancedata.store.schema import Field
+from dancedata.store.windowing import windows_by_clip
 
 Rows = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
@@ -174,12 +175,13 @@ def alike_songs(store: Store, songs: Mapping[str, str]) -> list[AlikeSongs] | No
     field = sound_field(store)
     if field is None or len(set().union(*splits.values())) < 2:
         return []
-    hashes, windows = music_hashes(store.meta), _windows_of(store)
+    hashes = music_hashes(store.meta)
+    windows = windows_by_clip(store) if store.scope == "window" else {}
     chosen: dict[tuple[str, str | None], str] = {}
     for clip in store.clips:
         if clip.id in songs and not clip.source:
             first = chosen.setdefault((songs[clip.id], hashes.get(clip.id)), clip.id)
-            if len(windows[clip.id]) > len(windows[first]):
+            if len(windows.get(clip.id, ())) > len(windows.get(first, ())):
                 chosen[songs[clip.id], hashes.get(clip.id)] = clip.id
     if len(chosen) * (len(chosen) - 1) // 2 > MAX_PAIRS:
         return None
@@ -188,18 +190,9 @@ def alike_songs(store: Store, songs: Mapping[str, str]) -> list[AlikeSongs] | No
     found = [
         _Recording(song, frozenset(splits[song]), *_comparable(rows[:, _sound_columns(field)], stored, step, rate))
         for (song, _), clip in chosen.items()
-        for rows, stored in [_rows_of(store, clip, windows[clip], field)]
+        for rows, stored in [_rows_of(store, clip, windows.get(clip, ()), field)]
     ]
     return sorted(_alike([r for r in found if r.stored.sum() >= _OVERLAP_S * rate], rate), key=lambda a: -a.likeness)
-
-
-def _windows_of(store: Store) -> defaultdict[str, list[Window]]:
-    """Return the windows of each clip in window scope, and none in track scope."""
-    windows = defaultdict(list)
-    for split in store.splits if store.scope == "window" else ():
-        for window in store.windows(split):
-            windows[window.clip].append(window)
-    return windows
 
 
 def _rows_of(store: Store, clip: str, windows: Sequence[Window], field: Field) -> tuple[Rows, Mask]:
