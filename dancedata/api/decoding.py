@@ -220,11 +220,11 @@ def decode_file(
             fix="give it with --fps, or name the dataset that the trainer read with --like",
         )
     try:
-        found = _decoded(array, representation, plugin, fps, _Statement(like, normalized, scaler, clip, file, grid))
+        motions = _decoded(array, representation, plugin, fps, _Statement(like, normalized, scaler, clip, file, grid))
     except DanceDataError as error:
         error.where = f"{path}, {error.where}" if error.where else path
         raise
-    files = _files(path, out, to, found)
+    files = _files(path, out, to, motions)
     if any(file.exists() and file.samefile(path) for file in files):
         raise UsageError("the file that is decoded would be replaced", where=path, fix="choose another --out")
     return _written(files, overwrite)

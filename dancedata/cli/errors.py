@@ -27,8 +27,8 @@ def errors_to_exit_codes(command: Callable[..., None]) -> Callable[..., None]:
         except (DanceDataError, UnicodeEncodeError) as error:
             if is_interrupted():
                 raise Interrupted from None
-            found = unwritable_name(error) if isinstance(error, UnicodeEncodeError) else error
-            typer.echo(f"error: {found}", err=True)
-            raise typer.Exit(2 if isinstance(found, UsageError) else 1) from None
+            failure = unwritable_name(error) if isinstance(error, UnicodeEncodeError) else error
+            typer.echo(f"error: {failure}", err=True)
+            raise typer.Exit(2 if isinstance(failure, UsageError) else 1) from None
 
     return run

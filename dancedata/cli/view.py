@@ -97,9 +97,9 @@ def _write_video(
     if embed and source is None:
         raise UsageError("the music is needed", fix="name the folder with it: --source DIR")
     music = source if embed else None
-    made = write_video(
+    written = write_video(
         store, clip, video, source=music, field=field, start_s=at, may_share=shared, overwrite=overwrite
     )
-    typer.echo(str(made))
+    typer.echo(str(written))
     if not embed:
         typer.echo("  without sound; with the clip's music: --source DIR --audio embed")

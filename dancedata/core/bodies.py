@@ -152,20 +152,20 @@ def on_body(motion: Motion, body: Skeleton, *, keep: Literal["pelvis", "translat
     UsageError
         If either skeleton is of another family.
     """
-    own = motion.skeleton
-    if own.joints == body.joints and np.array_equal(own.offsets, body.offsets):
+    source = motion.skeleton
+    if source.joints == body.joints and np.array_equal(source.offsets, body.offsets):
         return motion
-    if not has_body(own) or not has_body(body):
+    if not has_body(source) or not has_body(body):
         raise UsageError(
-            f"a motion on skeleton {own.name} cannot be transferred to {body.name}",
-            found=f"joints {', '.join(own.joints[:4])}, ...",
+            f"a motion on skeleton {source.name} cannot be transferred to {body.name}",
+            found=f"joints {', '.join(source.joints[:4])}, ...",
             allowed=f"bodies of the SMPL family, whose first joints are {', '.join(BODY_JOINTS[:4])}, ...",
         )
     rotations = np.zeros((motion.n_frames, body.n_joints, 3))
     for j, joint in enumerate(body.joints):
-        if joint in own.joints:
-            rotations[:, j] = motion.rotations[:, own.joints.index(joint)]
-    shift = own.offsets[0] - body.offsets[0]
+        if joint in source.joints:
+            rotations[:, j] = motion.rotations[:, source.joints.index(joint)]
+    shift = source.offsets[0] - body.offsets[0]
     translation = motion.translation + shift if keep == "pelvis" and shift.any() else motion.translation
     return Motion(translation, rotations, motion.grid, body, motion.trim_start)
 
@@ -194,12 +194,12 @@ def carried_over(motion: Motion, target: Skeleton) -> Motion:
     UsageError
         If either skeleton is of another family.
     """
-    own = motion.skeleton
-    is_mean_smplh = own.joints == SMPLH52.joints and np.array_equal(own.offsets[:22], SMPLH52.offsets[:22])
-    if own.joints == target.joints and not is_mean_smplh:
+    source = motion.skeleton
+    is_mean_smplh = source.joints == SMPLH52.joints and np.array_equal(source.offsets[:22], SMPLH52.offsets[:22])
+    if source.joints == target.joints and not is_mean_smplh:
         return motion
-    keeps = has_body(own) and own.joints != SMPL24.joints and set(target.joints) <= set(own.joints)
+    keeps = has_body(source) and source.joints != SMPL24.joints and set(target.joints) <= set(source.joints)
     if is_mean_smplh or not keeps:
         return on_body(motion, target)
-    part = own.subset(f"{own.name}-{target.n_joints}", target.joints)
+    part = source.subset(f"{source.name}-{target.n_joints}", target.joints)
     return on_body(motion, target if np.array_equal(part.offsets, target.offsets) else part)

@@ -83,16 +83,16 @@ def implausible_flags(motion: Motion) -> list[Flag]:
     and the up axis are judged by the joints, see `core.sides`. What is only doubtful comes last.
     """
     joints = motion.joints()
-    found: list[tuple[str, float | None, str]] = []
+    measured: list[tuple[str, float | None, str]] = []
     size = body_size(motion.skeleton)
-    found.append(("implausible_body", None if PLAUSIBLE_BODY_M[0] <= size <= PLAUSIBLE_BODY_M[1] else size, "m"))
-    found.append(("implausible_root", _implausible_root(motion, joints), "1"))
+    measured.append(("implausible_body", None if PLAUSIBLE_BODY_M[0] <= size <= PLAUSIBLE_BODY_M[1] else size, "m"))
+    measured.append(("implausible_root", _implausible_root(motion, joints), "1"))
     if has_sides(motion.skeleton.joints):
-        found += [(kind, value, "1") for kind, value in implausible_sides(joints, motion)]
-    found.append(("stretched_bone", motion.stretch_m if motion.stretch_m > _RIGID_M else None, "m"))
+        measured += [(kind, value, "1") for kind, value in implausible_sides(joints, motion)]
+    measured.append(("stretched_bone", motion.stretch_m if motion.stretch_m > _RIGID_M else None, "m"))
     return [
         Flag(kind, "", None, round(value, 6 if unit == "1" else 4), unit, str(motion.grid))
-        for kind, value, unit in found
+        for kind, value, unit in measured
         if value is not None
     ]
 
@@ -100,16 +100,16 @@ def implausible_flags(motion: Motion) -> list[Flag]:
 def implausible_sides(joints: Float64Array, motion: Motion | None = None) -> list[tuple[str, float]]:
     """Return kind and value of the flags about sides and up of joint positions; elbows only with the motion."""
     sides, up = sides_of(joints, motion), wrong_up(joints)
-    found = []
+    flags = []
     if sides.swapped:
-        found.append((f"implausible_{sides.swapped}", sides.chest if sides.swapped == "arms" else sides.legs))
+        flags.append((f"implausible_{sides.swapped}", sides.chest if sides.swapped == "arms" else sides.legs))
     if sides.elbows < MIN_ELBOWS:
-        found.append(("implausible_elbows", sides.elbows))
+        flags.append(("implausible_elbows", sides.elbows))
     if up is not None:
-        found.append(("implausible_up", float(up[0][1])))
+        flags.append(("implausible_up", float(up[0][1])))
     if sides.stance < MIN_STANCE:
-        found.append(("crossed_legs", sides.stance))
-    return found
+        flags.append(("crossed_legs", sides.stance))
+    return flags
 
 
 def body_size(skeleton: Skeleton) -> float:

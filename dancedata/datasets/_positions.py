@@ -90,8 +90,8 @@ def _root_is_translation(first: Floats, translation: Floats) -> str:
     same = extents[1] > _LINE * extents[0] and rest <= _SAME * extents[1]
     own, path = factor * places[0], places[1]
     tolerance = _PLACE * max(np.linalg.norm(own), np.linalg.norm(path)) + _SAME * extents[1] / np.sqrt(len(first))
-    there = np.linalg.norm(own - path) <= tolerance
-    return "the first joint moves like the translation" if same and there else ""
+    near = np.linalg.norm(own - path) <= tolerance
+    return "the first joint moves like the translation" if same and near else ""
 
 
 def _bones_keep_their_length(points: Floats, parents: Sequence[int]) -> str:

@@ -176,19 +176,19 @@ class Evaluator:
             If the field does not have the protocol's joints, the pool is of another protocol, version, rate or
             scaler, or nothing states whether samples are normalised.
         """
-        made = protocol_named(protocol)
+        rules = protocol_named(protocol)
         like = opened(store)
         dataset = store_of(like)
-        name, reader = reader_for(dataset, made.motion, field)
+        name, reader = reader_for(dataset, rules.motion, field)
         columns = reader.representation.columns.labels
         scaling = Scaling.of(like, name, columns, normalized=normalized, scaler=scaler, clip=clip)
         if scaling.normalized is None:
             raise scaling.unstated(f"{dataset.path}, field {name}")
         reader = replace(reader, scaling=scaling)
-        beats = music or (None if made.music is None else beat_field(dataset, made.music, made.generated))
+        beats = music or (None if rules.music is None else beat_field(dataset, rules.music, rules.generated))
         request = Request(
             what={},
-            protocol=made,
+            protocol=rules,
             pool=pool,
             pool_split=split,
             like=dataset,
@@ -196,9 +196,9 @@ class Evaluator:
             normalized=scaling.normalized,
             scaler=scaling.scaler if scaling.normalized else None,
         )
-        found = pool_for(request, jobs=jobs, cache=None if cache is None else Path(cache))
-        evaluator = cls(made, reader, found, music_field=None if beats is None else dataset.field(beats))
-        evaluator._about_music = () if made.music is None else tuple(about_windows(dataset, made.music))
+        pool_of_truth = pool_for(request, jobs=jobs, cache=None if cache is None else Path(cache))
+        evaluator = cls(rules, reader, pool_of_truth, music_field=None if beats is None else dataset.field(beats))
+        evaluator._about_music = () if rules.music is None else tuple(about_windows(dataset, rules.music))
         return evaluator
 
     def __len__(self) -> int:
@@ -270,12 +270,12 @@ class Evaluator:
 
     def _repeats(self, name: str, trace: _Trace) -> bool:
         """Whether a sample was there before; UsageError if it has the name of another one."""
-        known = self._traces.setdefault(name, trace)
-        if not known.same(trace):
+        first = self._traces.setdefault(name, trace)
+        if not first.same(trace):
             raise UsageError(
                 "samples that differ have one id", found=name, fix='give each its own, as readers do: ids=batch["id"]'
             )
-        return known is not trace
+        return first is not trace
 
     def _measure(self, name: str, columns: npt.NDArray[Any], beats: MusicBeats | None) -> None:
         music = None if beats is None else ClipMusic(beats)
@@ -339,8 +339,8 @@ class Evaluator:
             If samples without ids have equal numbers in two processes: they run without torch.distributed. If samples
             that differ have one id.
         """
-        mine: _Part = (list(self._measured.values()), list(self._left_out.items()), self._unnamed, self._traces)
-        parts: list[_Part] = (gather or _gather_by_torch)([mine])
+        part: _Part = (list(self._measured.values()), list(self._left_out.items()), self._unnamed, self._traces)
+        parts: list[_Part] = (gather or _gather_by_torch)([part])
         unnamed = Counter(name for _, _, names, _ in parts for name in names)
         twice = [name for name, n in unnamed.items() if n > 1]
         if twice:

@@ -52,12 +52,12 @@ def song_files(folder: Path) -> dict[str, Path]:
         If there are none.
     """
     for place in (folder, *(folder / name for name in MUSIC_FOLDERS)):
-        found: dict[str, list[Path]] = {}
+        by_stem: dict[str, list[Path]] = {}
         for path in sorted(place.iterdir()) if place.is_dir() else []:
             if path.suffix.lower() in AUDIO_SUFFIXES and path.is_file():
-                found.setdefault(path.stem, []).append(path)
-        if found:
-            return {stem: best_audio(paths)[0] for stem, paths in found.items()}
+                by_stem.setdefault(path.stem, []).append(path)
+        if by_stem:
+            return {stem: best_audio(paths)[0] for stem, paths in by_stem.items()}
     raise UsageError(
         "no music in the folder", where=folder,
         allowed=f"files {', '.join(AUDIO_SUFFIXES)}, here or in {listed(f'{name}/' for name in MUSIC_FOLDERS)}",

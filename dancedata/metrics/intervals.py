@@ -93,9 +93,9 @@ def jackknife(
     for name, score in scores(rows).items():
         values = np.array([each.get(name, np.nan) for each in without])
         error = float(values.std() * np.sqrt(len(groups) - 1))
-        found = _interval(float(score), error, len(groups), level, bounds)
-        if found is not None:
-            intervals[name] = found
+        interval = _interval(float(score), error, len(groups), level, bounds)
+        if interval is not None:
+            intervals[name] = interval
     return intervals
 
 

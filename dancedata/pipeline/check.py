@@ -97,18 +97,18 @@ def _side_rows(store: Store) -> Iterator[dict[str, Any]]:
         else:
             columns = np.concatenate([store.read(window, field.name) for window in windows[clip.id]])
         try:
-            found = _sides(field, sampled(columns))
+            sides = _sides(field, sampled(columns))
         except DanceDataError:
             continue  # finite, but not columns of a body
-        yield from ({"clip": clip.id, "kind": kind, "value": value} for kind, value in found)
+        yield from ({"clip": clip.id, "kind": kind, "value": value} for kind, value in sides)
 
 
 def _sides(field: MotionField, columns: npt.NDArray[Any]) -> list[tuple[str, float]]:
-    own = field.representation
-    if own.decodes:
-        motion = own.decode(columns, field.grid)
-        return implausible_sides(motion.joints(), None if own.fits else motion)
-    places = columns[:, own.columns.slice("position")].reshape(len(columns), -1, 3)
+    representation = field.representation
+    if representation.decodes:
+        motion = representation.decode(columns, field.grid)
+        return implausible_sides(motion.joints(), None if representation.fits else motion)
+    places = columns[:, representation.columns.slice("position")].reshape(len(columns), -1, 3)
     return implausible_sides(places.astype(np.float64))
 
 

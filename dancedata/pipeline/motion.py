@@ -302,14 +302,14 @@ def content_hashes(dataset: Dataset, hash_file: Callable[[Path], str]) -> dict[s
     return hashes
 
 
-def _crosses(own: MotionField | KeyMotionField, body: Skeleton | None) -> bool:
+def _crosses(job: MotionField | KeyMotionField, body: Skeleton | None) -> bool:
     """Return whether columns hold where a clip is on another body than its own: cf. `core.bodies.on_body`."""
-    if not isinstance(own, MotionField) or own.representation.fits:
+    if not isinstance(job, MotionField) or job.representation.fits:
         return False
-    made = own.representation
-    if body is not None and body.joints == SMPL24.joints and made.grounded:
+    representation = job.representation
+    if body is not None and body.joints == SMPL24.joints and representation.grounded:
         return False  # its translation keeps its numbers
-    return crosses(body, made.skeleton)
+    return crosses(body, representation.skeleton)
 
 
 def _window_cut(recipe: Recipe) -> list[Any]:

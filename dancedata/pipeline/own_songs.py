@@ -164,13 +164,13 @@ def _is_free(path: Path) -> bool:
 
 
 def _not_a_song(folder: Path) -> UsageError:
-    found = sorted(path.name for path in folder.iterdir() if path.suffix.lower() in AUDIO_SUFFIXES)
-    example = f", such as {found[0]}" if found else ""
-    files = f"{folder}/*{Path(found[0]).suffix if found else '.wav'}"
+    songs = sorted(path.name for path in folder.iterdir() if path.suffix.lower() in AUDIO_SUFFIXES)
+    example = f", such as {songs[0]}" if songs else ""
+    files = f"{folder}/*{Path(songs[0]).suffix if songs else '.wav'}"
     return UsageError(
         "this is a folder, not a song; nothing was computed",
         where=folder,
-        found=f"{len(found)} audio files{example}",
+        found=f"{len(songs)} audio files{example}",
         fix=f"name its files: dancedata features {files} --out DIR",
     )
 
@@ -207,7 +207,7 @@ def _weights_of(given: Sequence[str | Path], jobs: Sequence[FeatureJob]) -> dict
     """Return the folder of weights for each feature that is given one; UsageError for what no feature takes."""
     networks = [(job.name, job.feature) for job in jobs if isinstance(job.feature, NetworkFeature)]
     takers = [name for name, feature in networks if feature.with_weights(Path()) is not feature]
-    found: dict[str, Path] = {}
+    folders: dict[str, Path] = {}
     for text in map(str, given):
         name, named, folder = text.partition("=")
         if not named or (name not in takers and Path(text).expanduser().exists()):
@@ -221,10 +221,10 @@ def _weights_of(given: Sequence[str | Path], jobs: Sequence[FeatureJob]) -> dict
             raise UsageError(
                 f"no feature {name!r} here takes weights", found=f"--weights {text}", fix=did_you_mean(name, takers)
             )
-        if name in found:
-            raise UsageError(f"--weights names two folders for {name}", found=f"{found[name]} and {folder}")
-        found[name] = Path(folder).expanduser()
-    return found
+        if name in folders:
+            raise UsageError(f"--weights names two folders for {name}", found=f"{folders[name]} and {folder}")
+        folders[name] = Path(folder).expanduser()
+    return folders
 
 
 def _ready(job: FeatureJob, weights: Path | None, dataset: Store | None) -> AudioFeature:
@@ -339,11 +339,11 @@ def describe_features(out: Path, about: Mapping[str, Any]) -> str:
         return f"{text}; tempo of each window estimated: {min(tempo):.5g} to {max(tempo):.5g} BPM"
     if about["tempo_estimated"]:
         return f"{text}; tempo estimated: {tempo:.5g} BPM (--bpm sets it)"
-    known = {
+    phrases = {
         "samples": "as the dataset states for this song, known by its samples",
         "name": "as the dataset states for a song of this name, whose samples are others (--bpm sets it)",
     }
-    return f"{text}; tempo {tempo:g} BPM, {known[about['tempo_from']]}" if about["tempo_from"] in known else text
+    return f"{text}; tempo {tempo:g} BPM, {phrases[about['tempo_from']]}" if about["tempo_from"] in phrases else text
 
 
 def _dataset_like(like: str) -> Store | None:

@@ -35,32 +35,34 @@ def named_scalers(store: Store, fields: tuple[str, ...], scaler: ScalerLike) -> 
     """
     if scaler is None:
         return {}
-    given: Mapping[str, MinMax | str | Path]
+    by_field: Mapping[str, MinMax | str | Path]
     if isinstance(scaler, Mapping):
-        given = scaler
+        by_field = scaler
     elif isinstance(scaler, MinMax | str | Path):
         one = scaler if isinstance(scaler, MinMax) else MinMax.load(scaler)
         fitting = [name for name in fields if store.fields[name].width == one.width]
-        given = {one.field or (fitting[0] if len(fitting) == 1 else ""): one}
+        by_field = {one.field or (fitting[0] if len(fitting) == 1 else ""): one}
     elif isinstance(scaler, Store):
         raise UsageError(
             "a dataset is not a scaler", found=repr(scaler), fix="give a reader, store.normalizer(FIELD), or its file"
         )
     else:
         shared = [name for name in scaler.fields if name in fields]
-        given = {n: scaler.normalizer(n) for n in shared if n in scaler.normalized or store.field(n).kind == "motion"}
-        if not given:
+        by_field = {
+            n: scaler.normalizer(n) for n in shared if n in scaler.normalized or store.field(n).kind == "motion"
+        }
+        if not by_field:
             raise UsageError(
                 "the reader that names the scaler reads no motion field of this one", found=listed(scaler.fields),
                 allowed=listed(fields), fix="name a reader of the same fields, or scaler={FIELD: ...}",
             )  # fmt: skip
-    for name in given:
+    for name in by_field:
         if name not in fields:
             raise UsageError(
                 "the scaler is not of a field that is read", found=shown(name), allowed=", ".join(fields),
                 fix="name the field: scaler={FIELD: ...}",
             )  # fmt: skip
-    joined = {name: Scaling.of(store, name, store.fields[name].labels, scaler=own) for name, own in given.items()}
+    joined = {name: Scaling.of(store, name, store.fields[name].labels, scaler=own) for name, own in by_field.items()}
     return {name: own.scaler for name, own in joined.items() if own.scaler is not None}
 
 

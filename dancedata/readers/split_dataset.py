@@ -285,8 +285,8 @@ class SplitDataset(Dataset[dict[str, Any]]):
     @cached_property
     def genre_ids(self) -> Mapping[str, int]:
         """The number of each genre: as the dataset numbers them, else 0, 1, ... by name, over all splits."""
-        known: Mapping[str, int] = self.store.meta.get("genre_ids") or {}
-        return known or {name: k for k, name in enumerate(sorted({clip.genre for clip in self.store.clips} - {""}))}
+        stated: Mapping[str, int] = self.store.meta.get("genre_ids") or {}
+        return stated or {name: k for k, name in enumerate(sorted({clip.genre for clip in self.store.clips} - {""}))}
 
     def _metadata(
         self, request: Request, windows: WindowList | None = None, changes: Sequence[str] = ()

@@ -54,12 +54,12 @@ class Target:
             If the file is there and is not to be replaced, or lies inside one of the datasets; if the folder holds
             files that no report of this name wrote, or that were changed since.
         """
-        made = cls(require_free(to, stores, "report", overwrite=overwrite), max_mb)
-        if not overwrite and os.path.lexists(made.folder):
+        target = cls(require_free(to, stores, "report", overwrite=overwrite), max_mb)
+        if not overwrite and os.path.lexists(target.folder):
             fix = "choose another --to, or add --overwrite"
-            raise UsageError("the file is already there", where=made.folder, fix=fix)
-        made._require_own_folder()
-        return made
+            raise UsageError("the file is already there", where=target.folder, fix=fix)
+        target._require_own_folder()
+        return target
 
     @property
     def folder(self) -> Path:

@@ -183,14 +183,14 @@ def take_of(path: Path, store: Store, form: FileFormat) -> Take:
     if not path.is_dir():
         allowed = f"a built dataset, a folder of motion files, or a file {', '.join(MOTION_SUFFIXES)}"
         raise UsageError("there is nothing to compare with", where=path, allowed=allowed)
-    found = sorted(p for p in path.iterdir() if p.suffix.lower() in MOTION_SUFFIXES and p.is_file())
-    if not found:
+    files = sorted(p for p in path.iterdir() if p.suffix.lower() in MOTION_SUFFIXES and p.is_file())
+    if not files:
         raise UsageError("no motion files to compare with", where=path, allowed=f"files {', '.join(MOTION_SUFFIXES)}")
-    paths = {p.stem: p for p in found}
-    if len(paths) < len(found):
-        twice = [p.name for p in found if paths[p.stem] != p]
+    paths = {p.stem: p for p in files}
+    if len(paths) < len(files):
+        twice = [p.name for p in files if paths[p.stem] != p]
         raise UsageError("two files have one name", where=path, found=listed(twice), fix="rename one of them")
-    _require_stated(found[0], form)
+    _require_stated(files[0], form)
     return FilesTake(paths=paths, any_clip=None, form=form, body=store.skeleton, name=path.name)
 
 

@@ -55,8 +55,8 @@ def open_store(path: str | Path) -> Store:
     Raises
     ------
     StoreError
-        If there is no finished dataset, it has another format version, dataset.json was changed after the build,
-        or a shard is missing or of another size.
+        If the folder has no finished dataset or one of another format version, dataset.json was changed after the
+        build, or a shard is missing or has another size.
 
     Examples
     --------

@@ -109,11 +109,11 @@ class ListedFile:
     def require_bytes(self, sha256: FileHash) -> None:
         """Raise StoreError unless the file has the bytes that dataset.json lists, by `sha256` of a path."""
         try:
-            found = sha256(self.path)
+            actual = sha256(self.path)
         except OSError as error:
             raise StoreError("a shard cannot be read", where=str(self.path), found=str(error)) from error
-        if found != self._sha256:
-            raise other_bytes(self.path, found, self._sha256) if self._is_still_listed() else self._rebuilt_error()
+        if actual != self._sha256:
+            raise other_bytes(self.path, actual, self._sha256) if self._is_still_listed() else self._rebuilt_error()
 
     def _is_still_listed(self) -> bool:
         try:
@@ -148,16 +148,16 @@ def read_listed(folder: Path, description: Description, name: str, limit: int) -
         data: bytes | None = read_regular(folder / name, limit)
     except FileNotFoundError:
         data = None
-    found = None if data is None else sha256_bytes(data)
-    if entry is not None and found != entry["sha256"]:
+    actual = None if data is None else sha256_bytes(data)
+    if entry is not None and actual != entry["sha256"]:
         try:
             same = lists_file(load_description(folder), name, entry["size"], entry["sha256"])
         except StoreError:
             same = False
         if not same:
             raise rebuilt_error(folder, f"{name} is not the file that was listed then")
-        if found is not None:
-            raise other_bytes(folder / name, found, entry["sha256"])
+        if actual is not None:
+            raise other_bytes(folder / name, actual, entry["sha256"])
     if data is None:
         raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(folder / name))
     return data.decode("utf-8")

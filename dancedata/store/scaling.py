@@ -164,8 +164,8 @@ class Scaling:
             normalized = field in like.normalized if normalized is None else normalized
             if normalized or field in like.normalized:
                 return cls(like.normalizer(field), normalized, clip)
-        own = store.normalizer(field) if normalized else _stored(store, field)
-        return cls(own, False if own is None else normalized, clip)
+        stored_scaler = store.normalizer(field) if normalized else _stored(store, field)
+        return cls(stored_scaler, False if stored_scaler is None else normalized, clip)
 
     def identity(self) -> Any:
         """Return JSON data for cache keys."""
@@ -253,7 +253,7 @@ def _check(
     """
     if not np.isfinite(rows).any() or _mean(np.abs(rows)) < _NEAR_0:
         return
-    found = ""
+    problem = ""
     (own, least), (undone, _) = (_distance(r, representation) for r in (rows, scaler.unnormalize(rows)))
     stated, other = (undone, own) if normalized else (own, undone)
     range_ = np.tile(np.linspace(-1, 1, 5)[:, None], scaler.width)
@@ -261,18 +261,18 @@ def _check(
     again = _outside(scaler.normalize(rows))
     scaled = narrows and again > 3 * _INSIDE and _outside(rows) < _INSIDE
     if other < least and (stated > _WORSE + 3 * other or (scaled and not normalized and stated > other)):
-        found = f"vectors or bones {stated:.1%} off their length; {other:.1%} with the other choice"
-    if normalized and not found and ((narrows and again < _INSIDE) or _outside(rows) > _FAR):
-        found = f"values from {np.nanmin(rows):.3g} to {np.nanmax(rows):.3g}, which are not of this scaler"
+        problem = f"vectors or bones {stated:.1%} off their length; {other:.1%} with the other choice"
+    if normalized and not problem and ((narrows and again < _INSIDE) or _outside(rows) > _FAR):
+        problem = f"values from {np.nanmin(rows):.3g} to {np.nanmax(rows):.3g}, which are not of this scaler"
     words = ("normalised", "not normalised")
-    if not found and stated > max(_DOUBT, 3 * other):
+    if not problem and stated > max(_DOUBT, 3 * other):
         name = f"vectors or bones of {representation.name}, stated to be {words[not normalized]}"
         _warn_once(f"{name}, are far off their length, and nearer to it with the other choice")
-    if found:
+    if problem:
         spelt = ("normalized=True, --normalized", "normalized=False, --not-normalized")
         raise UsageError(
             f"the columns are stated to be {words[not normalized]}, but look {words[normalized]}", where=where,
-            found=found,
+            found=problem,
             fix=f"if they are {words[normalized]}: {spelt[normalized]}",
         )  # fmt: skip
 
@@ -303,5 +303,5 @@ def _distance(rows: npt.NDArray[np.float64], representation: Representation) -> 
     joints = rows[:, columns.slice("position")].reshape(len(rows), -1, 3)
     length = np.linalg.norm(skeleton.offsets[1:], axis=1)
     bones = np.linalg.norm(joints[:, 1:] - joints[:, list(skeleton.parents[1:])], axis=-1)
-    there = length > 0
-    return _mean(np.abs(bones[:, there] / length[there] - 1)), _BONE
+    has_length = length > 0
+    return _mean(np.abs(bones[:, has_length] / length[has_length] - 1)), _BONE

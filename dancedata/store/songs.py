@@ -62,11 +62,13 @@ def songs_of(clips: Sequence[ClipRecord], meta: Mapping[str, Any]) -> dict[str, 
     keys: dict[str, tuple[str, str]] = {}
     for clip in clips:
         origin = records.get(clip.source, clip)
-        known = [(kind, value) for kind, value in (("name", origin.music), ("", hashes.get(origin.id, ""))) if value]
-        for key in known:
+        keys_of_clip = [
+            (kind, value) for kind, value in (("name", origin.music), ("", hashes.get(origin.id, ""))) if value
+        ]
+        for key in keys_of_clip:
             same.add(key)
-            same.merge(key, known[0])
-        keys |= {clip.id: known[0]} if known else {}
+            same.merge(key, keys_of_clip[0])
+        keys |= {clip.id: keys_of_clip[0]} if keys_of_clip else {}
     names: dict[tuple[str, str], str] = {}
     for group in same.subsets():
         first, *others = sorted(value for kind, value in group if kind) or sorted(value for _, value in group)
@@ -140,9 +142,11 @@ def sound_field(store: Store) -> Field | None:
 
 def _sound_columns(field: Field) -> list[int]:
     """Return MFCC without the first, which is the loudness, and chroma."""
-    columns, every = field.columns, range(field.columns.width)
-    chroma = [column for name in columns.names if name.startswith("chroma") for column in every[columns.slice(name)]]
-    return [*(every[columns.slice("mfcc")][1:] if "mfcc" in columns.names else ()), *chroma]
+    columns, numbers = field.columns, range(field.columns.width)
+    chroma = [
+        column for name in columns.names if name.startswith("chroma") for column in numbers[columns.slice(name)]
+    ]
+    return [*(numbers[columns.slice("mfcc")][1:] if "mfcc" in columns.names else ()), *chroma]
 
 
 def alike_songs(store: Store, songs: Mapping[str, str]) -> list[AlikeSongs] | None:
@@ -187,12 +191,14 @@ def alike_songs(store: Store, songs: Mapping[str, str]) -> list[AlikeSongs] | No
         return None
     step = max(1, round(float(field.rate) / _RATE))
     rate = float(field.rate) / step
-    found = [
+    recordings = [
         _Recording(song, frozenset(splits[song]), *_comparable(rows[:, _sound_columns(field)], stored, step, rate))
         for (song, _), clip in chosen.items()
         for rows, stored in [_rows_of(store, clip, windows.get(clip, ()), field)]
     ]
-    return sorted(_alike([r for r in found if r.stored.sum() >= _OVERLAP_S * rate], rate), key=lambda a: -a.likeness)
+    return sorted(
+        _alike([r for r in recordings if r.stored.sum() >= _OVERLAP_S * rate], rate), key=lambda a: -a.likeness
+    )
 
 
 def _rows_of(store: Store, clip: str, windows: Sequence[Window], field: Field) -> tuple[Rows, Mask]:
@@ -214,16 +220,16 @@ def _rows_of(store: Store, clip: str, windows: Sequence[Window], field: Field) -
 def _comparable(rows: npt.NDArray[Any], stored: Mask, step: int, rate: float) -> tuple[Rows, Mask]:
     """Return means of `step` rows, without slow changes, each column divided by its deviation; and which exist."""
     count, span = len(rows) // step, int(_SLOW_S * rate) | 1
-    there = np.asarray(stored[: count * step].reshape(count, step).all(axis=1))
-    means = rows[: count * step].astype(np.float64).reshape(count, step, -1).mean(axis=1) * there[:, None]
-    if there.any():
+    exists = np.asarray(stored[: count * step].reshape(count, step).all(axis=1))
+    means = rows[: count * step].astype(np.float64).reshape(count, step, -1).mean(axis=1) * exists[:, None]
+    if exists.any():
         from scipy.ndimage import uniform_filter1d
 
-        weights = uniform_filter1d(there.astype(np.float64), span, mode="nearest")[:, None]
+        weights = uniform_filter1d(exists.astype(np.float64), span, mode="nearest")[:, None]
         means -= uniform_filter1d(means, span, axis=0, mode="nearest") / np.maximum(weights, 1e-9)
-        means -= means[there].mean(axis=0)
-        means /= np.maximum(means[there].std(axis=0), 1e-9)
-    return np.asarray(means * there[:, None], dtype=np.float32), there
+        means -= means[exists].mean(axis=0)
+        means /= np.maximum(means[exists].std(axis=0), 1e-9)
+    return np.asarray(means * exists[:, None], dtype=np.float32), exists
 
 
 def _alike(recordings: Sequence[_Recording], rate: float) -> Iterator[AlikeSongs]:

@@ -82,9 +82,9 @@ def stored_rate(arrays: ArrayFile, key: str) -> Fraction:
     try:
         text = arrays.text(key)
         values = [] if text else arrays.read(key).reshape(-1).tolist()
-        found = text or str(values[:3])
+        stated = text or str(values[:3])
     except DataError as error:  # several texts, objects
-        text, values, found = "", [], str(error.found)
+        text, values, stated = "", [], str(error.found)
     rate = rate_of_text(text) if text else exact_rate(values[0]) if len(values) == 1 else None
     if rate is not None and text and "/" not in text:
         rate = exact_rate(float(rate))
@@ -93,7 +93,7 @@ def stored_rate(arrays: ArrayFile, key: str) -> Fraction:
             f"{key} is not a frame rate",
             reason="bad_rate",
             where=str(arrays.path),
-            found=shown(found),
+            found=shown(stated),
             allowed=f"one number or its text, {MIN_RATE} to {MAX_RATE:,} frames per second",
             fix=f"declare fps for this file in the manifest, or save it again with {key}=numpy.array(120.0)",
         )

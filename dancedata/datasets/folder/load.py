@@ -130,11 +130,11 @@ def array_facts(arrays: ArrayFile, layout: Layout, reading: Reading) -> FileFact
     path, found = arrays.path, f"layout {layout.name}, arrays {arrays.listed}"
     if layout.poses == "":
         found = f"layout {layout.name}, an array without names"
-    own = None
+    stated = None
     key = next((key for key in RATE_KEYS if key in arrays.names), None)
     if key is not None and reading.manifest.fps is None:
-        own = Fact(stored_rate(arrays, key), key)
-    rate_fact = decide_rate(reading.manifest, own, reading.recipe)
+        stated = Fact(stored_rate(arrays, key), key)
+    rate_fact = decide_rate(reading.manifest, stated, reading.recipe)
     up = decide(reading.manifest.up, layout.up, reading.recipe.up)
     unit = decide(reading.manifest.unit, layout.unit, reading.recipe.unit)
     # The unit is guessed from bones, which these files do not contain.

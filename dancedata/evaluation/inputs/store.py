@@ -57,8 +57,8 @@ class StoreClip(ClipInput):
 
     def crosses(self, target: Skeleton) -> bool:
         """See `ClipInput.crosses`."""
-        made = self.reader.representation
-        return made.decodes and crosses(made.skeleton, target)
+        representation = self.reader.representation
+        return representation.decodes and crosses(representation.skeleton, target)
 
     def identity(self, cache: Cache) -> Any:
         """See `ClipInput.identity`."""
