@@ -29,6 +29,7 @@ __all__ = [
     "file_problem",
     "files_by_stem",
     "find_root",
+    "group_by_stem",
     "has_archive",
     "list_folder",
     "read_names",
@@ -224,6 +225,16 @@ def files_by_stem(folder: Path, source: Path, suffix: str, name_problem: Callabl
         else:
             files[path.stem] = path
     return Files(files, tuple(rejects))
+
+
+def group_by_stem(folders: Iterable[Path], suffixes: Sequence[str]) -> list[tuple[str, list[Path]]]:
+    """Return the files of folders with these suffixes by their names without suffix, sorted by name."""
+    by_stem: dict[str, list[Path]] = {}
+    for folder in folders:
+        for path in list_folder(folder):
+            if path.suffix.lower() in suffixes and path.is_file():
+                by_stem.setdefault(path.stem, []).append(path)
+    return sorted(by_stem.items())
 
 
 def best_audio(paths: Iterable[Path]) -> list[Path]:

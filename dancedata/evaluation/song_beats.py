@@ -16,7 +16,7 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
 from dancedata.core.text import listed
-from dancedata.datasets.files import AUDIO_SUFFIXES, best_audio
+from dancedata.datasets.files import AUDIO_SUFFIXES, best_audio, group_by_stem
 from dancedata.datasets.folder import MUSIC_FOLDERS
 from dancedata.evaluation.clip_music import ClipMusic, field_beats
 from dancedata.evaluation.inputs.clip import ClipInput
@@ -52,12 +52,9 @@ def song_files(folder: Path) -> dict[str, Path]:
         If there are none.
     """
     for place in (folder, *(folder / name for name in MUSIC_FOLDERS)):
-        by_stem: dict[str, list[Path]] = {}
-        for path in sorted(place.iterdir()) if place.is_dir() else []:
-            if path.suffix.lower() in AUDIO_SUFFIXES and path.is_file():
-                by_stem.setdefault(path.stem, []).append(path)
+        by_stem = group_by_stem([place], AUDIO_SUFFIXES) if place.is_dir() else []
         if by_stem:
-            return {stem: best_audio(paths)[0] for stem, paths in by_stem.items()}
+            return {stem: best_audio(paths)[0] for stem, paths in by_stem}
     raise UsageError(
         "no music in the folder", where=folder,
         allowed=f"files {', '.join(AUDIO_SUFFIXES)}, here or in {listed(f'{name}/' for name in MUSIC_FOLDERS)}",

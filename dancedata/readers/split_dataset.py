@@ -113,8 +113,10 @@ class SplitDataset(Dataset[dict[str, Any]]):
         mirrored = self.mirror > 0
         self.normalizer_covers_mirror = bool(changes.normalizer_covers_mirror)
         self.normalizer_over = changes.normalizer_over
-        wider = self.normalizer_covers_mirror or changes.normalizer_covers or self.normalizer_over != "train"
-        if changes.scaler is not None and wider:
+        self._widened = bool(
+            self.normalizer_covers_mirror or changes.normalizer_covers or self.normalizer_over != "train"
+        )
+        if changes.scaler is not None and self._widened:
             raise UsageError("scaler and normalizer_... name two scalers", fix="leave one of them out")
         self._named_scalers = named_scalers(self.store, self.fields, changes.scaler)
         self.seed, self.augment = whole("seed", changes.seed), changes.augment
@@ -255,8 +257,7 @@ class SplitDataset(Dataset[dict[str, Any]]):
 
         Of the fields that are normalised, and of those whose scaler a caller names for normalising elsewhere.
         """
-        wider = self.normalizer_covers_mirror or self._covering.steps or self.normalizer_over != "train"
-        motion = [name for name in self.fields if wider and self.store.field(name).kind == "motion"]
+        motion = [name for name in self.fields if self._widened and self.store.field(name).kind == "motion"]
         names = dict.fromkeys((*self._normalizers, *self._named_scalers, *motion))
         return {"scalers": {name: self.normalizer(name).sha256 for name in names}}
 

@@ -16,6 +16,7 @@ from dancedata.datasets.files import (
     describe,
     extra_file,
     file_problem,
+    group_by_stem,
     list_folder,
     relative,
 )
@@ -89,19 +90,10 @@ def match_names(source: Path) -> Matched:
     return Matched(layout, motions, music, tuple(rejects), tuple(notes), expected, near)
 
 
-def _by_stem(folders: list[Path], suffixes: tuple[str, ...]) -> list[tuple[str, list[Path]]]:
-    found: dict[str, list[Path]] = {}
-    for folder in folders:
-        for path in list_folder(folder):
-            if path.suffix.lower() in suffixes and path.is_file():
-                found.setdefault(path.stem, []).append(path)
-    return sorted(found.items())
-
-
 def _motions(source: Path, folder: Path, rejects: list[Reject]) -> dict[str, Path]:
     """Motion files by stem; several with one stem are ambiguous, and none of them is read."""
     chosen = {}
-    for stem, paths in _by_stem([folder], MOTION_SUFFIXES):
+    for stem, paths in group_by_stem([folder], MOTION_SUFFIXES):
         if len(paths) == 1:
             chosen[stem] = paths[0]
             continue
@@ -115,7 +107,7 @@ def _motions(source: Path, folder: Path, rejects: list[Reject]) -> dict[str, Pat
 def _music(source: Path, folders: list[Path], rejects: list[Reject]) -> dict[str, Path]:
     """Audio files by stem; of several with one stem the preferred format is used."""
     chosen = {}
-    for stem, paths in _by_stem(folders, AUDIO_SUFFIXES):
+    for stem, paths in group_by_stem(folders, AUDIO_SUFFIXES):
         chosen[stem], *others = best_audio(paths)
         problem = f"{relative(chosen[stem], source)} is read for {stem}"
         rejects += [extra_file(path, source, problem) for path in others]

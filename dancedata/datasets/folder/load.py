@@ -96,7 +96,8 @@ def load_motion(path: Path, reading: Reading) -> Motion:
         rotations = rotations.copy()
         rotations[:, 0] = _rotated(upright, rotations[:, 0])
     motion = Motion(translation, rotations, FrameGrid(facts.rate.value), skeleton, first)
-    _check_up(path, motion, facts.up)
+    if facts.up.where != IN_MANIFEST:  # whose word is believed
+        _check_up(path, motion.joints(), facts.up)
     return motion
 
 
@@ -211,8 +212,10 @@ def _load_bvh(path: Path, reading: Reading) -> Motion:
     stretched = stretch(bvh, rig.joints.of[0], list(rig.joints.of.values())) * facts.metres
     place, grid = pelvis * facts.metres - skeleton.offsets[0], FrameGrid(facts.rate.value)
     motion = Motion(place, rotations, grid, skeleton, stretch_m=stretched)
-    _check_up(path, motion, facts.up)
-    _check_sides(path, motion, rig.joints)
+    joints = motion.joints()
+    if facts.up.where != IN_MANIFEST:
+        _check_up(path, joints, facts.up)
+    _check_sides(path, joints, rig.joints)
     return motion
 
 
@@ -283,9 +286,9 @@ def _check_standing(bvh: Bvh, joints: JointMap, up: Fact[str]) -> None:
         )
 
 
-def _check_up(path: Path, motion: Motion, up: Fact[str]) -> None:
-    """Reject files that certainly stand along another axis that can be declared; the manifest's word is believed."""
-    wrong = wrong_up(motion.joints()) if up.where != IN_MANIFEST else None
+def _check_up(path: Path, joints: Floats, up: Fact[str]) -> None:
+    """Reject files that certainly stand along another axis that can be declared."""
+    wrong = wrong_up(joints)
     if wrong is None or not wrong[1]:
         return
     in_file = wrong[0] @ UPRIGHT[up.value]
@@ -310,9 +313,9 @@ _SWAPPED = {
 }
 
 
-def _check_sides(path: Path, motion: Motion, joints: JointMap) -> None:
+def _check_sides(path: Path, joints: Floats, names: JointMap) -> None:
     """Reject a capture whose names of sides certainly contradict its body; doubts are flags, see `core.quality`."""
-    sides = sides_of(motion.joints(), toes={10, 11} <= set(joints.of))
+    sides = sides_of(joints, toes={10, 11} <= set(names.of))
     if sides.swapped and sides.certain:
         raise DataError(
             _SWAPPED[sides.swapped],
