@@ -18,8 +18,8 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
-from dancedata.core.hashing import sha256_file
 from dancedata.execution import arithmetic
+from dancedata.files.regular_file import sha256_file
 
 # Machines that run tests are busy: how long an example takes says nothing.
 settings.register_profile("dancedata", deadline=None)

@@ -12,11 +12,11 @@ import numpy.typing as npt
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid, Number
-from dancedata.core.hashing import sha256_file
 from dancedata.core.motion import Motion
 from dancedata.core.registry import CONTACTS, FEATURES, REPRESENTATIONS
 from dancedata.core.text import shown
 from dancedata.execution.threads import as_in_builds
+from dancedata.files.regular_file import sha256_file
 from dancedata.recipes.plugins import make_named, one_of, raise_problems
 
 

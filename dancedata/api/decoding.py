@@ -10,19 +10,19 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, overload
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core import atomic
 from dancedata.core.errors import DanceDataError, DataError, StoreError, UsageError, did_you_mean
 from dancedata.core.grid import FrameGrid, Number
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import Representation
 from dancedata.core.registry import REPRESENTATIONS
+from dancedata.files import atomic
 from dancedata.formats.arrays import ArrayFile, open_arrays
 from dancedata.formats.motion_files import MOTION_FILES, motion_file
 from dancedata.recipes.plugins import make_named, split_instance
 
 if TYPE_CHECKING:
-    from dancedata.core.normalize import MinMax
     from dancedata.store import Store
+    from dancedata.store.normalize import MinMax
     from dancedata.store.scaling import Reader
 
 __all__ = ["decode", "decode_file"]

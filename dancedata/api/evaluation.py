@@ -23,7 +23,7 @@ from dancedata.store.scaling import opened, store_of
 
 if TYPE_CHECKING:
     from dancedata.core.motion import Motion
-    from dancedata.core.normalize import MinMax
+    from dancedata.store.normalize import MinMax
     from dancedata.store.scaling import Reader
 
 __all__ = ["evaluate", "self_test"]

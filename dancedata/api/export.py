@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from dancedata.execution.progress import Progress
-from dancedata.exporting.job import EXPORTS
-from dancedata.exporting.run import ExportResult, export_dataset
+from dancedata.exports.base.job import EXPORTS
+from dancedata.exports.base.run import ExportResult, export_dataset
 from dancedata.recipes.plugins import make_named
 
 __all__ = ["export"]

@@ -12,7 +12,7 @@ from importlib import import_module
 from pathlib import Path
 
 from dancedata.core.errors import UsageError
-from dancedata.core.locks import file_lock
+from dancedata.files.locks import file_lock
 
 _RESAMPLING = ("librosa.core.audio", "librosa.util.utils")
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from dancedata.audio.kernels import load_librosa
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DataError
-from dancedata.core.regular_file import open_regular
+from dancedata.files.regular_file import open_regular
 
 if TYPE_CHECKING:
     from types import TracebackType

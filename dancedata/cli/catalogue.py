@@ -12,7 +12,7 @@ from typing import Any
 
 from dancedata.core.registry import REGISTRIES
 from dancedata.core.resources import resource, resources
-from dancedata.exporting.job import EXPORTS
+from dancedata.exports.base.job import EXPORTS
 from dancedata.recipes.yaml import read_yaml
 
 

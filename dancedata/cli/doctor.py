@@ -163,7 +163,7 @@ def check_cache() -> Iterator[Finding]:
 
 def _locks_work(path: Path) -> bool:
     """Tell whether a lock on a file is seen by another descriptor of it, as by another process."""
-    from dancedata.core.locks import lock_file, unlock
+    from dancedata.files.locks import lock_file, unlock
 
     first = os.open(path, os.O_CREAT | os.O_RDWR, 0o600)
     second = os.open(path, os.O_RDWR)

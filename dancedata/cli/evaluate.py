@@ -127,8 +127,8 @@ def _check_rows(path: Path) -> None:
 
 
 def _write_rows(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
-    from dancedata.core.atomic import write_text
     from dancedata.core.errors import StoreError
+    from dancedata.files.atomic import write_text
 
     names = list(dict.fromkeys((*_HEAD, *(name for row in rows for name in row))))
     lines = [names, *([row.get(name, "") for name in names] for row in rows)]

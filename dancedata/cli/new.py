@@ -22,7 +22,7 @@ from dancedata.core.registry import (
     REPRESENTATIONS,
     Registry,
 )
-from dancedata.exporting.job import EXPORTS
+from dancedata.exports.base.job import EXPORTS
 
 _TEMPLATES = Path(__file__).with_name("templates")
 _TEST = '''"""Conformance of the {kind} {name}."""

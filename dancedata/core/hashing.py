@@ -1,19 +1,10 @@
-"""Hashes of files, bytes and JSON."""
+"""Hashes of bytes and JSON."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-from pathlib import Path
 from typing import Any
-
-from dancedata.core.regular_file import open_regular
-
-
-def sha256_file(path: Path) -> str:
-    """Return the SHA-256 of a file's bytes, as hex; NotRegularError (an OSError) if it is not a regular file."""
-    with open_regular(path) as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def sha256_bytes(*parts: bytes | memoryview) -> str:

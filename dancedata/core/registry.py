@@ -215,4 +215,4 @@ REGISTRIES: dict[str, Registry[Any]] = {
 }
 
 if not TYPE_CHECKING:  # deprecated: import it from its module
-    __getattr__, __dir__ = lazy_names(__name__, {"EXPORTS": "dancedata.exporting.job"})
+    __getattr__, __dir__ = lazy_names(__name__, {"EXPORTS": "dancedata.exports.base.job"})

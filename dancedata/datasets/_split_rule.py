@@ -24,8 +24,8 @@ from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DataError, SourceError, UsageError, did_you_mean
 from dancedata.core.grid import as_fraction
 from dancedata.core.hashing import sha256_bytes
-from dancedata.core.regular_file import open_regular
 from dancedata.core.text import counted, listed
+from dancedata.files.regular_file import open_regular
 
 __all__ = ["SplitRule", "same_songs"]
 

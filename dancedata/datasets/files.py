@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.errors import DataError, SourceError, UsageError, did_you_mean
-from dancedata.core.regular_file import read_regular
 from dancedata.core.text import listed, quoted
+from dancedata.files.regular_file import read_regular
 from dancedata.formats.arrays import VALUE_SUFFIXES
 
 __all__ = [

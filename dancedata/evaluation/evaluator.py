@@ -16,7 +16,6 @@ import numpy.typing as npt
 
 from dancedata.core.dance import MusicBeats
 from dancedata.core.errors import DataError, UsageError
-from dancedata.core.normalize import MinMax
 from dancedata.core.text import counted, listed
 from dancedata.evaluation.clip_music import BEAT, ClipMusic, field_beats
 from dancedata.evaluation.evaluate import pool_for, report_of
@@ -29,6 +28,7 @@ from dancedata.evaluation.protocol import Protocol
 from dancedata.evaluation.report import Report
 from dancedata.evaluation.request import Request, protocol_named
 from dancedata.store import Store
+from dancedata.store.normalize import MinMax
 from dancedata.store.scaling import Reader, Scaling, opened, store_of
 from dancedata.store.schema import Field
 

@@ -11,16 +11,16 @@ from typing import Any
 
 import numpy as np
 
-from dancedata.core.atomic import write_bytes
 from dancedata.core.errors import DataError, StoreError, UsageError
 from dancedata.core.hashing import json_sha256
 from dancedata.core.rotations import Float64Array
-from dancedata.core.strict_json import parse_json
 from dancedata.core.text import counted, quoted, shown
 from dancedata.core.version import __version__
 from dancedata.evaluation.measuring import MeasuredClip
 from dancedata.evaluation.protocol import Protocol
 from dancedata.evaluation.scores import MetricRows, rows_of
+from dancedata.files.atomic import write_bytes
+from dancedata.files.strict_json import parse_json
 from dancedata.formats.arrays import open_arrays
 from dancedata.metrics.set_statistics import checked_rows
 from dancedata.recipes.documents import document_of

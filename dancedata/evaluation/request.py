@@ -15,7 +15,6 @@ from dancedata.core.dance import MusicBeats
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.grid import FrameGrid, Number
 from dancedata.core.motion import Motion
-from dancedata.core.normalize import MinMax
 from dancedata.core.plugins import Representation
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.text import listed, quoted, shown
@@ -29,6 +28,7 @@ from dancedata.evaluation.song_beats import song_files
 from dancedata.metrics.intervals import MIN_CLIPS
 from dancedata.recipes.plugins import make_named
 from dancedata.store import Store, open_store
+from dancedata.store.normalize import MinMax
 from dancedata.store.scaling import Reader, Scaling
 from dancedata.store.schema import DATASET_FILE
 

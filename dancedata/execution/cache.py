@@ -18,10 +18,11 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.errors import StoreError, UsageError
-from dancedata.core.hashing import json_sha256, sha256_file
+from dancedata.core.hashing import json_sha256
 from dancedata.core.packages import version
 from dancedata.execution import cache_files as files
 from dancedata.execution.progress import Progress
+from dancedata.files.regular_file import sha256_file
 
 ENVIRONMENT = "DANCEDATA_CACHE"
 #: Results that took longer than this to compute are flushed to disk before they appear in the cache.

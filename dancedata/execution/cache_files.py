@@ -29,7 +29,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.hashing import canonical_bytes
-from dancedata.core.locks import file_lock, is_abandoned, lock_abandoned, lock_file, open_locked, unlock
+from dancedata.files.locks import file_lock, is_abandoned, lock_abandoned, lock_file, open_locked, unlock
 
 #: Folders of the cache: entries by stage, files that are being written, and locks of units that are being computed.
 STAGES = ("features", "motion", "clips", "signals", "files")

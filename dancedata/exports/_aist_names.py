@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 from dancedata.core.text import listed
 from dancedata.datasets.aistpp.facts import facts
-from dancedata.exporting.needs import needs_names
+from dancedata.exports.base.needs import needs_names
 
 if TYPE_CHECKING:
-    from dancedata.exporting.folder import ExportFolder
-    from dancedata.exporting.job import ExportJob, Lack
+    from dancedata.exports.base.folder import ExportFolder
+    from dancedata.exports.base.job import ExportJob, Lack
     from dancedata.store import ClipView
 
 #: Parts of the crossmodal protocol in the order in which the originals read their lists.

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dancedata.core.text import counted, listed
 from dancedata.datasets.finedance.facts import facts
-from dancedata.exporting.folder import ExportFolder
-from dancedata.exporting.job import ExportJob, Lack
-from dancedata.exporting.needs import needs_field, needs_fps, needs_names, needs_track_scope
+from dancedata.exports.base.folder import ExportFolder
+from dancedata.exports.base.job import ExportJob, Lack
+from dancedata.exports.base.needs import needs_field, needs_fps, needs_names, needs_track_scope
 
 FPS = 30
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.normalize import CONSTANT_RANGE
+from dancedata.store.normalize import CONSTANT_RANGE
 
 _MODULE = "dld.data.utils.preprocess"
 _one_at_a_time = threading.Lock()

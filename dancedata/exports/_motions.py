@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from dancedata.core.grid import FrameGrid
 from dancedata.core.registry import REPRESENTATIONS
-from dancedata.exporting.job import ExportJob, Lack
-from dancedata.exporting.needs import needs_field, needs_track_scope
+from dancedata.exports.base.job import ExportJob, Lack
+from dancedata.exports.base.needs import needs_field, needs_track_scope
 
 if TYPE_CHECKING:
     from dancedata.core.motion import Motion

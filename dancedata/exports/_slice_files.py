@@ -12,9 +12,9 @@ import numpy.typing as npt
 
 from dancedata.core.motion import Motion
 from dancedata.core.text import counted
-from dancedata.exporting.folder import ExportFolder
-from dancedata.exporting.job import Export, ExportJob
 from dancedata.exports import _slices as slices
+from dancedata.exports.base.folder import ExportFolder
+from dancedata.exports.base.job import Export, ExportJob
 
 FOLDERS = ("motions_sliced", "wavs_sliced", "jukebox_feats")
 Sound = Literal["cut", "silence"]

@@ -16,13 +16,13 @@ from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.grid import FrameGrid, WindowGrid
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.text import counted, listed
-from dancedata.exporting.job import ExportJob, Lack
-from dancedata.exporting.needs import needs_field, needs_fps, needs_music, needs_splits
+from dancedata.exports.base.job import ExportJob, Lack
+from dancedata.exports.base.needs import needs_field, needs_fps, needs_music, needs_splits
 
 if TYPE_CHECKING:
     from dancedata.core.clip import Window
     from dancedata.core.motion import Motion
-    from dancedata.exporting.folder import ExportFolder
+    from dancedata.exports.base.folder import ExportFolder
     from dancedata.store import ClipView, WindowList
 
 MOTION = "edge151"

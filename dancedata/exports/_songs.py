@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dancedata.core.text import shown
-from dancedata.exporting.job import ExportJob, Lack
+from dancedata.exports.base.job import ExportJob, Lack
 
 if TYPE_CHECKING:
     from dancedata.core.audio_signal import AudioSignal

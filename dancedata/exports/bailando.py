@@ -16,14 +16,14 @@ from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
 from dancedata.core.text import counted, listed
 from dancedata.execution.threads import as_in_builds
-from dancedata.exporting.job import EXPORTS, Export, ExportJob, Lack
-from dancedata.exporting.needs import needs_feature, needs_field, needs_music, needs_splits, needs_track_scope
 from dancedata.exports._aist_names import PARTS, is_ignored, name_lacks, note_ignored
 from dancedata.exports._json_rows import json_of
 from dancedata.exports._songs import find_songs
+from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Lack
+from dancedata.exports.base.needs import needs_feature, needs_field, needs_music, needs_splits, needs_track_scope
 
 if TYPE_CHECKING:
-    from dancedata.exporting.folder import ExportFolder
+    from dancedata.exports.base.folder import ExportFolder
     from dancedata.store import ClipView
 
 _MOTION, _ROTATIONS, _FEATURE, _RATE = "bailando72", "fact219", "bailando438", 60

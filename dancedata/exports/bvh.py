@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
-from dancedata.exporting.folder import ExportFolder
-from dancedata.exporting.job import EXPORTS, Export, ExportJob, Lack
 from dancedata.exports._motions import decoded, field_name, motion_lacks
+from dancedata.exports.base.folder import ExportFolder
+from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Lack
 from dancedata.formats.bvh.write import motion_bvh
 
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from dancedata.core.text import counted
-from dancedata.exporting.folder import ExportFolder
-from dancedata.exporting.job import EXPORTS, ExportJob, Lack
 from dancedata.exports import _slices as slices
 from dancedata.exports._slice_files import SliceExport, SliceWriter
+from dancedata.exports.base.folder import ExportFolder
+from dancedata.exports.base.job import EXPORTS, ExportJob, Lack
 
 _BATCH = 64
 _GUIDE = """## Train

@@ -13,13 +13,13 @@ import numpy.typing as npt
 
 from dancedata.core.errors import UsageError
 from dancedata.core.text import counted, listed
-from dancedata.exporting.job import EXPORTS, Export, ExportJob, Lack
-from dancedata.exporting.needs import needs_field, needs_splits, needs_track_scope
 from dancedata.exports._aist_names import PARTS, is_ignored, name_lacks, note_ignored
 from dancedata.exports._tfrecord import example, record
+from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Lack
+from dancedata.exports.base.needs import needs_field, needs_splits, needs_track_scope
 
 if TYPE_CHECKING:
-    from dancedata.exporting.folder import ExportFolder
+    from dancedata.exports.base.folder import ExportFolder
     from dancedata.store import ClipView
 
 _MOTION, _RATE = "fact219", 60

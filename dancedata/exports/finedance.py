@@ -10,9 +10,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from dancedata.datasets.finedance.facts import facts
-from dancedata.exporting.folder import ExportFolder
-from dancedata.exporting.job import EXPORTS, Export, ExportJob, Lack
 from dancedata.exports._finedance import note_missing, track_lacks
+from dancedata.exports.base.folder import ExportFolder
+from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Lack
 
 _MOTION = "finedance319"
 _GUIDE = """## Train

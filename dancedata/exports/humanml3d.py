@@ -11,12 +11,12 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.text import listed
-from dancedata.exporting.job import EXPORTS, Export, ExportJob, Lack
-from dancedata.exporting.needs import needs_field, needs_track_scope
+from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Lack
+from dancedata.exports.base.needs import needs_field, needs_track_scope
 from dancedata.representations.humanml263 import Humanml263
 
 if TYPE_CHECKING:
-    from dancedata.exporting.folder import ExportFolder
+    from dancedata.exports.base.folder import ExportFolder
     from dancedata.store import ClipView
 
 Floats = npt.NDArray[np.float32]

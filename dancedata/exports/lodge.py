@@ -13,12 +13,12 @@ import numpy.typing as npt
 from dancedata.core.packages import MissingPackageError, require
 from dancedata.core.text import listed
 from dancedata.datasets.finedance.facts import facts
-from dancedata.exporting.job import EXPORTS, Export, ExportJob, Lack
 from dancedata.exports._finedance import note_missing, track_lacks
 from dancedata.exports._lodge_scaler import normalizer_bytes
+from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Lack
 
 if TYPE_CHECKING:
-    from dancedata.exporting.folder import ExportFolder
+    from dancedata.exports.base.folder import ExportFolder
     from dancedata.store import ClipView
 
 #: Columns that Lodge trains on: all of lodge139, the first of lodge319.

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from dancedata.core.errors import did_you_mean
-from dancedata.exporting.job import EXPORTS, Export, ExportJob, Lack
-from dancedata.exporting.needs import needs_music
+from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Lack
+from dancedata.exports.base.needs import needs_music
 
 if TYPE_CHECKING:
     from dancedata.core.clip import Window
-    from dancedata.exporting.folder import ExportFolder
+    from dancedata.exports.base.folder import ExportFolder
     from dancedata.store import ClipView
 
 #: Layout of index.json.

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from dancedata.exporting.folder import ExportFolder
-from dancedata.exporting.job import EXPORTS, ExportJob, Lack
 from dancedata.exports import _slices as slices
 from dancedata.exports._slice_files import SliceExport, SliceWriter
+from dancedata.exports.base.folder import ExportFolder
+from dancedata.exports.base.job import EXPORTS, ExportJob, Lack
 
 _BATCH = 128
 _GUIDE = """## Train

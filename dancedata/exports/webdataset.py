@@ -13,12 +13,12 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.errors import UsageError, did_you_mean
-from dancedata.exporting.job import EXPORTS, Export, ExportJob, Lack
-from dancedata.exporting.needs import needs_names, needs_track_scope
+from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Lack
+from dancedata.exports.base.needs import needs_names, needs_track_scope
 
 if TYPE_CHECKING:
     from dancedata.core.clip import Window
-    from dancedata.exporting.folder import ExportFolder
+    from dancedata.exports.base.folder import ExportFolder
     from dancedata.store import ClipView
 
 Member = tuple[str, bytes]

@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dancedata.core.errors import DataError
-from dancedata.core.regular_file import open_regular
 from dancedata.core.text import listed, quoted, shown
+from dancedata.files.regular_file import open_regular
 from dancedata.formats.safe_pickle import BOMB_BYTES, BOMB_RATIO, MAX_PICKLE_BYTES, as_array, load_pickle
 from dancedata.formats.torch_file import TORCH_HEAD, load_torch
 

@@ -32,8 +32,8 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 
 from dancedata.core.errors import DataError
-from dancedata.core.regular_file import read_regular
 from dancedata.core.text import shown
+from dancedata.files.regular_file import read_regular
 from dancedata.formats.checked_unpickler import (
     CheckedUnpickler,
     ClassName,

@@ -14,8 +14,8 @@ from typing import Any, Literal
 import numpy as np
 
 from dancedata.core.errors import DataError
-from dancedata.core.regular_file import open_regular
 from dancedata.core.text import quoted, shown
+from dancedata.files.regular_file import open_regular
 from dancedata.formats.checked_unpickler import ClassName, UnsafePickleError, invalid
 from dancedata.formats.numpy_pickle import is_shape
 from dancedata.formats.safe_pickle import ARRAY_NAMES, MAX_PICKLE_BYTES, ArrayUnpickler, Names, require_shallow

@@ -9,7 +9,6 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.atomic import OWN
 from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import DanceDataError, DataError, SourceError
 from dancedata.core.plugins import Dataset
@@ -20,6 +19,7 @@ from dancedata.core.text import listed
 from dancedata.execution.children import named_if_it_crashes
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import run_units
+from dancedata.files.atomic import OWN
 from dancedata.pipeline.implausible import implausible_problems
 from dancedata.pipeline.rejects import NOTED, reject_of
 from dancedata.recipes.fields import MotionField

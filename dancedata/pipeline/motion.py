@@ -17,7 +17,6 @@ from dancedata.core.bodies import CROSSING, crosses
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
-from dancedata.core.hashing import sha256_file
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import Dataset
 from dancedata.core.quality import (
@@ -30,6 +29,7 @@ from dancedata.core.quality import (
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.execution.cache import Cache, CachedArray, package_version
 from dancedata.execution.reference_process import expected
+from dancedata.files.regular_file import sha256_file
 from dancedata.pipeline.rejects import BUILD_AGAIN, CHANGED, reject_of
 from dancedata.recipes.copies import CopySpec
 from dancedata.recipes.documents import document_of

@@ -19,12 +19,12 @@ from functools import partial
 from pathlib import Path
 
 from dancedata.core.errors import StoreError
-from dancedata.core.hashing import sha256_file
-from dancedata.core.locks import writing_lock
-from dancedata.core.staging import MARKER, Layout, discard, staged, tidy
-from dancedata.core.strict_json import read_json
-from dancedata.core.swap import Swap
 from dancedata.core.text import listed
+from dancedata.files.locks import writing_lock
+from dancedata.files.regular_file import sha256_file
+from dancedata.files.staging import MARKER, Layout, discard, staged, tidy
+from dancedata.files.strict_json import read_json
+from dancedata.files.swap import Swap
 from dancedata.store.dataset_json import MAX_BYTES, Description, load_description, self_hash
 from dancedata.store.schema import (
     CARD_FILE,

@@ -15,18 +15,19 @@ import numpy.typing as npt
 
 from dancedata.audio.networks.feature import NetworkFeature
 from dancedata.audio.signal import load_audio
-from dancedata.core.atomic import atomic_file, write_json
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import SourceError, StoreError, UsageError, did_you_mean
 from dancedata.core.grid import FrameGrid
-from dancedata.core.hashing import json_sha256, sha256_file
+from dancedata.core.hashing import json_sha256
 from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
-from dancedata.core.strict_json import read_json
 from dancedata.core.text import listed, shown
 from dancedata.datasets.files import AUDIO_SUFFIXES
 from dancedata.execution.cache import Cache, default_cache
 from dancedata.execution.threads import as_in_builds
+from dancedata.files.atomic import atomic_file, write_json
+from dancedata.files.regular_file import sha256_file
+from dancedata.files.strict_json import read_json
 from dancedata.pipeline.audio import window_samples
 from dancedata.recipes.fields import FeatureJob
 from dancedata.recipes.parse import load_recipe, parse_recipe, recipe_names

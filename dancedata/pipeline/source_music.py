@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Self
 
 from dancedata.audio.signal import audio_length, load_audio
 from dancedata.core.errors import DanceDataError, DataError, SourceError, UsageError
-from dancedata.core.hashing import sha256_file
 from dancedata.core.registry import DATASETS
 from dancedata.core.text import shown
 from dancedata.datasets.files import AUDIO_SUFFIXES
 from dancedata.datasets.folder import MANIFESTS, MOTION_FOLDERS
+from dancedata.files.regular_file import sha256_file
 from dancedata.pipeline.source_record import DIGITS, SourceRecord
 from dancedata.recipes.plugins import one_of
 from dancedata.store.songs import music_hashes

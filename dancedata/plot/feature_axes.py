@@ -11,8 +11,8 @@ from dancedata.core.errors import UsageError
 from dancedata.core.rotations import Float64Array
 from dancedata.core.text import shown
 from dancedata.plot.optional import axes_or_new
-from dancedata.scene import Scenes
 from dancedata.store import Store, open_store
+from dancedata.viewer import Scenes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

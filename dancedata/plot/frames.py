@@ -15,7 +15,7 @@ from dancedata.core.rotations import Float64Array
 from dancedata.core.text import shown
 from dancedata.plot.camera import Camera
 from dancedata.plot.timeline import FINER, TIMELINE, Timeline, text_font
-from dancedata.scene import Figure, Scene
+from dancedata.viewer import Figure, Scene
 
 if TYPE_CHECKING:
     from PIL.Image import Image

@@ -13,8 +13,8 @@ from dancedata.core.motion import Motion
 from dancedata.core.rotations import Float64Array
 from dancedata.core.text import shown
 from dancedata.plot.optional import axes_or_new
-from dancedata.scene import Figure, Scenes
 from dancedata.store import Store, open_store
+from dancedata.viewer import Figure, Scenes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -15,12 +15,12 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import IO, cast
 
-from dancedata.core import atomic
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.packages import install, load, require
 from dancedata.core.text import shown
 from dancedata.execution.children import shielded
+from dancedata.files import atomic
 
 __all__ = ["find_ffmpeg", "write_mp4"]
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from dancedata.core.packages import load
 from dancedata.core.rotations import Float64Array
-from dancedata.scene import Figure, Scene
+from dancedata.viewer import Figure, Scene
 
 if TYPE_CHECKING:
     from PIL.ImageDraw import ImageDraw

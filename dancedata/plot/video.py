@@ -7,18 +7,18 @@ from pathlib import Path
 
 import numpy as np
 
-from dancedata.core.atomic import require_free
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.packages import require
 from dancedata.core.rotations import Float64Array
 from dancedata.core.text import shown
+from dancedata.files.atomic import require_free
 from dancedata.plot.frames import THEMES, Frames, Theme
 from dancedata.plot.mux import find_ffmpeg, write_mp4
-from dancedata.scene import Figure, Item, Scene, Scenes
-from dancedata.scene.source import ClipSource
 from dancedata.store import Store, open_store
 from dancedata.store.licence import require_shareable
+from dancedata.viewer import Figure, Item, Scene, Scenes
+from dancedata.viewer.source import ClipSource
 
 __all__ = ["write_video"]
 

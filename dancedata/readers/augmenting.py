@@ -12,13 +12,13 @@ import numpy.typing as npt
 
 from dancedata.core.draw import Draw
 from dancedata.core.errors import UsageError
-from dancedata.core.normalize import MinMax
 from dancedata.core.plugins import Augmentation, SampleField
 from dancedata.core.registry import AUGMENTATIONS
 from dancedata.readers.arguments import probability
 from dancedata.readers.named_plugins import named_plugin
 from dancedata.readers.sample_fields import sample_fields
 from dancedata.store.dataset import Store
+from dancedata.store.normalize import MinMax
 
 __all__ = ["Augment", "Augmenter", "Chance"]
 

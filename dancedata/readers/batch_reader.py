@@ -15,11 +15,11 @@ import numpy.typing as npt
 
 from dancedata.core.clip import Window
 from dancedata.core.columns import Mirror
-from dancedata.core.normalize import MinMax
 from dancedata.readers.augmenting import Augmenter
 from dancedata.readers.music_beats import LABELS, BeatLabels
 from dancedata.readers.primitives import PRIMITIVES, PrimitiveSpec
 from dancedata.store.dataset import Store
+from dancedata.store.normalize import MinMax
 from dancedata.store.window_rows import WindowRows
 
 Array = npt.NDArray[Any]

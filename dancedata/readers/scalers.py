@@ -14,10 +14,10 @@ import numpy.typing as npt
 from dancedata.core.clip import Window
 from dancedata.core.columns import Mirror
 from dancedata.core.errors import UsageError, did_you_mean
-from dancedata.core.normalize import MinMax
 from dancedata.core.text import listed, shown
 from dancedata.readers.selection import Choice, select
 from dancedata.store.dataset import Store
+from dancedata.store.normalize import MinMax
 from dancedata.store.scaling import Reader, Scaling
 
 _log = logging.getLogger(__name__)

@@ -17,7 +17,6 @@ from torch.utils.data import Dataset
 
 from dancedata.core.clip import Reject
 from dancedata.core.errors import UsageError, did_you_mean
-from dancedata.core.normalize import MinMax
 from dancedata.readers.arguments import probability, whole
 from dancedata.readers.augmenting import Augment, Augmenter
 from dancedata.readers.batch_reader import Request
@@ -27,6 +26,7 @@ from dancedata.readers.scalers import ScalerLike, mirrors_of, named_scalers, nor
 from dancedata.readers.selection import Choice, GivenFilter, Selection, require_protocol, select, window_filter
 from dancedata.readers.shared_epoch import shared_number
 from dancedata.store.dataset import Store, open_store, reopen
+from dancedata.store.normalize import MinMax
 from dancedata.store.window_list import WindowList
 
 #: In place of an epoch while none is set.

@@ -7,9 +7,9 @@ from typing import Any
 
 import yaml
 
-from dancedata.core.regular_file import read_regular
 from dancedata.core.resources import resource, resources
 from dancedata.core.text import is_unicode, quoted, shown
+from dancedata.files.regular_file import read_regular
 
 #: Of PyYAML, which takes 20 microseconds a character.
 MAX_CHARACTERS = 1 << 15

@@ -17,8 +17,8 @@ from dancedata.evaluation.clip_music import beats_after
 from dancedata.metrics.beats import BeatAlignment
 from dancedata.report.pieces import ClipReader, Piece
 from dancedata.report.tally import Tally
-from dancedata.scene.figure import Figure
 from dancedata.store import ClipView, Store, windows_by_clip
+from dancedata.viewer.figure import Figure
 
 __all__ = ["ClipNumbers", "Measured", "measure"]
 

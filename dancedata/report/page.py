@@ -14,7 +14,7 @@ from dancedata.report.findings import findings
 from dancedata.report.markup import Figure, escaped, number
 from dancedata.report.player import NO_PLAYER, Player
 from dancedata.report.sections import sections, tiles
-from dancedata.scene.payload import link
+from dancedata.viewer.payload import link
 
 __all__ = ["PageParts", "page"]
 

@@ -13,10 +13,10 @@ from dancedata.core.rotations import Float64Array
 from dancedata.evaluation.clip_music import field_beats
 from dancedata.evaluation.inputs.columns import ColumnsReader
 from dancedata.keymotion.minima import SIGMA_FRAMES, KeyMotion, key_motion
-from dancedata.scene.fields import drawable_fields, rhythm_fields
-from dancedata.scene.figure import Figure
 from dancedata.store import ClipView, Store
 from dancedata.store.schema import Field
+from dancedata.viewer.fields import drawable_fields, rhythm_fields
+from dancedata.viewer.figure import Figure
 
 __all__ = ["ClipReader", "Piece"]
 

@@ -17,12 +17,12 @@ from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import UsageError
 from dancedata.report.markup import Markup, escaped
 from dancedata.report.ogg import without_serial
-from dancedata.scene import Item, Scenes
-from dancedata.scene.page import PageSound, data_script, page_data, page_parts, source_hash
-from dancedata.scene.payload import link, page_json, scene_payload
-from dancedata.scene.source import ClipSource
 from dancedata.store import Store
 from dancedata.store.licence import require_shareable
+from dancedata.viewer import Item, Scenes
+from dancedata.viewer.page import PageSound, data_script, page_data, page_parts, source_hash
+from dancedata.viewer.payload import link, page_json, scene_payload
+from dancedata.viewer.source import ClipSource
 
 __all__ = ["INLINE", "NO_PLAYER", "Player", "clip_player", "embedded_sound"]
 

@@ -8,19 +8,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
-from dancedata.core import atomic
-from dancedata.core.atomic import require_free
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.text import listed
 from dancedata.core.version import __version__
-from dancedata.exporting.folder import ExportFolder
-from dancedata.exporting.place import (
+from dancedata.exports.base.folder import ExportFolder
+from dancedata.exports.base.place import (
     foreign_files,
     read_about,
     remove_export,
     replaced_export,
     write_about,
 )
+from dancedata.files import atomic
+from dancedata.files.atomic import require_free
 from dancedata.report.player import Player
 
 __all__ = ["Target"]

@@ -16,14 +16,14 @@ from dancedata.core.clip import Window
 from dancedata.core.columns import Columns
 from dancedata.core.errors import StoreError, UsageError, did_you_mean
 from dancedata.core.grid import WindowGrid
-from dancedata.core.hashing import sha256_file
-from dancedata.core.normalize import MinMax
 from dancedata.core.text import shown
+from dancedata.files.regular_file import sha256_file
 from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.clip_view import Clips, ClipView
 from dancedata.store.dataset_json import Description, stated_weights
 from dancedata.store.listed_file import FileHash, ListedFile, open_listed, rebuilt_error
 from dancedata.store.locate import RowSpan, locate_stored, locate_view, locate_windows
+from dancedata.store.normalize import MinMax
 from dancedata.store.schema import Field, sort_splits
 from dancedata.store.shard_reader import ShardReader
 from dancedata.store.side_files import SideFiles

@@ -9,14 +9,14 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from dancedata.core.atomic import OWN
 from dancedata.core.errors import DanceDataError, StoreError
 from dancedata.core.grid import FrameGrid, as_rate
 from dancedata.core.hashing import canonical_json, json_sha256
-from dancedata.core.regular_file import read_regular
 from dancedata.core.skeleton import Skeleton
-from dancedata.core.strict_json import parse_json
 from dancedata.core.text import listed, quoted, shown
+from dancedata.files.atomic import OWN
+from dancedata.files.regular_file import read_regular
+from dancedata.files.strict_json import parse_json
 from dancedata.store.schema import DATASET_FILE, FORMAT, Field, is_shard_name
 
 REBUILD = "build the dataset again"

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from dancedata.core.errors import StoreError
 from dancedata.core.hashing import sha256_bytes
-from dancedata.core.regular_file import read_regular
+from dancedata.files.regular_file import read_regular
 from dancedata.store.dataset_json import REBUILD, Description, load_description, require_sealed
 from dancedata.store.schema import DATASET_FILE
 

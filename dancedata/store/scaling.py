@@ -12,9 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.errors import DataError, UsageError, did_you_mean
-from dancedata.core.normalize import MinMax
 from dancedata.core.plugins import Representation
 from dancedata.store.dataset import Store, open_store
+from dancedata.store.normalize import MinMax
 
 if TYPE_CHECKING:
     from dancedata.formats.arrays import ArrayFile

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.atomic import atomic_file
 from dancedata.core.errors import StoreError
+from dancedata.files.atomic import atomic_file
 from dancedata.store import hdf5
 from dancedata.store.clip_columns import CLIP_COLUMNS
 from dancedata.store.overlaps import BoolArray, SameColumns, same_columns

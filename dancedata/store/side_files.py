@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from dancedata.core.errors import StoreError, UsageError
-from dancedata.core.normalize import MinMax
 from dancedata.core.text import shown
 from dancedata.store.dataset_json import (
     MAX_BYTES,
@@ -20,6 +19,7 @@ from dancedata.store.dataset_json import (
     json_stats,
 )
 from dancedata.store.listed_file import read_listed
+from dancedata.store.normalize import MinMax
 from dancedata.store.schema import QUALITY_FILE, REJECTS_FILE, STATS_FILE, Field, sort_splits
 
 T = TypeVar("T")

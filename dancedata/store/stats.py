@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.normalize import MinMax
 from dancedata.store.column_stats import QUANTILES, ColumnStats, Float32Array, Workspace, column_stats
 from dancedata.store.counted_rows import CountedRows, Counts
+from dancedata.store.normalize import MinMax
 from dancedata.store.overlaps import SameColumns, rows_once
 from dancedata.store.schema import Field, StoreHeader
 from dancedata.store.shard_plan import ShardPlan

@@ -8,11 +8,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
-from dancedata.core.atomic import OWN
 from dancedata.core.errors import StoreError
-from dancedata.core.hashing import sha256_file
-from dancedata.core.regular_file import read_regular
 from dancedata.core.text import listed, shown
+from dancedata.files.atomic import OWN
+from dancedata.files.regular_file import read_regular, sha256_file
 from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.dataset import open_store
 from dancedata.store.dataset_json import (

@@ -11,10 +11,11 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from dancedata.core.atomic import write_text
 from dancedata.core.clip import Reject
 from dancedata.core.errors import StoreError
-from dancedata.core.hashing import json_sha256, sha256_file
+from dancedata.core.hashing import json_sha256
+from dancedata.files.atomic import write_text
+from dancedata.files.regular_file import sha256_file
 from dancedata.store.overlaps import SameColumns
 from dancedata.store.schema import (
     CARD_FILE,

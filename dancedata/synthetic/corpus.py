@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dancedata.core import atomic
 from dancedata.core.errors import SourceError
-from dancedata.core.locks import writing_lock
 from dancedata.core.motion import Motion
-from dancedata.core.regular_file import read_regular
-from dancedata.core.strict_json import read_json
 from dancedata.core.text import listed, shown
+from dancedata.files import atomic
+from dancedata.files.locks import writing_lock
+from dancedata.files.regular_file import read_regular
+from dancedata.files.strict_json import read_json
 from dancedata.synthetic.plan import ClipPlan, Plan, SongPlan, generator, make_plan, music_of
 
 if TYPE_CHECKING:

@@ -43,7 +43,7 @@ from dancedata.core.registry import (
 )
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.spatial import Placement, moved
-from dancedata.exporting.job import EXPORTS
+from dancedata.exports.base.job import EXPORTS
 from dancedata.pipeline.rejects import BY_CHOICE
 from dancedata.recipes.copies import CopySpec
 from dancedata.testing.examples import (

@@ -9,7 +9,7 @@ import re
 from typing import Any
 
 from dancedata.core.registry import REGISTRIES, Registry
-from dancedata.exporting.job import EXPORTS
+from dancedata.exports.base.job import EXPORTS
 from dancedata.testing.require import require
 
 

@@ -12,13 +12,13 @@ from typing import Any
 from urllib.parse import quote
 
 from dancedata.core.errors import DanceDataError, StoreError
-from dancedata.scene import Item, Scenes
-from dancedata.scene.page import page_data, page_parts, whole_page
-from dancedata.scene.payload import scene_payload
-from dancedata.scene.source import ClipSource, flac
-from dancedata.scene.takes import Take, take_payload
 from dancedata.store.dataset import reopen
 from dancedata.store.schema import DATASET_FILE
+from dancedata.viewer import Item, Scenes
+from dancedata.viewer.page import page_data, page_parts, whole_page
+from dancedata.viewer.payload import scene_payload
+from dancedata.viewer.source import ClipSource, flac
+from dancedata.viewer.takes import Take, take_payload
 
 __all__ = ["Answer", "Site"]
 

@@ -13,18 +13,18 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING
 
-from dancedata.core import atomic
-from dancedata.core.atomic import require_free
 from dancedata.core.errors import StoreError, UsageError
-from dancedata.scene import Item, Scenes
-from dancedata.scene.page import PageSound, clip_page
-from dancedata.scene.payload import link
-from dancedata.scene.source import ClipSource, flac
-from dancedata.scene.takes import OriginalTake, Take, file_format, take_of
+from dancedata.files import atomic
+from dancedata.files.atomic import require_free
 from dancedata.store import open_store
 from dancedata.store.licence import require_shareable
+from dancedata.viewer import Item, Scenes
+from dancedata.viewer.page import PageSound, clip_page
+from dancedata.viewer.payload import link
 from dancedata.viewer.server import ViewServer
 from dancedata.viewer.site import Site
+from dancedata.viewer.source import ClipSource, flac
+from dancedata.viewer.takes import OriginalTake, Take, file_format, take_of
 
 if TYPE_CHECKING:
     from dancedata.store import Store

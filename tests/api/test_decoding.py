@@ -14,13 +14,13 @@ from typer.testing import CliRunner
 import dancedata
 from dancedata.cli.app import app
 from dancedata.contacts.velocity import Velocity
-from dancedata.core import atomic
 from dancedata.core.errors import DataError, StoreError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.registry import CONTACTS, REPRESENTATIONS
 from dancedata.datasets.folder.facts import Declared
 from dancedata.datasets.folder.load import Reading, load_motion
+from dancedata.files import atomic
 from dancedata.recipes.parse import parse_recipe
 from dancedata.representations.edge151 import Edge151
 from dancedata.store import Store, open_store

@@ -22,7 +22,7 @@ from dancedata.audio.signal import pcm16, resample
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DataError, RecipeError, UsageError
 from dancedata.core.grid import FrameGrid
-from dancedata.core.locks import file_lock
+from dancedata.files.locks import file_lock
 from dancedata.recipes.parse import parse_recipe
 from tests.conftest import DATA, Arrays, unpack
 

@@ -23,7 +23,7 @@ from dancedata.audio.signal import load_audio
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DataError, SourceError, UsageError
 from dancedata.core.grid import FrameGrid
-from dancedata.core.hashing import sha256_file
+from dancedata.files.regular_file import sha256_file
 from dancedata.synthetic import synthesise_song
 from dancedata.testing import conformance
 from tests.conftest import DATA

@@ -15,7 +15,7 @@ from dancedata.audio.librosa35 import reference as plain
 from dancedata.audio.librosa35.feature import Librosa35
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.grid import FrameGrid
-from dancedata.core.locks import file_lock
+from dancedata.files.locks import file_lock
 
 
 def test_the_first_run_in_a_process_holds_the_lock(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -17,10 +17,10 @@ from dancedata.augment.tempo import Tempo
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DataError, RecipeError
 from dancedata.core.grid import FrameGrid
-from dancedata.core.hashing import sha256_file
 from dancedata.core.motion import Motion
 from dancedata.core.registry import CONTACTS, FEATURES, KEYMOTIONS
 from dancedata.core.skeleton import SMPL24
+from dancedata.files.regular_file import sha256_file
 from dancedata.pipeline.build import build
 from dancedata.pipeline.part import Part, build_part
 from dancedata.pipeline.plan import make_plan

@@ -21,8 +21,8 @@ from dancedata.cli.app import app
 from dancedata.core.clip import Reject
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
-from dancedata.core.hashing import sha256_file
 from dancedata.core.registry import DATASETS
+from dancedata.files.regular_file import sha256_file
 from dancedata.pipeline.left_out import left_out_lines
 from dancedata.store.dataset_json import self_hash
 

@@ -17,7 +17,7 @@ from dancedata.cli.app import app
 from dancedata.cli.new import KINDS, write_plugin
 from dancedata.core.errors import UsageError
 from dancedata.core.registry import REGISTRIES
-from dancedata.exporting.job import EXPORTS
+from dancedata.exports.base.job import EXPORTS
 from dancedata.recipes.yaml import load_yaml
 from dancedata.testing.conformance import check
 

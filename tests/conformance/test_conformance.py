@@ -26,7 +26,7 @@ from dancedata.core.registry import (
     Registry,
 )
 from dancedata.core.spatial import Spatial
-from dancedata.exporting.job import EXPORTS
+from dancedata.exports.base.job import EXPORTS
 from dancedata.testing import conformance
 
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from dancedata.core.columns import Columns, Group, Mirror
 from dancedata.core.errors import UsageError
-from dancedata.core.normalize import MinMax
+from dancedata.store.normalize import MinMax
 
 COLUMNS = Columns(
     (Group("contact", 2, "1", ("left", "right")), Group("root", 3, "m"), Group("beat", 1, "1")),

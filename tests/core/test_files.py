@@ -10,12 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dancedata.core import atomic
-from dancedata.core.atomic import atomic_file, write_bytes, write_json, write_text
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DataError, UsageError
-from dancedata.core.hashing import canonical_json, json_sha256, sha256_bytes, sha256_file
+from dancedata.core.hashing import canonical_json, json_sha256, sha256_bytes
 from dancedata.core.resources import resource, resources
+from dancedata.files import atomic
+from dancedata.files.atomic import atomic_file, write_bytes, write_json, write_text
+from dancedata.files.regular_file import sha256_file
 
 
 def test_hashes(tmp_path: Path) -> None:

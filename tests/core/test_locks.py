@@ -13,9 +13,9 @@ from typing import Any
 
 import pytest
 
-from dancedata.core import locks
 from dancedata.core.errors import StoreError
-from dancedata.core.locks import file_lock, open_locked, writing_lock
+from dancedata.files import locks
+from dancedata.files.locks import file_lock, open_locked, writing_lock
 
 FORK = multiprocessing.get_context("fork")
 

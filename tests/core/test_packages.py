@@ -21,9 +21,9 @@ from dancedata.cli.app import app
 from dancedata.core import packages
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.grid import FrameGrid
-from dancedata.core.hashing import sha256_file
 from dancedata.core.packages import MODULES, MissingPackageError, install, require
 from dancedata.execution.executors.dask import connected
+from dancedata.files.regular_file import sha256_file
 from dancedata.plot.mux import find_ffmpeg
 from dancedata.plot.optional import axes_or_new
 

@@ -88,8 +88,8 @@ def test_every_name_is_documented(name: str) -> None:
     ("old", "new"),
     [
         ("dancedata.metrics:Evaluator", "dancedata.evaluation.evaluator"),
-        ("dancedata.core.plugins:Export", "dancedata.exporting.job"),
-        ("dancedata.core.registry:EXPORTS", "dancedata.exporting.job"),
+        ("dancedata.core.plugins:Export", "dancedata.exports.base.job"),
+        ("dancedata.core.registry:EXPORTS", "dancedata.exports.base.job"),
     ],
 )
 def test_old_names_are_those_of_their_new_modules(old: str, new: str) -> None:

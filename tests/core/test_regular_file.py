@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from dancedata.core.hashing import sha256_file
-from dancedata.core.regular_file import NotRegularError, open_regular, read_regular
+from dancedata.files.regular_file import NotRegularError, open_regular, read_regular, sha256_file
 
 
 @pytest.fixture

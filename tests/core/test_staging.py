@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from dancedata.core import staging
 from dancedata.core.errors import StoreError
-from dancedata.core.staging import MARKER, STAGING, Layout, staged, tidy
+from dancedata.files import staging
+from dancedata.files.staging import MARKER, STAGING, Layout, staged, tidy
 
 NAMES = ["a.bin", "b.bin", "last.json"]
 LAYOUT = Layout("last.json", lambda path: path.read_text() == "last.json", lambda name: name in NAMES)

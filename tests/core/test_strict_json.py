@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from dancedata.core.strict_json import MAX_DEPTH, parse_json, read_json
+from dancedata.files.strict_json import MAX_DEPTH, parse_json, read_json
 
 
 def nested(depth: int) -> str:

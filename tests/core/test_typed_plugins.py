@@ -14,8 +14,8 @@ import numpy as np
 
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.motion import Motion
-from dancedata.exporting.folder import ExportFolder
-from dancedata.exporting.job import Export, ExportJob
+from dancedata.exports.base.folder import ExportFolder
+from dancedata.exports.base.job import Export, ExportJob
 from dancedata.recipes.recipe import Recipe
 
 

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from dancedata.cli.new import write_plugin
-from dancedata.exporting.job import EXPORTS
+from dancedata.exports.base.job import EXPORTS
 from dancedata.pipeline.build import build
 from dancedata.pipeline.summary import describe_built
 from dancedata.readers.presets import PRESETS

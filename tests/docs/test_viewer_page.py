@@ -13,8 +13,8 @@ from typer.testing import CliRunner
 
 import dancedata
 from dancedata.cli.app import app
-from dancedata.scene.page import page_parts
 from dancedata.synthetic import write_synthetic
+from dancedata.viewer.page import page_parts
 
 ROOT = Path(__file__).parent.parent.parent
 PAGE = (ROOT / "docs" / "viewer.md").read_text(encoding="utf-8")

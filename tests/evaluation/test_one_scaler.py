@@ -17,16 +17,16 @@ from typer.testing import CliRunner
 import dancedata
 from dancedata.cli.app import app
 from dancedata.core.errors import UsageError
-from dancedata.core.normalize import MinMax
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.evaluation.evaluator import Evaluator
 from dancedata.evaluation.inputs.files import FileClip
 from dancedata.evaluation.protocol import PROTOCOLS
 from dancedata.evaluation.request import Request
 from dancedata.readers import ClipDataset, WindowDataset
-from dancedata.scene.takes import file_format, take_of
 from dancedata.store import Store
+from dancedata.store.normalize import MinMax
 from dancedata.store.scaling import Scaling, _warn_once
+from dancedata.viewer.takes import file_format, take_of
 
 FIELD = "edge151"
 KINDS: dict[str, dict[str, Any]] = {

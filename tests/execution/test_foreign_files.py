@@ -16,12 +16,12 @@ import pytest
 from typer.testing import CliRunner
 
 from dancedata.cli.app import app
-from dancedata.core import staging
 from dancedata.core.errors import StoreError, UsageError
-from dancedata.core.hashing import sha256_file
 from dancedata.execution import cache_files
 from dancedata.execution.cache import Cache
 from dancedata.execution.cache_admin import cache_json, prune, verify_cache
+from dancedata.files import staging
+from dancedata.files.regular_file import sha256_file
 from dancedata.pipeline import build as build_module
 
 MINE = "somebody's"

@@ -11,7 +11,7 @@ import pytest
 
 import dancedata
 from dancedata.core.registry import DATASETS
-from dancedata.exporting.run import ExportResult
+from dancedata.exports.base.run import ExportResult
 from dancedata.synthetic import write_synthetic
 
 AIST = {"recipe": 1, "dataset": {"aist++": {}}, "windows": {"length_s": 5, "stride_s": 0.5}}

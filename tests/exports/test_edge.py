@@ -16,8 +16,8 @@ from dancedata.core.errors import DataError, StoreError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24
-from dancedata.exporting.folder import ExportFolder
-from dancedata.exporting.run import ExportResult
+from dancedata.exports.base.folder import ExportFolder
+from dancedata.exports.base.run import ExportResult
 
 
 def names(folder: Path) -> list[str]:

@@ -13,7 +13,7 @@ import yaml
 
 import dancedata
 from dancedata.core.errors import StoreError
-from dancedata.exporting.run import ExportResult
+from dancedata.exports.base.run import ExportResult
 
 
 def test_tracks_begin_at_the_trim_and_decode_again(export: Callable[..., ExportResult], built) -> None:

@@ -16,13 +16,13 @@ from typer.testing import CliRunner
 
 import dancedata
 from dancedata.cli.app import app
-from dancedata.core import staging
 from dancedata.core.errors import StoreError, UsageError
-from dancedata.core.staging import claim, mark
-from dancedata.exporting import place
-from dancedata.exporting.folder import ExportFolder
-from dancedata.exporting.place import new_export, read_about, self_hash
+from dancedata.exports.base import place
+from dancedata.exports.base.folder import ExportFolder
+from dancedata.exports.base.place import new_export, read_about, self_hash
 from dancedata.exports.npz import Npz
+from dancedata.files import staging
+from dancedata.files.staging import claim, mark
 
 
 def tree(folder: Path) -> dict[str, bytes]:

@@ -11,7 +11,7 @@ import pytest
 import dancedata
 from dancedata.core.errors import DanceDataError, RecipeError, SourceError, StoreError, UsageError
 from dancedata.core.registry import DATASETS
-from dancedata.exporting.job import EXPORTS
+from dancedata.exports.base.job import EXPORTS
 from dancedata.store import StoredClip, write_store
 from dancedata.store.schema import StoreHeader
 from dancedata.testing.stores import write_random_store

@@ -75,7 +75,7 @@ def test_songs_that_are_not_the_beginning_of_another_are_refused(built, tmp_path
     loads = iter(range(100))
     monkeypatch.setattr(_songs, "_begins", lambda part, whole: next(loads) < 0)
     monkeypatch.setattr("dancedata.pipeline.source_music.DIGITS", 0)
-    from dancedata.exporting.job import ExportJob
+    from dancedata.exports.base.job import ExportJob
 
     job = ExportJob(store, tmp_path, made.source)
     clips = [c for c in job.clips() if c.music == store.clips[0].music]

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dancedata.core.hashing import sha256_file
+from dancedata.files.regular_file import sha256_file
 from dancedata.synthetic import write_synthetic
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -19,7 +19,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dancedata.core import locks
 from dancedata.core.errors import DanceDataError, StoreError
 from dancedata.datasets.aistpp import AistPP
 from dancedata.execution import cache_files
@@ -27,6 +26,7 @@ from dancedata.execution.cache import Cache
 from dancedata.execution.cache_admin import prune, verify_cache
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import run_units
+from dancedata.files import locks
 from dancedata.pipeline import build as build_module
 from dancedata.pipeline.build import build
 from dancedata.pipeline.part import Part, build_part

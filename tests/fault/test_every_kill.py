@@ -24,9 +24,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dancedata.core.hashing import sha256_file
 from dancedata.execution.cache import Cache
 from dancedata.execution.cache_admin import entries, prune, verify_cache
+from dancedata.files.regular_file import sha256_file
 from dancedata.store import open_store
 
 SONG_S = 0.2

@@ -18,7 +18,7 @@ from dancedata.audio.hf.model_folder import ENVIRONMENT
 from dancedata.audio.hf.random_models import write_random_model
 from dancedata.audio.hf.settings import Settings
 from dancedata.core.audio_signal import AudioSignal
-from dancedata.core.hashing import sha256_file
+from dancedata.files.regular_file import sha256_file
 
 
 @pytest.fixture(autouse=True)

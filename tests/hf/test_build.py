@@ -17,8 +17,8 @@ pytest.importorskip("transformers")
 import dancedata
 from dancedata.audio.hf import HuggingFace
 from dancedata.core.grid import FrameGrid
-from dancedata.core.hashing import sha256_file
 from dancedata.core.registry import FEATURES
+from dancedata.files.regular_file import sha256_file
 from dancedata.pipeline.build import build
 from dancedata.pipeline.own_songs import find_jobs, write_features
 from dancedata.pipeline.plan import make_plan

@@ -22,7 +22,7 @@ from dancedata.audio.hf.random_models import KINDS
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
-from dancedata.core.hashing import sha256_file
+from dancedata.files.regular_file import sha256_file
 from dancedata.pipeline.audio import FeatureKeys
 from dancedata.recipes.documents import document_of
 from dancedata.recipes.fields import FeatureJob

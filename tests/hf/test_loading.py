@@ -23,7 +23,7 @@ from dancedata.audio.hf.model_folder import ENVIRONMENT, PROVENANCE, UNKNOWN
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DanceDataError, SourceError, UsageError
 from dancedata.core.grid import FrameGrid
-from dancedata.core.hashing import sha256_file
+from dancedata.files.regular_file import sha256_file
 
 from .conftest import noise, settings
 

@@ -21,7 +21,7 @@ from dancedata.audio.jukebox.feature import ENVIRONMENT, Jukebox
 from dancedata.audio.signal import load_audio
 from dancedata.core.errors import StoreError
 from dancedata.core.grid import FrameGrid
-from dancedata.core.hashing import sha256_file
+from dancedata.files.regular_file import sha256_file
 from dancedata.pipeline.build import build
 from dancedata.recipes.parse import load_recipe
 from dancedata.store import Store, verify_store

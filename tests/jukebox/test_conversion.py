@@ -22,8 +22,8 @@ from safetensors.torch import load_file
 from dancedata.audio.jukebox import JukeboxConfig, JukeboxEncoder, checkpoint_sha256, conversion, convert
 from dancedata.audio.jukebox.weights.folder import PRIOR_FILE, VQVAE_FILE
 from dancedata.core.errors import SourceError, StoreError, UsageError
-from dancedata.core.hashing import sha256_file
-from dancedata.core.locks import writing_lock
+from dancedata.files.locks import writing_lock
+from dancedata.files.regular_file import sha256_file
 
 
 @pytest.fixture(scope="module")

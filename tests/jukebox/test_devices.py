@@ -25,8 +25,8 @@ from dancedata.audio.networks import devices as _devices
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.grid import FrameGrid
-from dancedata.core.hashing import sha256_file
 from dancedata.execution.executors.loky import LokyExecutor
+from dancedata.files.regular_file import sha256_file
 from dancedata.pipeline import read_ahead
 from dancedata.pipeline.audio import FeatureKeys, SignalId
 from dancedata.pipeline.features import _jobs_for, _next_songs

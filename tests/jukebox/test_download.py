@@ -247,7 +247,7 @@ def test_licence_comes_first(server: _Server, tmp_path: Path) -> None:
 
 
 def test_two_programs_at_once(server: _Server, tmp_path: Path) -> None:
-    from dancedata.core.locks import file_lock
+    from dancedata.files.locks import file_lock
 
     with file_lock(tmp_path / ".dancedata-a.bin.lock"), pytest.raises(UsageError, match="another program"):
         _fetch(tmp_path, server.url)

@@ -19,7 +19,7 @@ from dancedata.audio.signal import pcm16
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DanceDataError, DataError, SourceError, UsageError
 from dancedata.core.grid import FrameGrid
-from dancedata.core.hashing import sha256_file
+from dancedata.files.regular_file import sha256_file
 
 FPS = FrameGrid.of(30)
 LAYER = 6

@@ -20,11 +20,11 @@ import soundfile
 import dancedata
 from dancedata.audio.librosa35.feature import Librosa35
 from dancedata.cli.text import describe_store
-from dancedata.core import staging
 from dancedata.core.errors import DataError, SourceError, StoreError
-from dancedata.core.locks import writing_lock
 from dancedata.datasets.aistpp import AistPP
 from dancedata.datasets.synthetic import Synthetic
+from dancedata.files import staging
+from dancedata.files.locks import writing_lock
 from dancedata.pipeline import build as build_module
 from dancedata.store import verify_store
 

@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from dancedata.core.errors import StoreError
-from dancedata.core.hashing import sha256_file
+from dancedata.files.regular_file import sha256_file
 from dancedata.pipeline.diff import Difference, diff
 from dancedata.pipeline.diff_rows import unmatched
 from dancedata.store.dataset_json import self_hash

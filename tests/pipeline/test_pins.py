@@ -19,8 +19,8 @@ from unittest import mock
 import pytest
 
 from dancedata.core.clip import ClipRef
-from dancedata.core.hashing import sha256_file
 from dancedata.execution import arithmetic
+from dancedata.files.regular_file import sha256_file
 from dancedata.pipeline import audio as audio_units
 from dancedata.pipeline import motion as motion_units
 from dancedata.pipeline.audio import FeatureKeys, SignalId

@@ -18,7 +18,7 @@ import pytest
 pytest.importorskip("torch")
 
 from dancedata.core.errors import DanceDataError, StoreError, UsageError
-from dancedata.core.hashing import sha256_file
+from dancedata.files.regular_file import sha256_file
 from dancedata.readers import BatchLoader, WindowDataset
 from dancedata.store.dataset import Store, open_store
 from dancedata.store.dataset_json import self_hash

@@ -15,10 +15,10 @@ pytest.importorskip("torch")
 
 from dancedata.core.columns import Columns, Group, Mirror
 from dancedata.core.errors import StoreError, UsageError
-from dancedata.core.normalize import MinMax
 from dancedata.filters.movement import Movement
 from dancedata.readers import WindowDataset
 from dancedata.store import Store, open_store
+from dancedata.store.normalize import MinMax
 from dancedata.store.schema import Field
 from dancedata.store.stored_clip import StoredClip
 from dancedata.store.writer import write_store

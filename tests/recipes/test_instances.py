@@ -11,8 +11,8 @@ import pytest
 
 import dancedata
 from dancedata.core.errors import RecipeError
-from dancedata.core.hashing import sha256_file
 from dancedata.execution.cache import Cache
+from dancedata.files.regular_file import sha256_file
 from dancedata.pipeline.audio import FeatureKeys
 from dancedata.pipeline.build import build
 from dancedata.pipeline.plan import make_plan

@@ -18,8 +18,8 @@ from dancedata.report import write_report
 from dancedata.report.markup import number
 from dancedata.report.player import Player
 from dancedata.report.target import Target
-from dancedata.scene.page import source_hash
 from dancedata.store import open_store
+from dancedata.viewer.page import source_hash
 
 VOID = {"meta", "link", "img", "br", "input", "hr"}
 

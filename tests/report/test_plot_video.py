@@ -19,7 +19,7 @@ from dancedata.core.errors import StoreError, UsageError
 from dancedata.plot import mux
 from dancedata.plot.frames import Frames
 from dancedata.plot.mux import find_ffmpeg
-from dancedata.scene import Scenes
+from dancedata.viewer import Scenes
 
 pytest.importorskip("PIL")
 pytest.importorskip("imageio_ffmpeg")

@@ -18,10 +18,10 @@ from dancedata.core.bodies import SMPLX52
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion, forward_kinematics
-from dancedata.core.normalize import MinMax
 from dancedata.core.skeleton import SMPL24, SMPL24_EDGE
 from dancedata.datasets.aistpp import AistPP
 from dancedata.representations.edge151 import Edge151
+from dancedata.store.normalize import MinMax
 
 THIRTY = FrameGrid.of(30)
 EDGE = Edge151()

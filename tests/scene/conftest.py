@@ -10,8 +10,8 @@ import pytest
 
 import dancedata
 from dancedata.core.registry import DATASETS
-from dancedata.scene import Scenes
 from dancedata.synthetic import write_synthetic
+from dancedata.viewer import Scenes
 
 _BASE = {"recipe": 1, "dataset": {"aist++": {}}, "windows": {"length_s": 2, "stride_s": 0.5}}
 RECIPES: dict[str, dict[str, Any]] = {

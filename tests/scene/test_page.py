@@ -13,8 +13,8 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from dancedata.scene.page import clip_page, page_parts, source_hash
-from dancedata.scene.payload import page_json
+from dancedata.viewer.page import clip_page, page_parts, source_hash
+from dancedata.viewer.payload import page_json
 
 HOSTILE = '</script><img src=x onerror="window.PWN=1">\u2028\u202e&amp;'
 

@@ -16,13 +16,13 @@ from dancedata.core.columns import Columns, Group
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.skeleton import SMPL24
-from dancedata.scene import Figure, Scenes
-from dancedata.scene.fields import rhythm_fields
-from dancedata.scene.payload import curve, figure_payload, link, scene_payload
-from dancedata.scene.source import ClipSource, cut, flac
-from dancedata.scene.takes import file_format, take_of, take_payload
 from dancedata.store.schema import Field
 from dancedata.testing.stores import random_columns, write_random_store
+from dancedata.viewer import Figure, Scenes
+from dancedata.viewer.fields import rhythm_fields
+from dancedata.viewer.payload import curve, figure_payload, link, scene_payload
+from dancedata.viewer.source import ClipSource, cut, flac
+from dancedata.viewer.takes import file_format, take_of, take_payload
 
 
 def unpacked(packed: dict) -> np.ndarray:

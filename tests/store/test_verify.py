@@ -13,7 +13,8 @@ import h5py
 import numpy as np
 import pytest
 
-from dancedata.core.hashing import json_sha256, sha256_file
+from dancedata.core.hashing import json_sha256
+from dancedata.files.regular_file import sha256_file
 from dancedata.store import open_store, verify_store, write_store
 from dancedata.testing.stores import random_fields, write_random_store
 

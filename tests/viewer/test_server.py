@@ -24,9 +24,9 @@ import pytest
 import dancedata
 from dancedata.core.errors import UsageError
 from dancedata.pipeline.source_music import SourceMusic
-from dancedata.scene.source import ClipSource
 from dancedata.viewer.server import ViewServer
 from dancedata.viewer.site import Site
+from dancedata.viewer.source import ClipSource
 from dancedata.viewer.view import ViewRequest, export_page
 from tests.viewer.helpers import serving
 

@@ -13,8 +13,8 @@ from packaging.version import Version
 from dancedata.audio.beats.network import BeatNetwork, Sizes
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.packages import install
-from dancedata.core.regular_file import open_regular
 from dancedata.core.text import listed, shown
+from dancedata.files.regular_file import open_regular
 
 #: Older versions of torch could be made to execute code, weights_only or not (CVE-2025-32434).
 _SAFE_TORCH = Version("2.6")

@@ -17,9 +17,9 @@ from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.columns import Columns
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
-from dancedata.core.hashing import sha256_file
 from dancedata.core.packages import require
 from dancedata.core.registry import FEATURES
+from dancedata.files.regular_file import sha256_file
 
 if TYPE_CHECKING:
     from dancedata.audio.hf.encoder import HuggingFaceEncoder

@@ -13,12 +13,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dancedata.audio.hf.model_folder import FILES, PROVENANCE, licence_of
-from dancedata.core.atomic import OWN, sync_folder, write_json
 from dancedata.core.errors import DanceDataError, SourceError, UsageError
-from dancedata.core.hashing import sha256_file
-from dancedata.core.locks import file_lock
 from dancedata.core.packages import require
 from dancedata.core.text import listed, shown
+from dancedata.files.atomic import OWN, sync_folder, write_json
+from dancedata.files.locks import file_lock
+from dancedata.files.regular_file import sha256_file
 
 if TYPE_CHECKING:
     from huggingface_hub.hf_api import RepoSibling

@@ -13,9 +13,9 @@ from typing import Any
 
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.hashing import json_sha256
-from dancedata.core.regular_file import read_regular
-from dancedata.core.strict_json import read_json
 from dancedata.core.text import listed, shown
+from dancedata.files.regular_file import read_regular
+from dancedata.files.strict_json import read_json
 
 #: Names the model unless a recipe does.
 ENVIRONMENT = "DANCEDATA_HF_MODEL"

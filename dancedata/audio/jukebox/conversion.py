@@ -39,14 +39,14 @@ from dancedata.audio.jukebox.weights.folder import (
 )
 from dancedata.audio.jukebox.weights.loading import Checkpoint, open_openai
 from dancedata.audio.jukebox.weights.sources import SafetensorsSource, TensorSource, require_tensors
-from dancedata.core.atomic import atomic_file, write_json
 from dancedata.core.errors import DanceDataError, SourceError, UsageError
-from dancedata.core.hashing import sha256_file
-from dancedata.core.locks import writing_lock
 from dancedata.core.packages import require
-from dancedata.core.staging import Layout, staged, tidy
-from dancedata.core.strict_json import read_json
 from dancedata.core.text import listed
+from dancedata.files.atomic import atomic_file, write_json
+from dancedata.files.locks import writing_lock
+from dancedata.files.regular_file import sha256_file
+from dancedata.files.staging import Layout, staged, tidy
+from dancedata.files.strict_json import read_json
 
 _VQVAE, _TABLES = "vqvae.safetensors", "tables.safetensors"
 _FILES = re.compile(r"(vqvae|tables|block-[0-9]{3})\.safetensors|jukebox\.json")

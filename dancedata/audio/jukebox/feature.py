@@ -21,9 +21,10 @@ from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.columns import Columns, Group
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.grid import FrameGrid
-from dancedata.core.hashing import json_sha256, sha256_file
+from dancedata.core.hashing import json_sha256
 from dancedata.core.packages import require
 from dancedata.core.registry import FEATURES
+from dancedata.files.regular_file import sha256_file
 
 if TYPE_CHECKING:
     from dancedata.audio.jukebox.encoder import JukeboxEncoder

@@ -15,7 +15,7 @@ import torch
 
 from dancedata.audio.networks.feature import Precision
 from dancedata.core.errors import DanceDataError, UsageError
-from dancedata.core.locks import open_locked
+from dancedata.files.locks import open_locked
 
 #: This much of the free memory is left for the allocator's rounding and the libraries' work space.
 RESERVE_BYTES = 512 << 20

@@ -12,9 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.errors import DataError, SourceError, UsageError
-from dancedata.core.hashing import sha256_file
 from dancedata.core.packages import require
 from dancedata.core.plugins import AudioFeature
+from dancedata.files.regular_file import sha256_file
 
 if TYPE_CHECKING:
     import torch

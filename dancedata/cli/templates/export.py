@@ -8,9 +8,9 @@ from typing import Any, ClassVar
 
 from dancedata.core.errors import UsageError
 from dancedata.core.text import csv_cell
-from dancedata.exporting.folder import ExportFolder
-from dancedata.exporting.job import EXPORTS, Export, ExportJob, Lack
-from dancedata.exporting.needs import needs_field, needs_track_scope
+from dancedata.exports.base.folder import ExportFolder
+from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Lack
+from dancedata.exports.base.needs import needs_field, needs_track_scope
 
 _FIELD = "joints"
 

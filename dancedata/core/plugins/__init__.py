@@ -31,4 +31,4 @@ __all__ = [
 ]
 
 if not TYPE_CHECKING:  # deprecated: import it from its module
-    __getattr__, __dir__ = lazy_names(__name__, {"Export": "dancedata.exporting.job"})
+    __getattr__, __dir__ = lazy_names(__name__, {"Export": "dancedata.exports.base.job"})

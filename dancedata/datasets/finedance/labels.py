@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from dancedata.core.regular_file import read_regular
-from dancedata.core.strict_json import parse_json
 from dancedata.core.text import listed, quoted
 from dancedata.datasets.finedance.facts import facts
+from dancedata.files.regular_file import read_regular
+from dancedata.files.strict_json import parse_json
 
 __all__ = ["Label", "read_label"]
 

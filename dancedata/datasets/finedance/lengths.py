@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from dancedata.core.grid import FrameGrid
-from dancedata.core.regular_file import open_regular
+from dancedata.files.regular_file import open_regular
 
 __all__ = ["MAX_DIFFERENCE", "length_note"]
 

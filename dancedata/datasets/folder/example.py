@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from dancedata.core import atomic
 from dancedata.core.motion import Motion
 from dancedata.core.rotations import rotation
 from dancedata.core.skeleton import SMPL24
 from dancedata.datasets.folder.facts import UPRIGHT
+from dancedata.files import atomic
 from dancedata.formats.body_model import SMPLH52
 from dancedata.formats.bvh.write import write_bvh
 

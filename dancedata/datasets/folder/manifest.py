@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from dancedata.core.errors import SourceError, closest, did_you_mean
-from dancedata.core.regular_file import read_regular
-from dancedata.core.strict_json import parse_json
 from dancedata.core.text import csv_text, quoted, shown
 from dancedata.datasets.folder.facts import Declared
+from dancedata.files.regular_file import read_regular
+from dancedata.files.strict_json import parse_json
 
 __all__ = ["COLUMNS", "MANIFESTS", "Row", "id_problem", "inside", "read_manifest"]
 

@@ -14,13 +14,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dancedata.core.errors import DanceDataError
-from dancedata.core.locks import is_abandoned
 from dancedata.core.packages import require
 from dancedata.core.version import __version__
 from dancedata.execution.cache import Cache, package_version
 from dancedata.execution.cache_files import TEMPORARY, locked_file, temporary_name
 from dancedata.execution.executors.base import Call, Executor, OnResult, WorkerDiedError, first_line
 from dancedata.execution.reference_process import expected
+from dancedata.files.locks import is_abandoned
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -39,7 +39,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dancedata.core.errors import DataError
-from dancedata.core.regular_file import open_regular
+from dancedata.files.regular_file import open_regular
 from dancedata.formats.bvh.hierarchy import MAX_VALUE, NUMBER, BvhJoint, bvh_error, not_a_number, parse_hierarchy
 
 __all__ = ["MAX_FILE_BYTES", "Bvh", "read_bvh", "read_bvh_header"]

@@ -9,8 +9,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from dancedata.core import atomic
 from dancedata.core.motion import Motion
+from dancedata.files import atomic
 
 __all__ = ["bvh_text", "motion_bvh", "write_bvh"]
 

@@ -15,11 +15,11 @@ from pathlib import Path
 from typing import Any
 
 from dancedata.audio.jukebox.weights.folder import LICENCE, PRIOR_FILE, VQVAE_FILE
-from dancedata.core.atomic import OWN, atomic_file
 from dancedata.core.errors import DanceDataError, SourceError, UsageError
-from dancedata.core.hashing import sha256_file
-from dancedata.core.locks import file_lock
 from dancedata.core.text import quoted, shown
+from dancedata.files.atomic import OWN, atomic_file
+from dancedata.files.locks import file_lock
+from dancedata.files.regular_file import sha256_file
 
 OPENAI_URL = "https://openaipublic.azureedge.net/jukebox/models/5b"
 

@@ -10,9 +10,9 @@ from typing import Any
 
 from dancedata.audio.jukebox.config import JukeboxConfig
 from dancedata.core.errors import SourceError, UsageError
-from dancedata.core.hashing import sha256_file
-from dancedata.core.strict_json import read_json
 from dancedata.core.text import quoted, shown
+from dancedata.files.regular_file import sha256_file
+from dancedata.files.strict_json import read_json
 
 VQVAE_FILE = "vqvae.pth.tar"
 PRIOR_FILE = "prior_level_2.pth.tar"

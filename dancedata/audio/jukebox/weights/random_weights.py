@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from dancedata.audio.jukebox.config import JukeboxConfig
 from dancedata.audio.jukebox.network import tensors
 from dancedata.audio.jukebox.weights.folder import PRIOR_FILE, VQVAE_FILE
-from dancedata.core.atomic import write_json
+from dancedata.files.atomic import write_json
 
 if TYPE_CHECKING:
     import torch

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import errno
+import hashlib
 import os
 import stat
 from io import BufferedReader
 from pathlib import Path
 
-__all__ = ["NotRegularError", "open_regular", "read_regular"]
+__all__ = ["NotRegularError", "open_regular", "read_regular", "sha256_file"]
 
 _KINDS = {
     stat.S_IFIFO: "a named pipe",
@@ -54,6 +55,12 @@ def read_regular(path: str | Path, limit: int) -> bytes:
     if max(size, len(data)) > limit:
         raise OSError(f"larger than {limit:,} bytes")
     return data
+
+
+def sha256_file(path: Path) -> str:
+    """Return the SHA-256 of a file's bytes, as hex; NotRegularError (an OSError) if it is not a regular file."""
+    with open_regular(path) as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _require_regular(mode: int, path: str | Path) -> None:

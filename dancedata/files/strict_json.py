@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NoReturn
 
-from dancedata.core.regular_file import read_regular
+from dancedata.files.regular_file import read_regular
 
 __all__ = ["MAX_DEPTH", "parse_json", "read_json"]
 

@@ -13,10 +13,10 @@ from dancedata.core.text import counted, listed, quoted, shown
 from dancedata.core.version import __version__
 from dancedata.execution.cache_admin import size_text
 from dancedata.execution.progress import Progress
-from dancedata.exporting.folder import ExportFolder
-from dancedata.exporting.job import Export, ExportJob, Lack
-from dancedata.exporting.place import README, new_export, read_about, write_about
-from dancedata.exporting.readme import licence_text, readme_text
+from dancedata.exports.base.folder import ExportFolder
+from dancedata.exports.base.job import Export, ExportJob, Lack
+from dancedata.exports.base.place import README, new_export, read_about, write_about
+from dancedata.exports.base.readme import licence_text, readme_text
 from dancedata.pipeline.source_music import is_source
 from dancedata.recipes.documents import document_of
 from dancedata.store import open_store

@@ -14,10 +14,10 @@ from dancedata.core.errors import DataError, UsageError, did_you_mean
 from dancedata.core.grid import FrameGrid, as_rate
 from dancedata.core.text import counted
 from dancedata.keymotion.minima import KeyMotion
-from dancedata.scene.fields import Rhythm, drawable_fields, field_to_draw, rhythm_fields, rhythm_of
-from dancedata.scene.figure import Figure, Movement
 from dancedata.store import Store, windows_by_clip
 from dancedata.store.clip_columns import ClipRecord
+from dancedata.viewer.fields import Rhythm, drawable_fields, field_to_draw, rhythm_fields, rhythm_of
+from dancedata.viewer.figure import Figure, Movement
 
 __all__ = ["Flag", "Item", "Scene", "Scenes"]
 

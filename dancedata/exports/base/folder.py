@@ -17,8 +17,9 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.errors import UsageError
-from dancedata.core.hashing import sha256_bytes, sha256_file
+from dancedata.core.hashing import sha256_bytes
 from dancedata.core.text import shown
+from dancedata.files.regular_file import sha256_file
 
 
 @dataclass(frozen=True)

@@ -17,9 +17,9 @@ import numpy.typing as npt
 
 from dancedata.core.rotations import Float64Array
 from dancedata.core.text import shown
-from dancedata.scene.figure import Figure
-from dancedata.scene.scenes import Flag, Item, Scene
 from dancedata.store import Store
+from dancedata.viewer.figure import Figure
+from dancedata.viewer.scenes import Flag, Item, Scene
 
 __all__ = ["about_store", "figure_payload", "item_rows", "link", "page_json", "scene_payload"]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import html
 from typing import TYPE_CHECKING
 
-from dancedata.scene.page import clip_page
-from dancedata.scene.scenes import Scenes
+from dancedata.viewer.page import clip_page
+from dancedata.viewer.scenes import Scenes
 
 if TYPE_CHECKING:
     from dancedata.store import ClipView

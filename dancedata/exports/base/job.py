@@ -14,7 +14,7 @@ from dancedata.core.registry import Registry
 from dancedata.execution.progress import Progress
 
 if TYPE_CHECKING:
-    from dancedata.exporting.folder import ExportFolder
+    from dancedata.exports.base.folder import ExportFolder
     from dancedata.pipeline.source_music import SourceMusic
     from dancedata.store import ClipView, Store
 
@@ -107,7 +107,7 @@ class Export(Plugin):
     def lacks(self, job: ExportJob) -> list[Lack]:
         """Return everything that the dataset lacks for this export; nothing is written while there is something.
 
-        `dancedata.exporting.needs` has the usual checks: fields, rates, splits, scope, names, music.
+        `dancedata.exports.base.needs` has the usual checks: fields, rates, splits, scope, names, music.
         """
 
     @abstractmethod

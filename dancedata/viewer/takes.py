@@ -13,7 +13,6 @@ import numpy as np
 from dancedata.core.bodies import SKELETONS, SMPLX55
 from dancedata.core.errors import DanceDataError, DataError, UsageError
 from dancedata.core.grid import FrameGrid
-from dancedata.core.normalize import MinMax
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.skeleton import Skeleton
 from dancedata.core.text import listed
@@ -21,12 +20,13 @@ from dancedata.datasets.files import MOTION_SUFFIXES
 from dancedata.evaluation.inputs.columns import ColumnsReader
 from dancedata.evaluation.inputs.files import FileClip, FileFormat
 from dancedata.recipes.plugins import make_named, split_instance
-from dancedata.scene.figure import Figure
-from dancedata.scene.payload import Json, curve, figure_payload
-from dancedata.scene.scenes import Scene, Scenes
-from dancedata.scene.source import ClipSource
 from dancedata.store import Store, open_store
+from dancedata.store.normalize import MinMax
 from dancedata.store.scaling import Scaling
+from dancedata.viewer.figure import Figure
+from dancedata.viewer.payload import Json, curve, figure_payload
+from dancedata.viewer.scenes import Scene, Scenes
+from dancedata.viewer.source import ClipSource
 
 __all__ = ["FilesTake", "OriginalTake", "StoreTake", "Take", "file_format", "take_of", "take_payload"]
 

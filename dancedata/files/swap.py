@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from uuid import uuid4
 
-from dancedata.core.atomic import OWN, sync_folder
-from dancedata.core.staging import MARKER, claim
+from dancedata.files.atomic import OWN, sync_folder
+from dancedata.files.staging import MARKER, claim
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from dancedata.core.text import shown
-from dancedata.scene.payload import Json, about_store, item_rows, page_json, scene_payload
-from dancedata.scene.scenes import Item, Scenes
+from dancedata.viewer.payload import Json, about_store, item_rows, page_json, scene_payload
+from dancedata.viewer.scenes import Item, Scenes
 
 __all__ = ["PageSound", "Parts", "clip_page", "data_script", "page_data", "page_parts", "source_hash", "whole_page"]
 

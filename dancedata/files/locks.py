@@ -15,8 +15,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from stat import S_ISREG
 
-from dancedata.core.atomic import OWN
 from dancedata.core.errors import StoreError
+from dancedata.files.atomic import OWN
 
 #: Where the file system has no locks: a file that was not changed for this long was left by a killed process.
 ABANDONED_S = 24 * 3600.0

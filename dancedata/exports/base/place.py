@@ -21,15 +21,16 @@ from pathlib import Path
 from stat import S_ISREG
 from typing import Any
 
-from dancedata.core.atomic import write_json
 from dancedata.core.errors import StoreError, unwritable_name
-from dancedata.core.hashing import json_sha256, sha256_file
-from dancedata.core.locks import writing_lock
-from dancedata.core.staging import MARKER, Layout, discard, is_claimed, mark
-from dancedata.core.strict_json import read_json
-from dancedata.core.swap import Swap
+from dancedata.core.hashing import json_sha256
 from dancedata.core.text import listed
-from dancedata.exporting.folder import ExportFolder
+from dancedata.exports.base.folder import ExportFolder
+from dancedata.files.atomic import write_json
+from dancedata.files.locks import writing_lock
+from dancedata.files.regular_file import sha256_file
+from dancedata.files.staging import MARKER, Layout, discard, is_claimed, mark
+from dancedata.files.strict_json import read_json
+from dancedata.files.swap import Swap
 
 #: The file of a finished export that says what it is.
 ABOUT = "export.json"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from dancedata.core.errors import DanceDataError
 from dancedata.core.registry import FEATURES
 from dancedata.core.text import listed, quoted
-from dancedata.exporting.job import ExportJob, Lack
+from dancedata.exports.base.job import ExportJob, Lack
 
 if TYPE_CHECKING:
     from dancedata.store import ClipView

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from dancedata.core.text import shown
-from dancedata.exporting.job import Export, ExportJob
+from dancedata.exports.base.job import Export, ExportJob
 from dancedata.store import Store
 
 _TEXT = 5000

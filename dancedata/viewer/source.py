@@ -18,12 +18,12 @@ from dancedata.core.errors import DanceDataError, DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.pipeline.source_music import SourceMusic, dataset_of
 from dancedata.recipes.parse import parse_recipe
-from dancedata.scene.figure import Figure
+from dancedata.viewer.figure import Figure
 
 if TYPE_CHECKING:
     from dancedata.core.clip import ClipRef
-    from dancedata.scene.scenes import Item, Scene
     from dancedata.store import Store
+    from dancedata.viewer.scenes import Item, Scene
 
 __all__ = ["ClipSound", "ClipSource", "flac"]
 

@@ -19,9 +19,9 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from dancedata.core.atomic import OWN, is_temporary, sync_folder, write_bytes
 from dancedata.core.errors import StoreError
 from dancedata.core.text import listed
+from dancedata.files.atomic import OWN, is_temporary, sync_folder, write_bytes
 
 #: The folder in which OUT is filled, and what proves that it, or another folder, is ours.
 STAGING = f"{OWN}unfinished"

@@ -1,0 +1,1 @@
+"""Files on disk: written whole, locked, published as folders, read strictly."""
