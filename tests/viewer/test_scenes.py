@@ -170,9 +170,9 @@ def test_a_dataset_without_joints_says_so(tmp_path: Path) -> None:
         every.scene(every.items[0], "pose")
 
 
-def test_music_begins_where_the_clip_begins(scenes, source: Path) -> None:
+def test_music_begins_where_the_clip_begins(scenes, dances: Path) -> None:
     every = scenes("window")
-    found = ClipSource(every.store, source)
+    found = ClipSource(every.store, dances)
     item = next(item for item in every.items if item.start == 30)
     whole = found.music.load(every.store.clip(item.clip.id))
     sound = found.sound(item)
@@ -191,10 +191,10 @@ def test_music_offset_of_a_clip_in_its_song(tmp_path: Path) -> None:
     assert {clip.id: store.music_offset(clip.id) * 30 for clip in store.clips} == offsets
 
 
-def test_a_copy_at_another_tempo_has_stretched_music(scenes, source: Path) -> None:
+def test_a_copy_at_another_tempo_has_stretched_music(scenes, dances: Path) -> None:
     every = scenes("thirty")
     copy = next(item for item in every.items if item.id.endswith("__tempo"))
-    found = ClipSource(every.store, source)
+    found = ClipSource(every.store, dances)
     original = found.music.load(every.store.clip(copy.clip.source))
     sound = found.sound(copy)
     assert copy.n_frames < every.find(copy.clip.source).n_frames
@@ -202,11 +202,11 @@ def test_a_copy_at_another_tempo_has_stretched_music(scenes, source: Path) -> No
     assert not np.array_equal(sound.signal.samples[:1000], original.samples[:1000])
 
 
-def test_other_music_is_used_with_a_note(scenes, source: Path, tmp_path: Path) -> None:
+def test_other_music_is_used_with_a_note(scenes, dances: Path, tmp_path: Path) -> None:
     import shutil
 
     every, other = scenes("window"), tmp_path / "other"
-    shutil.copytree(source, other)
+    shutil.copytree(dances, other)
     songs = sorted((other / "wavs").iterdir())
     shutil.copy(songs[0], songs[1])
     item = next(i for i in every.items if i.clip.music == songs[1].stem)
@@ -230,9 +230,9 @@ def test_flac_gives_every_sample_back() -> None:
     assert np.abs(decoded - samples).max() < 1e-4
 
 
-def test_the_original_is_what_was_built(scenes, source: Path) -> None:
+def test_the_original_is_what_was_built(scenes, dances: Path) -> None:
     every = scenes("window")
-    found = ClipSource(every.store, source)
+    found = ClipSource(every.store, dances)
     for item in every.items[:4]:
         scene = every.scene(item)
         assert np.nanmax(scene.figure.distance_mm(found.original(scene, item))) < 0.001
