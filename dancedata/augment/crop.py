@@ -7,13 +7,13 @@ from typing import ClassVar, Literal
 
 from dancedata.core.draw import Draw
 from dancedata.core.errors import UsageError
-from dancedata.core.plugins import Augmentation
+from dancedata.core.plugins import SampleAugmentation
 from dancedata.core.registry import AUGMENTATIONS
 
 
 @AUGMENTATIONS.register("crop")
 @dataclass(frozen=True)
-class Crop(Augmentation):
+class Crop(SampleAugmentation):
     """A window of the same length at a random frame of the same clip, with its own rows of music.
 
     The length is that of the windows that are read, of any number of frames (`length_s`, `length_frames`). It works
@@ -27,6 +27,7 @@ class Crop(Augmentation):
     """
 
     version: ClassVar[int] = 1
+    chooses_windows: ClassVar[bool] = True
 
     within: Literal["clip", "stride"] = "clip"
 

@@ -9,13 +9,13 @@ from typing import ClassVar
 from dancedata.augment._parameters import require_number
 from dancedata.core.draw import Draw
 from dancedata.core.errors import UsageError, did_you_mean
-from dancedata.core.plugins import Augmentation, SampleField
+from dancedata.core.plugins import SampleAugmentation, SampleField
 from dancedata.core.registry import AUGMENTATIONS
 
 
 @AUGMENTATIONS.register("drop")
 @dataclass(frozen=True)
-class Drop(Augmentation):
+class Drop(SampleAugmentation):
     """Fields of a sample that are masked with a probability, for classifier-free guidance (Ho and Salimans 2022).
 
     All rows of a masked field are 0, after normalising, and the sample says so under ``<field>_dropped``: a trainer

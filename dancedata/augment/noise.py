@@ -13,14 +13,14 @@ from dancedata.core.draw import Draw
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
-from dancedata.core.plugins import Augmentation, Float32Array, Representation, SampleField
+from dancedata.core.plugins import CopyAugmentation, Float32Array, Representation, SampleAugmentation, SampleField
 from dancedata.core.registry import AUGMENTATIONS
 from dancedata.core.rotations import Float64Array, rotation
 
 
 @AUGMENTATIONS.register("noise")
 @dataclass(frozen=True)
-class JointNoise(Augmentation):
+class JointNoise(CopyAugmentation, SampleAugmentation):
     """Small random turns of every joint except the root, smooth in time; contacts are labelled again.
 
     Each joint R becomes R exp(n), where the vector n has a normal distribution at knots every `every_s` seconds and
@@ -76,7 +76,9 @@ class JointNoise(Augmentation):
         motion = self._noisy(representation.decode(rows, field.grid), draw).with_cache()
         return representation.encode_again(motion, field.contacts)
 
-    def cover(self, low: Float64Array, high: Float64Array, field: SampleField) -> tuple[Float64Array, Float64Array]:
+    def scaler_bounds(
+        self, low: Float64Array, high: Float64Array, field: SampleField
+    ) -> tuple[Float64Array, Float64Array]:
         """Return bounds that hold for any angles of the joints but the root, and any contacts; of nothing else."""
         low, high = low.copy(), high.copy()
         for name in field.columns.names if self.std_degrees else ():

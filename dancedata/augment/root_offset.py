@@ -9,7 +9,7 @@ from typing import ClassVar
 from dancedata.augment._parameters import require_number, require_seed, spatial_of
 from dancedata.core.draw import Draw
 from dancedata.core.motion import Motion
-from dancedata.core.plugins import Augmentation, Float32Array, SampleField
+from dancedata.core.plugins import CopyAugmentation, Float32Array, SampleAugmentation, SampleField
 from dancedata.core.registry import AUGMENTATIONS
 from dancedata.core.rotations import Float64Array
 from dancedata.core.spatial import Placement, moved
@@ -17,7 +17,7 @@ from dancedata.core.spatial import Placement, moved
 
 @AUGMENTATIONS.register("root_offset")
 @dataclass(frozen=True)
-class RootOffset(Augmentation):
+class RootOffset(CopyAugmentation, SampleAugmentation):
     """The whole dance, shifted over the floor by one random vector; heights, and with them contacts, stay.
 
     Copies work for every representation; samples for those that define `spatial`. Columns that do not depend on the
@@ -54,7 +54,9 @@ class RootOffset(Augmentation):
         spatial = spatial_of(field)
         return rows if spatial is None else spatial.moved(rows, field.columns, self._shift(draw))
 
-    def cover(self, low: Float64Array, high: Float64Array, field: SampleField) -> tuple[Float64Array, Float64Array]:
+    def scaler_bounds(
+        self, low: Float64Array, high: Float64Array, field: SampleField
+    ) -> tuple[Float64Array, Float64Array]:
         """Return bounds that hold for every shift."""
         spatial = spatial_of(field)
         if spatial is None:

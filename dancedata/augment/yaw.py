@@ -9,7 +9,7 @@ from typing import ClassVar
 from dancedata.augment._parameters import require_number, require_seed, spatial_of
 from dancedata.core.draw import Draw
 from dancedata.core.motion import Motion
-from dancedata.core.plugins import Augmentation, Float32Array, SampleField
+from dancedata.core.plugins import CopyAugmentation, Float32Array, SampleAugmentation, SampleField
 from dancedata.core.registry import AUGMENTATIONS
 from dancedata.core.rotations import Float64Array
 from dancedata.core.spatial import Placement, moved
@@ -17,7 +17,7 @@ from dancedata.core.spatial import Placement, moved
 
 @AUGMENTATIONS.register("yaw")
 @dataclass(frozen=True)
-class Yaw(Augmentation):
+class Yaw(CopyAugmentation, SampleAugmentation):
     """The whole dance, turned by a random angle about the vertical through the root in the first frame.
 
     The first frame is that of the clip for stored copies, of the window for samples. All joints turn about the same
@@ -56,7 +56,9 @@ class Yaw(Augmentation):
         spatial = spatial_of(field)
         return rows if spatial is None else spatial.moved(rows, field.columns, self._turn(draw))
 
-    def cover(self, low: Float64Array, high: Float64Array, field: SampleField) -> tuple[Float64Array, Float64Array]:
+    def scaler_bounds(
+        self, low: Float64Array, high: Float64Array, field: SampleField
+    ) -> tuple[Float64Array, Float64Array]:
         """Return bounds that hold for a turn by any angle."""
         spatial = spatial_of(field)
         if spatial is None or not self.max_degrees:
