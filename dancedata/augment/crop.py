@@ -9,6 +9,7 @@ from dancedata.core.draw import Draw
 from dancedata.core.errors import UsageError
 from dancedata.core.plugins import SampleAugmentation
 from dancedata.core.registry import AUGMENTATIONS
+from dancedata.core.typing import override
 
 
 @AUGMENTATIONS.register("crop")
@@ -32,11 +33,10 @@ class Crop(SampleAugmentation):
     within: Literal["clip", "stride"] = "clip"
 
     def __post_init__(self) -> None:
-        """Check the parameters."""
         if self.within not in ("clip", "stride"):
             raise UsageError("crop: unknown value of within", found=self.within, allowed="clip or stride")
 
+    @override
     def choose_start(self, start: int, starts: range, stride: int, draw: Draw) -> int:
-        """Return the first frame of the window to read."""
         near = starts if self.within == "clip" else range(start, min(start + stride, starts.stop), starts.step)
         return near[draw.below(len(near))]

@@ -12,6 +12,7 @@ from dancedata.core.errors import UsageError
 from dancedata.core.grid import as_fraction
 from dancedata.core.plugins import CopyAugmentation
 from dancedata.core.registry import AUGMENTATIONS
+from dancedata.core.typing import override
 
 
 @AUGMENTATIONS.register("tempo")
@@ -40,14 +41,13 @@ class Tempo(CopyAugmentation):
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Check the parameters."""
         if not isinstance(self.speeds, tuple) or not self.speeds:
             raise UsageError("tempo: speeds names no speed", found=self.speeds, allowed="a list such as [0.9, 1.1]")
         for speed in self.speeds:
             require_number("tempo: a speed", speed, 0.25, 4, "times the clip's")
         require_seed(self.seed)
 
+    @override
     def speed(self, clip: str) -> Fraction:
-        """Return the speed of a clip's copy."""
         chosen = Draw.of_clip(self.seed, clip).below(len(self.speeds))
         return as_fraction(self.speeds[chosen], "tempo: a speed")

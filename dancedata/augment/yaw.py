@@ -13,6 +13,7 @@ from dancedata.core.plugins import CopyAugmentation, Float32Array, SampleAugment
 from dancedata.core.registry import AUGMENTATIONS
 from dancedata.core.rotations import Float64Array
 from dancedata.core.spatial import Placement, moved
+from dancedata.core.typing import override
 
 
 @AUGMENTATIONS.register("yaw")
@@ -39,27 +40,26 @@ class Yaw(CopyAugmentation, SampleAugmentation):
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Check the parameters."""
         require_number("yaw: max_degrees", self.max_degrees, 0, 180, "degrees")
         require_seed(self.seed)
 
+    @override
     def change_motion(self, motion: Motion, clip: str) -> Motion:
-        """Return the turned motion."""
         return moved(motion, self._turn(Draw.of_clip(self.seed, clip)))
 
+    @override
     def check_sample(self, field: SampleField) -> None:
-        """Raise UsageError if it is not known which columns turn."""
         spatial_of(field)
 
+    @override
     def change_sample(self, rows: Float32Array, field: SampleField, draw: Draw) -> Float32Array:
-        """Return rows (L, D) of the turned dancer."""
         spatial = spatial_of(field)
         return rows if spatial is None else spatial.moved(rows, field.columns, self._turn(draw))
 
+    @override
     def scaler_bounds(
         self, low: Float64Array, high: Float64Array, field: SampleField
     ) -> tuple[Float64Array, Float64Array]:
-        """Return bounds that hold for a turn by any angle."""
         spatial = spatial_of(field)
         if spatial is None or not self.max_degrees:
             return low, high
