@@ -11,7 +11,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from dancedata.core.columns import Columns
 from dancedata.core.errors import DanceDataError, RecipeError, UsageError, did_you_mean
-from dancedata.core.plugins import Plugin
+from dancedata.core.plugins import CopyAugmentation, Plugin
 from dancedata.core.registry import AUGMENTATIONS, Registry
 from dancedata.core.text import shown
 from dancedata.recipes.copies import CopySpec
@@ -185,7 +185,7 @@ def copy_specs(given: Any, fields: Mapping[str, Columns], problems: list[str]) -
         made = make_instance(AUGMENTATIONS, "augment", str(name), own, problems)
         if made is None or parameters is False:
             continue
-        if not made.makes_copies:
+        if not isinstance(made, CopyAugmentation):
             problems.append(
                 f"augment.{name}: it makes no copies: it changes samples when a dataset is read; "
                 f"fix: WindowDataset(..., augment=[{made.name!r}])"
