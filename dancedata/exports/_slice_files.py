@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from dancedata.core.motion import Motion
 from dancedata.core.text import counted
+from dancedata.core.typing import override
 from dancedata.exports import _slices as slices
 from dancedata.exports.base.folder import ExportFolder
 from dancedata.exports.base.job import Export, ExportJob
@@ -44,8 +45,8 @@ class SliceExport(Export):
     feature: str = "librosa35"
     sound: Sound = "cut"
 
+    @override
     def guide(self, job: ExportJob) -> str:
-        """Return the trainer's command, its caches and its stops."""
         width = job.store.fields[self.feature].width
         kind = slices.WIDTHS[width]
         again = ", and once more in `baseline_feats`" if kind == "baseline" else ""

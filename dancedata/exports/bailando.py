@@ -15,6 +15,7 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
 from dancedata.core.text import counted, listed
+from dancedata.core.typing import override
 from dancedata.execution.threads import as_in_builds
 from dancedata.exports._aist_names import PARTS, is_ignored, name_lacks, note_ignored
 from dancedata.exports._json_rows import json_of
@@ -84,8 +85,8 @@ class Bailando(Export):
     feature: str = _FEATURE
     keep_ignored: bool = False
 
+    @override
     def lacks(self, job: ExportJob) -> list[Lack]:
-        """Return missing fields, rates, splits and music, songs of two kinds, and names that are read wrongly."""
         lacks = needs_track_scope(job) + needs_field(job, _MOTION, kind="motion", width=72, rate=_RATE)
         lacks += needs_feature(_FEATURE) + needs_field(job, self.feature, kind="audio", width=438, rate=_RATE)
         lacks += needs_splits(job, "train", "test")
@@ -98,8 +99,8 @@ class Bailando(Export):
             lacks.append(Lack(f"no sequence of train has {_LEAST} frames: loaders stop without one", "longer clips"))
         return lacks + find_songs(job, clips)[1]
 
+    @override
     def write(self, job: ExportJob, folder: ExportFolder) -> None:
-        """Write the folders of sequences and songs."""
         if not self.keep_ignored:
             note_ignored(folder, job.clips())
         for part in PARTS:
@@ -124,8 +125,8 @@ class Bailando(Export):
         if _ROTATIONS not in job.store.fields:
             folder.note(f"without Bailando++'s rotations: they need motion: {{{_ROTATIONS}: {{}}}}")
 
+    @override
     def guide(self, job: ExportJob) -> str:
-        """Return Bailando's commands and its stops."""
         ignored = (
             "Clips of the ignore list are kept, as in the paper's training set."
             if self.keep_ignored

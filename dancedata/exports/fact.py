@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from dancedata.core.errors import UsageError
 from dancedata.core.text import counted, listed
+from dancedata.core.typing import override
 from dancedata.exports._aist_names import PARTS, is_ignored, name_lacks, note_ignored
 from dancedata.exports._tfrecord import example, record
 from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Lack
@@ -71,12 +72,11 @@ class Fact(Export):
     unpaired: int = 0
 
     def __post_init__(self) -> None:
-        """Check the parameters."""
         if self.unpaired < 0:
             raise UsageError("unpaired is a number of copies", found=self.unpaired, allowed="0 and above")
 
+    @override
     def lacks(self, job: ExportJob) -> list[Lack]:
-        """Return missing fields, rates and splits, names that would be read wrongly, and a part without sequences."""
         lacks = needs_track_scope(job) + needs_field(job, _MOTION, kind="motion", width=219, rate=_RATE)
         lacks += needs_field(job, self.feature, kind="audio", width=35, rate=_RATE)
         lacks += needs_splits(job, "train", "test") + name_lacks(job, _clips(job, "train") + _clips(job, "test"))
@@ -92,8 +92,8 @@ class Fact(Export):
                 lacks.append(Lack(found, "several songs in test for unpaired motion, or unpaired=0"))
         return lacks
 
+    @override
     def write(self, job: ExportJob, folder: ExportFolder) -> None:
-        """Write data/aist_tfrecord-{train,testval}-00000-of-00020 and so on."""
         note_ignored(folder, job.clips())
         for part, name in (("train", "train"), ("test", "testval")):
             clips = _clips(job, part)
@@ -120,8 +120,8 @@ class Fact(Export):
             for clip, x in zip(clips, row, strict=True)
         ]
 
+    @override
     def guide(self, job: ExportJob) -> str:
-        """Return FACT's command and its stops."""
         return _GUIDE.format(out=quote(str(job.out)))
 
     def _length(self, clip: ClipView) -> int:

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from dancedata.core.packages import MissingPackageError, require
 from dancedata.core.text import listed
+from dancedata.core.typing import override
 from dancedata.datasets.finedance.facts import facts
 from dancedata.exports._finedance import note_missing, track_lacks
 from dancedata.exports._lodge_scaler import normalizer_bytes
@@ -78,8 +79,8 @@ class Lodge(Export):
     feature: str = "librosa35"
     scaler: Literal["all", "train"] = "all"
 
+    @override
     def lacks(self, job: ExportJob) -> list[Lack]:
-        """Return missing fields and rates, names that are not FineDance's, and clips without a genre."""
         lacks = track_lacks(job, self.motion, self.feature)
         unknown = [clip.id for clip in job.clips() if clip.genre not in facts().genre_ids]
         if unknown:
@@ -93,8 +94,8 @@ class Lodge(Export):
             lacks.append(Lack(error.problem, str(error.fix)))
         return lacks
 
+    @override
     def write(self, job: ExportJob, folder: ExportFolder) -> None:
-        """Write the tracks, labels, Normalizer.pth and assets.yaml."""
         for clip in job.each("tracks", job.clips()):
             folder.write_npy(f"finedance/mofea319/{clip.id}.npy", self._rows(clip, self.motion))
             folder.write_npy(f"finedance/music_npynew/{clip.id}.npy", self._rows(clip, self.feature))
@@ -103,8 +104,8 @@ class Lodge(Export):
         folder.write_text("assets.yaml", _assets(folder))
         note_missing(job, folder, facts().ignored("cross_genre"), "Lodge's loader")
 
+    @override
     def guide(self, job: ExportJob) -> str:
-        """Return Lodge's commands and its stops."""
         over = "the tracks of all splits, test included" if self.scaler == "all" else "the tracks of train"
         lodge = "as Lodge fits it" if self.scaler == "all" else "Lodge fits it on test as well (`--scaler all`)"
         return _GUIDE.format(out=quote(str(job.out)), over=over, lodge=lodge)

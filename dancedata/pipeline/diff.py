@@ -57,7 +57,6 @@ class Difference:
         }
 
     def __str__(self) -> str:
-        """Show the kind, the message and the first names."""
         names = f": {listed(self.names, _SHOWN)}" if self.names else ""
         return f"{self.kind}: {shown(self.message, _MESSAGE)}{names}"
 

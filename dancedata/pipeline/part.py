@@ -38,7 +38,6 @@ class Part:
         return cls(int(found[1]), int(found[2]))
 
     def __str__(self) -> str:
-        """Show as on the command line."""
         return f"{self.number}/{self.count}"
 
     def of(self, clips: Sequence[ClipRef]) -> tuple[ClipRef, ...]:
@@ -82,7 +81,6 @@ class PartResult:
         }
 
     def __str__(self) -> str:
-        """Say what was done."""
         text = f"part {self.part}: {self.clips} of {self.clips_in_all} clips, {self.songs} songs, all in the cache"
         return text + "".join(f"\n  will be left out: {reason}: {n}" for reason, n in self.left_out.items())
 

@@ -78,7 +78,6 @@ class Plan:
     cached: Mapping[str, Cached]
 
     def __repr__(self) -> str:
-        """Show how much would be built; `summary` and `to_json` have the rest."""
         windows = sum(c.n_windows for c in self.clips)
         return f"Plan({self.recipe.name!r}, {sum(c.n_windows > 0 for c in self.clips)} clips, {windows} windows)"
 

@@ -54,7 +54,6 @@ class BuildResult:
         return cls(path, built, counts, left_out, notes, summary)
 
     def __repr__(self) -> str:
-        """Show where the dataset is and how large; `summary` has the rest."""
         clips, windows = (sum(n[key] for n in self.counts.values()) for key in ("clips", "windows"))
         size = f"{counted(clips, 'clip')}, {counted(windows, 'window')}, {sum(self.left_out.values()):,} left out"
         return f"BuildResult({str(self.path)!r}, {size}, built={self.built})"

@@ -66,7 +66,6 @@ class Frames:
     theme: Theme = "dark"
 
     def __iter__(self) -> Iterator[bytes]:
-        """Yield every frame as bytes, RGB, row by row."""
         for number in range(len(self.times)):
             yield self.image(number).tobytes()
 

@@ -41,7 +41,6 @@ class Chance:
     p: float
 
     def __post_init__(self) -> None:
-        """Check the probability."""
         probability("p", self.p)
 
 

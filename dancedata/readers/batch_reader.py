@@ -47,7 +47,6 @@ class Request:
     epoch: int
 
     def __len__(self) -> int:
-        """Return the number of windows."""
         return len(self.places)
 
 

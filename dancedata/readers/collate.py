@@ -46,7 +46,6 @@ class Sample(dict[str, Any]):
         self.batch = batch
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Leave the batch out."""
         return dict, (dict(self),)
 
 

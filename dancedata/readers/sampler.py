@@ -117,11 +117,9 @@ class EpochSampler(Sampler[int]):
         return self._position
 
     def __len__(self) -> int:
-        """Return this rank's samples in a whole epoch, wherever the sampler stands."""
         return self._length
 
     def __repr__(self) -> str:
-        """Say what it orders, and where it stands."""
         return (
             f"EpochSampler({self.n_samples} samples, seed={self.seed}, rank={self.rank}, "
             f"world_size={self.world_size}, shuffle={self.shuffle}, drop_last={self.drop_last}, "
@@ -143,7 +141,6 @@ class EpochSampler(Sampler[int]):
         return np.arange(self.n_samples, dtype=np.int64)
 
     def __iter__(self) -> Iterator[int]:
-        """Yield the rest of the current epoch's indices, then move on to the next epoch."""
         self._turn += 1
         turn, epoch, position = self._turn, self._epoch, self._position
         set_epoch_of(self._source, epoch)

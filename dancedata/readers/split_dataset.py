@@ -156,7 +156,6 @@ class SplitDataset(Dataset[dict[str, Any]]):
         return self._store
 
     def __len__(self) -> int:
-        """Return the number of samples of an epoch."""
         return len(self.windows)
 
     def __getitems__(self, indices: Sequence[int]) -> list[dict[str, Any]]:
@@ -185,7 +184,6 @@ class SplitDataset(Dataset[dict[str, Any]]):
         return {**self.__dict__, "_store": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Restore the state, with an epoch that workers can share."""
         self.__dict__.update(state)
         # torch's own workers receive the shared number itself; any other copy gets a number of its own, which has to
         # be shared as well, because workers may be started from that copy.

@@ -67,7 +67,6 @@ class Poses:
         return rotvec_from_matrix(self.matrices)
 
     def __repr__(self) -> str:
-        """Show skeleton and shape."""
         return f"Poses({tuple(self.translation.shape[:-1])} frames, skeleton {self.skeleton.name})"
 
 

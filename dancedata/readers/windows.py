@@ -12,6 +12,7 @@ import torch
 from torch.utils.data import get_worker_info
 
 from dancedata.core.errors import UsageError
+from dancedata.core.typing import override
 from dancedata.readers.augmenting import Augment
 from dancedata.readers.batch_memory import MemoryPool, shared_tensor
 from dancedata.readers.batch_reader import BatchReader, FieldReader, Request
@@ -243,6 +244,7 @@ class WindowDataset(SplitDataset):
         tensors = {name: torch.from_numpy(array[0]) for name, array in arrays.items()}
         return tensors | {name: values[0] for name, values in self._metadata(request).items()}
 
+    @override
     def samples(self, indices: Sequence[int], epoch: int | None = None) -> list[dict[str, Any]]:
         """Return many windows, as of an epoch that is given here instead of by `set_epoch`.
 
@@ -262,7 +264,6 @@ class WindowDataset(SplitDataset):
         ]
 
     def __repr__(self) -> str:
-        """Show store, split, number of windows and fields."""
         normalized = ", ".join(self._normalizers) or "nothing"
         steps = [(step.name, getattr(step.augmentation, "p", step.p)) for step in self._augmenter.steps]
         augment = "".join(f"; augment: {name}, p={p:g}" for name, p in steps)
@@ -272,7 +273,6 @@ class WindowDataset(SplitDataset):
         )
 
     def __getstate__(self) -> dict[str, Any]:
-        """As `SplitDataset` does; memory that was given out stays here."""
         return {**super().__getstate__(), "_cached_reader": None, "_pool": MemoryPool()}
 
     @property

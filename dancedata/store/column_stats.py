@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from dancedata.core.typing import override
+
 QUANTILES = (0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
 #: Most values that are summed at a time, that are repeated at a time, and that are in memory after that.
 _PIECE, _REPEATED, _PART = 1 << 15, 1 << 16, 1 << 22
@@ -127,6 +129,7 @@ class _Weighted(_Sorted):
     def __len__(self) -> int:
         return int(self.space.ends[-1])
 
+    @override
     def at(self, place: int) -> float:
         return float(self.values[np.searchsorted(self.space.ends, place, "right")])
 

@@ -119,7 +119,6 @@ class Store:
         self._places: dict[str, dict[str, tuple[ShardReader, int]]] = {}
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle as a path: the other process opens the dataset again, and refuses one that was rebuilt since."""
         return reopen, self.reference
 
     @cached_property
@@ -128,17 +127,14 @@ class Store:
         return str(self.path), self._description.self_sha256
 
     def __repr__(self) -> str:
-        """Show path, splits, fields and frame rate."""
         return f"Store({str(self.path)!r}, splits={self.splits}, fields={tuple(self.fields)}, fps={self.fps})"
 
     def __enter__(self) -> Self:
-        """Use as a context manager that closes the files at the end."""
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Close the files."""
         self.close()
 
     def close(self) -> None:

@@ -23,12 +23,10 @@ class Problem:
     message: str
 
     def __post_init__(self) -> None:
-        """Make the texts printable."""
         object.__setattr__(self, "where", shown(self.where, _MAX_WHERE))
         object.__setattr__(self, "message", shown(self.message, _MAX_MESSAGE))
 
     def __str__(self) -> str:
-        """Return one line of text."""
         return f"{self.severity}: {self.where}: {self.message}"
 
     def to_json(self) -> dict[str, str]:

@@ -60,7 +60,6 @@ class ShardPlan:
     blocks: dict[str, dict[str, tuple[int, LazyArray]]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Start with no rows in any field."""
         for f in self.header.fields:
             self.rows[f.name] = 0
             if f.per_clip:

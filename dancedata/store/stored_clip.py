@@ -20,9 +20,7 @@ class LazyArray(Protocol):
         """Shape of the array, known without loading it."""
         ...
 
-    def __array__(self) -> npt.NDArray[Any]:
-        """Load the array."""
-        ...
+    def __array__(self) -> npt.NDArray[Any]: ...
 
 
 @dataclass(frozen=True)
@@ -45,7 +43,6 @@ class AudioBlock:
     offset: int = 0
 
     def __repr__(self) -> str:
-        """Show the key's beginning and the array's shape."""
         return f"AudioBlock({self.key[:12]!r}, {' x '.join(str(n) for n in self.array.shape)}, offset={self.offset})"
 
 
@@ -68,6 +65,5 @@ class StoredClip(ClipRecord):
     audio: Mapping[str, tuple[AudioBlock, ...]] = field(default_factory=dict)
 
     def __repr__(self) -> str:
-        """Show id, split and the amount of data."""
         fields = ", ".join([*self.motion, *self.audio])
         return f"StoredClip({self.id!r}, {self.split}, {self.n_frames} frames, {len(self.starts)} windows, {fields})"

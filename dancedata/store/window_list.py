@@ -51,7 +51,6 @@ class WindowList(Sequence[Window]):
         return cls(split, ids, clip, start, length, number)
 
     def __len__(self) -> int:
-        """Return the number of windows."""
         return len(self.clip)
 
     @overload
@@ -61,7 +60,6 @@ class WindowList(Sequence[Window]):
     def __getitem__(self, item: slice) -> WindowList: ...
 
     def __getitem__(self, item: int | slice) -> Window | WindowList:
-        """Return one window, or a list of some."""
         if isinstance(item, slice):
             return self.take(np.arange(len(self))[item])
         return Window(self.clip_ids[self.clip[item]], int(self.start[item]), int(self.length[item]))
@@ -81,7 +79,6 @@ class WindowList(Sequence[Window]):
         )
 
     def __eq__(self, other: object) -> bool:
-        """Whether both hold the same windows in the same order."""
         if not isinstance(other, WindowList):
             return NotImplemented
         return self.split == other.split and list(self) == list(other)
@@ -89,5 +86,4 @@ class WindowList(Sequence[Window]):
     __hash__ = None  # type: ignore[assignment]
 
     def __repr__(self) -> str:
-        """Show the number of windows and clips."""
         return f"WindowList({len(self)} windows of {len(self.clip_ids)} clips, split {self.split!r})"

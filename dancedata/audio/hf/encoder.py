@@ -86,7 +86,6 @@ class HuggingFaceEncoder:
         self._batches = Batches(_SMALLER)
 
     def __repr__(self) -> str:
-        """Show model, layers and device."""
         return f"HuggingFaceEncoder({Path(self.settings.folder.source).name!r}, {self.precision} on {self.device})"
 
     def frames(self, samples: npt.NDArray[np.float32], sample_rate: int) -> FramesOfSignal:

@@ -13,6 +13,7 @@ from dancedata.core.motion import Motion
 from dancedata.core.plugins import Dataset
 from dancedata.core.registry import DATASETS
 from dancedata.core.skeleton import SMPL24, Skeleton
+from dancedata.core.typing import override
 from dancedata.datasets.aistpp.facts import SequenceName, facts, parse_name, tempo_bpm
 from dancedata.datasets.aistpp.layout import (
     Folders,
@@ -89,14 +90,15 @@ class AistPP(Dataset):
             )
 
     @property
+    @override
     def genre_ids(self) -> Mapping[str, int]:
-        """Lodge's number of each genre, by its name in clips: ``gBR`` is 0."""
         return facts().genre_ids
 
+    @override
     def body_of(self, ref: ClipRef) -> Skeleton:
-        """Return SMPL's 24 joints."""
         return SMPL24
 
+    @override
     def scan(self, source: Path) -> Scan:
         """List the clips; reads lists of names, but neither motion nor music.
 
@@ -138,6 +140,7 @@ class AistPP(Dataset):
         )
         return Scan(layout=layout_name(motions, music), clips=tuple(clips), rejects=rejects, notes=notes)
 
+    @override
     def load(self, ref: ClipRef) -> Motion:
         """Read the motion of one clip: 60 FPS, metres, radians, +Y up, skeleton SMPL24.
 
@@ -150,8 +153,8 @@ class AistPP(Dataset):
 
         return load_motion(ref.motion_path, facts().frame_rate)
 
+    @override
     def make_example(self, folder: Path) -> None:
-        """Write four synthetic clips of six seconds in the official layout."""
         from dancedata.datasets.aistpp.example import write_example
 
         write_example(Path(folder))

@@ -14,6 +14,7 @@ from dancedata.core.motion import Motion
 from dancedata.core.plugins import Dataset
 from dancedata.core.registry import DATASETS
 from dancedata.core.skeleton import Skeleton
+from dancedata.core.typing import override
 from dancedata.datasets.files import ALL, Files, relative, require_choice
 from dancedata.datasets.finedance.facts import facts
 from dancedata.datasets.finedance.labels import read_label
@@ -87,14 +88,15 @@ class FineDance(Dataset):
             )
 
     @property
+    @override
     def genre_ids(self) -> Mapping[str, int]:
-        """Lodge's number of each genre, by its name in clips."""
         return facts().genre_ids
 
+    @override
     def body_of(self, ref: ClipRef) -> Skeleton | None:
-        """Return SMPL-X's 55 joints; None with a body model, whose bones are not read here."""
         return SMPLX55 if self.body_model is None else None
 
+    @override
     def scan(self, source: Path) -> Scan:
         """List the clips; reads labels and, for the lengths, headers, but neither motion nor music.
 
@@ -137,6 +139,7 @@ class FineDance(Dataset):
         )
         return Scan(layout="finedance", clips=tuple(clips), rejects=rejects, notes=notes)
 
+    @override
     def load(self, ref: ClipRef) -> Motion:
         """Read the motion of one clip: 30 FPS, metres, radians, +Y up, SMPL-X's 55 joints, jaw and eyes still.
 
@@ -152,8 +155,8 @@ class FineDance(Dataset):
         trim = facts().trims.get(ref.id) if self.trim else None
         return load_motion(ref.motion_path, facts().frame_rate, self._skeleton(), trim.frames if trim else 0)
 
+    @override
     def make_example(self, folder: Path) -> None:
-        """Write four synthetic clips of six seconds: three of train, one of test; one has a beginning to trim."""
         from dancedata.datasets.finedance.example import write_example
 
         write_example(Path(folder))

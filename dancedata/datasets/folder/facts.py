@@ -57,7 +57,6 @@ class Fact(Generic[T]):
     where: str
 
     def __str__(self) -> str:
-        """Show value and origin, as in notes: "cm (declared in the recipe)"."""
         return f"{self.value} ({self.where})"
 
 

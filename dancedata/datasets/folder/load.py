@@ -111,7 +111,6 @@ class FileFacts:
     metres: float
 
     def __str__(self) -> str:
-        """Show the facts as in notes."""
         rotated = ", rotated to +Y" if self.up.value != "y" else ""
         axis = self.up.value.upper() if self.up.value.startswith("-") else f"+{self.up.value.upper()}"
         unit = self.unit.value if self.unit.value in UNITS else f"1 unit = {self.metres:.7g} m"

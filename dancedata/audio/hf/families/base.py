@@ -15,6 +15,7 @@ import numpy.typing as npt
 from dancedata.audio.hf.chunks import Timing
 from dancedata.core.errors import SourceError
 from dancedata.core.text import quoted
+from dancedata.core.typing import override
 
 if TYPE_CHECKING:
     import torch
@@ -68,8 +69,8 @@ class Waveform(Prepared):
 
     samples: Samples
 
+    @override
     def inputs(self, start: int, n_samples: int) -> npt.NDArray[np.float32]:
-        """Return samples of a chunk."""
         return self.samples[..., start : start + n_samples]
 
 
