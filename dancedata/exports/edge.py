@@ -8,7 +8,7 @@ from typing import ClassVar
 from dancedata.core.text import counted
 from dancedata.core.typing import override
 from dancedata.exports import _slices as slices
-from dancedata.exports._slice_files import SliceExport, SliceWriter
+from dancedata.exports._slices import SliceExport, SliceWriter
 from dancedata.exports.base.folder import ExportFolder
 from dancedata.exports.base.job import EXPORTS, ExportJob, Lack
 

@@ -16,8 +16,7 @@ from dancedata.execution.cache import Cache, default_cache, with_lost_entries
 from dancedata.execution.progress import Progress
 from dancedata.pipeline.build import workers_for
 from dancedata.pipeline.clips import ComputedClips, compute_clips
-from dancedata.pipeline.implausible import stop_if_implausible
-from dancedata.pipeline.left_out import stop_if_strict
+from dancedata.pipeline.rejects import stop_if_implausible, stop_if_strict
 from dancedata.pipeline.sources import Sources, identify, scan_source
 from dancedata.recipes.recipe import Recipe, resolve
 

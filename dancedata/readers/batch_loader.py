@@ -17,8 +17,7 @@ from torch.utils.data import BatchSampler, SequentialSampler, default_collate
 
 from dancedata.core.errors import UsageError
 from dancedata.readers.arguments import whole
-from dancedata.readers.batch_memory import MemoryPool
-from dancedata.readers.batch_reader import BatchReader, Request
+from dancedata.readers.batch_reader import BatchReader, MemoryPool, Request
 from dancedata.readers.sampler import EpochSampler
 from dancedata.readers.windows import WindowDataset
 

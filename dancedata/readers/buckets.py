@@ -12,8 +12,7 @@ from torch.utils.data import Sampler
 from dancedata.core.errors import UsageError
 from dancedata.core.text import counted
 from dancedata.readers.arguments import whole
-from dancedata.readers.sampler import EpochSampler, permutation
-from dancedata.readers.shared_epoch import set_epoch_of
+from dancedata.readers.sampler import EpochSampler, permutation, set_epoch_of
 
 #: Apart from the stream of orders, which shuffles the batches.
 _BUCKET_STREAM = 7

@@ -18,11 +18,10 @@ from dancedata.readers.arguments import whole
 from dancedata.readers.augmenting import Augment
 from dancedata.readers.batch_reader import Request
 from dancedata.readers.clip_collate import pack_clips, pad_clips
-from dancedata.readers.epoch_random import crop_choices, mirrored_samples
 from dancedata.readers.music_beats import StartAt, beat_labels, beat_starts, no_start, require_start_at
 from dancedata.readers.scalers import ScalerLike
 from dancedata.readers.selection import GivenFilter, no_window_error
-from dancedata.readers.split_dataset import Changes, SplitDataset
+from dancedata.readers.split_dataset import Changes, SplitDataset, crop_choices, mirrored_samples
 from dancedata.store.dataset import Store
 from dancedata.store.window_list import WindowList
 

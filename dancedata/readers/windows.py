@@ -14,16 +14,13 @@ from torch.utils.data import get_worker_info
 from dancedata.core.errors import UsageError
 from dancedata.core.typing import override
 from dancedata.readers.augmenting import Augment
-from dancedata.readers.batch_memory import MemoryPool, shared_tensor
-from dancedata.readers.batch_reader import BatchReader, FieldReader, Request
-from dancedata.readers.collate import Batch, Sample, collate
-from dancedata.readers.epoch_random import mirrored_samples, primitive_shift
+from dancedata.readers.batch_reader import BatchReader, FieldReader, MemoryPool, Request, shared_tensor
+from dancedata.readers.clip_collate import Batch, Sample, collate
 from dancedata.readers.music_beats import StartAt, beat_labels, require_start_at
-from dancedata.readers.presets import given_or_preset, preset_windows
-from dancedata.readers.primitives import PrimitiveSpec, primitive_spec
+from dancedata.readers.presets import PrimitiveSpec, given_or_preset, preset_windows, primitive_spec
 from dancedata.readers.scalers import ScalerLike, root_columns
 from dancedata.readers.selection import GivenFilter, no_window_error
-from dancedata.readers.split_dataset import Changes, SplitDataset
+from dancedata.readers.split_dataset import Changes, SplitDataset, mirrored_samples, primitive_shift
 from dancedata.store.dataset import Store
 
 _log = logging.getLogger(__name__)

@@ -20,15 +20,13 @@ from dancedata.core.text import shown
 from dancedata.files.regular_file import sha256_file
 from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.clip_view import Clips, ClipView
-from dancedata.store.dataset_json import Description, stated_weights
+from dancedata.store.dataset_json import Description, SideFiles, stated_weights
 from dancedata.store.listed_file import FileHash, ListedFile, open_listed, rebuilt_error
 from dancedata.store.locate import RowSpan, locate_stored, locate_view, locate_windows
 from dancedata.store.normalize import MinMax
 from dancedata.store.schema import Field, sort_splits
-from dancedata.store.shard_reader import ShardReader
-from dancedata.store.side_files import SideFiles
+from dancedata.store.shard_reader import ShardReader, WindowRows
 from dancedata.store.window_list import WindowList
-from dancedata.store.window_rows import WindowRows
 from dancedata.store.windowing import (
     cut_windows,
     requested_windows,

@@ -29,10 +29,10 @@ from dancedata.datasets.folder.facts import (
     decide,
     decide_rate,
     metres,
+    rate_of_period,
     undeclared,
 )
 from dancedata.datasets.folder.people import on_video_frames, open_person
-from dancedata.datasets.folder.rates import rate_of_period
 from dancedata.formats.arrays import ArrayFile
 from dancedata.formats.body_model import GENDERS, body_model_skeleton, find_model, gender_of
 from dancedata.formats.bvh.joint_names import JointMap, map_joints

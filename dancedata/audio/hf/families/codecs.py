@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.audio.hf.chunks import Timing
-from dancedata.audio.hf.families.base import Family, NetworkSpec, Output, Prepared, Samples, Waveform, uniform
+from dancedata.audio.hf.families.base import Family, NetworkSpec, Output, Prepared, Samples, Timing, Waveform, uniform
 from dancedata.core.errors import SourceError
 from dancedata.core.text import quoted
 from dancedata.core.typing import override

@@ -10,8 +10,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from dancedata.audio.hf.chunks import Timing
-from dancedata.audio.hf.families.base import MAX_BLOCKS, Family, NetworkSpec, Output, uniform
+from dancedata.audio.hf.families.base import MAX_BLOCKS, Family, NetworkSpec, Output, Timing, uniform
 from dancedata.core.typing import override
 
 if TYPE_CHECKING:
@@ -89,7 +88,7 @@ class MuQ(Family):
     def frames(
         self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]
     ) -> dict[int, torch.Tensor]:
-        from dancedata.audio.hf.families.hidden import hidden_states
+        from dancedata.audio.hf.families.base import hidden_states
 
         def run() -> torch.Tensor:
             last: torch.Tensor = network(inputs)

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from dancedata.audio.hf.chunks import Timing
 from dancedata.audio.hf.families.base import (
     MAX_BLOCKS,
     Family,
@@ -18,6 +17,7 @@ from dancedata.audio.hf.families.base import (
     Output,
     Prepared,
     Samples,
+    Timing,
     Waveform,
     uniform,
 )
@@ -91,7 +91,7 @@ class PeAudio(Family):
     ) -> dict[int, torch.Tensor]:
         import torch
 
-        from dancedata.audio.hf.families.hidden import hidden_states, last_hidden_state
+        from dancedata.audio.hf.families.base import hidden_states, last_hidden_state
 
         missing = -inputs.shape[-1] % self._hop
         if missing:

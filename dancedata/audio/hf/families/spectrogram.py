@@ -9,8 +9,16 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.audio.hf.chunks import Timing
-from dancedata.audio.hf.families.base import MAX_BLOCKS, Family, NetworkSpec, Output, Prepared, Samples, uniform
+from dancedata.audio.hf.families.base import (
+    MAX_BLOCKS,
+    Family,
+    NetworkSpec,
+    Output,
+    Prepared,
+    Samples,
+    Timing,
+    uniform,
+)
 from dancedata.core.typing import override
 
 if TYPE_CHECKING:
@@ -144,7 +152,7 @@ class Whisper(SpectrogramEncoder):
     def frames(
         self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]
     ) -> dict[int, torch.Tensor]:
-        from dancedata.audio.hf.families.hidden import hidden_states, last_hidden_state
+        from dancedata.audio.hf.families.base import hidden_states, last_hidden_state
 
         return hidden_states(last_hidden_state(network, inputs), network.layers, layers, self.n_layers)
 
@@ -219,7 +227,7 @@ class Ast(SpectrogramEncoder):
     def frames(
         self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]
     ) -> dict[int, torch.Tensor]:
-        from dancedata.audio.hf.families.hidden import hidden_states, last_hidden_state
+        from dancedata.audio.hf.families.base import hidden_states, last_hidden_state
 
         # transformers 4 has them in an encoder.
         blocks = network.layers if hasattr(network, "layers") else network.encoder.layer

@@ -8,8 +8,16 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.audio.hf.chunks import Timing
-from dancedata.audio.hf.families.base import MAX_BLOCKS, Family, NetworkSpec, Output, Prepared, Samples, uniform
+from dancedata.audio.hf.families.base import (
+    MAX_BLOCKS,
+    Family,
+    NetworkSpec,
+    Output,
+    Prepared,
+    Samples,
+    Timing,
+    uniform,
+)
 from dancedata.core.typing import override
 
 if TYPE_CHECKING:
@@ -109,6 +117,6 @@ class W2vBert(Family):
     def frames(
         self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]
     ) -> dict[int, torch.Tensor]:
-        from dancedata.audio.hf.families.hidden import hidden_states, last_hidden_state
+        from dancedata.audio.hf.families.base import hidden_states, last_hidden_state
 
         return hidden_states(last_hidden_state(network, inputs), network.encoder.layers, layers, self.n_layers)

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from dancedata.audio.hf.chunks import Timing
 from dancedata.audio.hf.families.base import (
     MAX_BLOCKS,
     Family,
@@ -17,6 +16,7 @@ from dancedata.audio.hf.families.base import (
     Output,
     Prepared,
     Samples,
+    Timing,
     Waveform,
     conv_field,
     conv_length,
@@ -110,7 +110,7 @@ class WaveformEncoder(Family):
     def frames(
         self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]
     ) -> dict[int, torch.Tensor]:
-        from dancedata.audio.hf.families.hidden import hidden_states, last_hidden_state
+        from dancedata.audio.hf.families.base import hidden_states, last_hidden_state
 
         return hidden_states(last_hidden_state(network, inputs), network.encoder.layers, layers, self.n_layers)
 
