@@ -10,7 +10,8 @@ import numpy as np
 
 from dancedata.report.left_out import flags, left_out, ranking
 from dancedata.report.measure import PROMINENT, SLIDE_M_S, STILL_M_S, ClipNumbers, Measured
-from dancedata.report.tally import Histogram, Scales, Tally, five_numbers, music_gaps
+from dancedata.report.scales import Scales, music_gaps
+from dancedata.report.tally import Histogram, Tally, five_numbers
 from dancedata.store import ClipView, Store
 from dancedata.store.songs import AlikeSongs, alike_songs, songs_of, sound_field
 

@@ -18,7 +18,7 @@ from dancedata.report.measure import measure
 from dancedata.report.page import PageParts, page
 from dancedata.report.pictures import heat_map
 from dancedata.report.player import Player, clip_player, embedded_sound
-from dancedata.report.tally import Scales
+from dancedata.report.scales import Scales
 from dancedata.report.target import Target
 from dancedata.store import Store, open_store, windows_by_clip
 

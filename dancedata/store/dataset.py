@@ -20,8 +20,8 @@ from dancedata.core.text import shown
 from dancedata.files.regular_file import sha256_file
 from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.clip_view import Clips, ClipView
-from dancedata.store.dataset_json import Description, SideFiles, stated_weights
-from dancedata.store.listed_file import FileHash, ListedFile, open_listed, rebuilt_error
+from dancedata.store.dataset_json import Description, stated_weights
+from dancedata.store.listed_file import FileHash, ListedFile, SideFiles, open_listed, rebuilt_error
 from dancedata.store.locate import RowSpan, locate_stored, locate_view, locate_windows
 from dancedata.store.normalize import MinMax
 from dancedata.store.schema import Field, sort_splits
