@@ -20,7 +20,6 @@ from dancedata.core.motion import Motion
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
-from dancedata.exports import _slices as slices
 from dancedata.exports.base.folder import ExportFolder
 from dancedata.exports.base.job import Export, ExportJob, Lack
 from dancedata.exports.base.needs import needs_field, needs_fps, needs_music, needs_splits
@@ -63,7 +62,7 @@ class SliceExport(Export):
     @override
     def guide(self, job: ExportJob) -> str:
         width = job.store.fields[self.feature].width
-        kind = slices.WIDTHS[width]
+        kind = WIDTHS[width]
         again = ", and once more in `baseline_feats`" if kind == "baseline" else ""
         return self.guide_text.format(
             out=quote(str(job.out)), kind=kind, feature=self.feature, width=width, again=again
@@ -95,13 +94,13 @@ class SliceWriter:
 
     def write(
         self, part: str, splits: Sequence[str]
-    ) -> tuple[list[slices.Slice], dict[str, npt.NDArray[np.float32]]]:
+    ) -> tuple[list[Slice], dict[str, npt.NDArray[np.float32]]]:
         """Write the folders of a part, "train" or "test"; returns its slices and their motion at 30 per second."""
-        found = [item for split in splits for item in slices.slices_of(self.job, split, self.feature)]
-        found.sort(key=lambda item: slices.sort_key(item.name))
-        slices.note_rejects(self.job, splits, self.folder)
+        found = [item for split in splits for item in slices_of(self.job, split, self.feature)]
+        found.sort(key=lambda item: sort_key(item.name))
+        note_rejects(self.job, splits, self.folder)
         if self.sound == "cut":
-            found = slices.with_whole_sound(self.job, found, self.folder)
+            found = with_whole_sound(self.job, found, self.folder)
         for name in FOLDERS:
             self.folder.make_folder(f"{part}/{name}")
         if len(found) < self.batch:
@@ -114,35 +113,35 @@ class SliceWriter:
         self._write_sounds(part, found)
         return found, motion
 
-    def _write_motion(self, part: str, found: list[slices.Slice]) -> dict[str, npt.NDArray[np.float32]]:
+    def _write_motion(self, part: str, found: list[Slice]) -> dict[str, npt.NDArray[np.float32]]:
         whole = {
-            "pos": np.empty((len(found), slices.LENGTH, 3), np.float32),
-            "q": np.empty((len(found), slices.LENGTH, 72), np.float32),
+            "pos": np.empty((len(found), LENGTH, 3), np.float32),
+            "q": np.empty((len(found), LENGTH, 72), np.float32),
         }
         for number, item in enumerate(self.job.each(f"{part}: motion", found)):
-            for key, array in pos_and_q(slices.slice_motion(self.job, item)).items():
+            for key, array in pos_and_q(slice_motion(self.job, item)).items():
                 whole[key][number] = array
             repeated = {key: np.repeat(array[number], self.repeat, axis=0) for key, array in whole.items()}
             self.folder.write_pickle(f"{part}/motions_sliced/{item.name}.pkl", repeated)
         return whole
 
-    def _write_features(self, part: str, found: list[slices.Slice]) -> None:
+    def _write_features(self, part: str, found: list[Slice]) -> None:
         names = ["jukebox_feats"]
-        if slices.WIDTHS[self.job.store.fields[self.feature].width] == "baseline":
+        if WIDTHS[self.job.store.fields[self.feature].width] == "baseline":
             names.append("baseline_feats")
         for item in self.job.each(f"{part}: {self.feature}", found):
             rows = self.job.store.read(item.window, self.feature).astype(np.float32)
             for name in names:
                 self.folder.write_npy(f"{part}/{name}/{item.name}.npy", rows)
 
-    def _write_sounds(self, part: str, found: list[slices.Slice]) -> None:
+    def _write_sounds(self, part: str, found: list[Slice]) -> None:
         if self.sound == "silence":
             self.folder.note("the wavs are silent: training does not use them, rendered videos have no music")
-            silent = slices.silence()
+            silent = silence()
             for item in found:
                 self.folder.write_bytes(f"{part}/wavs_sliced/{item.name}.wav", silent)
             return
-        for item, sound in slices.cut_sounds(self.job, found):
+        for item, sound in cut_sounds(self.job, found):
             self.folder.write_bytes(f"{part}/wavs_sliced/{item.name}.wav", sound)
 
 
