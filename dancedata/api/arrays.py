@@ -113,7 +113,7 @@ def encode(
     plugin = make_named(REPRESENTATIONS, "motion", representation, parameters)
     rule = contacts if contacts is not None else plugin.default_contacts
     problems: list[str] = []
-    made = None if rule is None else one_of(CONTACTS, "contacts", rule, problems)
+    contact_rule = None if rule is None else one_of(CONTACTS, "contacts", rule, problems)
     raise_problems(problems)
-    array: npt.NDArray[np.float32] = plugin.encode(motion, made)
+    array: npt.NDArray[np.float32] = plugin.encode(motion, contact_rule)
     return array

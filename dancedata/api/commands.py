@@ -92,11 +92,11 @@ def build(
     >>> built.counts["train"]["windows"], built.left_out
     >>> ds = built.open()
     """
-    asked = _Asked.of(recipe, source, out, overrides)
+    request = _Asked.of(recipe, source, out, overrides)
     shown = Progress(quiet=not progress)
-    shown.announce(f"building {asked.recipe.name} from {asked.source} into {asked.out}")
+    shown.announce(f"building {request.recipe.name} from {request.source} into {request.out}")
     return _build(
-        asked.recipe, asked.source, asked.out, jobs=jobs_of(jobs), overwrite=overwrite, strict=strict,
+        request.recipe, request.source, request.out, jobs=jobs_of(jobs), overwrite=overwrite, strict=strict,
         cache=folder_of(cache), progress=shown, backend=backend, scheduler=scheduler,
     )  # fmt: skip
 
@@ -127,11 +127,11 @@ def build_part(
     PartResult
         Clips and songs of the share, and what will be left out.
     """
-    asked = _Asked.of(recipe, source, out, overrides)
+    request = _Asked.of(recipe, source, out, overrides)
     shown = Progress(quiet=not progress)
-    shown.announce(f"computing part {part} of {asked.recipe.name} from {asked.source}")
+    shown.announce(f"computing part {part} of {request.recipe.name} from {request.source}")
     return _build_part(
-        asked.recipe, asked.source, Part.parse(part), jobs=jobs_of(jobs), strict=strict, cache=folder_of(cache),
+        request.recipe, request.source, Part.parse(part), jobs=jobs_of(jobs), strict=strict, cache=folder_of(cache),
         progress=shown,
     )  # fmt: skip
 
@@ -177,11 +177,11 @@ def plan(
     >>> import dancedata
     >>> print(dancedata.plan("finedance", "~/finedance").summary)
     """
-    asked = _Asked.of(recipe, source, out, overrides)
+    request = _Asked.of(recipe, source, out, overrides)
     shown = Progress(quiet=not progress)
-    if not asked.source.exists() and asked.recipe.dataset.generates:
-        shown.write(f"the dataset {asked.recipe.dataset.name} writes its own source: {asked.source}")
-    return make_plan(asked.recipe, asked.source, jobs=jobs_of(jobs), cache=folder_of(cache), progress=shown)
+    if not request.source.exists() and request.recipe.dataset.generates:
+        shown.write(f"the dataset {request.recipe.dataset.name} writes its own source: {request.source}")
+    return make_plan(request.recipe, request.source, jobs=jobs_of(jobs), cache=folder_of(cache), progress=shown)
 
 
 def check(
@@ -246,15 +246,15 @@ class _Asked:
     def of(
         cls, recipe: RecipeLike, source: str | Path | None, out: str | Path | None, overrides: Overrides
     ) -> _Asked:
-        made = load_recipe(recipe, overrides)
-        target = folder_of(out) or Path("data") / made.name
+        parsed = load_recipe(recipe, overrides)
+        target = folder_of(out) or Path("data") / parsed.name
         if source is not None:
-            return cls(made, Path(source).expanduser(), target)
-        if made.dataset.generates:
-            return cls(made, target.parent / f"{target.name}-source", target)
+            return cls(parsed, Path(source).expanduser(), target)
+        if parsed.dataset.generates:
+            return cls(parsed, target.parent / f"{target.name}-source", target)
         raise UsageError(
-            f"the dataset {made.dataset.name} needs a source",
-            fix=f"name the folder with its files: dancedata build {made.name} --source DIR, or source=DIR in Python",
+            f"the dataset {parsed.dataset.name} needs a source",
+            fix=f"name the folder with its files: dancedata build {parsed.name} --source DIR, or source=DIR in Python",
         )
 
 

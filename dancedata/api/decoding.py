@@ -328,9 +328,9 @@ def _files(path: Path, out: Path, to: str, motions: Motion | list[Motion]) -> Ma
 
 
 def _written(files: Mapping[Path, bytes], overwrite: bool) -> list[Path]:
-    there = [path for path in files if path.exists()]
-    if there and not overwrite:
-        raise UsageError("files are already there", where=there[0], fix="choose another --out, or add --overwrite")
+    existing = [path for path in files if path.exists()]
+    if existing and not overwrite:
+        raise UsageError("files are already there", where=existing[0], fix="choose another --out, or add --overwrite")
     done: list[Path] = []
     try:
         for path, data in files.items():
@@ -339,7 +339,7 @@ def _written(files: Mapping[Path, bytes], overwrite: bool) -> list[Path]:
             done.append(path)
     except OSError as error:
         for path in done:
-            if path not in there:
+            if path not in existing:
                 path.unlink(missing_ok=True)
         raise StoreError("the motion files cannot be written", where=path.parent, found=str(error)) from error
     return done

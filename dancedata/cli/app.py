@@ -145,14 +145,14 @@ def plan(
     """Show what a build would make; reads lengths only and writes nothing under OUT."""
     from dancedata.api import commands
 
-    found = commands.plan(
+    result = commands.plan(
         recipe, source, out, overrides=overrides or (), jobs=jobs, cache=cache, progress=not (quiet or as_json)
     )
     if as_json:
-        _print_json(found.to_json())
-    found.require_clips()
+        _print_json(result.to_json())
+    result.require_clips()
     if not as_json:
-        typer.echo(found.describe(out or Path("data") / found.recipe.name))
+        typer.echo(result.describe(out or Path("data") / result.recipe.name))
 
 
 @app.command()
@@ -288,11 +288,11 @@ def new(
     """Write a plug-in and its test from a template; the test passes as it is."""
     from dancedata.cli.new import write_plugin
 
-    made = write_plugin(kind, name, out)
+    plugin = write_plugin(kind, name, out)
     if as_json:
-        _print_json(made.to_json())
+        _print_json(plugin.to_json())
     else:
-        typer.echo(str(made))
+        typer.echo(str(plugin))
 
 
 @app.command()
@@ -313,8 +313,8 @@ def features(
     if as_json:
         _print_json(written)
         return
-    for about in written:
-        typer.echo(describe_features(out, about))
+    for record in written:
+        typer.echo(describe_features(out, record))
 
 
 @app.command()
@@ -328,13 +328,13 @@ def diff(
     """Show in what two built datasets differ; exit code 1 if they do."""
     from dancedata.pipeline.diff import diff as run_diff
 
-    found = run_diff(a, b, atol=atol)
-    differences = [d for d in found if d.kind != "note"]
+    compared = run_diff(a, b, atol=atol)
+    differences = [d for d in compared if d.kind != "note"]
     if as_json:
-        listed = [d.to_json() for d in found]
+        listed = [d.to_json() for d in compared]
         _print_json({"a": str(a), "b": str(b), "atol": atol, "same": not differences, "differences": listed})
     else:
-        for difference in found:
+        for difference in compared:
             typer.echo(str(difference))
         same = "the same data" + (f" within {atol:g}" if atol is not None else "")
         typer.echo(f"{len(differences)} differences" if differences else same)
@@ -358,11 +358,11 @@ def cache_info(cache: CacheFolder = None, as_json: AsJson = False) -> None:
     """Show how much the cache holds, by stage."""
     from dancedata.execution.cache_admin import cache_json, describe_cache
 
-    about = cache_json(_cache_root(cache))
+    info = cache_json(_cache_root(cache))
     if as_json:
-        _print_json(about)
+        _print_json(info)
     else:
-        typer.echo(describe_cache(about))
+        typer.echo(describe_cache(info))
 
 
 @caches.command("prune")

@@ -19,20 +19,20 @@ from dancedata.recipes.yaml import read_yaml
 def catalogue() -> dict[str, Any]:
     """Return all recipes and plug-ins, each with one line of description and its keys."""
     files = {name.removesuffix(".yaml"): resource("pipelines", name) for name in resources("pipelines")}
-    found: dict[str, Any] = {
+    entries: dict[str, Any] = {
         "recipes": {name: {"about": read_yaml(file).get("description", "")} for name, file in files.items()}
     }
     for kind, registry in {**REGISTRIES, "exports": EXPORTS}.items():
-        found[kind] = {name: _plugin_json(registry.get(name)) for name in registry.names()}
-    return found
+        entries[kind] = {name: _plugin_json(registry.get(name)) for name in registry.names()}
+    return entries
 
 
 def _plugin_json(cls: type[Any]) -> dict[str, Any]:
-    about = (inspect.getdoc(cls) or "").split("\n\n")[0].replace("\n", " ")
+    summary = (inspect.getdoc(cls) or "").split("\n\n")[0].replace("\n", " ")
     keys = {f.name: f.default for f in dataclasses.fields(cls) if f.default is not dataclasses.MISSING}
     if getattr(cls, "default_contacts", None) is not None:
         keys["contacts"] = cls.default_contacts
-    return {"about": about, "keys": keys}
+    return {"about": summary, "keys": keys}
 
 
 def describe_catalogue(found: Mapping[str, Any]) -> str:

@@ -138,15 +138,15 @@ def check_cache() -> Iterator[Finding]:
 
     fix = f"set {ENVIRONMENT} to a writable folder with free space"
     root = default_cache().absolute()
-    there = next(folder for folder in (root, *root.parents) if os.path.lexists(folder))
-    text = str(root) if there == root else f"{root}, which is made by the first build"
+    existing = next(folder for folder in (root, *root.parents) if os.path.lexists(folder))
+    text = str(root) if existing == root else f"{root}, which is made by the first build"
     try:
         for folder, _, _ in os.walk(root):  # one of another user's folders is enough to stop a build
             if not os.access(folder, os.W_OK | os.X_OK):
                 raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), folder)
-        with tempfile.TemporaryDirectory(prefix=".dancedata-doctor-", dir=there) as folder:
+        with tempfile.TemporaryDirectory(prefix=".dancedata-doctor-", dir=existing) as folder:
             has_locks = _locks_work(Path(folder) / "lock")
-        free = shutil.disk_usage(there).free
+        free = shutil.disk_usage(existing).free
     except OSError as error:
         yield Finding("cache", "failed", f"{root} cannot be written: {error}", fix)
         return

@@ -83,10 +83,10 @@ def evaluate(
     if self_test:
         if what is not None or source is None:
             raise UsageError("--self-test reads the files of a dataset", fix="name them: --self-test --source DIR")
-        found = evaluation.self_test(
+        result = evaluation.self_test(
             source, protocol=protocol, bootstrap=bootstrap, jobs=jobs, cache=cache, progress=progress
         )
-        typer.echo(json_text(found.to_json()) if as_json else str(found))
+        typer.echo(json_text(result.to_json()) if as_json else str(result))
         return
     if what is None:
         raise UsageError("there is nothing to evaluate", fix="name a dataset or a folder: dancedata evaluate WHAT")

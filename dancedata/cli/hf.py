@@ -35,7 +35,7 @@ def fetch(
     """Get a model's weights, configs and card at a commit, never its code. Shows and stores the weights' licence."""
     from dancedata.audio.hf.fetch import fetch_model
 
-    found = fetch_model(
+    model = fetch_model(
         name,
         revision,
         out,
@@ -43,8 +43,8 @@ def fetch(
         show_licence=lambda licence: typer.echo(f"{name}: licence of the weights: {licence}", err=True),
     )
     if as_json:
-        typer.echo(json.dumps(found.to_json(), indent=1))
+        typer.echo(json.dumps(model.to_json(), indent=1))
         return
-    typer.echo(f"{found.path}: {found.id} at {found.revision}, {len(found.files)} files; licence: {found.licence}")
-    if found.left_out:
-        typer.echo(f"left out: {', '.join(map(printable, found.left_out))}")
+    typer.echo(f"{model.path}: {model.id} at {model.revision}, {len(model.files)} files; licence: {model.licence}")
+    if model.left_out:
+        typer.echo(f"left out: {', '.join(map(printable, model.left_out))}")

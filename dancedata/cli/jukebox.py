@@ -57,14 +57,16 @@ def convert(
     from dancedata.audio.jukebox import convert as run_convert
     from dancedata.audio.jukebox.weights.folder import config_of
 
-    made = run_convert(folder, out, layer, config=config_of(folder))
-    n_bytes = sum(size for size, _ in made.files.values())
+    converted = run_convert(folder, out, layer, config=config_of(folder))
+    n_bytes = sum(size for size, _ in converted.files.values())
     if as_json:
         typer.echo(
-            json.dumps({"path": str(out), "layer": made.layer, "bytes": n_bytes, "source": made.source}, indent=1)
+            json.dumps(
+                {"path": str(out), "layer": converted.layer, "bytes": n_bytes, "source": converted.source}, indent=1
+            )
         )
     else:
-        typer.echo(f"{out}: layer {made.layer}, {len(made.files)} files, {n_bytes / 1e9:.2f} GB")
+        typer.echo(f"{out}: layer {converted.layer}, {len(converted.files)} files, {n_bytes / 1e9:.2f} GB")
 
 
 class _Lines:

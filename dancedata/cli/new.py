@@ -142,26 +142,26 @@ def write_plugin(kind: str, name: str, out: Path) -> NewPlugin:
     """
     if kind not in KINDS:
         raise UsageError(f"unknown kind of plug-in {kind!r}", fix=did_you_mean(kind, KINDS))
-    made = NewPlugin(KINDS[kind], name, out / f"{name}.py", out / f"test_{name}.py")
-    _check_name(made)
-    template = (_TEMPLATES / made.kind.template).read_text(encoding="utf-8")
+    plugin = NewPlugin(KINDS[kind], name, out / f"{name}.py", out / f"test_{name}.py")
+    _check_name(plugin)
+    template = (_TEMPLATES / plugin.kind.template).read_text(encoding="utf-8")
     cls = _class_name(name, template)
     text = template.replace("TemplateName", cls).replace("template_name", name)
     try:
         out.mkdir(parents=True, exist_ok=True)
         for path, content in (
-            (made.module, text),
-            (made.test, _TEST.format(kind=made.kind.registry.kind, name=name, cls=cls)),
+            (plugin.module, text),
+            (plugin.test, _TEST.format(kind=plugin.kind.registry.kind, name=name, cls=cls)),
         ):
             with path.open("x", encoding="utf-8") as file:
                 file.write(content)
     except OSError as error:
         raise UsageError("the plug-in cannot be written", where=out, found=error) from error
-    return made
+    return plugin
 
 
-def _check_name(made: NewPlugin) -> None:
-    name, registry = made.name, made.kind.registry
+def _check_name(plugin: NewPlugin) -> None:
+    name, registry = plugin.name, plugin.kind.registry
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name) or keyword.iskeyword(name):
         raise UsageError(
             "not a valid name for a plug-in",
@@ -173,13 +173,13 @@ def _check_name(made: NewPlugin) -> None:
             f"the {registry.kind} {name!r} exists already",
             fix=f"choose another name; known: {', '.join(registry.names())}",
         )
-    for path in (made.module, made.test):
+    for path in (plugin.module, plugin.test):
         if path.exists() or path.is_symlink():
             raise UsageError("the file exists already", where=path, fix="choose another name, or another --out")
-    found = find_spec(name)
-    if found is not None:
+    spec = find_spec(name)
+    if spec is not None:
         raise UsageError(
-            f"{name} is the name of an installed Python module", found=found.origin, fix="choose another name"
+            f"{name} is the name of an installed Python module", found=spec.origin, fix="choose another name"
         )
 
 

@@ -35,14 +35,14 @@ def report(
     target = to if to is not None or as_json else default_path(store)
     chosen: Any = int(clips) if clips.isdecimal() else clips  # checked there, as the next one
     how: Any = audio
-    made = write_report(
+    written = write_report(
         store, target, clips=chosen, audio=how, source=source, may_share=may_share, against=against, max_mb=max_mb,
         overwrite=overwrite,
     )  # fmt: skip
     if as_json:
-        typer.echo(json_text(made.to_json()))
+        typer.echo(json_text(written.to_json()))
         return
-    if made.path is not None:
-        typer.echo(f"{made.path}: {made.path.stat().st_size / 1e6:.1f} MB")
-    for finding in findings(made.document):
+    if written.path is not None:
+        typer.echo(f"{written.path}: {written.path.stat().st_size / 1e6:.1f} MB")
+    for finding in findings(written.document):
         typer.echo(f"  {finding.kind}: {finding.text}")

@@ -26,13 +26,13 @@ def store_json(path: Path) -> dict[str, Any]:
     """Return the output of `info --json` for a built dataset."""
     with open_store(path) as store:
         keys = ("name", "scope", "fps", "windows", "counts", "rejects", "quality_flags", "licence", "citation")
-        about = {key: store.meta[key] for key in keys if key in store.meta}
+        info = {key: store.meta[key] for key in keys if key in store.meta}
         fields = {name: _field_json(store, name) for name in store.fields}
         size = sum(int(shard["size"]) for shard in store.meta["shards"])
         recipe = store.meta.get("recipe_sha256")
         sources = _sources_json(store)
-        about |= {**sources, "fields": fields, "bytes": size, "recipe_sha256": recipe, "weights": store.weights}
-        return {"path": str(path), **about}
+        info |= {**sources, "fields": fields, "bytes": size, "recipe_sha256": recipe, "weights": store.weights}
+        return {"path": str(path), **info}
 
 
 def _sources_json(store: Store) -> dict[str, Any]:
@@ -66,46 +66,46 @@ _MUSIC_OF_WINDOWS = {
 
 def describe_store(path: Path) -> str:
     """Return the output of `info` for a built dataset."""
-    about = store_json(path)
-    windows = about["windows"]
+    info = store_json(path)
+    windows = info["windows"]
     lines = [
-        f"{shown(about.get('name', path.name))}: {shown(path)} ({size_text(about['bytes'])})",
-        f"  {about['scope']} scope, {shown(about['fps'])} frames per second, "
+        f"{shown(info.get('name', path.name))}: {shown(path)} ({size_text(info['bytes'])})",
+        f"  {info['scope']} scope, {shown(info['fps'])} frames per second, "
         f"windows of {windows['length']} frames every {windows['stride']}",
-        f"  {_MUSIC_OF_WINDOWS[about['scope']]}",
+        f"  {_MUSIC_OF_WINDOWS[info['scope']]}",
         *table(
             ["split", "clips", "windows", "songs", "minutes"],
             [
                 [split, n["clips"], n["windows"], n["songs"], f"{round(n['hours'] * 60, 6):.1f}"]
-                for split, n in about.get("counts", {}).items()
+                for split, n in info.get("counts", {}).items()
             ],
         ),
     ]
-    for name, field in about["fields"].items():
+    for name, field in info["fields"].items():
         groups = shown(", ".join(map(shown, field["groups"])), _NOTE)
         axes = f"; {shown(field['axes'])}" if field["axes"] else ""
         lines.append(
             f"  {name}: {field['columns']} columns ({groups}), {field['rate']} per second, {field['dtype']}{axes}"
         )
-    lines += _describe_sources(about)
+    lines += _describe_sources(info)
     with open_store(path) as store:
         lines += _describe_rejects(store.rejects)
         lines += describe_implausible(store.quality)
         lines += _describe_quality([f for f in store.quality if f.get("kind") not in OF_CLIPS])
-    lines.append(f"  licence: {shown(about.get('licence', 'unknown'), _NOTE)}")
-    lines += [f"  weights of {shown(name)}: {weights}" for name, weights in about["weights"].items()]
+    lines.append(f"  licence: {shown(info.get('licence', 'unknown'), _NOTE)}")
+    lines += [f"  weights of {shown(name)}: {weights}" for name, weights in info["weights"].items()]
     return "\n".join(lines)
 
 
-def _describe_sources(about: Mapping[str, Any]) -> list[str]:
+def _describe_sources(info: Mapping[str, Any]) -> list[str]:
     lines = []
-    if about["source_rates"]:
-        rates = ", ".join(f"{rate} per second: {n}" for rate, n in about["source_rates"].items())
+    if info["source_rates"]:
+        rates = ", ".join(f"{rate} per second: {n}" for rate, n in info["source_rates"].items())
         lines.append(f"  clips by their source's frame rate: {shown(rates, _NOTE)}")
-    if about["height_m"]:
-        low, high = about["height_m"]["min"], about["height_m"]["max"]
+    if info["height_m"]:
+        low, high = info["height_m"]["min"], info["height_m"]["max"]
         lines.append(f"  lowest to highest joint, +Y up, median of a clip: {low:.2f} to {high:.2f} m")
-    return lines + [f"  source: {shown(note, _NOTE)}" for note in about["notes"]]
+    return lines + [f"  source: {shown(note, _NOTE)}" for note in info["notes"]]
 
 
 def _describe_rejects(rejects: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -116,22 +116,22 @@ def _describe_rejects(rejects: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def _grouped(rows: Sequence[Mapping[str, Any]], key: str) -> dict[str, list[Mapping[str, Any]]]:
-    found: dict[str, list[Mapping[str, Any]]] = {}
+    groups: dict[str, list[Mapping[str, Any]]] = {}
     for row in rows:
-        found.setdefault(row[key], []).append(row)
-    return found
+        groups.setdefault(row[key], []).append(row)
+    return groups
 
 
 def _describe_quality(flags: Sequence[Mapping[str, Any]]) -> list[str]:
     if not flags:
         return ["  no quality flags"]
     lines = ["  quality flags (quality.jsonl), not repaired:"]
-    for clip, mine in _grouped(flags, "clip").items():
-        worst = max(mine, key=lambda f: float(f.get("value", 0)))
-        frames = len({f.get("frame") for f in mine})
+    for clip, of_clip in _grouped(flags, "clip").items():
+        worst = max(of_clip, key=lambda f: float(f.get("value", 0)))
+        frames = len({f.get("frame") for f in of_clip})
         kind, joint, unit = (shown(worst.get(key, "?")) for key in ("kind", "joint", "unit"))
         lines.append(
-            f"    {shown(clip)}: {len(mine)} in {frames} frame steps, the worst {kind} of {joint} "
+            f"    {shown(clip)}: {len(of_clip)} in {frames} frame steps, the worst {kind} of {joint} "
             f"at source frame {worst.get('frame')}: {worst.get('value', 0):.1f} {unit}"
         )
     return lines

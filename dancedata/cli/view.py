@@ -49,13 +49,13 @@ def view(
 
     if audio not in ("none", "embed"):
         raise UsageError("invalid value for --audio", found=audio, allowed="none, embed")
-    about = {
+    options = {
         "--compare-as": compare_as, "--normalized or --not-normalized": normalized, "--scaler": scaler,
         "--clip-values": clip_to_range or None, "--fps": fps, "--up": None if up == "y" else up,
         "--unit": None if unit == "m" else unit,
     }  # fmt: skip
     if not compare:
-        _require_served(about, "", fix="name the files: --compare FOLDER")
+        _require_served(options, "", fix="name the files: --compare FOLDER")
     if video is not None:
         _require_served({"--compare": compare, "--window": window, "--export": export}, "--video")
         _write_video(store, clip, video, field, source, at, embed=audio == "embed", shared=share, overwrite=overwrite)
@@ -66,8 +66,8 @@ def view(
     )  # fmt: skip
     if export is not None:
         _require_served({"--compare": compare, "--at": at or None}, "--export")
-        made = export_page(request, export, audio=audio == "embed", shared=share, overwrite=overwrite)
-        typer.echo(str(made))
+        page = export_page(request, export, audio=audio == "embed", shared=share, overwrite=overwrite)
+        typer.echo(str(page))
         return
     if audio != "none":
         raise UsageError(

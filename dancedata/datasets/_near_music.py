@@ -59,16 +59,16 @@ class NearMusic:
         self._names_left -= len(expected)
         misspelt = len(self._files) <= _MAX_MISSPELT
         names = {target: _Name.of(PurePath(target).name) for target in expected}
-        found = [
+        matches = [
             (path.suffix.lower() not in AUDIO_SUFFIXES, -have.likeness(name), path, target)
             for target, name in names.items()
             for path, have, other in self._files
             if have.text == name.text or (not other and have.near(name, misspelt))
         ]
-        if not found:
+        if not matches:
             return ""
         # Of several, one in a readable format, then the most similar one.
-        *_, path, target = min(found)
+        *_, path, target = min(matches)
         suffix, do = path.suffix.lower(), "mv -n"
         if suffix not in AUDIO_SUFFIXES:
             suffix, do = AUDIO_SUFFIXES[0], "ffmpeg -n -i"
@@ -108,8 +108,8 @@ class _Name:
 
     @classmethod
     def of(cls, text: str) -> _Name:
-        found = _PARTS.findall(text.lower())
-        parts = tuple(part.lstrip("0") or "0" if part.isdigit() else part for part in found)
+        words = _PARTS.findall(text.lower())
+        parts = tuple(part.lstrip("0") or "0" if part.isdigit() else part for part in words)
         numbers = tuple(part for part in parts if part.isdigit())
         letters = "".join(part for part in parts if not part.isdigit())
         return cls(text, parts, numbers, letters, f" {' '.join(parts)} ")

@@ -88,9 +88,9 @@ def _root_is_translation(first: Floats, translation: Floats) -> str:
     extents = np.linalg.svd(factor * first, compute_uv=False)
     rest = float(np.sqrt(((translation - factor * first) ** 2).sum()))
     same = extents[1] > _LINE * extents[0] and rest <= _SAME * extents[1]
-    own, path = factor * places[0], places[1]
-    tolerance = _PLACE * max(np.linalg.norm(own), np.linalg.norm(path)) + _SAME * extents[1] / np.sqrt(len(first))
-    near = np.linalg.norm(own - path) <= tolerance
+    pelvis, path = factor * places[0], places[1]
+    tolerance = _PLACE * max(np.linalg.norm(pelvis), np.linalg.norm(path)) + _SAME * extents[1] / np.sqrt(len(first))
+    near = np.linalg.norm(pelvis - path) <= tolerance
     return "the first joint moves like the translation" if same and near else ""
 
 
@@ -100,8 +100,8 @@ def _bones_keep_their_length(points: Floats, parents: Sequence[int]) -> str:
     length = _lengths(bones)
     moves = _lengths(bones.std(axis=0))
     # Hands that do not turn would all give the length of the wrist's rotation, as often as they have joints.
-    own = (points[:, 1:] != points[:1, 1:]).any(axis=(0, 2))
-    judged = own & (moves > _MOVES * length.mean(axis=0))
+    moving = (points[:, 1:] != points[:1, 1:]).any(axis=(0, 2))
+    judged = moving & (moves > _MOVES * length.mean(axis=0))
     if len(points) < _LEAST_FRAMES or judged.sum() < _LEAST_BONES or not _is_human(length.mean(axis=0)):
         return ""
     share = length.std(axis=0)[judged] / moves[judged]

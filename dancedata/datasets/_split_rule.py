@@ -61,11 +61,11 @@ class SplitRule:
     seed: int
 
     @classmethod
-    def of(cls, given: Mapping[str, Any]) -> SplitRule:
+    def of(cls, document: Mapping[str, Any]) -> SplitRule:
         """Parse a rule of a recipe; UsageError with all its problems."""
-        problems = [f"unknown key {key!r}; {did_you_mean(str(key), _KEYS)}" for key in given if key not in _KEYS]
-        parts = {name: _fraction(name, given.get(name, 0), problems) for name in (_VAL, _TEST)}
-        by, seed = given.get("by"), given.get("seed", 0)
+        problems = [f"unknown key {key!r}; {did_you_mean(str(key), _KEYS)}" for key in document if key not in _KEYS]
+        parts = {name: _fraction(name, document.get(name, 0), problems) for name in (_VAL, _TEST)}
+        by, seed = document.get("by"), document.get("seed", 0)
         if not isinstance(by, str) or by not in _NOUNS:
             found = "missing" if by is None else f"{by!r}"
             problems.append(f"by is {found}; allowed: {', '.join(_NOUNS)}")
@@ -74,7 +74,12 @@ class SplitRule:
         rest = 1 - sum(parts.values())
         if not problems and not (0 < rest < 1):
             problems.append(f"the sum of val and test is {float(1 - rest):g}; allowed: above 0 and below 1")
-        if _TRAIN in given and not problems and _fraction(_TRAIN, given[_TRAIN], problems) != rest and not problems:
+        if (
+            _TRAIN in document
+            and not problems
+            and _fraction(_TRAIN, document[_TRAIN], problems) != rest
+            and not problems
+        ):
             problems.append(f"train must be the remainder, {float(rest):g}; remove it")
         if problems:
             raise UsageError("folder: invalid rule for splits", found="; ".join(problems), fix=_FIX)
@@ -117,26 +122,26 @@ class SplitRule:
                 found=f"{counted(len(nameless), 'clip')} without: {listed(nameless)}",
                 fix=f"fill in the column {self.by} of the manifest, or split by music or clip",
             )
-        given = self._given(clips)
+        fixed = self._given(clips)
         assigned = [
-            replace(clip, split=given.get(self.group(clip)) or self.split(self.group(clip))) for clip in clips
+            replace(clip, split=fixed.get(self.group(clip)) or self.split(self.group(clip))) for clip in clips
         ]
-        closer = self._closer_seed(clips, given)
+        closer = self._closer_seed(clips, fixed)
         self._require_all(assigned, closer)
         return assigned, [self._note(assigned, closer)]
 
     def _given(self, clips: Iterable[ClipRef]) -> dict[str, str]:
         """Return the splits of groups with a split in the manifest."""
-        given: dict[str, ClipRef] = {}
+        fixed: dict[str, ClipRef] = {}
         for clip in clips:
-            first = given.setdefault(self.group(clip), clip) if clip.split else clip
+            first = fixed.setdefault(self.group(clip), clip) if clip.split else clip
             if first.split != clip.split:
                 raise SourceError(
                     f"folder: {self.by} {self.group(clip)!r} is in two splits, but the recipe splits by {self.by}",
                     found=f"{first.id} in {first.split}, {clip.id} in {clip.split}",
                     fix="assign one split in the manifest, or leave the column empty",
                 )
-        return {group: clip.split for group, clip in given.items()}
+        return {group: clip.split for group, clip in fixed.items()}
 
     def _requested(self) -> dict[str, Fraction]:
         requested = {_TRAIN: 1 - self.val - self.test, _VAL: self.val, _TEST: self.test}
@@ -148,14 +153,14 @@ class SplitRule:
         off = max(abs(Fraction(splits.get(name, 0), n) - part) / part for name, part in requested.items())
         return sum(not splits.get(name) for name in requested), off
 
-    def _closer_seed(self, clips: Sequence[ClipRef], given: Mapping[str, str]) -> int | None:
+    def _closer_seed(self, clips: Sequence[ClipRef], fixed: Mapping[str, str]) -> int | None:
         """Return a seed that comes closer and leaves no split empty, if the present one deviates much."""
         sizes = Counter(self.group(clip) for clip in clips)
 
         def off(seed: int) -> tuple[int, Fraction]:
             splits: Counter[str] = Counter()
             for group, n in sizes.items():
-                splits[given.get(group) or self.split(group, seed)] += n
+                splits[fixed.get(group) or self.split(group, seed)] += n
             return self._off(splits)
 
         if not clips or off(self.seed) <= (0, _CLOSE):
@@ -184,9 +189,9 @@ class SplitRule:
     def _note(self, clips: Sequence[ClipRef], closer: int | None) -> str:
         requested, parts = self._requested(), []
         for name in [*requested, *sorted({clip.split for clip in clips} - set(requested))]:
-            own = [clip for clip in clips if clip.split == name]
+            of_split = [clip for clip in clips if clip.split == name]
             origin = f"requested {float(requested[name]):.1%}" if name in requested else "from the manifest"
-            parts.append(f"{name} {len(own) / max(1, len(clips)):.1%} ({origin}; {self._count(own)})")
+            parts.append(f"{name} {len(of_split) / max(1, len(clips)):.1%} ({origin}; {self._count(of_split)})")
         hint = f"; seed {closer} would come closer" if closer is not None else ""
         return f"Splits by {self.by}, seed {self.seed}: {', '.join(parts)}{hint}."
 

@@ -253,11 +253,11 @@ def audio_files(candidates: Iterable[Path], source: Path, rejects: Sequence[Reje
     by_stem: dict[str, list[Path]] = {}
     for path in candidates:
         by_stem.setdefault(path.stem, []).append(path)
-    files, found, preferred = {}, list(rejects), []
+    files, rejected, preferred = {}, list(rejects), []
     for stem, paths in sorted(by_stem.items()):
         files[stem], *others = best_audio(paths)
         chosen = relative(files[stem], source)
-        found += [
+        rejected += [
             Reject("unused_music", file=relative(path, source), detail=f"{chosen} is used instead") for path in others
         ]
         preferred += [chosen] if others else []
@@ -267,7 +267,7 @@ def audio_files(candidates: Iterable[Path], source: Path, rejects: Sequence[Reje
         if preferred
         else ()
     )
-    return Files(files, tuple(found), notes)
+    return Files(files, tuple(rejected), notes)
 
 
 def require_choice(dataset: str, name: str, value: str, allowed: Sequence[str]) -> None:

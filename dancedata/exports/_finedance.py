@@ -21,8 +21,8 @@ def track_lacks(job: ExportJob, motion: str, feature: str) -> list[Lack]:
 
 def note_missing(job: ExportJob, folder: ExportFolder, ignored: frozenset[str], loader: str) -> None:
     """Note the ids that a loader opens but that are not there: it would end with FileNotFoundError."""
-    there = {clip.id for clip in job.clips()}
-    missing = [name for name in facts().ids if name not in ignored and name not in there]
+    exported = {clip.id for clip in job.clips()}
+    missing = [name for name in facts().ids if name not in ignored and name not in exported]
     if missing:
         folder.note(
             f"{loader} opens every published id but {len(ignored)} ignored ones; {counted(len(missing), 'id')} of "

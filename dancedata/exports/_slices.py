@@ -92,56 +92,54 @@ class SliceWriter:
     repeat: int
     batch: int
 
-    def write(
-        self, part: str, splits: Sequence[str]
-    ) -> tuple[list[Slice], dict[str, npt.NDArray[np.float32]]]:
+    def write(self, part: str, splits: Sequence[str]) -> tuple[list[Slice], dict[str, npt.NDArray[np.float32]]]:
         """Write the folders of a part, "train" or "test"; returns its slices and their motion at 30 per second."""
-        found = [item for split in splits for item in slices_of(self.job, split, self.feature)]
-        found.sort(key=lambda item: sort_key(item.name))
+        slices = [item for split in splits for item in slices_of(self.job, split, self.feature)]
+        slices.sort(key=lambda item: sort_key(item.name))
         note_rejects(self.job, splits, self.folder)
         if self.sound == "cut":
-            found = with_whole_sound(self.job, found, self.folder)
+            slices = with_whole_sound(self.job, slices, self.folder)
         for name in FOLDERS:
             self.folder.make_folder(f"{part}/{name}")
-        if len(found) < self.batch:
+        if len(slices) < self.batch:
             self.folder.note(
-                f"{part} has {counted(len(found), 'window')}, fewer than the trainer's batch of {self.batch}, and "
+                f"{part} has {counted(len(slices), 'window')}, fewer than the trainer's batch of {self.batch}, and "
                 "its loaders drop smaller batches: pass a smaller --batch_size"
             )
-        motion = self._write_motion(part, found)
-        self._write_features(part, found)
-        self._write_sounds(part, found)
-        return found, motion
+        motion = self._write_motion(part, slices)
+        self._write_features(part, slices)
+        self._write_sounds(part, slices)
+        return slices, motion
 
-    def _write_motion(self, part: str, found: list[Slice]) -> dict[str, npt.NDArray[np.float32]]:
+    def _write_motion(self, part: str, slices: list[Slice]) -> dict[str, npt.NDArray[np.float32]]:
         whole = {
-            "pos": np.empty((len(found), LENGTH, 3), np.float32),
-            "q": np.empty((len(found), LENGTH, 72), np.float32),
+            "pos": np.empty((len(slices), LENGTH, 3), np.float32),
+            "q": np.empty((len(slices), LENGTH, 72), np.float32),
         }
-        for number, item in enumerate(self.job.each(f"{part}: motion", found)):
+        for number, item in enumerate(self.job.each(f"{part}: motion", slices)):
             for key, array in pos_and_q(slice_motion(self.job, item)).items():
                 whole[key][number] = array
             repeated = {key: np.repeat(array[number], self.repeat, axis=0) for key, array in whole.items()}
             self.folder.write_pickle(f"{part}/motions_sliced/{item.name}.pkl", repeated)
         return whole
 
-    def _write_features(self, part: str, found: list[Slice]) -> None:
+    def _write_features(self, part: str, slices: list[Slice]) -> None:
         names = ["jukebox_feats"]
         if WIDTHS[self.job.store.fields[self.feature].width] == "baseline":
             names.append("baseline_feats")
-        for item in self.job.each(f"{part}: {self.feature}", found):
+        for item in self.job.each(f"{part}: {self.feature}", slices):
             rows = self.job.store.read(item.window, self.feature).astype(np.float32)
             for name in names:
                 self.folder.write_npy(f"{part}/{name}/{item.name}.npy", rows)
 
-    def _write_sounds(self, part: str, found: list[Slice]) -> None:
+    def _write_sounds(self, part: str, slices: list[Slice]) -> None:
         if self.sound == "silence":
             self.folder.note("the wavs are silent: training does not use them, rendered videos have no music")
             silent = silence()
-            for item in found:
+            for item in slices:
                 self.folder.write_bytes(f"{part}/wavs_sliced/{item.name}.wav", silent)
             return
-        for item, sound in cut_sounds(self.job, found):
+        for item, sound in cut_sounds(self.job, slices):
             self.folder.write_bytes(f"{part}/wavs_sliced/{item.name}.wav", sound)
 
 
@@ -204,8 +202,8 @@ def _sound_lacks(job: ExportJob, feature: str, splits: Sequence[str]) -> list[La
 def _window_lacks(job: ExportJob) -> list[Lack]:
     if _are_stored(job):
         return []
-    about = job.store.meta["windows"]
-    found = f"windows of {about['length']} frames every {about['stride']}, not {LENGTH} every {STRIDE}"
+    windows = job.store.meta["windows"]
+    found = f"windows of {windows['length']} frames every {windows['stride']}, not {LENGTH} every {STRIDE}"
     return [
         Lack(f"the dataset has window scope with {found}", "windows: {length_s: 5, stride_s: 0.5}, or scope: track")
     ]
@@ -236,8 +234,8 @@ def note_rejects(job: ExportJob, splits: Sequence[str], folder: ExportFolder) ->
 
 def _are_stored(job: ExportJob) -> bool:
     """Tell whether the slices are the windows of the dataset."""
-    about = job.store.meta["windows"]
-    return (about["length"], about["stride"]) == (LENGTH, STRIDE)
+    windows = job.store.meta["windows"]
+    return (windows["length"], windows["stride"]) == (LENGTH, STRIDE)
 
 
 def _windows(job: ExportJob, split: str, feature: str) -> WindowList:
@@ -271,7 +269,7 @@ def _short(job: ExportJob, slices: list[Slice]) -> list[str]:
     for item in slices:
         n_samples, rate = lengths[item.clip.id]
         if _first_sample(item, rate) + LENGTH_S * rate > n_samples:
-            if item.clip.id not in {known.clip.id for known in short}:
+            if item.clip.id not in {shorter.clip.id for shorter in short}:
                 job.music.load(item.clip)  # a damaged copy is short as well
             short.append(item)
     return [item.name for item in short]

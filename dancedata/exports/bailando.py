@@ -34,30 +34,30 @@ def find_songs(job: ExportJob, clips: list[ClipView]) -> tuple[dict[str, ClipVie
     Datasets that hold the music of each sequence by itself have several files for one id, of which loaders read one:
     that is right where the shorter ones are the beginning of the longest.
     """
-    found: dict[str, ClipView] = {}
+    songs: dict[str, ClipView] = {}
     lacks: list[Lack] = []
-    for music, mine in sorted(_by_music(clips).items()):
+    for music, of_song in sorted(_by_music(clips).items()):
         different = list(
-            {job.music.hashes.get(clip.id, str(job.music.files[clip.id])): clip for clip in mine}.values()
+            {job.music.hashes.get(clip.id, str(job.music.files[clip.id])): clip for clip in of_song}.values()
         )
         signals = [job.music.load(clip) for clip in different] if len(different) > 1 else []
         longest = max(range(len(different)), key=lambda k: signals[k].n_samples) if signals else 0
-        found[music] = different[longest]
+        songs[music] = different[longest]
         other = [different[k] for k, s in enumerate(signals) if not _begins(s, signals[longest])]
         if other:
             problem = (
                 f"one file per song is read, and the music {shown(music)} of {shown(other[0].id)} is not the "
-                f"beginning of that of {shown(found[music].id)}"
+                f"beginning of that of {shown(songs[music].id)}"
             )
             lacks.append(Lack(problem, "a source with one audio file per song, as the official AIST++ has"))
-    return found, lacks
+    return songs, lacks
 
 
 def _by_music(clips: list[ClipView]) -> Mapping[str, list[ClipView]]:
-    found: dict[str, list[ClipView]] = {}
+    by_music: dict[str, list[ClipView]] = {}
     for clip in clips:
-        found.setdefault(clip.music, []).append(clip)
-    return found
+        by_music.setdefault(clip.music, []).append(clip)
+    return by_music
 
 
 def _begins(part: AudioSignal, whole: AudioSignal) -> bool:
@@ -225,7 +225,7 @@ def _feature_of(job: ExportJob, name: str) -> AudioFeature:
     from dancedata.recipes.plugins import make_named
 
     recipe = job.store.meta.get("recipe")
-    given = recipe.get("audio") if isinstance(recipe, Mapping) else None
-    parameters = dict(given[name]) if isinstance(given, Mapping) and isinstance(given.get(name), Mapping) else {}
+    audio = recipe.get("audio") if isinstance(recipe, Mapping) else None
+    parameters = dict(audio[name]) if isinstance(audio, Mapping) and isinstance(audio.get(name), Mapping) else {}
     parameters.pop("fps", None)
     return make_named(FEATURES, "audio", _FEATURE, parameters)

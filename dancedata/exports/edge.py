@@ -69,10 +69,10 @@ class Edge(SliceExport):
             )
         writer = SliceWriter(job, folder, self.feature, self.sound, repeat=2, batch=_BATCH)
         for part, splits in self._splits.items():
-            found, motion = writer.write(part, splits)
+            slices, motion = writer.write(part, splits)
             paths = {
-                "filenames": [str(folder.final / part / "jukebox_feats" / f"{item.name}.npy") for item in found],
-                "wavs": [str(folder.final / part / "wavs_sliced" / f"{item.name}.wav") for item in found],
+                "filenames": [str(folder.final / part / "jukebox_feats" / f"{item.name}.npy") for item in slices],
+                "wavs": [str(folder.final / part / "wavs_sliced" / f"{item.name}.wav") for item in slices],
             }
             folder.write_pickle(f"cache/processed_{part}_data.pkl", {**motion, **paths})
 

@@ -77,21 +77,21 @@ def _table() -> _UInt32Array:
 def _zeros_operator(n_bytes: int) -> _UInt32Array:
     """Return the linear map, as the images of 32 bits, that moves a remainder on by zero bytes."""
     bits = np.uint32(1) << np.arange(32, dtype=np.uint32)
-    found, power = bits, _table()[bits & 0xFF] ^ (bits >> np.uint32(8))
+    operator, power = bits, _table()[bits & 0xFF] ^ (bits >> np.uint32(8))
     while n_bytes:
         if n_bytes & 1:
-            found = _apply(power, found)
+            operator = _apply(power, operator)
         power = _apply(power, power)
         n_bytes >>= 1
-    return found
+    return operator
 
 
 def _apply(operator: _UInt32Array, state: _UInt32Array) -> _UInt32Array:
     """Apply a linear map over bits to each of a number of remainders."""
-    found = np.zeros_like(state)
+    product = np.zeros_like(state)
     for bit in range(32):
-        found ^= np.where(state >> np.uint32(bit) & 1, operator[bit], np.uint32(0))
-    return found
+        product ^= np.where(state >> np.uint32(bit) & 1, operator[bit], np.uint32(0))
+    return product
 
 
 def _masked(crc: int) -> bytes:
@@ -113,11 +113,11 @@ def _field(number: int, content: bytes) -> bytes:
 
 
 def _varint(value: int) -> bytes:
-    found = bytearray()
+    encoded = bytearray()
     while value > 0x7F:
-        found.append(value & 0x7F | 0x80)
+        encoded.append(value & 0x7F | 0x80)
         value >>= 7
-    return bytes([*found, value])
+    return bytes([*encoded, value])
 
 
 _MOTION, _RATE = "fact219", 60

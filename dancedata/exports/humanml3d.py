@@ -58,11 +58,11 @@ class HumanML3D(Export):
 
     @override
     def write(self, job: ExportJob, folder: ExportFolder) -> None:
-        made = Humanml263()
+        representation = Humanml263()
         for clip in job.each("clips", job.clips()):
             rows = vectors(clip)
             folder.write_npy(f"new_joint_vecs/{clip.id}.npy", rows)
-            folder.write_npy(f"new_joints/{clip.id}.npy", made.positions(rows).astype(np.float32))
+            folder.write_npy(f"new_joints/{clip.id}.npy", representation.positions(rows).astype(np.float32))
         splits = job.store.splits if self.scaler == "all" else ("train",)
         mean, std = mean_and_std(lambda: map(vectors, job.clips(*splits)))
         folder.write_npy("Mean.npy", mean)

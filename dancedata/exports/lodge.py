@@ -53,12 +53,12 @@ def normalizer_bytes(pieces: Iterable[npt.NDArray[np.float32]]) -> bytes:
     tensors = {name: torch.from_numpy(array.astype(np.float32)) for name, array in arrays.items()}
     buffer = io.BytesIO()
     with _lodge_classes() as (normalizer, scaler):
-        made = scaler()
-        made.__dict__.update(
+        fitted = scaler()
+        fitted.__dict__.update(
             {"feature_range": (-1, 1), "copy": True, "clip": True, "n_samples_seen_": n_rows, **tensors}
         )
         whole = normalizer()
-        whole.__dict__["scaler"] = made
+        whole.__dict__["scaler"] = fitted
         torch.save(whole, buffer)
     return buffer.getvalue()
 
@@ -83,10 +83,10 @@ def _lodge_classes() -> Iterator[tuple[type[Any], type[Any]]]:
         try:
             for name in names:
                 sys.modules[name] = ModuleType(name)
-            made = [type(name, (), {"__module__": _MODULE}) for name in ("Normalizer", "MinMaxScaler")]
-            for cls in made:
+            classes = [type(name, (), {"__module__": _MODULE}) for name in ("Normalizer", "MinMaxScaler")]
+            for cls in classes:
                 setattr(sys.modules[_MODULE], cls.__name__, cls)
-            yield made[0], made[1]
+            yield classes[0], classes[1]
         finally:
             for name, module in before.items():
                 if module is None:

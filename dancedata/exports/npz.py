@@ -41,9 +41,9 @@ class Npz(Export):
 
     @override
     def lacks(self, job: ExportJob) -> list[Lack]:
-        known = job.store.fields
+        stored = job.store.fields
         absent = [
-            Lack(f"the dataset has no field {f!r}", did_you_mean(f, known)) for f in self.fields if f not in known
+            Lack(f"the dataset has no field {f!r}", did_you_mean(f, stored)) for f in self.fields if f not in stored
         ]
         return absent + (needs_music(job, job.clips()) if job.source is not None else [])
 
@@ -80,22 +80,22 @@ class Npz(Export):
         self, job: ExportJob, clip: ClipView, folder: ExportFolder, windows: Sequence[Window]
     ) -> dict[str, Any]:
         record = clip.record
-        about = {key: list(value) if isinstance(value, tuple) else value for key, value in vars(record).items()}
+        attributes = {key: list(value) if isinstance(value, tuple) else value for key, value in vars(record).items()}
         file = f"clips/{clip.id}.npz"
         folder.write_npz(file, _arrays(job, clip, self._names(job), windows))
-        return {**about, "file": file}
+        return {**attributes, "file": file}
 
     def _index(self, job: ExportJob, clips: Mapping[str, Any]) -> dict[str, Any]:
         store = job.store
         fields = {name: store.field(name).to_json() for name in self._names(job)}
-        for name, about in fields.items():
-            about["axes"] = store.meta.get("axes", {}).get(name)
+        for name, entry in fields.items():
+            entry["axes"] = store.meta.get("axes", {}).get(name)
             if "train" in store.splits and len(store.windows("train")):
                 scaler = store.normalizer(name)
-                about |= {"scaler": scaler.state_dict(), "scaler_sha256": scaler.sha256}
+                entry |= {"scaler": scaler.state_dict(), "scaler_sha256": scaler.sha256}
         windows = {split: [[w.clip, w.start, w.length] for w in store.windows(split)] for split in store.splits}
-        about = {"layout": LAYOUT, "fps": str(store.grid), "scope": store.scope, "skeleton": store.skeleton.to_json()}
-        return {**about, "fields": fields, "clips": clips, "windows": windows}
+        entry = {"layout": LAYOUT, "fps": str(store.grid), "scope": store.scope, "skeleton": store.skeleton.to_json()}
+        return {**entry, "fields": fields, "clips": clips, "windows": windows}
 
 
 def _arrays(job: ExportJob, clip: ClipView, names: tuple[str, ...], windows: Sequence[Window]) -> dict[str, Any]:
@@ -107,13 +107,13 @@ def _arrays(job: ExportJob, clip: ClipView, names: tuple[str, ...], windows: Seq
 def _copy_music(job: ExportJob, folder: ExportFolder) -> dict[str, str]:
     """Copy each audio file once; returns its name by clip. DataError if one is not the dataset's music."""
     names: dict[Path, str] = {}
-    known: set[tuple[Path, str | None]] = set()
+    copied: set[tuple[Path, str | None]] = set()
     for clip in job.each("music", job.clips()):
         path = job.music.files[clip.id]
         song = path, job.music.hashes.get(clip.source or clip.id)
-        if song not in known:
+        if song not in copied:
             job.music.load(clip)
-            known.add(song)
+            copied.add(song)
         if path not in names:
             name = f"music/{path.name}"
             names[path] = name if name not in names.values() else f"music/{clip.id}{path.suffix}"

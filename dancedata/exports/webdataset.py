@@ -60,9 +60,9 @@ class WebDataset(Export):
 
     @override
     def lacks(self, job: ExportJob) -> list[Lack]:
-        known = job.store.fields
+        stored = job.store.fields
         lacks = [
-            Lack(f"the dataset has no field {f!r}", did_you_mean(f, known)) for f in self.fields if f not in known
+            Lack(f"the dataset has no field {f!r}", did_you_mean(f, stored)) for f in self.fields if f not in stored
         ]
         lacks += [Lack("fields has a name twice", "name each once")] * (len(set(self.fields)) < len(self.fields))
         lacks += needs_track_scope(job) if self.samples == "clips" else []
@@ -130,21 +130,21 @@ class WebDataset(Export):
         for name in self._names(job):
             rows = clip.read(name) if window is None else job.store.read(window, name)
             yield f"{key}.{_suffix(name)}", _npy(rows)
-        about = {k: list(v) if isinstance(v, tuple) else v for k, v in vars(clip.record).items()}
+        attributes = {k: list(v) if isinstance(v, tuple) else v for k, v in vars(clip.record).items()}
         if window is not None:
-            about |= {"start": window.start, "frames": window.length}
+            attributes |= {"start": window.start, "frames": window.length}
         yield (
             f"{key}.json",
-            json.dumps(about, ensure_ascii=False, allow_nan=False).encode("utf-8", "backslashreplace"),
+            json.dumps(attributes, ensure_ascii=False, allow_nan=False).encode("utf-8", "backslashreplace"),
         )
 
     def _about(self, job: ExportJob) -> dict[str, Any]:
-        about = {name: job.store.field(name).to_json() for name in self._names(job)}
-        for name, field in about.items():
+        entries = {name: job.store.field(name).to_json() for name in self._names(job)}
+        for name, field in entries.items():
             if "train" in job.store.splits and len(job.store.windows("train")):
                 scaler = job.store.normalizer(name)
                 field |= {"scaler": scaler.state_dict(), "scaler_sha256": scaler.sha256}
-        return about
+        return entries
 
 
 def _suffix(field: str) -> str:

@@ -221,16 +221,16 @@ def _shape(file: Path, betas: ArrayLike | None, available: int) -> Floats:
     shape = np.zeros(available)
     if betas is None:
         return shape
-    given = np.asarray(betas, dtype=np.float64).reshape(-1)
-    if not (np.abs(given) <= _MAX_BETA).all() or np.any(given[available:]):
+    values = np.asarray(betas, dtype=np.float64).reshape(-1)
+    if not (np.abs(values) <= _MAX_BETA).all() or np.any(values[available:]):
         raise UsageError(
             "the betas do not match the body model",
             where=str(file),
-            found=f"{len(given)} betas",
+            found=f"{len(values)} betas",
             allowed=f"at most {available}, within +-{_MAX_BETA:g}",
             fix="set body_model to the model that they were fitted with",
         )
-    shape[: min(len(given), available)] = given[:available]
+    shape[: min(len(values), available)] = values[:available]
     return shape
 
 

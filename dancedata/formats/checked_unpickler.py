@@ -47,9 +47,9 @@ def invalid(problem: str) -> pickle.UnpicklingError:
 
 def mutable_set(members: object = ()) -> set[Any]:
     """Make a set of the members."""
-    found: set[Any] = set()
-    _add(found, _items(members))
-    return found
+    values: set[Any] = set()
+    _add(values, _items(members))
+    return values
 
 
 def frozen_set(members: object = ()) -> frozenset[Any]:
@@ -59,12 +59,12 @@ def frozen_set(members: object = ()) -> frozenset[Any]:
 
 def ordered_dict(pairs: object = ()) -> OrderedDict[Any, Any]:
     """Make an OrderedDict of pairs; pickles of Python 2 hold them as a list of lists of two."""
-    found: OrderedDict[Any, Any] = OrderedDict()
+    mapping: OrderedDict[Any, Any] = OrderedDict()
     for pair in _items(pairs):
         if type(pair) not in (list, tuple) or len(pair) != 2:
             raise invalid("an OrderedDict of something other than pairs")
-        _put_items(found, pair)
-    return found
+        _put_items(mapping, pair)
+    return mapping
 
 
 def _items(value: object) -> Sequence[Any]:
@@ -102,9 +102,9 @@ def _set_item(unpickler: Any) -> None:
 
 def _dict(unpickler: Any) -> None:
     items = unpickler.pop_mark()
-    found: dict[Any, Any] = {}
-    _put_items(found, items)
-    unpickler.append(found)
+    mapping: dict[Any, Any] = {}
+    _put_items(mapping, items)
+    unpickler.append(mapping)
 
 
 def _append(unpickler: Any) -> None:

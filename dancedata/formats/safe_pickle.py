@@ -272,18 +272,18 @@ class ArrayUnpickler(CheckedUnpickler):
         inner = ArrayUnpickler(self.data, ALLOWED, self.size)
         inner.stream.seek(self.stream.tell())
         inner.left, inner.n_containers = self.left, self.n_containers
-        found = inner.load()
+        value = inner.load()
         self.left, self.n_containers = inner.left, inner.n_containers
         self.stream.seek(inner.stream.tell())
-        return found
+        return value
 
     def find_class(self, module: str, name: str) -> Callable[..., Any]:
         """Return what stands for a name; UnsafePickleError if the name is not allowed."""
         try:
-            found: Callable[..., Any] = self.names[module, name]
+            stand_in: Callable[..., Any] = self.names[module, name]
         except KeyError:
             raise UnsafePickleError(f"{shown(module)}.{shown(name)}") from None
-        return found
+        return stand_in
 
     def count_built(self, n_bytes: int) -> None:
         """Count bytes that a call has built."""

@@ -109,12 +109,12 @@ class _Unpickler(ArrayUnpickler):
 
     def persistent_load(self, pid: Any) -> _Storage:
         dtype, _, key, count = storage_of(pid, 5)
-        known = self._storages.get(key)
-        if known is None:
-            known = self._storages.setdefault(key, (dtype, self._read(key, dtype, count)))
-        if known[0] != dtype or len(known[1].elements) != count:
+        storage = self._storages.get(key)
+        if storage is None:
+            storage = self._storages.setdefault(key, (dtype, self._read(key, dtype, count)))
+        if storage[0] != dtype or len(storage[1].elements) != count:
             raise invalid(f"two kinds of the storage {quoted(key)}")
-        return known[1]
+        return storage[1]
 
     def _read(self, key: str, dtype: str, count: int) -> _Storage:
         data = _member(self._archive, f"{self._folder}/data/{key}", self.size)

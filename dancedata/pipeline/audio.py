@@ -138,21 +138,21 @@ def identify_audio(cache: Cache, path: Path) -> SignalId | Reject:
     try:
         file = Cache.stat_key("signal", path)
         key = _signal_key(file)
-        known = cache.json("signals", key)
-        if known is None:
+        entry = cache.json("signals", key)
+        if entry is None:
             with cache.lock("signals", key):
-                known = cache.json("signals", key)
-                if known is None:
+                entry = cache.json("signals", key)
+                if entry is None:
                     signal = load_audio(path)
-                    known = [signal.sha256, signal.sample_rate, signal.n_samples]
+                    entry = [signal.sha256, signal.sample_rate, signal.n_samples]
                     if Cache.stat_key("signal", path) != file:
                         raise DataError(CHANGED, reason="changed", where=path, fix=BUILD_AGAIN)
-                    cache.put_json("signals", key, known)
+                    cache.put_json("signals", key, entry)
     except DataError as error:
         return reject_of(error, file=path)
     except FileNotFoundError:
         return Reject("missing_music", file=str(path), detail=f"{path}: the file vanished during the build")
-    return _signal_id(path, file, known)
+    return _signal_id(path, file, entry)
 
 
 def known_signal(cache: Cache, path: Path) -> SignalId | None:
@@ -161,8 +161,8 @@ def known_signal(cache: Cache, path: Path) -> SignalId | None:
         file = Cache.stat_key("signal", path)
     except FileNotFoundError:
         return None
-    known = cache.json("signals", _signal_key(file))
-    return None if known is None else _signal_id(path, file, known)
+    entry = cache.json("signals", _signal_key(file))
+    return None if entry is None else _signal_id(path, file, entry)
 
 
 def _signal_key(file: str) -> str:
@@ -170,8 +170,8 @@ def _signal_key(file: str) -> str:
     return Cache.key("signal", version=SIGNAL_STAGE, file=file, packages=packages)
 
 
-def _signal_id(path: Path, file: str, known: Sequence[Any]) -> SignalId:
-    return SignalId(path, file, known[0], known[1], known[2])
+def _signal_id(path: Path, file: str, entry: Sequence[Any]) -> SignalId:
+    return SignalId(path, file, entry[0], entry[1], entry[2])
 
 
 @lru_cache(maxsize=1)
@@ -257,24 +257,24 @@ def extract_windows(
     try:
         # All cut songs into the same units, see `window_units`, so that the first window's lock keeps others out.
         with cache.lock("features", keys[min(keys)]):
-            found = {number: cache.array("features", key) for number, key in keys.items()}
-            missing = [number for number, array in found.items() if array is None]
+            arrays = {number: cache.array("features", key) for number, key in keys.items()}
+            missing = [number for number, array in arrays.items() if array is None]
             if not missing:
-                return {number: array for number, array in found.items() if array is not None}
+                return {number: array for number, array in arrays.items() if array is not None}
             whole = _decoded(signal, ahead)
             starts, length = window_samples(job, signal.n_samples, signal.sample_rate)
             feature = job.feature
             at_once = (isinstance(feature, NetworkFeature) and feature.windows_a_call) or len(missing)
             for begin in range(0, len(missing), at_once):
-                some = missing[begin : begin + at_once]
+                batch = missing[begin : begin + at_once]
                 rows = job.feature.extract_windows(
-                    whole, starts[some], length, job.grid, job.window_rows, start_bpm=bpm
+                    whole, starts[batch], length, job.grid, job.window_rows, start_bpm=bpm
                 )
-                for number, own in zip(some, rows, strict=True):
-                    found[number] = cache.put_array("features", keys[number], own, durable=False)
+                for number, window_rows in zip(batch, rows, strict=True):
+                    arrays[number] = cache.put_array("features", keys[number], window_rows, durable=False)
     except DataError as error:
         return reject_of(error, file=signal.path)
-    return {number: array for number, array in found.items() if array is not None}
+    return {number: array for number, array in arrays.items() if array is not None}
 
 
 def window_units(keys: Mapping[int, str]) -> list[dict[int, str]]:
@@ -284,18 +284,18 @@ def window_units(keys: Mapping[int, str]) -> list[dict[int, str]]:
     """
     numbers = sorted(keys)
     cuts = [numbers[begin : begin + _WINDOWS_A_UNIT] for begin in range(0, len(numbers), _WINDOWS_A_UNIT)]
-    return [{number: keys[number] for number in some} for some in cuts]
+    return [{number: keys[number] for number in cut} for cut in cuts]
 
 
 def known_windows(cache: Cache, keys: Mapping[int, str]) -> dict[int, CachedArray] | None:
     """Return what `extract_windows` would, if the cache has all of it."""
-    found = {}
+    arrays = {}
     for number, key in keys.items():
         array = cache.array("features", key)
         if array is None:
             return None
-        found[number] = array
-    return found
+        arrays[number] = array
+    return arrays
 
 
 def _decoded(signal: SignalId, ahead: Path | None = None) -> AudioSignal:
@@ -304,16 +304,16 @@ def _decoded(signal: SignalId, ahead: Path | None = None) -> AudioSignal:
     Without this a file that is replaced during a build would leave its features under the old one's key, and
     every later build would take them.
     """
-    found = decoded(signal.path)
+    signal_of_file = decoded(signal.path)
     if ahead is not None:
         read_ahead(ahead)
     file = None
     with suppress(OSError):
         file = Cache.stat_key("signal", signal.path)
-    if file != signal.file and found.sha256 != (signal.decoded_sha256 or signal.sha256):
+    if file != signal.file and signal_of_file.sha256 != (signal.decoded_sha256 or signal.sha256):
         raise DataError(CHANGED, reason="changed", where=signal.path, fix=BUILD_AGAIN)
     if signal.speed == 1:
-        return found
+        return signal_of_file
     from dancedata.audio.stretch import stretched
 
-    return stretched(found, signal.speed)
+    return stretched(signal_of_file, signal.speed)

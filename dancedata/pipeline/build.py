@@ -87,8 +87,8 @@ def build(
         check_out(out, overwrite=overwrite)
         scan = scan_source(recipe, source)
         with workers_for(recipe, source, store_cache, jobs, backend, scheduler) as workers:
-            made = _Build(recipe, source, out, scan, store_cache, workers, progress, overwrite, strict)
-            return BuildResult.of(out, built=made.run())
+            build_run = _Build(recipe, source, out, scan, store_cache, workers, progress, overwrite, strict)
+            return BuildResult.of(out, built=build_run.run())
 
 
 @contextmanager
@@ -131,15 +131,15 @@ class _Build:
                 stop_if_implausible(self.strict, store.quality)
             return False
         stop_if_strict(self.strict, sources.rejects, self.scan)
-        found = compute_clips(self.cache, self.recipe, sources, jobs=self.workers, progress=self.progress)
-        stop_if_strict(self.strict, found.rejects, self.scan)
-        stop_if_implausible(self.strict, found.quality)
-        found = replace(found, rejects=tuple(relative_to(r, self.source) for r in found.rejects))
-        if not found.clips:
-            raise nothing_left(self.source, self.recipe.dataset, self.scan, found.rejects)
-        meta = {**_meta(self.recipe, sources, *inputs), "quality_flags": len(found.quality)}
+        computed = compute_clips(self.cache, self.recipe, sources, jobs=self.workers, progress=self.progress)
+        stop_if_strict(self.strict, computed.rejects, self.scan)
+        stop_if_implausible(self.strict, computed.quality)
+        computed = replace(computed, rejects=tuple(relative_to(r, self.source) for r in computed.rejects))
+        if not computed.clips:
+            raise nothing_left(self.source, self.recipe.dataset, self.scan, computed.rejects)
+        meta = {**_meta(self.recipe, sources, *inputs), "quality_flags": len(computed.quality)}
         with new_dataset(self.out) as folder:
-            _write(folder, self.recipe, self.scan, found, meta, self.progress)
+            _write(folder, self.recipe, self.scan, computed, meta, self.progress)
         return True
 
 
@@ -152,23 +152,25 @@ def header_of(recipe: Recipe, meta: Mapping[str, Any]) -> StoreHeader:
         stride=recipe.windows.stride,
         order=recipe.windows.order,
         fields=tuple(Field(f.name, f.kind, f.columns, f.grid.rate, f.dtype) for f in recipe.fields),
-        skeleton=max((own.representation.skeleton for own in recipe.motion), key=lambda s: s.n_joints),
+        skeleton=max(
+            (motion_field.representation.skeleton for motion_field in recipe.motion), key=lambda s: s.n_joints
+        ),
         meta=meta,
     )
 
 
 def _write(
-    out: Path, recipe: Recipe, scan: Scan, found: ComputedClips, meta: Mapping[str, Any], progress: Progress
+    out: Path, recipe: Recipe, scan: Scan, computed: ComputedClips, meta: Mapping[str, Any], progress: Progress
 ) -> None:
-    with progress.stage("writing", len(found.clips)) as advance:
+    with progress.stage("writing", len(computed.clips)) as advance:
         write_store(
             out,
             header_of(recipe, meta),
-            found.clips,
-            rejects=sorted(found.rejects, key=_reject_order),
-            quality=found.quality,
+            computed.clips,
+            rejects=sorted(computed.rejects, key=_reject_order),
+            quality=computed.quality,
             shard_bytes=recipe.shard_mb * 2**20,
-            card=dataset_card(recipe, scan, found, songs_of(found.clips, meta)),
+            card=dataset_card(recipe, scan, computed, songs_of(computed.clips, meta)),
             progress=lambda done, total: advance(1),
         )
 
@@ -191,9 +193,9 @@ def _meta(recipe: Recipe, sources: Sources, source_sha256: str, record: SourceRe
         "dataset": recipe.dataset.name,
         "licence": recipe.dataset.licence,
         "citation": recipe.dataset.citation,
-        "axes": {own.name: own.representation.axes for own in recipe.motion},
-        "rotation_6d": {own.name: own.representation.rotation_6d for own in recipe.motion},
-        "skeletons": {own.name: own.representation.skeleton.name for own in recipe.motion},
+        "axes": {motion_field.name: motion_field.representation.axes for motion_field in recipe.motion},
+        "rotation_6d": {motion_field.name: motion_field.representation.rotation_6d for motion_field in recipe.motion},
+        "skeletons": {motion_field.name: motion_field.representation.skeleton.name for motion_field in recipe.motion},
         "genre_ids": dict(recipe.dataset.genre_ids),
         "content": sources.content,
         "arithmetic": expected(),
@@ -204,8 +206,8 @@ def _meta(recipe: Recipe, sources: Sources, source_sha256: str, record: SourceRe
 
 def _networks(recipe: Recipe) -> dict[str, Any]:
     """Return what audio fields state of their networks, by field; nothing where none has one."""
-    about = {job.name: dict(job.feature.about) for job in recipe.audio if isinstance(job.feature, NetworkFeature)}
-    stated = {name: own for name, own in about.items() if own}
+    networks = {job.name: dict(job.feature.about) for job in recipe.audio if isinstance(job.feature, NetworkFeature)}
+    stated = {name: entry for name, entry in networks.items() if entry}
     return {"encoders": stated} if stated else {}
 
 
@@ -227,8 +229,8 @@ def _require_same(out: Path, recipe: Recipe, source_sha256: str, record: SourceR
             fix="choose another --out, or --overwrite to replace it",
         )
     if meta.get("source_sha256") != source_sha256:
-        found = source_differences(SourceRecord.of_store(store), record, "there", "now")
-        listed = "\n".join(f"  - {difference}" for difference in found) or "  - (another version of dancedata)"
+        changed = source_differences(SourceRecord.of_store(store), record, "there", "now")
+        listed = "\n".join(f"  - {difference}" for difference in changed) or "  - (another version of dancedata)"
         raise StoreError(
             "the dataset there was made from another source",
             where=out,

@@ -63,8 +63,8 @@ def check(
     problems = [Problem("note", str(path), note) for note in scan.notes]
     problems += [_problem(r) for r in scan.rejects]
     calls = [(reader, ref) for ref in scan.clips]
-    found = run_units(_check_clip, calls, jobs=jobs, label="checking", progress=progress or Progress(quiet=True))
-    return problems + [_problem(reject) for rejects in found for reject in rejects]
+    checked = run_units(_check_clip, calls, jobs=jobs, label="checking", progress=progress or Progress(quiet=True))
+    return problems + [_problem(reject) for rejects in checked for reject in rejects]
 
 
 def _implausible(path: Path) -> list[Problem]:
@@ -118,13 +118,17 @@ def _field_with_body(store: Store) -> MotionField | None:
     except DanceDataError:
         return None  # of plug-ins that are not here
     fields = [
-        own
-        for own in recipe.motion
-        if own.name in store.fields
-        and has_sides(own.representation.skeleton.joints)
-        and (own.representation.decodes or "position" in own.representation.columns.names)
+        motion_field
+        for motion_field in recipe.motion
+        if motion_field.name in store.fields
+        and has_sides(motion_field.representation.skeleton.joints)
+        and (motion_field.representation.decodes or "position" in motion_field.representation.columns.names)
     ]
-    return min(fields, key=lambda own: 2 * own.representation.fits + (not own.representation.decodes), default=None)
+    return min(
+        fields,
+        key=lambda motion_field: 2 * motion_field.representation.fits + (not motion_field.representation.decodes),
+        default=None,
+    )
 
 
 def _is_ours(name: str) -> bool:
@@ -166,18 +170,18 @@ def scan_folder(path: Path, dataset: str | Dataset | None = None) -> tuple[Datas
 def _check_clip(reader: Dataset, ref: ClipRef) -> list[Reject]:
     from dancedata.audio.signal import load_audio
 
-    found = []
+    problems = []
     try:
         flags = [{"clip": ref.id, **flag.to_json()} for flag in implausible_flags(reader.load(ref))]
-        found += implausible_problems(flags)
+        problems += implausible_problems(flags)
     except DataError as error:
-        found.append(reject_of(error, clip=ref.id, file=ref.motion_path))
+        problems.append(reject_of(error, clip=ref.id, file=ref.motion_path))
     if ref.audio_path is not None:
         try:
             load_audio(ref.audio_path)
         except DataError as error:
-            found.append(reject_of(error, clip=ref.id, file=ref.audio_path))
-    return found
+            problems.append(reject_of(error, clip=ref.id, file=ref.audio_path))
+    return problems
 
 
 def _problem(reject: Reject) -> Problem:

@@ -69,19 +69,19 @@ def make_copies(
     """
     clips = [clip for clip in clips if is_copied(clip.clip.split)]
     fields = {field.name: field for field in recipe.clip_fields}
-    made: list[StoredClip] = []
+    stored: list[StoredClip] = []
     rejects: list[Reject] = []
     for spec in recipe.augment:
         context = _Context(cache, recipe, spec, content, jobs, progress)
         if spec.augmentation.changes == "rows":
-            made += [_copied(clip.clip, spec, fields) for clip in clips]
+            stored += [_copied(clip.clip, spec, fields) for clip in clips]
         elif spec.augmentation.changes == "motion":
             for clip, result in _encoded(context, clips, rejects):
                 arrays = result.stored(recipe, clip.clip.starts)
-                made.append(_copied(replace(clip.clip, height_m=result.height_m), spec, fields, arrays))
+                stored.append(_copied(replace(clip.clip, height_m=result.height_m), spec, fields, arrays))
         else:
-            made += [_copied(clip, spec, fields) for clip in _retimed(context, clips, rejects)]
-    return made, rejects
+            stored += [_copied(clip, spec, fields) for clip in _retimed(context, clips, rejects)]
+    return stored, rejects
 
 
 def _encoded(
@@ -89,15 +89,16 @@ def _encoded(
 ) -> Iterator[tuple[CopySource, MotionResult]]:
     """Yield clips with the motion of their copies; where it cannot be encoded, a reject is added."""
     cache, recipe, spec = context.cache, context.recipe, context.spec
-    every = MotionKeys(recipe, context.content, spec)
-    keys = [every.of(clip.source.ref, clip.source.motion_sha256) for clip in clips]
+    motion_keys = MotionKeys(recipe, context.content, spec)
+    keys = [motion_keys.of(clip.source.ref, clip.source.motion_sha256) for clip in clips]
     read = recipe.without_audio
     calls = [
-        (cache, read, c.source.ref, c.source.motion_sha256, own, spec) for c, own in zip(clips, keys, strict=True)
+        (cache, read, c.source.ref, c.source.motion_sha256, clip_keys, spec)
+        for c, clip_keys in zip(clips, keys, strict=True)
     ]
-    known = [known_motion(cache, recipe, own) for own in keys]
+    cached = [known_motion(cache, recipe, clip_keys) for clip_keys in keys]
     label = f"encoding copies ({spec.name})"
-    results = run_units(encode_motion, calls, known=known, jobs=context.jobs, label=label, progress=context.progress)
+    results = run_units(encode_motion, calls, known=cached, jobs=context.jobs, label=label, progress=context.progress)
     for clip, result in zip(clips, results, strict=True):
         if isinstance(result, Reject):
             rejects.append(replace(result, clip=spec.clip_id(clip.clip.id)))
@@ -115,20 +116,24 @@ def _retimed(context: _Context, clips: Sequence[CopySource], rejects: list[Rejec
         context.cache, recipe, windowed, jobs=context.jobs, progress=context.progress
     )
     rejects += [*without_windows, *without_features]
-    made = []
+    stored = []
     for clip in sorted(extracted, key=lambda clip: clip.source.ref.id):
-        own = of_copy[clip.source.ref.id]
+        features = of_copy[clip.source.ref.id]
         # Flags and rate are of the source, whose frames the copy has.
-        made.append(replace(stored_clip(recipe, clip), id=own.id, n_flags=own.n_flags, source_rate=own.source_rate))
-    return made
+        stored.append(
+            replace(
+                stored_clip(recipe, clip), id=features.id, n_flags=features.n_flags, source_rate=features.source_rate
+            )
+        )
+    return stored
 
 
 def _faster(spec: CopySpec, clip: SourceClip) -> SourceClip:
     """Return the source of a copy: its id, and music and tempo at the copy's speed."""
     ref, speed = clip.ref, spec.speed_of(clip.ref.id)
     bpm = None if ref.tempo_bpm is None else float(Fraction(ref.tempo_bpm) * speed)
-    about = replace(ref, id=spec.clip_id(ref.id), music=spec.music_of(ref.music, ref.id), tempo_bpm=bpm)
-    return replace(clip, ref=about, signal=None if clip.signal is None else clip.signal.at_speed(speed))
+    renamed = replace(ref, id=spec.clip_id(ref.id), music=spec.music_of(ref.music, ref.id), tempo_bpm=bpm)
+    return replace(clip, ref=renamed, signal=None if clip.signal is None else clip.signal.at_speed(speed))
 
 
 def _copied(

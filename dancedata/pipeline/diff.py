@@ -38,8 +38,8 @@ def unmatched(one: Sequence[Row], two: Sequence[Row], atol: float | None) -> tup
     sides = _by_text(one), _by_text(two)
     left: tuple[dict[int, Row], dict[int, Row]] = ({}, {})
     for text in {**sides[0], **sides[1]}:
-        mine, other = (sorted(side.get(text, ()), key=lambda entry: entry[0]) for side in sides)
-        for a, b in _pairs(mine, other, atol):
+        ours, theirs = (sorted(side.get(text, ()), key=lambda entry: entry[0]) for side in sides)
+        for a, b in _pairs(ours, theirs, atol):
             if a is not None:
                 left[0][a[1]] = one[a[1]]
             if b is not None:
@@ -52,12 +52,12 @@ _Entry = tuple[tuple[float, ...], int]
 
 def _by_text(rows: Sequence[Row]) -> dict[str, list[_Entry]]:
     """Return floating-point numbers and index of each row, by the rest of the row; equal rows count once."""
-    found: dict[str, dict[tuple[float, ...], int]] = defaultdict(dict)
+    by_text: dict[str, dict[tuple[float, ...], int]] = defaultdict(dict)
     for index, row in enumerate(rows):
         numbers: list[float] = []
         text = json.dumps(_without_floats(row, numbers), sort_keys=True)
-        found[text].setdefault(tuple(numbers), index)
-    return {text: list(entries.items()) for text, entries in found.items()}
+        by_text[text].setdefault(tuple(numbers), index)
+    return {text: list(entries.items()) for text, entries in by_text.items()}
 
 
 def _without_floats(value: Any, numbers: list[float]) -> Any:
@@ -72,12 +72,12 @@ def _without_floats(value: Any, numbers: list[float]) -> Any:
 
 
 def _pairs(
-    mine: list[_Entry], other: list[_Entry], atol: float | None
+    ours: list[_Entry], theirs: list[_Entry], atol: float | None
 ) -> Iterator[tuple[_Entry | None, _Entry | None]]:
     """Yield entries without an equal one; both lists are sorted by their numbers."""
     i = j = 0
-    while i < len(mine) and j < len(other):
-        a, b = mine[i], other[j]
+    while i < len(ours) and j < len(theirs):
+        a, b = ours[i], theirs[j]
         if all(is_same_number(x, y, atol) for x, y in zip(a[0], b[0], strict=True)):
             i, j = i + 1, j + 1
         elif a[0] < b[0]:
@@ -86,9 +86,9 @@ def _pairs(
         else:
             yield None, b
             j += 1
-    for a in mine[i:]:
+    for a in ours[i:]:
         yield a, None
-    for b in other[j:]:
+    for b in theirs[j:]:
         yield None, b
 
 
@@ -171,13 +171,13 @@ def diff(a: str | Path, b: str | Path, *, atol: float | None = None) -> list[Dif
             one.require_intact()
             two.require_intact()
             return []
-        found = [*_recipes(one, two), *_stores(one, two), *_fields(one, two)]
+        differences = [*_recipes(one, two), *_stores(one, two), *_fields(one, two)]
         pairs = {c.id: c for c in two.clips}
         common = [(c, pairs[c.id]) for c in one.clips if c.id in pairs]
-        found += [*_clips(one, two, common, atol), *_windows(one, two), *_values(one, two, common, atol)]
-        found += _rows("rejects", one.rejects, two.rejects, atol)
-        found += _rows("quality", one.quality, two.quality, atol)
-        return found + list(_notes(one, two))
+        differences += [*_clips(one, two, common, atol), *_windows(one, two), *_values(one, two, common, atol)]
+        differences += _rows("rejects", one.rejects, two.rejects, atol)
+        differences += _rows("quality", one.quality, two.quality, atol)
+        return differences + list(_notes(one, two))
 
 
 def document_differences(old: Any, new: Any, at: str = "") -> Iterator[tuple[str, Any, Any]]:
@@ -203,8 +203,8 @@ def _recipes(one: Store, two: Store) -> Iterator[Difference]:
         yield Difference("source", f"built from other files, splits or metadata of clips: {hashes[0]}, {hashes[1]}")
         records = SourceRecord.of_store(one), SourceRecord.of_store(two)
         # The metadata of clips are compared separately.
-        for found in source_differences(*records, "in A", "in B", about=False):
-            yield Difference("source", found.message, found.names)
+        for difference in source_differences(*records, "in A", "in B", about=False):
+            yield Difference("source", difference.message, difference.names)
 
 
 def _stores(one: Store, two: Store) -> Iterator[Difference]:
@@ -219,8 +219,8 @@ def _meta(one: Store, two: Store, keys: Sequence[str]) -> tuple[dict[str, Any], 
 def _fields(one: Store, two: Store) -> Iterator[Difference]:
     yield from _one_sided("fields", "fields", one.fields, two.fields)
     for name in _common_fields(one, two, columns=False):
-        mine, other = one.field(name).to_json(), two.field(name).to_json()
-        for key, old, new in document_differences(mine, other):
+        ours, theirs = one.field(name).to_json(), two.field(name).to_json()
+        for key, old, new in document_differences(ours, theirs):
             texts = [json.dumps(value) for value in (old, new)]
             values = f"{texts[0]}, {texts[1]}" if max(map(len, texts)) < 60 else "differ"
             yield Difference("fields", f"{key} {values}", (name,))
@@ -241,11 +241,11 @@ def _clips(
     yield from _one_sided("clips", "clips", (c.id for c in one.clips), (c.id for c in two.clips))
     changed: dict[str, list[str]] = {}
     example: dict[str, str] = {}
-    for mine, other in common:
+    for ours, theirs in common:
         for key in _ABOUT_CLIP:
-            old, new = getattr(mine, key), getattr(other, key)
+            old, new = getattr(ours, key), getattr(theirs, key)
             if not is_same_number(old, new, atol):
-                changed.setdefault(key, []).append(mine.id)
+                changed.setdefault(key, []).append(ours.id)
                 example.setdefault(key, f"{old!r}, {new!r}")
     for key, ids in changed.items():
         yield Difference("clips", f"{key} of {len(ids)} clips, as {example[key]}", tuple(ids))
@@ -294,18 +294,18 @@ class _Gap:
 
 
 def _gap(one: Store, two: Store, name: str, common: Sequence[tuple[ClipView, ClipView]]) -> _Gap:
-    found = _Gap()
+    largest = _Gap()
     for clip, rows in _pieces(one, two, name, common):
         if rows[0].shape != rows[1].shape:
-            found.other_shapes[clip] = None
+            largest.other_shapes[clip] = None
         elif not np.array_equal(*rows):
-            found.clips[clip] = None
+            largest.clips[clip] = None
             gap = np.abs(rows[0].astype(np.float64) - rows[1])
-            if gap.max() > found.worst:
-                found.worst = float(gap.max())
+            if gap.max() > largest.worst:
+                largest.worst = float(gap.max())
                 row, column = np.unravel_index(int(gap.argmax()), gap.shape)
-                found.where = f"row {row} of {clip}, column {one.fields[name].labels[column]}"
-    return found
+                largest.where = f"row {row} of {clip}, column {one.fields[name].labels[column]}"
+    return largest
 
 
 def _pieces(

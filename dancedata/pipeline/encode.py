@@ -25,12 +25,14 @@ def encode_clips(
     cache: Cache, recipe: Recipe, sources: Sources, *, jobs: Jobs, progress: Progress
 ) -> tuple[list[EncodedClip], list[Reject]]:
     """Encode the motion of all clips; those whose music cannot be used are left out afterwards, without a reject."""
-    every = MotionKeys(recipe, sources.content)
-    keys = [every.of(clip.ref, clip.motion_sha256) for clip in sources.clips]
-    known = [known_motion(cache, recipe, own) for own in keys]
+    motion_keys = MotionKeys(recipe, sources.content)
+    keys = [motion_keys.of(clip.ref, clip.motion_sha256) for clip in sources.clips]
+    cached = [known_motion(cache, recipe, clip_keys) for clip_keys in keys]
     read = recipe.without_audio
-    calls = [(cache, read, c.ref, c.motion_sha256, own) for c, own in zip(sources.clips, keys, strict=True)]
-    results = run_units(encode_motion, calls, known=known, jobs=jobs, label="encoding motion", progress=progress)
+    calls = [
+        (cache, read, c.ref, c.motion_sha256, clip_keys) for c, clip_keys in zip(sources.clips, keys, strict=True)
+    ]
+    results = run_units(encode_motion, calls, known=cached, jobs=jobs, label="encoding motion", progress=progress)
     clips, rejects = [], []
     for clip, result in zip(sources.clips, results, strict=True):
         if isinstance(result, Reject):

@@ -51,11 +51,11 @@ def extract_features(
     left, rejects = list(clips), []
     for job in recipe.audio:
         extraction = _Extraction(cache, recipe, job, left, jobs, progress)
-        found, failed = extraction.tracks() if recipe.scope == "track" else extraction.windows()
-        for clip, blocks in found.items():
+        extracted, failed = extraction.tracks() if recipe.scope == "track" else extraction.windows()
+        for clip, blocks in extracted.items():
             audio[clip][job.name] = blocks
         rejects += [replace(reject, clip=clip) for clip, reject in failed.items()]
-        left = [clip for clip in left if clip.source.ref.id in found]
+        left = [clip for clip in left if clip.source.ref.id in extracted]
     return [ExtractedClip(c.source, c.motion, c.starts, audio[c.source.ref.id]) for c in left], rejects
 
 
@@ -79,80 +79,80 @@ class _Extraction:
 
     def tracks(self) -> tuple[dict[str, Blocks], dict[str, Reject]]:
         """Return a block for every clip, or what is wrong with its music; equal music and tempo share theirs."""
-        every = FeatureKeys(self.job)
+        feature_keys = FeatureKeys(self.job)
         timelines: dict[str, list[str]] = {}
         units: dict[str, _Unit] = {}
         for clip in self.clips:
             signal, bpm = _signal(clip), clip.source.ref.tempo_bpm
-            key = every.track(bpm, signal.sha256)
+            key = feature_keys.track(bpm, signal.sha256)
             units.setdefault(key, _Unit(signal, bpm, key))
             timelines.setdefault(key, []).append(clip.source.ref.id)
-        known = [self.cache.array("features", key) for key in timelines]
-        results = self._run(extract_track, list(units.values()), known)
-        found: dict[str, Blocks] = {}
+        cached = [self.cache.array("features", key) for key in timelines]
+        results = self._run(extract_track, list(units.values()), cached)
+        blocks: dict[str, Blocks] = {}
         failed: dict[str, Reject] = {}
         for (key, clips), result in zip(timelines.items(), results, strict=True):
             for clip_id in clips:
                 if isinstance(result, Reject):
                     failed[clip_id] = result
                 else:
-                    found[clip_id] = (AudioBlock(key, result),)
-        return found, failed
+                    blocks[clip_id] = (AudioBlock(key, result),)
+        return blocks, failed
 
     def windows(self) -> tuple[dict[str, Blocks], dict[str, Reject]]:
         """Return a block for every window; the same window of equal songs, at one tempo, has one."""
-        every = FeatureKeys(self.job)
+        feature_keys = FeatureKeys(self.job)
         by_clip: dict[str, list[_Window]] = {}
         owner: dict[str, _Window] = {}
         songs: dict[tuple[SignalId, float | None], dict[int, str]] = {}
         for clip in self.clips:
             signal, bpm = _signal(clip), clip.source.ref.tempo_bpm
             numbered = songs.setdefault((signal, bpm), {})
-            mine = by_clip[clip.source.ref.id] = []
+            of_clip = by_clip[clip.source.ref.id] = []
             for number in self.recipe.windows.numbers(clip.starts):
-                key = numbered.get(number) or every.window(bpm, signal, number)
+                key = numbered.get(number) or feature_keys.window(bpm, signal, number)
                 window = owner.setdefault(key, _Window(key, (signal, bpm)))
                 if window.song == (signal, bpm):
                     numbered[number] = key
-                mine.append(window)
+                of_clip.append(window)
         units = [_Unit(signal, bpm, keys) for (signal, bpm), song in songs.items() for keys in window_units(song)]
         arrays, broken = self._compute_windows(units)
-        found: dict[str, Blocks] = {}
+        blocks: dict[str, Blocks] = {}
         failed: dict[str, Reject] = {}
         for clip_id, windows in by_clip.items():
             missing = [window for window in windows if window.key not in arrays]
             if missing:
                 failed[clip_id] = broken[missing[0].song[0]]
             else:
-                found[clip_id] = tuple(AudioBlock(window.key, arrays[window.key]) for window in windows)
-        return found, failed
+                blocks[clip_id] = tuple(AudioBlock(window.key, arrays[window.key]) for window in windows)
+        return blocks, failed
 
     def _compute_windows(self, units: Sequence[_Unit]) -> tuple[dict[str, CachedArray], dict[SignalId, Reject]]:
         """Return rows by key, and what failed by song."""
-        known = [known_windows(self.cache, unit.keys) for unit in units]
+        cached = [known_windows(self.cache, unit.keys) for unit in units]
         arrays: dict[str, CachedArray] = {}
         broken: dict[SignalId, Reject] = {}
-        for unit, result in zip(units, self._run(extract_windows, units, known), strict=True):
+        for unit, result in zip(units, self._run(extract_windows, units, cached), strict=True):
             if isinstance(result, Reject):
                 broken[unit.signal] = result
             else:
                 arrays.update({unit.keys[number]: array for number, array in result.items()})
         return arrays, broken
 
-    def _run(self, function: Callable[..., Any], units: Sequence[_Unit], known: list[Any]) -> list[Any]:
+    def _run(self, function: Callable[..., Any], units: Sequence[_Unit], cached: list[Any]) -> list[Any]:
         """Run the units of work that are not known, each with the song that comes next."""
-        missing = [unit.signal.path for unit, result in zip(units, known, strict=True) if result is None]
+        missing = [unit.signal.path for unit, result in zip(units, cached, strict=True) if result is None]
         ahead = iter(_next_songs(self.job.feature, missing))
         calls = [
             (self.cache, self.job, *unit, next(ahead) if result is None else None)
-            for unit, result in zip(units, known, strict=True)
+            for unit, result in zip(units, cached, strict=True)
         ]
         # A feature is asked for its devices only if there is something to compute.
         jobs = _jobs_for(self.job.feature, self.jobs) if missing else self.jobs
         return run_units(
             function,
             calls,
-            known=known,
+            known=cached,
             jobs=jobs,
             label=self.job.name,
             progress=self.progress,

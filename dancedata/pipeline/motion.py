@@ -156,7 +156,7 @@ class MotionKeys:
             return Cache.key("clip", common=common, clip=[ref.id, ref.declared], file=sha256, **crossing)
 
         body = self._recipe.dataset.body_of(ref)
-        crossing = {own.name for own in self._recipe.clip_fields if _crosses(own, body)}
+        crossing = {clip_field.name for clip_field in self._recipe.clip_fields if _crosses(clip_field, body)}
         fields = {
             name: key(common, **({"crossing": CROSSING} if name in crossing else {}))
             for name, common in self._fields.items()
@@ -183,11 +183,11 @@ def known_motion(cache: Cache, recipe: Recipe, keys: ClipKeys) -> MotionResult |
 
 def _result(recipe: Recipe, info: list[Any], arrays: dict[str, CachedArray | None]) -> MotionResult:
     n_source, rate, trim = int(info[0]), _rate(info[1]), int(info[3])
-    found = {name: array for name, array in arrays.items() if array is not None}
+    present = {name: array for name, array in arrays.items() if array is not None}
     grid = FrameGrid(rate)
     n_frames = grid.resampled_length(n_source, recipe.grid)
     first = min(grid.rows_up(trim, of=recipe.grid), n_frames - 1)
-    return MotionResult(n_source, rate, n_frames, first, float(info[4]), tuple(info[2]), found)
+    return MotionResult(n_source, rate, n_frames, first, float(info[4]), tuple(info[2]), present)
 
 
 @lru_cache(maxsize=256)
@@ -213,7 +213,7 @@ def _encode_missing(
     motion = motion if copies is None else copies.motion_of(motion, ref.id)
     if motion.rotations.size * 3 <= _REMEMBERED:
         motion = motion.with_cache()  # what every field, and in window scope every window, asks for
-    made = {f.name: _encode(recipe, f, motion) for f in recipe.clip_fields if arrays[f.name] is None}
+    encoded = {f.name: _encode(recipe, f, motion) for f in recipe.clip_fields if arrays[f.name] is None}
     if sha256_file(ref.motion_path) != sha256:
         raise DataError(CHANGED, reason="changed", where=ref.motion_path, fix=BUILD_AGAIN)
     content = content_hashes(recipe.dataset, cache.file_sha256)
@@ -222,7 +222,7 @@ def _encode_missing(
             raise DataError(CHANGED, reason="changed", where=f"{ref.motion_path} ({named})", fix=BUILD_AGAIN)
     flags = [f.to_json() for f in quality_flags(motion)]
     info = [motion.n_frames, str(motion.grid), flags, motion.trim_start, vertical_extent(motion), _LOOKED_AT]
-    for name, array in made.items():
+    for name, array in encoded.items():
         arrays[name] = cache.put_array("motion", keys.fields[name], array, durable=False)
     cache.put_json("clips", keys.info, info)
     return info, arrays
@@ -232,9 +232,11 @@ def usable_frames(recipe: Recipe, n_source: int, source_rate: Fraction) -> int:
     """Return how many frames, at the recipe's rate, every motion field of a clip covers."""
     source = FrameGrid(source_rate)
     frames = [source.resampled_length(n_source, recipe.grid)]
-    for own in recipe.motion:
-        if own.grid != recipe.grid:
-            frames.append(own.grid.rows_down(source.resampled_length(n_source, own.grid), of=recipe.grid))
+    for motion_field in recipe.motion:
+        if motion_field.grid != recipe.grid:
+            frames.append(
+                motion_field.grid.rows_down(source.resampled_length(n_source, motion_field.grid), of=recipe.grid)
+            )
     return min(frames)
 
 
@@ -251,22 +253,22 @@ def motion_window_count(recipe: Recipe, n_source: int, source_rate: Fraction) ->
     return count
 
 
-def _encode(recipe: Recipe, own: MotionField | KeyMotionField, motion: Motion) -> npt.NDArray[np.float32]:
+def _encode(recipe: Recipe, clip_field: MotionField | KeyMotionField, motion: Motion) -> npt.NDArray[np.float32]:
     if recipe.scope == "track":
-        return np.asarray(own.encode(motion.resampled(own.grid)))
+        return np.asarray(clip_field.encode(motion.resampled(clip_field.grid)))
     length = recipe.windows.length
     count = motion_window_count(recipe, motion.n_frames, motion.grid.rate)
     # EDGE cuts at the source's rate and decimates after that; frames k * step are the same either way, but
     # where rates are not whole multiples, windows can only be cut on the new grid.
-    whole = motion.grid.step_to(recipe.grid) is not None and motion.grid.step_to(own.grid) is not None
-    source = motion if whole else motion.resampled(own.grid)
+    whole = motion.grid.step_to(recipe.grid) is not None and motion.grid.step_to(clip_field.grid) is not None
+    source = motion if whole else motion.resampled(clip_field.grid)
     spans = [
         [recipe.grid.rows_down(frame, of=source.grid) for frame in (start, start + length)]
         for start in recipe.windows.starts(count)
     ]
-    windows = [own.encode(source.part(*span).resampled(own.grid)) for span in spans]
-    rows = recipe.grid.rows(length, of=own.grid)
-    return np.stack(windows) if windows else np.empty((0, rows, own.columns.width), np.float32)
+    windows = [clip_field.encode(source.part(*span).resampled(clip_field.grid)) for span in spans]
+    rows = recipe.grid.rows(length, of=clip_field.grid)
+    return np.stack(windows) if windows else np.empty((0, rows, clip_field.columns.width), np.float32)
 
 
 def vertical_extent(motion: Motion) -> float:
@@ -314,5 +316,5 @@ def _crosses(job: MotionField | KeyMotionField, body: Skeleton | None) -> bool:
 
 def _window_cut(recipe: Recipe) -> list[Any]:
     # The fields together decide how many windows there are, see usable_frames.
-    rates = sorted({str(own.grid) for own in recipe.motion})
+    rates = sorted({str(motion_field.grid) for motion_field in recipe.motion})
     return [recipe.windows.length, recipe.windows.stride, str(recipe.grid), rates]

@@ -59,14 +59,14 @@ LAYOUT = Layout(DATASET_FILE, _is_whole, _is_own)
 @contextmanager
 def locked(out: Path) -> Iterator[None]:
     """Make `out` and hold its lock; a second writer fails at once. What killed builds left is put right first."""
-    made = not out.exists()
+    created = not out.exists()
     with ExitStack() as stack:
         with _writing(out):
             out.resolve().parent.mkdir(parents=True, exist_ok=True)
             stack.enter_context(writing_lock(out, "build"))
             _SWAP.put_right(out)
             out.mkdir(exist_ok=True)
-            if made:
+            if created:
                 stack.callback(_remove_empty, out)
             tidy(out, LAYOUT)
             _SWAP.tidy(out)
@@ -91,8 +91,8 @@ def check_out(out: Path, *, overwrite: bool) -> None:
     """Raise StoreError if the folder holds files that no build wrote, or with `overwrite` a card that was changed."""
     names = sorted(p.name for p in out.iterdir())
     description = _described(out) if DATASET_FILE in names else None
-    own = set() if description is None else _files_of(description)
-    foreign = [name for name in names if name not in own]
+    listed_files = set() if description is None else _files_of(description)
+    foreign = [name for name in names if name not in listed_files]
     if foreign:
         leftovers = "" if description is not None or not any(map(is_shard_name, foreign)) else _LEFTOVERS
         raise StoreError(
@@ -154,12 +154,12 @@ def new_dataset(out: Path) -> Iterator[Path]:
 def _remove(folder: Path) -> None:
     """Remove a folder of a swap: the files of the dataset, or of the unfinished one, and nothing else in it."""
     try:
-        own = _files_of(load_description(folder)) | {MARKER}
+        listed_files = _files_of(load_description(folder)) | {MARKER}
     except StoreError:
         discard(folder, LAYOUT)
     else:
         with suppress(OSError):
-            for name in own & set(os.listdir(folder)) - {DATASET_FILE}:
+            for name in listed_files & set(os.listdir(folder)) - {DATASET_FILE}:
                 (folder / name).unlink()
             if os.listdir(folder) == [DATASET_FILE]:  # else it goes on saying whose the folder is
                 (folder / DATASET_FILE).unlink()

@@ -47,8 +47,8 @@ def find_jobs(feature: str | None, like: str | None) -> list[FeatureJob]:
     Without `feature`, all audio features of `like` are meant, or librosa35.
     """
     if like is None:
-        made = make_named(FEATURES, "audio", feature or "librosa35", {})
-        return [FeatureJob(made.name, FrameGrid.of(30), made)]
+        plugin = make_named(FEATURES, "audio", feature or "librosa35", {})
+        return [FeatureJob(plugin.name, FrameGrid.of(30), plugin)]
     recipe = _recipe_like(like)
     names = [job.name for job in recipe.audio]
     if not names:
@@ -110,9 +110,9 @@ def write_features(
                     computed = compute(_compute, job, signal, stated[0], song)
                     with atomic_file(path) as temporary, open(temporary, "wb") as file:
                         np.save(file, computed.rows)
-                    about = _about(job, song, signal, computed, stated, path)
-                    write_json(path.with_suffix(".json"), about)
-                    written.append(about)
+                    record = _about(job, song, signal, computed, stated, path)
+                    write_json(path.with_suffix(".json"), record)
+                    written.append(record)
     except OSError as error:
         raise StoreError("the features cannot be written", where=out, found=str(error)) from error
     return written
@@ -151,15 +151,15 @@ def _rows_file(out: Path, song: Path, job: FeatureJob) -> Path:
 
 def _is_free(path: Path) -> bool:
     """Tell whether features may be written to a path: nothing is there, or the features that the .json describes."""
-    about = path.with_suffix(".json")
-    if not os.path.lexists(about):
+    record_path = path.with_suffix(".json")
+    if not os.path.lexists(record_path):
         return not os.path.lexists(path)
     try:
-        found = read_json(about, _MAX_ABOUT_BYTES)
-        if not isinstance(found, dict) or found.get("file") != path.name or "signal_sha256" not in found:
+        record = read_json(record_path, _MAX_ABOUT_BYTES)
+        if not isinstance(record, dict) or record.get("file") != path.name or "signal_sha256" not in record:
             return False
         # Those of earlier versions have no hash of the file.
-        return "sha256" not in found or not os.path.lexists(path) or sha256_file(path) == found["sha256"]
+        return "sha256" not in record or not os.path.lexists(path) or sha256_file(path) == record["sha256"]
     except (OSError, ValueError):
         return False
 
@@ -204,12 +204,12 @@ def _undone_if_it_fails(out: Path) -> Iterator[set[Path]]:
         raise
 
 
-def _weights_of(given: Sequence[str | Path], jobs: Sequence[FeatureJob]) -> dict[str, Path]:
+def _weights_of(options: Sequence[str | Path], jobs: Sequence[FeatureJob]) -> dict[str, Path]:
     """Return the folder of weights for each feature that is given one; UsageError for what no feature takes."""
     networks = [(job.name, job.feature) for job in jobs if isinstance(job.feature, NetworkFeature)]
     takers = [name for name, feature in networks if feature.with_weights(Path()) is not feature]
     folders: dict[str, Path] = {}
-    for text in map(str, given):
+    for text in map(str, options):
         name, named, folder = text.partition("=")
         if not named or (name not in takers and Path(text).expanduser().exists()):
             if len(takers) != 1:
@@ -330,21 +330,23 @@ def _about(
     }
 
 
-def describe_features(out: Path, about: Mapping[str, Any]) -> str:
+def describe_features(out: Path, record: Mapping[str, Any]) -> str:
     """Return the line that `features` prints of a song."""
-    shape = " x ".join(str(n) for n in about["shape"])
-    rate = f"{about['fps']} rows per second"
-    text = f"{shown(out / about['file'])}: {shape} {about['dtype']}, {rate}, {about['scope']} scope"
-    tempo = about["tempo_bpm"]
-    if about["tempo_estimated"] and isinstance(tempo, list):
+    shape = " x ".join(str(n) for n in record["shape"])
+    rate = f"{record['fps']} rows per second"
+    text = f"{shown(out / record['file'])}: {shape} {record['dtype']}, {rate}, {record['scope']} scope"
+    tempo = record["tempo_bpm"]
+    if record["tempo_estimated"] and isinstance(tempo, list):
         return f"{text}; tempo of each window estimated: {min(tempo):.5g} to {max(tempo):.5g} BPM"
-    if about["tempo_estimated"]:
+    if record["tempo_estimated"]:
         return f"{text}; tempo estimated: {tempo:.5g} BPM (--bpm sets it)"
     phrases = {
         "samples": "as the dataset states for this song, known by its samples",
         "name": "as the dataset states for a song of this name, whose samples are others (--bpm sets it)",
     }
-    return f"{text}; tempo {tempo:g} BPM, {phrases[about['tempo_from']]}" if about["tempo_from"] in phrases else text
+    return (
+        f"{text}; tempo {tempo:g} BPM, {phrases[record['tempo_from']]}" if record["tempo_from"] in phrases else text
+    )
 
 
 def _dataset_like(like: str) -> Store | None:

@@ -31,10 +31,10 @@ class Part:
     @classmethod
     def parse(cls, text: str) -> Part:
         """Read "3/16"; UsageError for anything else."""
-        found = re.fullmatch(r"([0-9]{1,6})/([0-9]{1,6})", text.strip())
-        if not found or not 1 <= int(found[1]) <= int(found[2]):
+        match = re.fullmatch(r"([0-9]{1,6})/([0-9]{1,6})", text.strip())
+        if not match or not 1 <= int(match[1]) <= int(match[2]):
             raise UsageError("a part is NUMBER/COUNT", found=repr(text), allowed="such as 1/16 to 16/16")
-        return cls(int(found[1]), int(found[2]))
+        return cls(int(match[1]), int(match[2]))
 
     def __str__(self) -> str:
         return f"{self.number}/{self.count}"
@@ -50,13 +50,13 @@ class Part:
         for ref in clips:
             songs[str(ref.audio_path) if ref.audio_path is not None else f"\0{ref.id}"].append(ref)
         sizes = [(0, number) for number in range(1, self.count + 1)]
-        mine: set[str] = set()
-        for own in sorted(songs.values(), key=lambda own: (-len(own), own[0].id)):
+        chosen: set[str] = set()
+        for of_song in sorted(songs.values(), key=lambda of_song: (-len(of_song), of_song[0].id)):
             size, number = heappop(sizes)
-            heappush(sizes, (size + len(own), number))
+            heappush(sizes, (size + len(of_song), number))
             if number == self.number:
-                mine.update(ref.id for ref in own)
-        return tuple(ref for ref in clips if ref.id in mine)
+                chosen.update(ref.id for ref in of_song)
+        return tuple(ref for ref in clips if ref.id in chosen)
 
 
 @dataclass(frozen=True)
@@ -119,19 +119,19 @@ def build_part(
     # As in the build that collects: what depends on the machine is in the keys.
     recipe = resolve(recipe, store_cache.file_sha256)
     scan = scan_source(recipe, source)
-    mine = part.of(scan.clips)
-    share = replace(scan, clips=mine, rejects=())
+    clips = part.of(scan.clips)
+    share = replace(scan, clips=clips, rejects=())
     with workers_for(recipe, source, store_cache, jobs) as workers:
 
         def run(cache: Cache) -> tuple[Sources, ComputedClips]:
             sources = identify(cache, recipe, share, jobs=workers, progress=progress)
             stop_if_strict(strict, sources.rejects, scan)
-            found = compute_clips(cache, recipe, sources, jobs=workers, progress=progress)
-            stop_if_strict(strict, found.rejects, scan)
-            stop_if_implausible(strict, found.quality)
-            return sources, found
+            computed = compute_clips(cache, recipe, sources, jobs=workers, progress=progress)
+            stop_if_strict(strict, computed.rejects, scan)
+            stop_if_implausible(strict, computed.quality)
+            return sources, computed
 
-        sources, found = with_lost_entries(store_cache, run, progress)
-    left_out = Counter(reject.reason for reject in found.rejects)
+        sources, computed_part = with_lost_entries(store_cache, run, progress)
+    left_out = Counter(reject.reason for reject in computed_part.rejects)
     songs = {clip.signal.path for clip in sources.clips if clip.signal is not None}
-    return PartResult(part, len(scan.clips), len(mine), len(songs), dict(sorted(left_out.items())))
+    return PartResult(part, len(scan.clips), len(clips), len(songs), dict(sorted(left_out.items())))

@@ -105,14 +105,14 @@ class Plan:
         left_out.update({"no_audio": sum(c.n_without_music for c in self.clips)})
         splits = {}
         for split in sort_splits({c.ref.split for c in kept}):
-            mine = [c for c in kept if c.ref.split == split]
+            of_split = [c for c in kept if c.ref.split == split]
             copies = self._copies(split)
-            retimed = [copy for c in mine for copy in c.retimed]
+            retimed = [copy for c in of_split for copy in c.retimed]
             splits[split] = {
-                "clips": len(mine) * copies + len(retimed),
-                "windows": sum(c.n_windows for c in mine) * copies + sum(c.n_windows for c in retimed),
-                "frames": sum(c.n_frames for c in mine) * copies + sum(c.n_frames for c in retimed),
-                "songs": len({c.ref.music for c in mine if c.ref.music}),
+                "clips": len(of_split) * copies + len(retimed),
+                "windows": sum(c.n_windows for c in of_split) * copies + sum(c.n_windows for c in retimed),
+                "frames": sum(c.n_frames for c in of_split) * copies + sum(c.n_frames for c in retimed),
+                "songs": len({c.ref.music for c in of_split if c.ref.music}),
             }
         fields = {f.name: {"columns": f.columns.width, "dtype": f.dtype} for f in header_of(self.recipe, {}).fields}
         cached = {name: units.to_json() for name, units in self.cached.items()}
@@ -135,24 +135,24 @@ class Plan:
 
     def describe(self, out: Path | None = None) -> str:
         """Return the plan as text; `out` is named in its first line."""
-        about = self.to_json()
-        windows = about["recipe"]["windows"]
+        document = self.to_json()
+        windows = document["recipe"]["windows"]
         into = "" if out is None else f" into {shown(out)}"
         lines = [
-            f"{self.recipe.name}{into}: about {size_text(about['bytes'])}",
+            f"{self.recipe.name}{into}: about {size_text(document['bytes'])}",
             f"  {self.recipe.scope} scope, {self.recipe.grid} frames per second, "
             f"windows of {windows['length_frames']} frames every {windows['stride_frames']}",
             *table(
                 ["split", "clips", "windows", "frames", "songs"],
-                [[s, n["clips"], n["windows"], n["frames"], n["songs"]] for s, n in about["splits"].items()],
+                [[s, n["clips"], n["windows"], n["frames"], n["songs"]] for s, n in document["splits"].items()],
             ),
         ]
-        for name, field in about["fields"].items():
+        for name, field in document["fields"].items():
             held = self.cached[name]
             cached = f"in the cache: {held.cached} of {held.of} {held.unit}"
             lines.append(f"  {name}: {field['columns']} columns, {field['dtype']}; {cached}")
         lines += [line if line.startswith(" ") else f"  would leave out: {line}" for line in self._left_out()]
-        return "\n".join([*lines, *(f"  note: {note}" for note in about["notes"])])
+        return "\n".join([*lines, *(f"  note: {note}" for note in document["notes"])])
 
     def _left_out(self) -> list[str]:
         windows = sum(clip.n_without_music for clip in self.clips)
@@ -190,12 +190,12 @@ class Plan:
                 rows = self.recipe.grid.rows_up(frames, of=field.grid)
             else:
                 index = [f.name for f in self.recipe.audio].index(field.name)
-                every: list[tuple[str, Path | None, str, ClipPlan | Retimed]] = []
-                every += [(c.ref.split, c.ref.audio_path, "", c) for c in kept]
-                every += [(c.ref.split, c.ref.audio_path, copy.music, copy) for c, copy in retimed]
-                songs = {(split, path, music): c.audio_rows[index] for split, path, music, c in every}
+                clips: list[tuple[str, Path | None, str, ClipPlan | Retimed]] = []
+                clips += [(c.ref.split, c.ref.audio_path, "", c) for c in kept]
+                clips += [(c.ref.split, c.ref.audio_path, copy.music, copy) for c, copy in retimed]
+                songs = {(split, path, music): c.audio_rows[index] for split, path, music, c in clips}
                 windows = dict.fromkeys(songs, 0)
-                for split, path, music, c in every:
+                for split, path, music, c in clips:
                     windows[split, path, music] = max(windows[split, path, music], c.n_windows * length)
                 rows = sum(songs.values())
                 if by_window:
@@ -214,10 +214,10 @@ def make_plan(
     songs: dict[Path | None, Any] = {}
     if recipe.audio:
         paths = sorted({ref.audio_path for ref in scan.clips if ref.audio_path is not None})
-        found = run_units(
+        lengths = run_units(
             _length, [(path,) for path in paths], jobs=jobs, label="lengths of music", progress=progress
         )
-        songs.update(zip(paths, found, strict=True))
+        songs.update(zip(paths, lengths, strict=True))
     calls = [
         (recipe, ref, songs.get(ref.audio_path, missing_music(ref)) if recipe.audio else None) for ref in scan.clips
     ]
@@ -232,7 +232,7 @@ def _clip_plan(recipe: Recipe, ref: ClipRef, samples: tuple[int, int] | Reject |
     """Plan a clip; `samples` is its music's length and sample rate, why it has none, or None without features."""
     # As in a build: motion and music are both looked at, so that all that is wrong is named.
     motion = _try(lambda: recipe.dataset.load(ref), ref.motion_path)
-    problems = tuple(replace(found, clip=ref.id) for found in (motion, samples) if isinstance(found, Reject))
+    problems = tuple(replace(reject, clip=ref.id) for reject in (motion, samples) if isinstance(reject, Reject))
     if problems or isinstance(samples, Reject):
         return ClipPlan(ref, problems=problems)
     implausible = tuple({"clip": ref.id, **flag.to_json()} for flag in implausible_flags(motion))
@@ -251,7 +251,7 @@ def _clip_plan(recipe: Recipe, ref: ClipRef, samples: tuple[int, int] | Reject |
 
 def _retimed(recipe: Recipe, ref: ClipRef, motion: Motion, samples: tuple[int, int] | None) -> tuple[Retimed, ...]:
     """Plan the copies of a clip at other speeds; those without a window are left out."""
-    found = []
+    copies = []
     for spec in recipe.augment:
         if spec.augmentation.changes != "time":
             continue
@@ -267,16 +267,16 @@ def _retimed(recipe: Recipe, ref: ClipRef, motion: Motion, samples: tuple[int, i
             rows = tuple(job.feature.n_rows(n_samples, samples[1], job.grid) for job in recipe.audio)
         if count:
             n_frames = grid.resampled_length(motion.n_frames, recipe.grid)
-            found.append(Retimed(speed, n_frames, count, rows, spec.music_of(ref.music, ref.id)))
-    return tuple(found)
+            copies.append(Retimed(speed, n_frames, count, rows, spec.music_of(ref.music, ref.id)))
+    return tuple(copies)
 
 
 def _length(path: Path) -> tuple[int, int] | Reject:
     """Return samples and sample rate of a file, or what is wrong with it."""
     from dancedata.audio.signal import audio_length
 
-    found: tuple[int, int] | Reject = _try(lambda: audio_length(path), path)
-    return found
+    length: tuple[int, int] | Reject = _try(lambda: audio_length(path), path)
+    return length
 
 
 def _try(call: Callable[[], Any], file: Path) -> Any:

@@ -59,15 +59,15 @@ def cached_units(
     A file is known by its path, size, time of change and inode. One that no build has seen counts as not cached,
     though a copy of it elsewhere may have been computed.
     """
-    found = _motion(cache, recipe, [ref for ref, _ in clips])
+    units = _motion(cache, recipe, [ref for ref, _ in clips])
     signals = {path: known_signal(cache, path) for path in {r.audio_path for r, _ in clips} if path is not None}
     for job in recipe.audio:
-        found[job.name] = _audio(cache, job, [*((ref, n, Fraction(1)) for ref, n in clips), *retimed], signals)
-    return found
+        units[job.name] = _audio(cache, job, [*((ref, n, Fraction(1)) for ref, n in clips), *retimed], signals)
+    return units
 
 
 def _motion(cache: Cache, recipe: Recipe, refs: Sequence[ClipRef]) -> dict[str, Cached]:
-    names = [own.name for own in recipe.clip_fields]
+    names = [clip_field.name for clip_field in recipe.clip_fields]
     held = dict.fromkeys(names, 0)
     encoded = [spec for spec in recipe.augment if spec.augmentation.changes != "rows"]
     of = len(refs) + len(encoded) * sum(is_copied(ref.split) for ref in refs)
@@ -77,22 +77,22 @@ def _motion(cache: Cache, recipe: Recipe, refs: Sequence[ClipRef]) -> dict[str, 
         # A body model that no build has read.
         return {name: Cached("clips", 0, of) for name in names}
     for spec in (None, *encoded):
-        every = MotionKeys(recipe, content, spec)
+        motion_keys = MotionKeys(recipe, content, spec)
         for ref in refs if spec is None else (ref for ref in refs if is_copied(ref.split)):
-            for name in _fields_held(cache, every, ref):
+            for name in _fields_held(cache, motion_keys, ref):
                 held[name] += 1
     return {name: Cached("clips", held[name], of) for name in names}
 
 
-def _fields_held(cache: Cache, every: MotionKeys, ref: ClipRef) -> list[str]:
+def _fields_held(cache: Cache, motion_keys: MotionKeys, ref: ClipRef) -> list[str]:
     """Return the fields of a clip that a build would not compute."""
     sha256 = cache.known_sha256(ref.motion_path)
     if sha256 is None:
         return []
-    keys = every.of(ref, sha256)
+    keys = motion_keys.of(ref, sha256)
     # A clip of which one thing is missing is loaded, and only that is made.
-    known = cache.holds("clips", keys.info, "json")
-    return [name for name, key in keys.fields.items() if known and cache.holds("motion", key)]
+    is_cached = cache.holds("clips", keys.info, "json")
+    return [name for name, key in keys.fields.items() if is_cached and cache.holds("motion", key)]
 
 
 def _audio(
@@ -103,7 +103,7 @@ def _audio(
 ) -> Cached:
     unit = "songs" if job.windows is None else "windows"
     ready = _resolved(cache, job)
-    known: set[str] = set()
+    counted: set[str] = set()
     unknown: set[tuple[Any, ...]] = set()
     keys = None if ready is None else FeatureKeys(ready)
     for ref, n_windows, speed in clips:
@@ -113,10 +113,10 @@ def _audio(
         if signal is None or keys is None:
             unknown.update((ref.audio_path, bpm, speed, number) for number in numbers)
         elif job.windows is None:
-            known.add(keys.track(bpm, signal.at_speed(speed).sha256))
+            counted.add(keys.track(bpm, signal.at_speed(speed).sha256))
         else:
-            known.update(keys.window(bpm, signal.at_speed(speed), number) for number in numbers)
-    return Cached(unit, sum(cache.holds("features", key) for key in known), len(known) + len(unknown))
+            counted.update(keys.window(bpm, signal.at_speed(speed), number) for number in numbers)
+    return Cached(unit, sum(cache.holds("features", key) for key in counted), len(counted) + len(unknown))
 
 
 def _resolved(cache: Cache, job: FeatureJob) -> FeatureJob | None:
@@ -149,9 +149,9 @@ class _UnknownError(Exception):
 
 def _known(cache: Cache) -> Callable[[Path], str]:
     def sha256(path: Path) -> str:
-        found = cache.known_sha256(path)
-        if found is None:
+        sha256 = cache.known_sha256(path)
+        if sha256 is None:
             raise _UnknownError
-        return found
+        return sha256
 
     return sha256

@@ -65,8 +65,12 @@ class SourceMusic:
         if not source.is_dir():
             raise SourceError("the folder of the music does not exist", where=source)
         originals = [clip for clip in store.clips if not clip.source]
-        found = _listed(store, source) or _named(originals, source)
-        files = {clip.id: found[clip.source or clip.id] for clip in store.clips if (clip.source or clip.id) in found}
+        recordings = _listed(store, source) or _named(originals, source)
+        files = {
+            clip.id: recordings[clip.source or clip.id]
+            for clip in store.clips
+            if (clip.source or clip.id) in recordings
+        }
         return cls(source, files, music_hashes(store.meta))
 
     def missing(self, clips: list[ClipView]) -> list[str]:
@@ -134,16 +138,18 @@ def _listed(store: Store, source: Path) -> dict[str, Path]:
 def dataset_of(store: Store) -> Dataset | None:
     """Return the reader of a store's source, with its recipe's parameters; None where it is not known."""
     recipe = store.meta.get("recipe")
-    given = recipe.get("dataset") if isinstance(recipe, Mapping) else None
-    return one_of(DATASETS, "dataset", given, []) if isinstance(given, Mapping) else None
+    dataset = recipe.get("dataset") if isinstance(recipe, Mapping) else None
+    return one_of(DATASETS, "dataset", dataset, []) if isinstance(dataset, Mapping) else None
 
 
 def _named(clips: list[ClipView], source: Path) -> dict[str, Path]:
     """Return files that have the name of a clip, or else of its song."""
     files: dict[str, Path] = {}
     for path in sorted(p for p in source.rglob("*") if p.suffix.lower() in AUDIO_SUFFIXES and p.is_file()):
-        known = files.get(path.stem)
-        if known is None or AUDIO_SUFFIXES.index(path.suffix.lower()) < AUDIO_SUFFIXES.index(known.suffix.lower()):
+        candidate = files.get(path.stem)
+        if candidate is None or AUDIO_SUFFIXES.index(path.suffix.lower()) < AUDIO_SUFFIXES.index(
+            candidate.suffix.lower()
+        ):
             files[path.stem] = path
-    found = {clip.id: files.get(clip.id) or files.get(clip.music) for clip in clips}
-    return {clip: path for clip, path in found.items() if path is not None}
+    by_clip = {clip.id: files.get(clip.id) or files.get(clip.music) for clip in clips}
+    return {clip: path for clip, path in by_clip.items() if path is not None}

@@ -109,16 +109,16 @@ def source_differences(
     if old.clips is None or new.clips is None:
         return [SourceDifference("which files differ is not recorded in a dataset of an earlier version", ())]
     common = [clip for clip in old.clips if clip in new.clips]
-    found = _changed_files(old, new, common)
-    found += _changed_about(old, new, common, then, now) if about else []
-    found += _moved(old, new, then, now)
-    found += _spare_files(old, new, then, now)
+    differences = _changed_files(old, new, common)
+    differences += _changed_about(old, new, common, then, now) if about else []
+    differences += _moved(old, new, then, now)
+    differences += _spare_files(old, new, then, now)
     content = sorted(key for key in {*old.content, *new.content} if old.content.get(key) != new.content.get(key))
-    return [*found, *([SourceDifference("other content", tuple(content))] if content else [])]
+    return [*differences, *([SourceDifference("other content", tuple(content))] if content else [])]
 
 
-def _hashes(about: Any, motion: str, music: str | None) -> str:
-    return " ".join((motion[:DIGITS], (music or NO_MUSIC)[:DIGITS], json_sha256(about)[:DIGITS]))
+def _hashes(entry: Any, motion: str, music: str | None) -> str:
+    return " ".join((motion[:DIGITS], (music or NO_MUSIC)[:DIGITS], json_sha256(entry)[:DIGITS]))
 
 
 def _files(ref: ClipRef, source: Path) -> tuple[str, str]:
@@ -129,13 +129,13 @@ def _files(ref: ClipRef, source: Path) -> tuple[str, str]:
 
 def _changed_files(old: SourceRecord, new: SourceRecord, common: Sequence[str]) -> list[SourceDifference]:
     """Return clips whose files have other content, by the files where they are known."""
-    found = []
+    differences = []
     for place, what in enumerate(("motion", "music")):
         clips = [clip for clip in common if _part(old, clip, place) != _part(new, clip, place)]
         files = dict.fromkeys(new.files[clip][place] or clip if clip in new.files else clip for clip in clips)
         if clips:
-            found.append(SourceDifference(f"other {what} of {counted(len(clips), 'clip')}", tuple(files)))
-    return found
+            differences.append(SourceDifference(f"other {what} of {counted(len(clips), 'clip')}", tuple(files)))
+    return differences
 
 
 def _changed_about(
@@ -144,16 +144,16 @@ def _changed_about(
     changed = [clip for clip in common if _part(old, clip, 2) != _part(new, clip, 2)]
     by_key: dict[str, list[str]] = {}
     for clip in changed:
-        mine, other = old.about.get(clip, {}), new.about.get(clip, {})
-        keys = [key for key in _ABOUT if key in mine and key in other and mine[key] != other[key]]
+        ours, theirs = old.about.get(clip, {}), new.about.get(clip, {})
+        keys = [key for key in _ABOUT if key in ours and key in theirs and ours[key] != theirs[key]]
         for key in keys or ["what is declared"]:
             by_key.setdefault(key, []).append(clip)
-    found = []
+    differences = []
     for key, clips in by_key.items():
         first = clips[0]
         values = f", as {old.about[first][key]!r} {then}, {new.about[first][key]!r} {now}" if key in _ABOUT else ""
-        found.append(SourceDifference(f"{key} of {counted(len(clips), 'clip')}{values}", tuple(clips)))
-    return found
+        differences.append(SourceDifference(f"{key} of {counted(len(clips), 'clip')}{values}", tuple(clips)))
+    return differences
 
 
 def _moved(old: SourceRecord, new: SourceRecord, then: str, now: str) -> list[SourceDifference]:
@@ -179,12 +179,12 @@ def _spare_files(old: SourceRecord, new: SourceRecord, then: str, now: str) -> l
     """Return files of no clip, such as unused music, that only one of the sources has."""
     # By name: where they lie shapes nothing.
     spare = [{(r.reason, Path(r.file).name) for r in record.left_out if not r.clip} for record in (old, new)]
-    found = []
-    for mine, other, when in ((spare[0], spare[1], then), (spare[1], spare[0], now)):
-        for reason in sorted({reason for reason, _ in mine - other}):
-            names = sorted(name for r, name in mine - other if r == reason)
-            found.append(SourceDifference(f"{reason}, only {when}", tuple(names)))
-    return found
+    differences = []
+    for ours, theirs, when in ((spare[0], spare[1], then), (spare[1], spare[0], now)):
+        for reason in sorted({reason for reason, _ in ours - theirs}):
+            names = sorted(name for r, name in ours - theirs if r == reason)
+            differences.append(SourceDifference(f"{reason}, only {when}", tuple(names)))
+    return differences
 
 
 def _part(record: SourceRecord, clip: str, place: int) -> str:

@@ -45,8 +45,8 @@ class SourceClip:
     def inputs(self) -> tuple[list[Any], str, str | None]:
         """Return what goes into a dataset: the clip's metadata, and the hashes of its motion and music."""
         ref = self.ref
-        about = [ref.id, ref.split, ref.music, ref.tempo_bpm, ref.genre, ref.dancer, ref.lists, ref.declared]
-        return about, self.motion_sha256, self.signal.sha256 if self.signal else None
+        attributes = [ref.id, ref.split, ref.music, ref.tempo_bpm, ref.genre, ref.dancer, ref.lists, ref.declared]
+        return attributes, self.motion_sha256, self.signal.sha256 if self.signal else None
 
 
 @dataclass(frozen=True)
@@ -85,9 +85,9 @@ def scan_source(recipe: Recipe, source: Path) -> Scan:
         If two clips have one id, or clips are kept without the music that the recipe needs.
     """
     scan = exactly(recipe.dataset.scan, source) if recipe.dataset.generates else recipe.dataset.scan(source)
-    known: dict[str, ClipRef] = {}
+    clips_by_id: dict[str, ClipRef] = {}
     for ref in scan.clips:
-        other = known.setdefault(ref.id, ref)
+        other = clips_by_id.setdefault(ref.id, ref)
         if other is not ref:
             raise SourceError(
                 "two clips have the same id",
@@ -146,23 +146,25 @@ def _with_valid_names(clips: Sequence[ClipRef]) -> tuple[list[ClipRef], list[Rej
 def _hash_motion(cache: Cache, refs: Sequence[ClipRef], progress: Progress) -> dict[Path, str | Reject]:
     paths = list(dict.fromkeys(ref.motion_path for ref in refs))
     calls = [(cache, path) for path in paths]
-    known = [known_hash(cache, path) for path in paths]
-    found = run_units(hash_motion, calls, known=known, jobs=1, label="hashing motion", progress=progress, exact=False)
-    return dict(zip(paths, found, strict=True))
+    cached = [known_hash(cache, path) for path in paths]
+    hashes = run_units(
+        hash_motion, calls, known=cached, jobs=1, label="hashing motion", progress=progress, exact=False
+    )
+    return dict(zip(paths, hashes, strict=True))
 
 
 def _identify_music(
     cache: Cache, refs: Sequence[ClipRef], jobs: Jobs, progress: Progress
 ) -> dict[Path, SignalId | Reject]:
     paths = sorted({ref.audio_path for ref in refs if ref.audio_path is not None})
-    known = [known_signal(cache, path) for path in paths]
+    cached = [known_signal(cache, path) for path in paths]
     calls = [(cache, path) for path in paths]
-    found = run_units(identify_audio, calls, known=known, jobs=jobs, label="decoding music", progress=progress)
-    return dict(zip(paths, found, strict=True))
+    signals = run_units(identify_audio, calls, known=cached, jobs=jobs, label="decoding music", progress=progress)
+    return dict(zip(paths, signals, strict=True))
 
 
 def _with_music(ref: ClipRef, sha256: str, signals: Mapping[Path, SignalId | Reject]) -> SourceClip:
-    found = missing_music(ref) if ref.audio_path is None else signals[ref.audio_path]
-    if isinstance(found, Reject):
-        return SourceClip(ref, sha256, music_problem=replace(found, clip=ref.id))
-    return SourceClip(ref, sha256, found)
+    signal = missing_music(ref) if ref.audio_path is None else signals[ref.audio_path]
+    if isinstance(signal, Reject):
+        return SourceClip(ref, sha256, music_problem=replace(signal, clip=ref.id))
+    return SourceClip(ref, sha256, signal)

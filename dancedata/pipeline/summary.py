@@ -34,7 +34,7 @@ It is plain HDF5: any tool that reads HDF5 reads it.
 """
 
 
-def dataset_card(recipe: Recipe, scan: Scan, found: ComputedClips, songs: Mapping[str, str]) -> str:
+def dataset_card(recipe: Recipe, scan: Scan, computed: ComputedClips, songs: Mapping[str, str]) -> str:
     """Return the card's Markdown: what the dataset holds, where from, under which terms, what was left out.
 
     Parameters
@@ -42,14 +42,14 @@ def dataset_card(recipe: Recipe, scan: Scan, found: ComputedClips, songs: Mappin
     songs
         Song of each clip, by the clip's id.
     """
-    splits = sort_splits({c.split for c in found.clips})
+    splits = sort_splits({c.split for c in computed.clips})
     parts = [
         f"# {recipe.name}\n\n{recipe.description or 'Built by dancedata.'}\n",
-        _splits_table(recipe, found.clips, splits, songs),
+        _splits_table(recipe, computed.clips, splits, songs),
         _fields_list(recipe),
         _FIRST_LOOK.format(split=splits[0], field=recipe.motion[0].name),
         _source(recipe, scan),
-        _card_left_out(found),
+        _card_left_out(computed),
     ]
     return "\n".join(parts)
 
@@ -59,27 +59,33 @@ def _splits_table(
 ) -> str:
     rows = ["| split | clips | windows | songs | minutes |", "|---|---|---|---|---|"]
     for split in splits:
-        mine = [c for c in clips if c.split == split]
-        minutes = float(recipe.grid.seconds(sum(c.n_frames for c in mine)) / 60)
-        n_songs = len({songs[c.id] for c in mine if c.id in songs})
-        rows.append(f"| {split} | {len(mine)} | {sum(len(c.starts) for c in mine)} | {n_songs} | {minutes:.1f} |")
+        of_split = [c for c in clips if c.split == split]
+        minutes = float(recipe.grid.seconds(sum(c.n_frames for c in of_split)) / 60)
+        n_songs = len({songs[c.id] for c in of_split if c.id in songs})
+        rows.append(
+            f"| {split} | {len(of_split)} | {sum(len(c.starts) for c in of_split)} | {n_songs} | {minutes:.1f} |"
+        )
     length_s, stride_s = recipe.windows.length_s, recipe.windows.stride_s
     windows = f"Windows of {length_s:g} s every {stride_s:g} s"
-    about = f"{windows} at {recipe.grid} frames per second, scope: {recipe.scope}."
-    return "\n".join(["## Splits", "", *rows, "", about, ""])
+    text = f"{windows} at {recipe.grid} frames per second, scope: {recipe.scope}."
+    return "\n".join(["## Splits", "", *rows, "", text, ""])
 
 
 def _fields_list(recipe: Recipe) -> str:
     lines = ["## Fields", ""]
-    for own in recipe.motion:
-        rule = f", contacts by {own.contacts.name}" if own.contacts is not None else ""
-        lines.append(f"- `{own.name}`: {own.columns.width} columns, {own.representation.axes}{rule}")
+    for motion_field in recipe.motion:
+        rule = f", contacts by {motion_field.contacts.name}" if motion_field.contacts is not None else ""
+        lines.append(
+            f"- `{motion_field.name}`: {motion_field.columns.width} columns, {motion_field.representation.axes}{rule}"
+        )
     for finder in recipe.keymotion:
         lines.append(f"- `{finder.name}`: key motions, {', '.join(finder.columns.labels)}")
     for job in recipe.audio:
-        about = job.feature.about if isinstance(job.feature, NetworkFeature) else {}
-        made = f", by {about['model']}, licence of its weights: {about['licence']}" if "licence" in about else ""
-        lines.append(f"- `{job.name}`: {job.columns.width} columns{made}")
+        network = job.feature.about if isinstance(job.feature, NetworkFeature) else {}
+        origin = (
+            f", by {network['model']}, licence of its weights: {network['licence']}" if "licence" in network else ""
+        )
+        lines.append(f"- `{job.name}`: {job.columns.width} columns{origin}")
     return "\n".join([*lines, ""])
 
 
@@ -91,10 +97,10 @@ def _source(recipe: Recipe, scan: Scan) -> str:
     )
 
 
-def _card_left_out(found: ComputedClips) -> str:
-    counts = Counter(r.reason for r in found.rejects)
+def _card_left_out(computed: ComputedClips) -> str:
+    counts = Counter(r.reason for r in computed.rejects)
     lines = [f"- {reason}: {n}" for reason, n in sorted(counts.items())] or ["- nothing"]
-    flags = f"{len(found.quality)} quality flags in quality.jsonl; what they point at was not repaired."
+    flags = f"{len(computed.quality)} quality flags in quality.jsonl; what they point at was not repaired."
     return "\n".join(["## Left out (rejects.jsonl)", "", *lines, "", flags, ""])
 
 
@@ -209,5 +215,5 @@ def _flagged(flags: Sequence[Mapping[str, Any]]) -> list[str]:
         clips.setdefault(str(flag["kind"]), set()).add(str(flag["clip"]))
     if not clips:
         return []
-    kinds = ", ".join(f"{kind} in {counted(len(own), 'clip')}" for kind, own in sorted(clips.items()))
+    kinds = ", ".join(f"{kind} in {counted(len(of_kind), 'clip')}" for kind, of_kind in sorted(clips.items()))
     return [f"  flagged, not repaired (quality.jsonl): {kinds}"]

@@ -27,7 +27,7 @@ def filtered_windows(
     if chosen is None or ref.split not in chosen.splits or not starts:
         return starts, []
     rows = np.asarray(motion.arrays[chosen.field])
-    field = next(own for own in recipe.clip_fields if own.name == chosen.field)
+    field = next(clip_field for clip_field in recipe.clip_fields if clip_field.name == chosen.field)
     length = recipe.grid.rows(recipe.windows.length, of=field.grid)
     kept, rejects = [], []
     for start in starts:

@@ -112,8 +112,8 @@ def axes_or_new(axes: Axes | None, width: float, height: float) -> Axes:
     if axes is not None:
         return axes
     figure = load("matplotlib.figure", "report", "a figure").Figure(figsize=(width, height), layout="constrained")
-    made: Axes = figure.subplots()
-    return made
+    new_axes: Axes = figure.subplots()
+    return new_axes
 
 
 #: Colours of the middle, the left and the right of a body: told apart with every kind of colour vision.

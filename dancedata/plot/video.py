@@ -44,9 +44,9 @@ def find_ffmpeg() -> str:
     UsageError
         If there is none.
     """
-    own = shutil.which("ffmpeg")
-    if own is not None:
-        return own
+    installed = shutil.which("ffmpeg")
+    if installed is not None:
+        return installed
     instead = "Or install ffmpeg with the packages of your system"
     require("video", ["imageio_ffmpeg"], what="a video needs ffmpeg, or its Python package:", instead=instead)
     try:
@@ -262,10 +262,10 @@ def _times(scene: Scene, figure: Figure, start_s: float, length_s: float | None)
 
 def _sound(store: Store, item: Item, source: Path, times: Float64Array, figure: Figure) -> AudioSignal:
     """Return the music of the frames; silence where it ends before them."""
-    found = ClipSource(store, source).sound(item)
-    if found is None:
+    sound = ClipSource(store, source).sound(item)
+    if sound is None:
         raise UsageError("there is no music for this clip", where=source, found=f"clip {shown(item.id)}")
-    music = found.signal
+    music = sound.signal
     first = round(float(times[0]) * music.sample_rate)
     n = round(float(figure.grid.seconds(len(times))) * music.sample_rate)
     part = music.samples[first : first + n]

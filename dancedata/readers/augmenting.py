@@ -127,17 +127,19 @@ class Augmenter:
         UsageError
             For an unknown augmentation or parameter, and for one that cannot change these samples.
         """
-        own = sample_fields(store, names)
+        sample_fields_ = sample_fields(store, names)
         steps = tuple(_numbered(_steps(augment)))
         for step in steps:
-            _check(step, own, store)
+            _check(step, sample_fields_, store)
             _check_windows(step, store, allow_crop)
             if mirrored and step.augmentation.name == "mirror":
                 raise UsageError(
                     "samples are mirrored twice", fix="give mirror= or augment={'mirror': ...}, not both"
                 )
-        droppable = tuple(dict.fromkeys(name for step in steps for name in step.augmentation.droppable(own)))
-        return cls(own, steps, seed, droppable)
+        droppable = tuple(
+            dict.fromkeys(name for step in steps for name in step.augmentation.droppable(sample_fields_))
+        )
+        return cls(sample_fields_, steps, seed, droppable)
 
     @classmethod
     def covering(cls, store: Store, names: Sequence[str], augment: Augment) -> Augmenter:
@@ -166,33 +168,35 @@ class Augmenter:
         """
         if not self.steps:
             return rows
-        own = next(known for known in self.fields if known.name == field)
-        if own.kind == "audio":
+        sample_field = next(candidate for candidate in self.fields if candidate.name == field)
+        if sample_field.kind == "audio":
             return rows
         for step in self._happening(epoch, index):
             read_only = rows.view()
             read_only.flags.writeable = False
-            made = np.asarray(step.augmentation.change_sample(read_only, own, self._draw(step, epoch, index)))
-            if made is read_only:
+            changed = np.asarray(
+                step.augmentation.change_sample(read_only, sample_field, self._draw(step, epoch, index))
+            )
+            if changed is read_only:
                 continue
-            if made.shape != rows.shape:
+            if changed.shape != rows.shape:
                 raise UsageError(
                     f"the augmentation {step.name} changes the shape of rows",
                     where=f"field {field}",
-                    found=made.shape,
+                    found=changed.shape,
                     allowed=rows.shape,
                 )
-            rows = made.astype(rows.dtype, copy=False)
+            rows = changed.astype(rows.dtype, copy=False)
         return rows
 
     def dropped(self, epoch: int, index: int) -> tuple[str, ...]:
         """Return the names of the fields of sample `index` that are masked."""
         if not self.droppable:
             return ()
-        found: list[str] = []
+        names: list[str] = []
         for step in self._happening(epoch, index):
-            found += step.augmentation.dropped(self.fields, self._draw(step, epoch, index))
-        return tuple(dict.fromkeys(found))
+            names += step.augmentation.dropped(self.fields, self._draw(step, epoch, index))
+        return tuple(dict.fromkeys(names))
 
     def changes(self, epoch: int, index: int) -> tuple[str, ...]:
         """Return the names of the augmentations that change sample `index`, in their order."""
@@ -200,13 +204,13 @@ class Augmenter:
 
     def scaler(self, field: str, scaler: MinMax) -> MinMax:
         """Return the scaler of a field whose range covers what augmentations make of motion."""
-        own = next(known for known in self.fields if known.name == field)
-        if own.kind != "motion":
+        sample_field = next(candidate for candidate in self.fields if candidate.name == field)
+        if sample_field.kind != "motion":
             return scaler
         low, high = scaler.data_min, scaler.data_max
         for step in self.steps:
             if step.p > 0:
-                low, high = step.augmentation.scaler_bounds(low, high, own)
+                low, high = step.augmentation.scaler_bounds(low, high, sample_field)
         return scaler if low is scaler.data_min and high is scaler.data_max else scaler.with_range(low, high)
 
     def _happening(self, epoch: int, index: int) -> Iterator[_Step]:
@@ -231,22 +235,22 @@ def _steps(augment: Augment | None) -> Iterator[_Step]:
         elif isinstance(item, str):
             yield _named(item, None)
         elif isinstance(item, Mapping):
-            yield from (_named(name, own) for name, own in item.items() if own is not False)
+            yield from (_named(name, parameters) for name, parameters in item.items() if parameters is not False)
         else:
             raise UsageError("not an augmentation", found=item, allowed="a plug-in, a name, or {name: parameters}")
 
 
-def _named(name: str, given: Any) -> _Step:
+def _named(name: str, entry: Any) -> _Step:
     """Make a step from a name, PLUGIN or PLUGIN.NAME, and parameters or a probability."""
     plugin = name if name in AUGMENTATIONS.names() else str(name).partition(".")[0]
     cls: type[Any] = AUGMENTATIONS.get(plugin)
-    if isinstance(given, int | float) and not isinstance(given, bool):
-        given = {"p": given}
-    if given is not None and given is not True and not isinstance(given, Mapping):
+    if isinstance(entry, int | float) and not isinstance(entry, bool):
+        entry = {"p": entry}
+    if entry is not None and entry is not True and not isinstance(entry, Mapping):
         raise UsageError(
-            f"augment: {name}: neither parameters nor a probability", found=given, allowed='such as {"p": 0.5}'
+            f"augment: {name}: neither parameters nor a probability", found=entry, allowed='such as {"p": 0.5}'
         )
-    parameters = dict(given) if isinstance(given, Mapping) else {}
+    parameters = dict(entry) if isinstance(entry, Mapping) else {}
     chance = 1.0
     if "p" not in {f.name for f in fields(cls)}:
         chance = probability(f"augment: {name}: p", parameters.pop("p", 1.0))
@@ -271,12 +275,12 @@ def _numbered(steps: Iterator[_Step]) -> Iterator[_Step]:
         yield step if nth == 1 else _Step(f"{step.name}#{nth}", step.augmentation, step.p)
 
 
-def _check(step: _Step, own: Sequence[SampleField], store: Store) -> None:
+def _check(step: _Step, sample_fields: Sequence[SampleField], store: Store) -> None:
     """Raise UsageError if an augmentation cannot change samples with these fields."""
-    made = step.augmentation
-    for field in own:
+    augmentation = step.augmentation
+    for field in sample_fields:
         try:
-            made.check_sample(field)
+            augmentation.check_sample(field)
         except UsageError as error:
             raise UsageError(
                 f"the augmentation {step.name} cannot change field {field.name!r}: {error}", where=str(store.path)
@@ -285,13 +289,13 @@ def _check(step: _Step, own: Sequence[SampleField], store: Store) -> None:
 
 def _check_windows(step: _Step, store: Store, allow_crop: bool) -> None:
     """Raise UsageError if an augmentation cannot choose windows here."""
-    made = step.augmentation
-    if made.chooses_windows and not allow_crop:
+    augmentation = step.augmentation
+    if augmentation.chooses_windows and not allow_crop:
         raise UsageError(
             f"the augmentation {step.name} chooses windows, and whole clips are read",
             fix="read windows: WindowDataset(..., augment=['crop'])",
         )
-    if made.chooses_windows and store.scope == "window":
+    if augmentation.chooses_windows and store.scope == "window":
         raise UsageError(
             f"the augmentation {step.name} reads other windows than the stored ones",
             where=str(store.path),

@@ -119,8 +119,8 @@ class BatchLoader:
                 fix="leave it out, or give EpochSampler(..., shuffle=True)",
             )
         self._own = EpochSampler(len(dataset), seed=dataset.seed) if shuffle else None
-        given: Iterable[int] = SequentialSampler(dataset) if sampler is None else sampler
-        self.sampler = given if self._own is None else self._own
+        indices: Iterable[int] = SequentialSampler(dataset) if sampler is None else sampler
+        self.sampler = indices if self._own is None else self._own
         self.drop_last = bool(drop_last)
         self.pinned = bool(pin_memory) and torch.cuda.is_available()
         if pin_memory and not self.pinned:
@@ -200,12 +200,12 @@ class _Iteration(Iterator[dict[str, Any]]):
             if not self._pending:
                 raise StopIteration
             tensors, reading = self._pending.popleft()
-            about = reading.result()
+            metadata = reading.result()
         except BaseException:
             self._ended = True
             self.close()
             raise
-        return {**tensors, **about}
+        return {**tensors, **metadata}
 
     def close(self) -> None:
         """Stop the threads, once each of them has finished its batch."""
@@ -241,8 +241,8 @@ def _read(dataset: WindowDataset, reader: BatchReader, request: Request, tensors
     return {name: default_collate(values) for name, values in dataset._metadata(request).items()}
 
 
-def _at_least_1(**given: int) -> int:
-    ((name, value),) = given.items()
+def _at_least_1(**options: int) -> int:
+    ((name, value),) = options.items()
     number = whole(name, value)
     if number < 1:
         raise UsageError(f"{name} is too small", found=number, allowed="1 or more")

@@ -258,18 +258,18 @@ class BatchReader:
     @cached_property
     def layout(self) -> Mapping[str, tuple[tuple[int, ...], np.dtype[Any]]]:
         """Shape and type of every array of one sample, in a sample's order."""
-        found: dict[str, tuple[tuple[int, ...], np.dtype[Any]]] = {}
+        layouts: dict[str, tuple[tuple[int, ...], np.dtype[Any]]] = {}
         for field in self.fields:
             if self._primitives is not None and field.name == self._primitives.field:
                 rows = np.empty(field.rows.shape, dtype=field.rows.dtype)
                 field.read(0, 0, False, rows)
                 arrays = self._primitives.of(self._store, self._windows[0], rows, 0)
-                found.update({name: (value.shape, value.dtype) for name, value in arrays.items()})
-                found[PRIMITIVES] = arrays[PRIMITIVES].shape, field.dtype
+                layouts.update({name: (value.shape, value.dtype) for name, value in arrays.items()})
+                layouts[PRIMITIVES] = arrays[PRIMITIVES].shape, field.dtype
             if self._labels is not None and field.name == self._labels.field:
-                found.update({label: (field.rows.shape[:1], np.dtype(np.bool_)) for label in LABELS})
-            found[field.name] = field.rows.shape, field.dtype
-        return found
+                layouts.update({label: (field.rows.shape[:1], np.dtype(np.bool_)) for label in LABELS})
+            layouts[field.name] = field.rows.shape, field.dtype
+        return layouts
 
     def __call__(self, request: Request, out: Mapping[str, Array]) -> None:
         """Read windows into `out`: an array (B, *shape) for each name in `layout`.
@@ -286,8 +286,8 @@ class BatchReader:
                 if self._primitives is not None and field.name == self._primitives.field:
                     self._add_primitives(field, request, nth, rows, out)
                 if self._labels is not None and field.name == self._labels.field:
-                    for label, own in self._labels.of(rows).items():
-                        out[label][nth] = own
+                    for label, values in self._labels.of(rows).items():
+                        out[label][nth] = values
                 scaled = field.scale(rows)
                 if scaled is not rows or target.dtype != rows.dtype:
                     target[nth] = scaled
@@ -319,7 +319,7 @@ class BatchReader:
         place = request.places[nth]
         window = self._windows[place]
         window = replace(window, start=window.start + request.shifts[nth])
-        found = self._primitives.of(self._store, window, rows, self._bias(place, request.epoch))
-        found[PRIMITIVES] = field.scale(found[PRIMITIVES])
-        for name, value in found.items():
+        primitives_of_window = self._primitives.of(self._store, window, rows, self._bias(place, request.epoch))
+        primitives_of_window[PRIMITIVES] = field.scale(primitives_of_window[PRIMITIVES])
+        for name, value in primitives_of_window.items():
             out[name][nth] = value

@@ -146,11 +146,11 @@ class BatchStream(IterableDataset[Any]):
 
     def __iter__(self) -> Iterator[Any]:
         worker = get_worker_info()
-        first, every = (worker.id, worker.num_workers) if worker is not None else (0, 1)
+        first, step_size = (worker.id, worker.num_workers) if worker is not None else (0, 1)
         step, stop = self.start_step + first, None if self.n_steps is None else self.start_step + self.n_steps
         while stop is None or step < stop:
             yield self.batch(step)
-            step += every
+            step += step_size
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_order": None}

@@ -110,13 +110,13 @@ class BucketSampler(Sampler[list[int]]):
 
     def batches(self, epoch: int) -> list[npt.NDArray[np.int64]]:
         """Return all batches of an epoch, bucket by bucket, before they are shuffled and dealt to the ranks."""
-        found: list[npt.NDArray[np.int64]] = []
+        batches_: list[npt.NDArray[np.int64]] = []
         for number, (bucket, size) in enumerate(zip(self._buckets, self._sizes, strict=True)):
             if self.shuffle:
                 bucket = bucket[permutation(len(bucket), self.seed, _BUCKET_STREAM, epoch, number)]
             stop = len(bucket) // size * size if self.drop_last else len(bucket)
-            found += [bucket[first : first + size] for first in range(0, stop, size)]
-        return found
+            batches_ += [bucket[first : first + size] for first in range(0, stop, size)]
+        return batches_
 
     def order(self, epoch: int) -> list[npt.NDArray[np.int64]]:
         """Return this rank's batches of an epoch, in their order; changes nothing."""

@@ -153,11 +153,11 @@ class ClipDataset(SplitDataset):
         shifts = self._random_starts(epoch, places) - self.windows.start[places]
         request = Request(tuple(places), tuple(mirrored.tolist()), tuple(shifts.tolist()), epoch)
         cuts = replace(self.windows, length=self.lengths)
-        about = self._metadata(request, cuts, () if self.crop_frames is None else ("crop",))
+        metadata = self._metadata(request, cuts, () if self.crop_frames is None else ("crop",))
         return [
             {name: self._rows(request, nth, name) for name in self.fields}
             | self._labels(request, nth)
-            | {name: values[nth] for name, values in about.items()}
+            | {name: values[nth] for name, values in metadata.items()}
             for nth in range(len(places))
         ]
 
@@ -192,13 +192,15 @@ class ClipDataset(SplitDataset):
         """Return the clips that hold a crop, with a reject for each of the others."""
         least = self.crop_frames or 1
         short = [span for span in spans if span.length < least]
-        found = [Reject("too_short", span.clip, detail=f"{span.length} frames: a crop has {least}") for span in short]
+        too_short = [
+            Reject("too_short", span.clip, detail=f"{span.length} frames: a crop has {least}") for span in short
+        ]
         spans = spans.take(spans.length >= least)
         if self.start_at is None:
-            return spans, (*rejects, *found)
+            return spans, (*rejects, *too_short)
         possible = np.array([len(self._beat_starts(span.clip)) > 0 for span in spans], dtype=np.bool_)
-        found += [no_start(span.clip, least, self.start_at) for span in spans.take(~possible)]
-        return spans.take(possible), (*rejects, *found)
+        too_short += [no_start(span.clip, least, self.start_at) for span in spans.take(~possible)]
+        return spans.take(possible), (*rejects, *too_short)
 
     def _beat_starts(self, clip: str) -> npt.NDArray[np.int64]:
         """Return the frames (N,) at which a crop of a clip can begin on a beat."""
@@ -214,8 +216,8 @@ class ClipDataset(SplitDataset):
             n_choices = ((self.windows.length - self.lengths) // period + 1)[places]
             return self.windows.start[places] + period * crop_choices(self.seed, epoch, places, n_choices)
         beats = [self._beat_starts(self.windows[place].clip) for place in places]
-        drawn = crop_choices(self.seed, epoch, places, np.array([len(own) for own in beats], dtype=np.int64))
-        return np.array([own[nth] for own, nth in zip(beats, drawn, strict=True)], dtype=np.int64)
+        drawn = crop_choices(self.seed, epoch, places, np.array([len(of_clip) for of_clip in beats], dtype=np.int64))
+        return np.array([of_clip[nth] for of_clip, nth in zip(beats, drawn, strict=True)], dtype=np.int64)
 
     def _labels(self, request: Request, nth: int) -> dict[str, torch.Tensor]:
         """Return the labels of beats of a sample; empty if no field has them."""
@@ -223,7 +225,7 @@ class ClipDataset(SplitDataset):
         if labels is None:
             return {}
         rows = self.store.read(self._window(request, nth), labels.field)
-        return {name: torch.from_numpy(own) for name, own in labels.of(rows).items()}
+        return {name: torch.from_numpy(values) for name, values in labels.of(rows).items()}
 
     def _window(self, request: Request, nth: int) -> Window:
         place = request.places[nth]

@@ -76,13 +76,13 @@ def windows_at(
     start: list[int] = []
     number: list[int] = []
     for place in np.unique(windows.clip).tolist():
-        every = beat_starts(store, windows.clip_ids[place], grid.length, at=at, fields=fields, trim=trim)
-        found = _apart(every, grid.stride)
-        if not found:
+        candidates = beat_starts(store, windows.clip_ids[place], grid.length, at=at, fields=fields, trim=trim)
+        spaced = _apart(candidates, grid.stride)
+        if not spaced:
             rejects.append(no_start(windows.clip_ids[place], grid.length, at))
-        clip += [place] * len(found)
-        start += found
-        number += range(len(found))
+        clip += [place] * len(spaced)
+        start += spaced
+        number += range(len(spaced))
     arrays = (np.asarray(values, dtype=np.int64) for values in (clip, start, [grid.length] * len(clip), number))
     return WindowList(windows.split, windows.clip_ids, *arrays), tuple(rejects)
 
@@ -115,8 +115,8 @@ def beat_starts(store: Store, clip: str, length: int, *, at: StartAt, fields: Se
     rows = np.maximum(rows.astype(np.int64) - beat_rows_late(beats.name), 0)
     frames = beats.grid.nearest_rows(rows, of=store.grid)
     nearest = starts.start + (frames - starts.start + starts.step // 2) // starts.step * starts.step
-    found: IntArray = np.unique(nearest[(nearest >= starts.start) & (nearest < starts.stop)])
-    return found
+    first_frames: IntArray = np.unique(nearest[(nearest >= starts.start) & (nearest < starts.stop)])
+    return first_frames
 
 
 def estimated_tempo(store: Store, windows: WindowList, clip: str, fields: Sequence[str]) -> float:

@@ -54,15 +54,15 @@ class PrimitiveSpec:
         if window.length == self.n:
             return {PRIMITIVES: borders(rows)}
         if self.key_motion is None:
-            found = primitives(rows, window.length, self.n, variant=self.variant, bias=bias)
+            cues = primitives(rows, window.length, self.n, variant=self.variant, bias=bias)
         else:
-            known = KeyMotion.from_rows(store.read(window, self.key_motion))
-            found = primitives(rows, window.length, self.n, minima=known.minima, prominence=known.prominence)
+            stored = KeyMotion.from_rows(store.read(window, self.key_motion))
+            cues = primitives(rows, window.length, self.n, minima=stored.minima, prominence=stored.prominence)
         return {
-            PRIMITIVES: found.frames,
-            "primitive_start": np.asarray(found.start, dtype=np.int64),
-            "primitive_hard": np.asarray(found.hard, dtype=np.bool_),
-            "primitive_filled": np.asarray(found.filled, dtype=np.bool_),
+            PRIMITIVES: cues.frames,
+            "primitive_start": np.asarray(cues.start, dtype=np.int64),
+            "primitive_hard": np.asarray(cues.hard, dtype=np.bool_),
+            "primitive_filled": np.asarray(cues.filled, dtype=np.bool_),
         }
 
 
@@ -202,12 +202,12 @@ def preset_fields(store: Store, preset: Preset) -> tuple[str, ...]:
     return (*preset.fields, *(field for field in preset.optional if field in store.fields))
 
 
-def preset_windows(preset: Preset | None, given: Mapping[str, Any]) -> dict[str, Any]:
+def preset_windows(preset: Preset | None, stated: Mapping[str, Any]) -> dict[str, Any]:
     """Return length and stride as given; where they are not, those of the preset."""
-    filled = dict(given)
+    filled = dict(stated)
     for key, value in (preset.windows if preset is not None else {}).items():
         what = key.split("_")[0]
-        if given[f"{what}_s"] is None and given[f"{what}_frames"] is None:
+        if stated[f"{what}_s"] is None and stated[f"{what}_frames"] is None:
             filled[key] = value
     return filled
 
@@ -232,9 +232,9 @@ def fields_to_read(
     """
     usual = DEFAULT_FIELDS if set(DEFAULT_FIELDS) <= set(store.fields) else tuple(store.fields)
     default = usual if preset is None else preset_fields(store, preset)
-    given = default if fields is None else (fields,) if isinstance(fields, str) else tuple(fields)
-    with_primitives = PRIMITIVES in given and PRIMITIVES not in store.fields
-    stored = tuple(name for name in given if not (with_primitives and name == PRIMITIVES))
+    requested = default if fields is None else (fields,) if isinstance(fields, str) else tuple(fields)
+    with_primitives = PRIMITIVES in requested and PRIMITIVES not in store.fields
+    stored = tuple(name for name in requested if not (with_primitives and name == PRIMITIVES))
     named = preset_name if fields is None or not stored else None
     return field_names(store, stored or (preset.fields if preset is not None else stored), named), with_primitives
 

@@ -286,8 +286,8 @@ class EpochSampler(Sampler[int]):
                 found=", ".join(sorted(map(str, state))) or "nothing",
                 allowed="epoch, position",
             )
-        known = self.at(state["epoch"], state["position"])
-        self._move(known["epoch"], known["position"])
+        order = self.at(state["epoch"], state["position"])
+        self._move(order["epoch"], order["position"])
 
     def _move(self, epoch: int, position: int) -> None:
         self._turn += 1

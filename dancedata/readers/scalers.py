@@ -62,8 +62,10 @@ def named_scalers(store: Store, fields: tuple[str, ...], scaler: ScalerLike) -> 
                 "the scaler is not of a field that is read", found=shown(name), allowed=", ".join(fields),
                 fix="name the field: scaler={FIELD: ...}",
             )  # fmt: skip
-    joined = {name: Scaling.of(store, name, store.fields[name].labels, scaler=own) for name, own in by_field.items()}
-    return {name: own.scaler for name, own in joined.items() if own.scaler is not None}
+    joined = {
+        name: Scaling.of(store, name, store.fields[name].labels, scaler=choice) for name, choice in by_field.items()
+    }
+    return {name: choice.scaler for name, choice in joined.items() if choice.scaler is not None}
 
 
 def normalized_fields(store: Store, fields: tuple[str, ...], normalize: bool | Sequence[str]) -> tuple[str, ...]:
@@ -83,13 +85,13 @@ def normalized_fields(store: Store, fields: tuple[str, ...], normalize: bool | S
 
 def mirrors_of(store: Store, fields: tuple[str, ...]) -> dict[str, Mirror]:
     """Return the mirror of every motion field; audio has none and is not mirrored."""
-    found: dict[str, Mirror] = {}
+    mirrors: dict[str, Mirror] = {}
     for field in map(store.field, fields):
         if field.kind == "motion":
             if field.columns.mirror is None:
                 raise _no_mirror(store, field.name)
-            found[field.name] = field.columns.mirror
-    return found
+            mirrors[field.name] = field.columns.mirror
+    return mirrors
 
 
 def root_columns(store: Store, fields: tuple[str, ...], normalizers: Mapping[str, MinMax]) -> dict[str, slice]:
@@ -100,7 +102,7 @@ def root_columns(store: Store, fields: tuple[str, ...], normalizers: Mapping[str
     UsageError
         For a field that has no translation, or is normalised.
     """
-    found = {}
+    columns = {}
     for name in fields:
         if store.field(name).kind != "motion":
             continue
@@ -112,8 +114,8 @@ def root_columns(store: Store, fields: tuple[str, ...], normalizers: Mapping[str
                 "absolute positions",
                 fix="pass normalize=False, or relative_root=False",
             )
-        found[name] = store.fields[name].slice("translation")
-    return found
+        columns[name] = store.fields[name].slice("translation")
+    return columns
 
 
 def scaler_of(store: Store, name: str, choice: Choice, *, covers_mirror: bool, over: str) -> MinMax:

@@ -102,12 +102,12 @@ def clips_of(store: Store, split: str, protocol: str | None) -> dict[str, ClipVi
     listed = [c for c in store.clips if any(name.startswith(prefix) for name in c.lists)] if protocol else []
     if not listed:
         return {c.id: c for c in store.clips if c.split == split}
-    known = {name.removeprefix(prefix) for c in listed for name in c.lists if name.startswith(prefix)}
-    if split not in known:
+    names = {name.removeprefix(prefix) for c in listed for name in c.lists if name.startswith(prefix)}
+    if split not in names:
         raise UsageError(
             f"no clip of the store is in {protocol}'s split {split!r}",
             where=str(store.path),
-            fix=did_you_mean(split, sorted(known)),
+            fix=did_you_mean(split, sorted(names)),
         )
     # Mirrored copies are for training only, independent of the split they are stored in.
     return {c.id: c for c in listed if prefix + split in c.lists and (split == "train" or not c.source)}
@@ -122,12 +122,12 @@ def require_protocol(store: Store, protocol: str) -> None:
         If no clip is in a list of it.
     """
     lists = {name for clip in store.clips for name in clip.lists if "." in name}
-    known = sorted({name.rpartition(".")[0] for name in lists} - {"ignored"})
-    if protocol not in known:
+    protocols = sorted({name.rpartition(".")[0] for name in lists} - {"ignored"})
+    if protocol not in protocols:
         raise UsageError(
             f"no clip of the store is in a list of the protocol {protocol!r}",
             where=str(store.path),
-            fix=did_you_mean(protocol, known),
+            fix=did_you_mean(protocol, protocols),
         )
 
 
@@ -161,14 +161,14 @@ def _too_short(record: ClipView, choice: Choice) -> Reject:
 
 def _filtered(store: Store, windows: WindowList, chosen: WindowFilter) -> tuple[npt.NDArray[np.bool_], list[Reject]]:
     """Return which windows the filter keeps, (W,), and a reject for each of the others."""
-    own = store.field(chosen.field)
-    chosen.check(own.columns)
+    filtered_field = store.field(chosen.field)
+    chosen.check(filtered_field.columns)
     kept = np.ones(len(windows), dtype=np.bool_)
     rejects: list[Reject] = []
     for k, window in enumerate(windows):
         rows = store.read(window, chosen.field)
         rows.flags.writeable = False
-        reject = chosen.reject(rows, own.columns, own.grid)
+        reject = chosen.reject(rows, filtered_field.columns, filtered_field.grid)
         if reject is not None:
             kept[k] = False
             rejects.append(replace(reject, clip=window.clip, window=window.start))
@@ -195,7 +195,7 @@ def no_window_error(store: Store, split: str, rejects: Sequence[Reject], at: Sta
     )
 
 
-def window_filter(given: GivenFilter) -> WindowFilter | None:
+def window_filter(choice: GivenFilter) -> WindowFilter | None:
     """Return a window filter from a plug-in, or from its name and parameters, as in a recipe.
 
     Raises
@@ -203,11 +203,13 @@ def window_filter(given: GivenFilter) -> WindowFilter | None:
     UsageError
         For an unknown filter or parameter.
     """
-    if given is None or given is False:
+    if choice is None or choice is False:
         return None
-    if isinstance(given, WindowFilter):
-        return given
-    if not isinstance(given, Mapping) or len(given) != 1:
-        raise UsageError("filter must name one window filter", found=given, allowed='{"movement": {"min_std": 0.07}}')
-    ((name, parameters),) = given.items()
+    if isinstance(choice, WindowFilter):
+        return choice
+    if not isinstance(choice, Mapping) or len(choice) != 1:
+        raise UsageError(
+            "filter must name one window filter", found=choice, allowed='{"movement": {"min_std": 0.07}}'
+        )
+    ((name, parameters),) = choice.items()
     return FILTERS.make(name, parameters or {})

@@ -174,8 +174,8 @@ class SplitDataset(Dataset[dict[str, Any]]):
             name: self._scaler(name) for name in normalized_fields(self.store, self.fields, normalize)
         }
         for name, scaler in self._normalizers.items() if not self.clip else ():
-            needed, known = self._augmenter.scaler(name, scaler).data_range, scaler.data_range
-            times = needed / np.where(known > 1e-5, known, np.inf)  # constant columns are not stretched
+            needed, stored_range = self._augmenter.scaler(name, scaler).data_range, scaler.data_range
+            times = needed / np.where(stored_range > 1e-5, stored_range, np.inf)  # constant columns are not stretched
             if times.max() > _FAR:
                 label = self.store.fields[name].labels[int(times.argmax())]
                 _log.warning(
@@ -283,8 +283,8 @@ class SplitDataset(Dataset[dict[str, Any]]):
                 allowed=", ".join(self.fields),
                 fix=did_you_mean(field, self.fields),
             )
-        known = self._normalizers.get(field)
-        return known if known is not None else self._scaler(field)
+        normalizer = self._normalizers.get(field)
+        return normalizer if normalizer is not None else self._scaler(field)
 
     @property
     def normalized(self) -> tuple[str, ...]:
@@ -308,10 +308,10 @@ class SplitDataset(Dataset[dict[str, Any]]):
         UsageError
             For the state of a reader with other scalers.
         """
-        known = self.state_dict()["scalers"]
-        if state.get("scalers") != known:
+        hashes = self.state_dict()["scalers"]
+        if state.get("scalers") != hashes:
             raise UsageError(
-                "the state is of a reader with other scalers", found=state.get("scalers"), allowed=known,
+                "the state is of a reader with other scalers", found=state.get("scalers"), allowed=hashes,
                 fix="name the scaler of that training: WindowDataset(..., scaler=FILE)",
             )  # fmt: skip
 
@@ -319,8 +319,8 @@ class SplitDataset(Dataset[dict[str, Any]]):
         if field in self._named_scalers:
             return self._named_scalers[field]
         covers = self.normalizer_covers_mirror
-        found = scaler_of(self.store, field, self._choice, covers_mirror=covers, over=self.normalizer_over)
-        return self._covering.scaler(field, found)
+        scaler = scaler_of(self.store, field, self._choice, covers_mirror=covers, over=self.normalizer_over)
+        return self._covering.scaler(field, scaler)
 
     @cached_property
     def genre_ids(self) -> Mapping[str, int]:
@@ -345,15 +345,15 @@ class SplitDataset(Dataset[dict[str, Any]]):
         clips = [windows.clip_ids[number] for number in windows.clip[chosen].tolist()]
         starts = (windows.start[chosen] + np.asarray(request.shifts, dtype=np.int64)).tolist()
         lengths = windows.length[chosen].tolist()
-        made = [
+        copies = [
             (*changes, *["mirror"] * flag, *self._augmenter.changes(epoch, place))
             for place, flag in zip(request.places, request.mirrored, strict=True)
         ]
-        drawn = [f":{'+'.join(m)}:{self.seed}.{epoch}.{k}" * bool(m) for m, k in zip(made, chosen, strict=True)]
+        drawn = [f":{'+'.join(m)}:{self.seed}.{epoch}.{k}" * bool(m) for m, k in zip(copies, chosen, strict=True)]
         droppable = self._augmenter.droppable
         dropped = [self._augmenter.dropped(epoch, place) for place in request.places] if droppable else []
-        known = {clip: self.store.clip(clip) for clip in set(clips)}
-        records = [known[clip] for clip in clips]
+        clips_by_id = {clip: self.store.clip(clip) for clip in set(clips)}
+        records = [clips_by_id[clip] for clip in clips]
         return {
             "id": [f"{c}@{s}+{n}{d}" for c, s, n, d in zip(clips, starts, lengths, drawn, strict=True)],
             "clip": clips,
@@ -369,8 +369,8 @@ class SplitDataset(Dataset[dict[str, Any]]):
                 for record in records
             ],
             "tempo_estimated": [r.tempo_bpm is None and not math.isnan(self._tempos[r.id]) for r in records],
-            "mirrored": [names.count("mirror") % 2 == 1 for names in made],
-            **{f"{name}_dropped": [name in found for found in dropped] for name in droppable},
+            "mirrored": [names.count("mirror") % 2 == 1 for names in copies],
+            **{f"{name}_dropped": [name in of_sample for of_sample in dropped] for name in droppable},
             "index": [int(place) for place in request.places],
         }
 

@@ -210,16 +210,16 @@ def decode(columns: Tensor, representation: str | Representation) -> Poses:
     UsageError
         For another width, and for a representation that holds no rotations.
     """
-    made = _made(columns, representation)
-    layout = made.columns
+    plugin = _made(columns, representation)
+    layout = plugin.columns
     kind = next((name for name in _ROWS if name in layout.names), None)
     if kind is None or "translation" not in layout.names:
         raise UsageError(
-            f"{made.name} cannot be decoded in torch: it does not consist of a translation and rotations",
+            f"{plugin.name} cannot be decoded in torch: it does not consist of a translation and rotations",
             found=", ".join(layout.names),
             fix="dancedata.readers.torch_kinematics.joints takes representations that hold positions",
         )
-    lead, n_joints = columns.shape[:-1], made.skeleton.n_joints
+    lead, n_joints = columns.shape[:-1], plugin.skeleton.n_joints
     flat = working(columns).reshape(prod(lead), layout.width).t().contiguous()
     entries = flat[layout.slice(kind)].reshape(n_joints, 3 * _ROWS[kind], -1)
     if kind == "rotation_6d":
@@ -227,11 +227,11 @@ def decode(columns: Tensor, representation: str | Representation) -> Poses:
     else:
         local = entries.reshape(n_joints, 3, 3, -1)
     root = flat[layout.slice("translation")]
-    if made.spatial is not None and made.spatial.up == "z":
+    if plugin.spatial is not None and plugin.spatial.up == "z":
         local, root = torch.cat([_y_up(local[0])[None], local[1:]]), _y_up(root)
     contacts = columns[..., layout.slice("contact")] if "contact" in layout.names else None
     matrices = local.permute(3, 0, 1, 2).reshape(*lead, n_joints, 3, 3)
-    return Poses(made.skeleton, root.t().reshape(*lead, 3), matrices, contacts)
+    return Poses(plugin.skeleton, root.t().reshape(*lead, 3), matrices, contacts)
 
 
 def joints(columns: Tensor, representation: str | Representation, skeleton: Skeleton | None = None) -> Tensor:
@@ -257,16 +257,16 @@ def joints(columns: Tensor, representation: str | Representation, skeleton: Skel
     UsageError
         For another width, a representation whose positions are unknown, or bones for given positions.
     """
-    made = _made(columns, representation)
-    names = made.columns.names
+    plugin = _made(columns, representation)
+    names = plugin.columns.names
     if "position" not in names and "local_position" not in names:
-        return decode(columns, made).joints(skeleton)
+        return decode(columns, plugin).joints(skeleton)
     if skeleton is not None:
-        raise UsageError(f"{made.name} holds positions, which cannot be put on other bones", found=skeleton.name)
+        raise UsageError(f"{plugin.name} holds positions, which cannot be put on other bones", found=skeleton.name)
     if "local_position" in names:
-        return _on_the_path(working(columns), made.columns)
-    places = working(columns)[..., made.columns.slice("position")]
-    return places.reshape(*columns.shape[:-1], made.skeleton.n_joints, 3)
+        return _on_the_path(working(columns), plugin.columns)
+    places = working(columns)[..., plugin.columns.slice("position")]
+    return places.reshape(*columns.shape[:-1], plugin.skeleton.n_joints, 3)
 
 
 #: Rows of a matrix that groups of columns hold for each joint.
@@ -274,10 +274,12 @@ _ROWS = {"rotation_6d": 2, "rotation_matrix": 3}
 
 
 def _made(columns: Tensor, representation: str | Representation) -> Representation:
-    made = REPRESENTATIONS.get(representation)() if isinstance(representation, str) else representation
-    if columns.shape[-1] != made.columns.width:
-        raise UsageError(f"{made.name} decodes (..., {made.columns.width})", found=f"shape {tuple(columns.shape)}")
-    return made
+    plugin = REPRESENTATIONS.get(representation)() if isinstance(representation, str) else representation
+    if columns.shape[-1] != plugin.columns.width:
+        raise UsageError(
+            f"{plugin.name} decodes (..., {plugin.columns.width})", found=f"shape {tuple(columns.shape)}"
+        )
+    return plugin
 
 
 def _on_the_path(columns: Tensor, layout: Columns) -> Tensor:

@@ -254,9 +254,9 @@ class WindowDataset(SplitDataset):
         reader(request, {name: tensor.numpy() for name, tensor in tensors.items()})
         if get_worker_info() is not None:
             tensors = {name: shared_tensor(tensor.numpy()) for name, tensor in tensors.items()}
-        batch, about = Batch.of(len(request), tensors), self._metadata(request)
+        batch, metadata = Batch.of(len(request), tensors), self._metadata(request)
         return [
-            Sample({n: rows[nth] for n, rows in batch.rows.items()} | {k: v[nth] for k, v in about.items()}, batch)
+            Sample({n: rows[nth] for n, rows in batch.rows.items()} | {k: v[nth] for k, v in metadata.items()}, batch)
             for nth in range(len(request))
         ]
 
@@ -306,9 +306,9 @@ class WindowDataset(SplitDataset):
                 FieldReader(n, rows[n], self._mirrors.get(n), self._roots.get(n), self._normalizers.get(n), self.clip)
                 for n in self.fields
             ]
-            for name, found in rows.items():
-                if found.unmapped and self.mapped:
-                    _log.warning("field %s is not read from mapped files: %s", name, found.unmapped)
+            for name, values in rows.items():
+                if values.unmapped and self.mapped:
+                    _log.warning("field %s is not read from mapped files: %s", name, values.unmapped)
             self._cached_reader = BatchReader(
                 self.store,
                 self.windows,

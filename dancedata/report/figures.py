@@ -49,37 +49,41 @@ class Drawing:
 
     def find(self, *keys: str) -> tuple[Any, Any]:
         """Return an entry of the document and of the other one."""
-        own: Any = self.own
+        this: Any = self.own
         other: Any = self.other
         for key in keys:
-            own, other = own[key], None if other is None else other[key]
-        return own, other
+            this, other = this[key], None if other is None else other[key]
+        return this, other
 
 
 def _histogram(
     d: Drawing, keys: Sequence[str], title: str, note: str, label: str, marks: Sequence[tuple[float, str]] = ()
 ) -> Figure:
-    own, other = d.find(*keys)
-    groups = own["counts"]
+    this, other = d.find(*keys)
+    groups = this["counts"]
     outline = None if other is None else [sum(column) for column in zip(*other["counts"].values(), strict=True)]
-    body = histogram(own["edges"], groups, label, other=outline, marks=marks)
+    body = histogram(this["edges"], groups, label, other=outline, marks=marks)
     columns = [*groups.values(), *([outline] if outline is not None else [])]
-    rows = tuple(zip(own["edges"], own["edges"][1:], *columns, strict=False))
+    rows = tuple(zip(this["edges"], this["edges"][1:], *columns, strict=False))
     names = (*groups, *([d.other["about"]["name"]] if d.other is not None else []))
     legend = tuple(groups) if len(groups) > 1 else ()
     return Figure(keys[-1], title, note, body, ("from", "to", *names), rows, legend, d.other_name)
 
 
 def _bars(d: Drawing, keys: Sequence[str], title: str, note: str, first: str, *, legend: bool = True) -> Figure:
-    own, other = d.find(*keys)
+    this, other = d.find(*keys)
     totals = None if other is None else {name: sum(values.values()) for name, values in other.items()}
-    names = [*own, *(name for name in totals or {} if name not in own)]
+    names = [*this, *(name for name in totals or {} if name not in this)]
     if len(names) > _BARS:
         note = f"{note}; the first {_BARS} of {len(names)}".removeprefix("; ")
-    shown_rows = {name: own.get(name, {}) for name in names[:_BARS]}
-    groups = tuple(next(iter(own.values()), {}))
+    shown_rows = {name: this.get(name, {}) for name in names[:_BARS]}
+    groups = tuple(next(iter(this.values()), {}))
     rows = tuple(
-        (name, *(own.get(name, {}).get(g, 0) for g in groups), *([totals.get(name, 0)] if totals is not None else []))
+        (
+            name,
+            *(this.get(name, {}).get(g, 0) for g in groups),
+            *([totals.get(name, 0)] if totals is not None else []),
+        )
         for name in names
     )
     head = (first, *groups, *([d.other["about"]["name"]] if d.other is not None else []))
@@ -173,12 +177,12 @@ def _from_to(low: float | None, high: float | None) -> str:
 
 
 def _joint_speed(d: Drawing) -> Figure:
-    own, other = d.find("movement", "joint_speed_m_s")
+    this, other = d.find("movement", "joint_speed_m_s")
     rows = [
         (name.replace("_", " "), *q.values(), *([other.get(name, {}).get("p50")] if other else []))
-        for name, q in own.items()
+        for name, q in this.items()
     ]
-    named = {name.replace("_", " "): q for name, q in own.items()}
+    named = {name.replace("_", " "): q for name, q in this.items()}
     sides = {
         name: "left" if name.startswith("left") else "right" if name.startswith("right") else "mid" for name in named
     }
@@ -210,9 +214,9 @@ def _paths(d: Drawing, chosen: Sequence[str]) -> Figure:
 
 
 def _contacts(d: Drawing) -> Figure:
-    own, other = d.find("movement", "contact")
+    this, other = d.find("movement", "contact")
     named = {
-        name.replace("_", " "): {"": round(100 * (share or 0), 1)} for name, share in sorted(own.items(), key=_foot)
+        name.replace("_", " "): {"": round(100 * (share or 0), 1)} for name, share in sorted(this.items(), key=_foot)
     }
     outline = (
         None
@@ -233,35 +237,35 @@ def _foot(item: tuple[str, Any]) -> tuple[str, bool]:
 
 def music_figures(d: Drawing) -> list[Figure]:
     """Return how key motions and beats lie to each other, beside chance."""
-    own, other = d.find("music")
+    this, other = d.find("music")
     figures = []
-    hist, moved = own["offset_ms"], own["shifted_ms"]
+    hist, moved = this["offset_ms"], this["shifted_ms"]
     if hist["n"]:
         note = (
-            f"{number(own['mean_distance_ms'])} ms from the nearest beat on average, "
-            f"{number(own['mean_distance_shifted_ms'])} ms with the beats moved by half a period "
+            f"{number(this['mean_distance_ms'])} ms from the nearest beat on average, "
+            f"{number(this['mean_distance_shifted_ms'])} ms with the beats moved by half a period "
             "(dotted: without alignment both look alike)"
         )
         counts = moved["counts"]["all"]
-        there = None if other is None or not other["offset_ms"]["n"] else other["offset_ms"]["counts"]["all"]
+        other_offsets = None if other is None or not other["offset_ms"]["n"] else other["offset_ms"]["counts"]["all"]
         label = "milliseconds after the nearest beat"
-        body = histogram(hist["edges"], hist["counts"], label, other=there, chance=counts)
-        columns = [hist["counts"]["all"], counts, *([] if there is None else [there])]
+        body = histogram(hist["edges"], hist["counts"], label, other=other_offsets, chance=counts)
+        columns = [hist["counts"]["all"], counts, *([] if other_offsets is None else [other_offsets])]
         rows = tuple(zip(hist["edges"], hist["edges"][1:], *columns, strict=False))
-        beside = () if there is None or d.other is None else (d.other["about"]["name"],)
+        beside = () if other_offsets is None or d.other is None else (d.other["about"]["name"],)
         figures.append(
             Figure("key_beats", "Key motions and beats", note, body,
                    ("from", "to", "key motions", "beats moved", *beside), rows,
                    other=d.other_name if beside else "", chance="beats moved by half a period")
         )  # fmt: skip
-    if own["bas"] is not None:
-        rows_of = {"this dataset": {"": own["bas"]}, "chance": {"": own["bas_chance"]}}
+    if this["bas"] is not None:
+        rows_of = {"this dataset": {"": this["bas"]}, "chance": {"": this["bas_chance"]}}
         if other is not None and other["bas"] is not None:
             name = d.other["about"]["name"] if d.other is not None else ""
             rows_of |= {name: {"": other["bas"]}, f"{name}, chance": {"": other["bas_chance"]}}
         table_rows = tuple((name, value[""]) for name, value in rows_of.items())
         note = (
-            f"mean over clips, beats of {own['beats_from']}; "
+            f"mean over clips, beats of {this['beats_from']}; "
             "a score at its chance level says that dance and beats are unrelated"
         )
         figures.append(
@@ -269,17 +273,17 @@ def music_figures(d: Drawing) -> list[Figure]:
                 "bas", "Beat alignment score", note, bars(rows_of, "beat alignment score"), ("", "score"), table_rows
             )
         )
-    if own["tempo_bpm"]:
-        pairs = [(t["stated"], t["found"], t["clip"]) for t in own["tempo_bpm"]]
-        off = sum(abs(found / stated - 1) > 0.05 for stated, found, _ in pairs)
+    if this["tempo_bpm"]:
+        pairs = [(t["stated"], t["found"], t["clip"]) for t in this["tempo_bpm"]]
+        off = sum(abs(estimated / stated - 1) > 0.05 for stated, estimated, _ in pairs)
         note = f"{off} of {len(pairs)} clips differ by more than 5 %; lines: equal, half and double"
-        there = [] if other is None else [(t["stated"], t["found"], t["clip"]) for t in other["tempo_bpm"]]
-        body = points(pairs, ("stated, beats per minute", "found in the beats"), other=there)
-        listed = tuple((d.link(clip), stated, found) for stated, found, clip in pairs)
+        other_offsets = [] if other is None else [(t["stated"], t["found"], t["clip"]) for t in other["tempo_bpm"]]
+        body = points(pairs, ("stated, beats per minute", "found in the beats"), other=other_offsets)
+        listed = tuple((d.link(clip), stated, estimated) for stated, estimated, clip in pairs)
         head = ("clip", "stated", "found")
         figures.append(
             Figure("tempo_pairs", "Tempo, stated and found", note, body, head, listed,
-                   other=d.other_name if there else "")
+                   other=d.other_name if other_offsets else "")
         )  # fmt: skip
     return figures
 
@@ -303,7 +307,7 @@ def split_figures(d: Drawing) -> list[Figure]:
 def _matrix(d: Drawing, key: str, title: str, note: str, shared: Mapping[str, Any]) -> Figure:
     splits = d.own["contents"]["splits"]
     rows = [[a, *(_shared_cell(key, a, b, shared["counts"][a][b]) for b in splits)] for a in splits]
-    names = tuple((pair, ", ".join(own)) for pair, own in shared["names"].items())
+    names = tuple((pair, ", ".join(songs)) for pair, songs in shared["names"].items())
     return Figure(f"shared_{key}", title, note, table(("", *splits), rows, "matrix"), ("splits", "names"), names)
 
 

@@ -37,38 +37,38 @@ class Finding:
 
 def findings(d: Document) -> list[Finding]:
     """Return what stands out, errors first."""
-    found = [*_splits(d), *_quality(d), *_movement(d), *_music(d), *_contents(d), *_fields(d)]
-    return sorted(found, key=lambda f: ("bad", "look", "note").index(f.kind))
+    sentences = [*_splits(d), *_quality(d), *_movement(d), *_music(d), *_contents(d), *_fields(d)]
+    return sorted(sentences, key=lambda f: ("bad", "look", "note").index(f.kind))
 
 
 def _splits(d: Document) -> list[Finding]:
-    found = []
+    sentences = []
     for what in ("songs", "clips"):
         for pair, names in d["splits"][what]["names"].items():
             bad = "train" in pair.split(" and ")
             text = f"{pair} share {counted(len(names), what[:-1])}: {listed(names, 4)}"
-            found.append(Finding("bad" if bad else "note", text, f"shared_{what}"))
-    return found
+            sentences.append(Finding("bad" if bad else "note", text, f"shared_{what}"))
+    return sentences
 
 
 def _quality(d: Document) -> list[Finding]:
-    found = []
+    sentences = []
     totals = d["totals"]
     if totals["flags"]:
         kinds = ", ".join(f"{kind} {n}" for kind, n in d["flags"]["by_kind"].items())
         text = f"{counted(totals['flagged_clips'], 'clip')} of {totals['clips']:,} have quality flags: {kinds}"
-        found.append(Finding("look", text, "flags"))
+        sentences.append(Finding("look", text, "flags"))
     if totals["left_out"]:
-        reasons = listed([f"{reason} {own['n']:,}" for reason, own in d["left_out"].items()], 5)
-        found.append(Finding("look", f"left out: {reasons}", "left_out"))
-    return found
+        reasons = listed([f"{reason} {entry['n']:,}" for reason, entry in d["left_out"].items()], 5)
+        sentences.append(Finding("look", f"left out: {reasons}", "left_out"))
+    return sentences
 
 
 def _movement(d: Document) -> list[Finding]:
     moves = d["movement"]
     if moves["field"] is None:
         return [Finding("look", "movement was not measured: no field holds joints that can be read here", "about")]
-    found = []
+    sentences = []
     contact = {name: share for name, share in moves["contact"].items() if share is not None}
     for name, share in contact.items():
         other = contact.get(name.replace("left", "right", 1))
@@ -76,63 +76,63 @@ def _movement(d: Document) -> list[Finding]:
             joint = name.removeprefix("left_")
             sides = f"{100 * share:.0f} % of the frames, the right in {100 * other:.0f} %"
             text = f"the left {joint} touches the ground in {sides}"
-            found.append(Finding("look", text, "contact"))
+            sentences.append(Finding("look", text, "contact"))
     above = moves["sliding_m_s"]["share_above"]
     if above is not None and above > _SLIDING:
         limit = moves["sliding_m_s"]["above_m_s"]
         text = f"feet that are labelled as standing move faster than {limit} m/s in {100 * above:.0f} % of the frames"
-        found.append(Finding("look", text, "sliding_m_s"))
+        sentences.append(Finding("look", text, "sliding_m_s"))
     floor = moves["floor_m"]
     if floor["n"] and max(abs(floor["min"]), abs(floor["max"])) > 0.1:
         low, high = number(floor["min"]), number(floor["max"])
         feet = f"the feet stand at {low} m" + (f" to {high} m" if high != low else "")
         text = f"the floor of {moves['field']} is not at 0: {feet}"
-        found.append(Finding("note", text, "floor_m"))
-    return found
+        sentences.append(Finding("note", text, "floor_m"))
+    return sentences
 
 
 def _music(d: Document) -> list[Finding]:
     music = d["music"]
-    found = []
+    sentences = []
     bas, chance = music["bas"], music["bas_chance"]
     if bas is not None and bas <= chance * 1.1:
         text = f"the dance does not follow the beats: alignment {number(bas)}, by chance {number(chance)}"
-        found.append(Finding("look", text, "bas"))
+        sentences.append(Finding("look", text, "bas"))
     off = [t for t in music["tempo_bpm"] if abs(t["found"] / t["stated"] - 1) > 0.05]
     if off:
         text = (
             f"{counted(len(off), 'clip')} of {len(music['tempo_bpm']):,}: the beats have another tempo than is stated"
         )
-        found.append(Finding("look", text, "tempo_pairs"))
+        sentences.append(Finding("look", text, "tempo_pairs"))
     short = d["contents"]["music_minus_motion_s"]["shorter"]
     if short:
         text = f"{counted(len(short), 'clip')} with less music than motion: {listed(short, 3)}"
-        found.append(Finding("look", text, "music_minus_motion_s"))
-    return found
+        sentences.append(Finding("look", text, "music_minus_motion_s"))
+    return sentences
 
 
 def _contents(d: Document) -> list[Finding]:
     contents = d["contents"]
-    found = [
+    sentences = [
         Finding("look", f"genres that are probably the same: {' and '.join(names)}", "windows_by_genre")
         for names in contents["alike"]
     ]
-    sums = {name: sum(own.values()) for name, own in contents["windows_by_genre"].items()}
+    sums = {name: sum(counts.values()) for name, counts in contents["windows_by_genre"].items()}
     filled = {name: n for name, n in sums.items() if n}
     if len(filled) > 1 and max(filled.values()) >= _UNEVEN * min(filled.values()):
         most, least = max(filled, key=filled.__getitem__), min(filled, key=filled.__getitem__)
         text = f"genres are uneven: {most} has {filled[most]:,} windows, {least} {filled[least]:,}"
-        found.append(Finding("note", text, "windows_by_genre"))
-    return found
+        sentences.append(Finding("note", text, "windows_by_genre"))
+    return sentences
 
 
 def _fields(d: Document) -> list[Finding]:
-    found = []
-    for name, own in d["fields"].items():
-        if own["constant"]:
-            count = f"{len(own['constant'])} of {own['width']} columns of {name}"
-            text = f"{count} never change: {listed(own['constant'], 4)}"
-            found.append(Finding("note", text, f"columns_{name}"))
-        elif not own["columns"]:
-            found.append(Finding("note", f"no statistics of {name}: there are no train windows", f"heat_{name}"))
-    return found
+    sentences = []
+    for name, field in d["fields"].items():
+        if field["constant"]:
+            count = f"{len(field['constant'])} of {field['width']} columns of {name}"
+            text = f"{count} never change: {listed(field['constant'], 4)}"
+            sentences.append(Finding("note", text, f"columns_{name}"))
+        elif not field["columns"]:
+            sentences.append(Finding("note", f"no statistics of {name}: there are no train windows", f"heat_{name}"))
+    return sentences

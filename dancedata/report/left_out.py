@@ -44,13 +44,13 @@ def _most_first(item: tuple[str, int]) -> tuple[int, str]:
     return -item[1], item[0]
 
 
-def ranking(found: Measured) -> list[dict[str, Any]]:
+def ranking(measured: Measured) -> list[dict[str, Any]]:
     """Return the clips to look at first.
 
     Three lists take turns: flags per second (above 0), share of the frames of feet in contact that slide (above 5 %),
     share of frames that stand still (above 30 %); the largest come first. A clip comes once, where it comes first.
     """
-    lists = [_ordered(found, why) for why in _WHY]
+    lists = [_ordered(measured, why) for why in _WHY]
     rows: dict[str, dict[str, Any]] = {}
     for turn in zip_longest(*lists):
         for why, entry in zip(_WHY, turn, strict=True):
@@ -60,13 +60,13 @@ def ranking(found: Measured) -> list[dict[str, Any]]:
     return list(rows.values())
 
 
-def _ordered(found: Measured, why: str) -> list[tuple[float, str]]:
+def _ordered(measured: Measured, why: str) -> list[tuple[float, str]]:
     values = []
-    for clip in found.store.clips:
+    for clip in measured.store.clips:
         if clip.source:
             continue
-        numbers = found.clips[clip.id]
-        of_frames = clip.n_flags / float(found.store.grid.seconds(clip.n_frames))
+        numbers = measured.clips[clip.id]
+        of_frames = clip.n_flags / float(measured.store.grid.seconds(clip.n_frames))
         value = of_frames if why == "flags" else getattr(numbers, why)
         if value is not None and value > _WHY[why]:
             values.append((float(value), clip.id))

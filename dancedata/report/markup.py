@@ -33,8 +33,8 @@ def table(head: Sequence[str], rows: Iterable[Sequence[Any]], kind: str = "") ->
     """Return a table; cells that are `Markup` stay as they are, all others are escaped."""
     top = "".join(f'<th scope="col">{escaped(cell)}</th>' for cell in head)
     body = "".join(f"<tr>{''.join(_cell(cell, first=k == 0) for k, cell in enumerate(row))}</tr>" for row in rows)
-    about = f' class="{kind}"' if kind else ""
-    return f"<table{about}><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table>"
+    attributes = f' class="{kind}"' if kind else ""
+    return f"<table{attributes}><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table>"
 
 
 class Markup(str):

@@ -143,13 +143,13 @@ def measure(store: Store) -> Measured:
     return measured
 
 
-def _clip(found: Measured, clip: ClipView, windows: Sequence[Window]) -> ClipNumbers:
-    trim = found.store.grid, clip.trim_start
-    parts = [_Part.of(piece, *trim) for piece in found.reader.pieces(clip, windows)]
+def _clip(measured: Measured, clip: ClipView, windows: Sequence[Window]) -> ClipNumbers:
+    trim = measured.store.grid, clip.trim_start
+    parts = [_Part.of(piece, *trim) for piece in measured.reader.pieces(clip, windows)]
     parts = [part for part in parts if len(part.speed)]
     for part in parts:
-        _count(found, part)
-    return _numbers(parts, whole=found.store.scope == "track") if parts else ClipNumbers()
+        _count(measured, part)
+    return _numbers(parts, whole=measured.store.scope == "track") if parts else ClipNumbers()
 
 
 @dataclass(frozen=True, eq=False)
@@ -269,20 +269,20 @@ def _alignment(piece: Piece, first: int) -> tuple[float, float] | None:
     return score, chance
 
 
-def _count(found: Measured, part: _Part) -> None:
-    if not found.joint_speed:
+def _count(measured: Measured, part: _Part) -> None:
+    if not measured.joint_speed:
         figure = part.piece.figure
-        found.feet = tuple(figure.skeleton.joints[j] for j in figure.contact_joints) if len(part.contact) else ()
-        found.contact = np.zeros((len(found.feet), 2), dtype=np.int64)
-        found.joints = part.names
-        found.joint_speed = {name: Tally.of(0, 16, 0.01) for name in part.names}
-    found.speed.add(part.speed.mean(axis=1))
+        measured.feet = tuple(figure.skeleton.joints[j] for j in figure.contact_joints) if len(part.contact) else ()
+        measured.contact = np.zeros((len(measured.feet), 2), dtype=np.int64)
+        measured.joints = part.names
+        measured.joint_speed = {name: Tally.of(0, 16, 0.01) for name in part.names}
+    measured.speed.add(part.speed.mean(axis=1))
     for k, name in enumerate(part.names):
-        found.joint_speed[name].add(part.speed[:, k])
-    found.sliding.add(part.sliding)
-    found.offset_ms.add(part.offsets * 1000)
-    found.shifted_ms.add(part.shifted * 1000)
-    found.contact += part.contact
+        measured.joint_speed[name].add(part.speed[:, k])
+    measured.sliding.add(part.sliding)
+    measured.offset_ms.add(part.offsets * 1000)
+    measured.shifted_ms.add(part.shifted * 1000)
+    measured.contact += part.contact
 
 
 def _numbers(parts: Sequence[_Part], *, whole: bool) -> ClipNumbers:

@@ -87,23 +87,23 @@ def _percent(share: float | None) -> Markup:
 
 def _field_figures(d: Drawing, columns: Mapping[str, Columns], heat_maps: Mapping[str, Figure]) -> list[Figure]:
     figures = []
-    for name, own in d.own["fields"].items():
-        if own["columns"]:
-            figures.append(_field(d, name, own, columns[name]))
+    for name, entry in d.own["fields"].items():
+        if entry["columns"]:
+            figures.append(_field(d, name, entry, columns[name]))
         if name in heat_maps:
             figures.append(heat_maps[name])
     return figures
 
 
-def _field(d: Drawing, name: str, own: Mapping[str, Any], columns: Columns) -> Figure:
+def _field(d: Drawing, name: str, entry: Mapping[str, Any], columns: Columns) -> Figure:
     constant = (
-        f"{len(own['constant'])} never change (crosses): {listed(own['constant'], 8)}"
-        if own["constant"]
+        f"{len(entry['constant'])} never change (crosses): {listed(entry['constant'], 8)}"
+        if entry["constant"]
         else ("no column is constant")
     )
-    about = (
-        f"{own['width']} columns, {own['rate']} per second, over {own['rows']:,} rows of train windows; {constant}; "
-        "line: range, box: 25 to 75 %, mark: median"
+    text = (
+        f"{entry['width']} columns, {entry['rate']} per second, over {entry['rows']:,} rows of train windows; "
+        f"{constant}; line: range, box: 25 to 75 %, mark: median"
     )
     other = None if d.other is None else d.other["fields"].get(name)
     beside = {} if other is None else {row["label"]: row for row in other["columns"]}
@@ -112,20 +112,20 @@ def _field(d: Drawing, name: str, own: Mapping[str, Any], columns: Columns) -> F
     rows = tuple(
         (row["label"], *(row[q] for q in names),
          *((beside.get(row["label"], {}).get(q) for q in ("min", "p50", "max")) if beside else ()))
-        for row in own["columns"]
+        for row in entry["columns"]
     )  # fmt: skip
-    return Figure(f"columns_{name}", f"Ranges of {name}", about, strips(columns, own["columns"], beside),
+    return Figure(f"columns_{name}", f"Ranges of {name}", text, strips(columns, entry["columns"], beside),
                   ("column", *names, *extra), rows, other=d.other_name if beside else "", kind="wide")  # fmt: skip
 
 
 def _left_out(d: Drawing) -> list[Figure]:
-    own = d.own
+    document = d.own
     figures = []
-    if own["left_out"]:
+    if document["left_out"]:
         rows = [
             (reason, entry["n"], Markup(f'<div class="text">{escaped(listed(entry["names"], _NAMED), 2000)}</div>'),
              Markup(f'<div class="text">{escaped(entry["detail"], 300)}</div>'))
-            for reason, entry in own["left_out"].items()
+            for reason, entry in document["left_out"].items()
         ]  # fmt: skip
         head = ("reason", "number", "names", "message of the first")
         body = f'<div class="scroll">{table(head, rows, "list texts")}</div>'
@@ -136,11 +136,11 @@ def _left_out(d: Drawing) -> list[Figure]:
 def _flags(d: Drawing) -> list[Figure]:
     figures = []
     for key, title in (("by_kind", "Flags by kind"), ("by_joint", "Flags by joint")):
-        own, other = d.find("flags", key)
-        names = [*own, *(name for name in other or {} if name not in own)]
+        this, other = d.find("flags", key)
+        names = [*this, *(name for name in other or {} if name not in this)]
         if not names:
             continue
-        counts = {name.replace("_", " "): {"": own.get(name, 0)} for name in names}
+        counts = {name.replace("_", " "): {"": this.get(name, 0)} for name in names}
         beside = None if other is None else {name.replace("_", " "): n for name, n in other.items()}
         rows = tuple(
             (name, value[""], *([beside.get(name, 0)] if beside is not None else []))
@@ -155,16 +155,16 @@ def _flags(d: Drawing) -> list[Figure]:
 
 def tiles(d: Drawing) -> str:
     """Return the numbers at the top of the page."""
-    own = d.own["totals"]
+    totals = d.own["totals"]
     other = None if d.other is None else d.other["totals"]
     names = {"clips": "clips", "copies": "copies", "windows": "windows", "minutes": "minutes", "songs": "songs",
              "dancers": "dancers", "genres": "genres", "left_out": "left out",
              "flagged_clips": "flagged clips"}  # fmt: skip
     cells = ""
     for key, name in names.items():
-        if key in ("copies", "dancers", "genres") and not own[key] and not (other and other[key]):
+        if key in ("copies", "dancers", "genres") and not totals[key] and not (other and other[key]):
             continue
-        value = f"{own[key]:.1f}" if key == "minutes" else number(own[key])
+        value = f"{totals[key]:.1f}" if key == "minutes" else number(totals[key])
         beside = "" if other is None else f" ({other[key]:.1f})" if key == "minutes" else f" ({number(other[key])})"
         cells += f"<div><dt>{name}</dt><dd>{value}<small>{beside}</small></dd></div>"
     return f'<dl class="tiles">{cells}</dl>'
@@ -202,13 +202,15 @@ class PageParts:
 
 def page(d: Drawing, parts: PageParts) -> str:
     """Return the HTML of a report."""
-    found = sections(d, parts.chosen, parts.columns, parts.heat_maps)
+    chapters = sections(d, parts.chosen, parts.columns, parts.heat_maps)
     if d.other is not None:
-        found.append(("differences", "Differences", _differences(d.other, parts.differences)))
-    found.append(("about", "Source and terms", _terms(d.own)))
-    links = "".join(f'<a href="#r-s-{key}">{escaped(title)}</a>' for key, title, _ in found) + _play(parts.player)
-    body = "".join(f'<section><h2 id="r-s-{key}">{escaped(title)}</h2>{html}</section>' for key, title, html in found)
-    own = files("dancedata.report").joinpath("static", "report.css").read_text(encoding="utf-8")
+        chapters.append(("differences", "Differences", _differences(d.other, parts.differences)))
+    chapters.append(("about", "Source and terms", _terms(d.own)))
+    links = "".join(f'<a href="#r-s-{key}">{escaped(title)}</a>' for key, title, _ in chapters) + _play(parts.player)
+    body = "".join(
+        f'<section><h2 id="r-s-{key}">{escaped(title)}</h2>{html}</section>' for key, title, html in chapters
+    )
+    style = files("dancedata.report").joinpath("static", "report.css").read_text(encoding="utf-8")
     policy = (
         f"default-src 'none'; script-src {parts.player.script_sources}; style-src 'unsafe-inline'; img-src data:; "
         "base-uri 'none'; form-action 'none'"
@@ -219,7 +221,7 @@ def page(d: Drawing, parts: PageParts) -> str:
         '<meta name="viewport" content="width=device-width,initial-scale=1">'
         '<meta name="referrer" content="no-referrer"><link rel="icon" href="data:,">'
         f"<title>{escaped(d.own['about']['name'])}: dataset report</title>"
-        f'<style>{parts.player.css}{own}</style></head><body data-page="report">'
+        f'<style>{parts.player.css}{style}</style></head><body data-page="report">'
         f'<main id="r-report">{_header(d)}{tiles(d)}<nav aria-label="Sections">{links}</nav>'
         f"{_findings(d.own)}{body}</main>{parts.player.body}</body></html>\n"
     )
@@ -233,15 +235,15 @@ def _play(player: Player) -> str:
 
 
 def _header(d: Drawing) -> str:
-    about = d.own["about"]
-    windows = about["windows"]
+    record = d.own["about"]
+    windows = record["windows"]
     other = "" if d.other is None else f" <small>against {escaped(d.other['about']['name'])}</small>"
     facts = (
-        f"{about['scope']} scope, {about['fps']} frames per second, windows of {windows['length']} frames every "
-        f"{windows['stride']}, skeleton {about['skeleton']['name']}"
+        f"{record['scope']} scope, {record['fps']} frames per second, windows of {windows['length']} frames every "
+        f"{windows['stride']}, skeleton {record['skeleton']['name']}"
     )
     return (
-        f"<header><h1>{escaped(about['name'])}{other}</h1><p>{escaped(about['description'], 600)}</p>"
+        f"<header><h1>{escaped(record['name'])}{other}</h1><p>{escaped(record['description'], 600)}</p>"
         f'<p class="sub">{escaped(facts)}</p></header>'
     )
 
@@ -266,17 +268,17 @@ def _differences(other: Document, differences: Sequence[tuple[str, str]]) -> str
 
 
 def _terms(document: Document) -> str:
-    about = document["about"]
+    record = document["about"]
     rows = [
-        ("licence", about["licence"] or "unknown"),
-        *((f"weights of {name}", text) for name, text in about["weights"].items()),
-        ("cite", about["citation"] or "unknown"),
-        ("dataset", about["dataset"]),
-        ("recipe", about["recipe_sha256"]),
-        ("made by", f"dancedata {about['dancedata']}"),
+        ("licence", record["licence"] or "unknown"),
+        *((f"weights of {name}", text) for name, text in record["weights"].items()),
+        ("cite", record["citation"] or "unknown"),
+        ("dataset", record["dataset"]),
+        ("recipe", record["recipe_sha256"]),
+        ("made by", f"dancedata {record['dancedata']}"),
     ]
     lines = [f"<li><b>{escaped(name)}</b>: {escaped(value, 2000)}</li>" for name, value in rows]
-    lines += [f"<li>{escaped(note, 2000)}</li>" for note in about["notes"]]
+    lines += [f"<li>{escaped(note, 2000)}</li>" for note in record["notes"]]
     if document["about"]["scope"] == "window":
         lines.append("<li>Window scope: movement was measured in windows that do not overlap.</li>")
     return f'<ul class="terms" id="r-about">{"".join(lines)}</ul>'

@@ -68,9 +68,9 @@ def strips(columns: Columns, rows: Sequence[Row], other: Mapping[str, Row] | Non
     """
     panels = []
     for group in columns.groups:
-        own = list(rows[columns.slice(group.name)])
-        step = -(-len(own) // _STRIPS)
-        panels.append(_panel(f"{group.name}, {group.unit}", own[::step], len(own), step, other or {}))
+        lines = list(rows[columns.slice(group.name)])
+        step = -(-len(lines) // _STRIPS)
+        panels.append(_panel(f"{group.name}, {group.unit}", lines[::step], len(lines), step, other or {}))
     return f'<div class="scroll">{"".join(panels)}</div>'
 
 
@@ -83,8 +83,8 @@ def _panel(title: str, rows: Sequence[Row], n: int, step: int, other: Mapping[st
         return float(top + (height - top - 6) * (1 - (value - low) / ((high - low) or 1)))
 
     each = (width - left - 6) / len(rows)
-    every = f", one of {step} is drawn" if step > 1 else ""
-    told = f"{title.removesuffix(', 1')}: {counted(n, 'column')}{every}"  # a unit of 1 says nothing
+    thinned = f", one of {step} is drawn" if step > 1 else ""
+    told = f"{title.removesuffix(', 1')}: {counted(n, 'column')}{thinned}"  # a unit of 1 says nothing
     body = f'<text x="{left}" y="11" text-anchor="start">{escaped(told)}</text>'
     for value in dict.fromkeys((low, high)):
         body += f'<text x="{left - 5}" y="{y(value) + 4:.1f}" text-anchor="end">{number(value)}</text>'
@@ -92,9 +92,9 @@ def _panel(title: str, rows: Sequence[Row], n: int, step: int, other: Mapping[st
     for k, row in enumerate(rows):
         x, thick = left + (k + 0.5) * each, min(8.0, each * 0.7)
         constant = row["max"] - row["min"] < 1e-6
-        about = f"{row['label']}: " + ", ".join(f"{q} {number(v)}" for q, v in row.items() if q != "label")
+        text = f"{row['label']}: " + ", ".join(f"{q} {number(v)}" for q, v in row.items() if q != "label")
         body += (
-            f'<g class="{"constant" if constant else "s0"}"><title>{escaped(about)}</title>'
+            f'<g class="{"constant" if constant else "s0"}"><title>{escaped(text)}</title>'
             f'<path class="whisker" d="M{x:.1f} {y(row["min"]):.1f}V{y(row["max"]):.1f}"/>'
             f'<rect x="{x - thick / 2:.1f}" y="{y(row["p75"]):.1f}" width="{thick:.1f}" '
             f'height="{max(1.0, y(row["p25"]) - y(row["p75"])):.1f}"/>'
@@ -126,8 +126,8 @@ def heat_map(rows: npt.NDArray[Any], columns: Columns, label: str) -> str:
     image = base64.b64encode(_png((scaled * (_COLOURS - 1)).round().astype(np.uint8))).decode()
     names, least = "", len(kept)
     for group in columns.groups:
-        own = columns.slice(group.name)
-        inside = np.flatnonzero((kept >= own.start) & (kept < own.stop))
+        span = columns.slice(group.name)
+        inside = np.flatnonzero((kept >= span.start) & (kept < span.stop))
         if len(inside):
             least = min(least, len(inside))
             names += f'<li style="flex:{len(inside)} 0 0">{escaped(group.name.replace("_", " "))}</li>'

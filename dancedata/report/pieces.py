@@ -126,8 +126,8 @@ class ClipReader:
 
     def _piece(self, clip: ClipView, window: Window | None, motion: Field, reader: ColumnsReader) -> Piece:
         def rows(field: Field) -> Float64Array:
-            found = clip.read(field.name) if window is None else self.store.read(window, field.name)
-            return np.asarray(found)
+            rows = clip.read(field.name) if window is None else self.store.read(window, field.name)
+            return np.asarray(rows)
 
         figure = Figure.of_columns(rows(motion), reader)
         if self.keymotion is not None and self.keymotion.grid == figure.grid:

@@ -130,13 +130,13 @@ def clip_player(store: Store, clips: Sequence[str], folder: str, sound: PageSoun
     addresses = {k: f"{quote(folder)}/{name}" for name, k in side.items()}
     document = page_data(scenes, items, clips=inline, side=addresses, sound=sound or False)
     parts = page_parts()
-    own = files("dancedata.report").joinpath("static", "report.js").read_text(encoding="utf-8")
+    script = files("dancedata.report").joinpath("static", "report.js").read_text(encoding="utf-8")
     body = (
         f'<template id="r-clips">{parts.html}{data_script(document)}</template>'
-        f'<script type="text/plain" id="r-script">{parts.script}</script><script>{own}</script>'
+        f'<script type="text/plain" id="r-script">{parts.script}</script><script>{script}</script>'
     )
     links = {item.clip.id: _link(item) for item in items}
-    return Player(links, parts.css, body, (own, parts.script), side, scenes, items)
+    return Player(links, parts.css, body, (script, parts.script), side, scenes, items)
 
 
 def _payload(scenes: Scenes, item: Item, number: int) -> dict[str, Any]:
@@ -162,8 +162,8 @@ def embedded_sound(store: Store, clips: Sequence[str], source: Path | None, *, m
     if source is None:
         raise UsageError("the music is needed", fix="name the folder with it: --source DIR, or source=DIR")
     scenes, music = Scenes(store), ClipSource(store, source.expanduser())
-    found = {k: music.sound(scenes.find(clip)) for k, clip in enumerate(clips[:INLINE])}
-    files_of = {k: _opus(sound.signal) for k, sound in found.items() if sound is not None}
+    sounds = {k: music.sound(scenes.find(clip)) for k, clip in enumerate(clips[:INLINE])}
+    files_of = {k: _opus(sound.signal) for k, sound in sounds.items() if sound is not None}
     if clips and not files_of:
         raise UsageError("the source has no music of these clips", where=source)
     return PageSound(files_of, notice)

@@ -59,13 +59,13 @@ class Scales:
         )
 
 
-def music_gaps(found: Measured) -> dict[str, float]:
+def music_gaps(measured: Measured) -> dict[str, float]:
     """Return by how many seconds the music of each clip is longer than its motion, from the first frame on."""
-    grid = found.store.grid
+    grid = measured.store.grid
     return {
         c.id: music - float(grid.seconds(c.n_frames))
-        for c in found.store.clips
-        if not c.source and (music := found.clips[c.id].music_s) is not None
+        for c in measured.store.clips
+        if not c.source and (music := measured.clips[c.id].music_s) is not None
     }
 
 

@@ -24,13 +24,13 @@ Scale = Callable[[float], float]
 
 def drawn(body: str, label: str, height: float = HEIGHT, width: float = WIDTH, kind: str = "") -> str:
     """Return an SVG image with a name for assistive technology."""
-    about = f'role="img" aria-label="{escaped(label)}"' + (f' class="{kind}"' if kind else "")
-    return f'<svg viewBox="0 0 {width:g} {height:g}" {about}>{body}</svg>'
+    attributes = f'role="img" aria-label="{escaped(label)}"' + (f' class="{kind}"' if kind else "")
+    return f'<svg viewBox="0 0 {width:g} {height:g}" {attributes}>{body}</svg>'
 
 
 def _text(x: float, y: float, text: str, anchor: str = "middle", kind: str = "") -> str:
-    about = f' class="{kind}"' if kind else ""
-    return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}"{about}>{escaped(text)}</text>'
+    attributes = f' class="{kind}"' if kind else ""
+    return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}"{attributes}>{escaped(text)}</text>'
 
 
 def _short(name: str) -> str:
@@ -86,18 +86,18 @@ def histogram(
     if not total:
         return drawn(_text(WIDTH / 2, 40, "no values"), label, 60)
     shares = {name: 100 * c / total for name, c in counts.items()}
-    given = {"chance": np.asarray(chance or (), np.float64), "other": np.asarray(other or (), np.float64)}
-    outlines = {kind: 100 * own / own.sum() for kind, own in given.items() if own.any()}
+    samples = {"chance": np.asarray(chance or (), np.float64), "other": np.asarray(other or (), np.float64)}
+    outlines = {kind: 100 * sample / sample.sum() for kind, sample in samples.items() if sample.any()}
     stacked = np.sum(list(shares.values()), axis=0)
-    highest = max(float(own.max()) for own in (stacked, *outlines.values()))
+    highest = max(float(sample.max()) for sample in (stacked, *outlines.values()))
     x, y, body = axes((edges[0], edges[-1]), highest * 1.06, label, "%")
     base = np.zeros(len(edges) - 1)
     for k, (name, share) in enumerate(shares.items()):
         for b, height in enumerate(share.tolist()):
             if height:
                 left, width = x(edges[b]) + 0.5, max(0.8, x(edges[b + 1]) - x(edges[b]) - 1)
-                about = f"{name}, " if len(shares) > 1 else ""
-                title = f"{about}{number(edges[b])} to {number(edges[b + 1])}: {int(counts[name][b]):,}"
+                prefix = f"{name}, " if len(shares) > 1 else ""
+                title = f"{prefix}{number(edges[b])} to {number(edges[b + 1])}: {int(counts[name][b]):,}"
                 body += _bar(k, left, y(base[b] + height), width, y(base[b]) - y(base[b] + height), title)
         base += share
     for kind, outline in outlines.items():
@@ -119,18 +119,18 @@ def bars(
     rows: Mapping[str, Mapping[str, float]], label: str, *, other: Mapping[str, float] | None = None, unit: str = ""
 ) -> str:
     """Return one horizontal bar a row, stacked by group; the outline of another total around it."""
-    totals = {name: sum(own.values()) for name, own in rows.items()}
+    totals = {name: sum(counts.values()) for name, counts in rows.items()}
     most = max([*totals.values(), *(other or {}).values(), 0]) or 1
     room = WIDTH - _NAMES - 52
     body = ""
-    for row, (name, own) in enumerate(rows.items()):
+    for row, (name, counts) in enumerate(rows.items()):
         y, x = 4 + row * _ROW, float(_NAMES)
         body += f"<g><title>{escaped(name)}</title>{_text(_NAMES - 7, y + 11, _short(name), 'end')}</g>"
-        for k, (group, value) in enumerate(own.items()):
+        for k, (group, value) in enumerate(counts.items()):
             width = value / most * room
             if value:
                 title = (
-                    f"{name}, {group}: {number(value)}{unit}" if len(own) > 1 else f"{name}: {number(value)}{unit}"
+                    f"{name}, {group}: {number(value)}{unit}" if len(counts) > 1 else f"{name}: {number(value)}{unit}"
                 )
                 body += _bar(k, x, y, max(1.0, width - 1), 13, title)
             x += width
@@ -161,9 +161,11 @@ def boxes(
     other
         The same of another dataset: the outline of its box, with its p50.
     """
-    beside = {name: own for name, own in (other or {}).items() if name in rows and own["p50"] is not None}
-    every = [*rows.values(), *beside.values()]
-    most = max([v for own in every for v in own.values() if v is not None] or [1.0]) or 1.0
+    beside = {
+        name: quantiles for name, quantiles in (other or {}).items() if name in rows and quantiles["p50"] is not None
+    }
+    all_rows = [*rows.values(), *beside.values()]
+    most = max([v for quantiles in all_rows for v in quantiles.values() if v is not None] or [1.0]) or 1.0
     room, bottom = WIDTH - _NAMES - 16, 6 + _ROW * len(rows)
 
     def x(value: float | None) -> float:
@@ -173,10 +175,10 @@ def boxes(
         f'<path class="grid" d="M{x(v):.1f} 2V{bottom}"/>{_text(x(v), bottom + 15, number(v))}'
         for v in ticks(0, most, 5)
     )
-    for row, (name, own) in enumerate(rows.items()):
+    for row, (name, quantiles) in enumerate(rows.items()):
         y = 11 + row * _ROW
-        low, left, middle, right, high = (x(own[q]) for q in ("p5", "p25", "p50", "p75", "p95"))
-        numbers = ", ".join(f"{q} {number(own[q])}" for q in own)
+        low, left, middle, right, high = (x(quantiles[q]) for q in ("p5", "p25", "p50", "p75", "p95"))
+        numbers = ", ".join(f"{q} {number(quantiles[q])}" for q in quantiles)
         body += _text(_NAMES - 7, y + 4, _short(name), "end")
         body += (
             f'<g class="{classes.get(name, "s0")}"><title>{escaped(name)}: {escaped(numbers)}</title>'

@@ -156,8 +156,8 @@ class Histogram:
             name: np.histogram(np.asarray(values, dtype=np.float64), edges)[0].tolist()
             for name, values in groups.items()
         }
-        every = [v for values in groups.values() for v in values]
-        middle = {"n": len(every), **five_numbers(every)}
+        all_values = [v for values in groups.values() for v in values]
+        middle = {"n": len(all_values), **five_numbers(all_values)}
         return cls(tuple(edges), counts, middle)
 
     @classmethod

@@ -106,8 +106,8 @@ class Target:
 
     def _listing(self) -> dict[str, Any] | None:
         """Return the files of the folder as a report of this name has listed them; None if none wrote it."""
-        about = None if self.folder.is_symlink() else read_about(self.folder)
-        return about["files"] if about is not None and about.get("report") == self.path.name else None
+        record = None if self.folder.is_symlink() else read_about(self.folder)
+        return record["files"] if record is not None and record.get("report") == self.path.name else None
 
     def _require_own_folder(self) -> None:
         if not os.path.lexists(self.folder):

@@ -52,9 +52,9 @@ class Report:
     path: Path | None = None
 
     def __repr__(self) -> str:
-        about, totals = self.document["about"], self.document["totals"]
+        record, totals = self.document["about"], self.document["totals"]
         page_of = "" if self.path is None else f", {str(self.path)!r}"
-        return f"Report({shown(about['name'])}: {totals['clips']} clips, {totals['windows']} windows{page_of})"
+        return f"Report({shown(record['name'])}: {totals['clips']} clips, {totals['windows']} windows{page_of})"
 
     def to_json(self) -> dict[str, Any]:
         """Return plain JSON data."""
@@ -133,17 +133,17 @@ def write_report(
         target = Target.of(Path(to), stores, max_mb=max_mb, overwrite=overwrite)
         folder = None if source is None else Path(source)
         wanted = _Page(target, _checked(clips), _embeds(audio), folder, may_share)
-    with open_store(store) as own:
-        own.require_intact()
-        found = measure(own)
+    with open_store(store) as opened_store:
+        opened_store.require_intact()
+        measured = measure(opened_store)
         if against is None:
-            return _made(own, document(found, Scales.of([found])), None, (), wanted)
+            return _made(opened_store, document(measured, Scales.of([measured])), None, (), wanted)
         with open_store(against) as other:
             other.require_intact()
             beside = measure(other)
-            scales = Scales.of([found, beside])
-            differences = tuple(diff(own.path, other.path))
-            return _made(own, document(found, scales), document(beside, scales), differences, wanted)
+            scales = Scales.of([measured, beside])
+            differences = tuple(diff(opened_store.path, other.path))
+            return _made(opened_store, document(measured, scales), document(beside, scales), differences, wanted)
 
 
 def _checked(clips: Clips) -> Clips:
@@ -159,19 +159,19 @@ def _embeds(audio: str) -> bool:
 
 
 def _made(
-    store: Store, own: Document, other: Document | None, differences: tuple[Difference, ...], wanted: _Page | None
+    store: Store, this: Document, other: Document | None, differences: tuple[Difference, ...], wanted: _Page | None
 ) -> Report:
     if wanted is None:
-        return Report(own, other, differences)
-    player = _player(store, own, wanted)
-    html = _page(store, own, other, differences, player)
+        return Report(this, other, differences)
+    player = _player(store, this, wanted)
+    html = _page(store, this, other, differences, player)
     wanted.target.write(html.encode(), player)
-    return Report(own, other, differences, wanted.target.path)
+    return Report(this, other, differences, wanted.target.path)
 
 
-def _player(store: Store, own: Document, wanted: _Page) -> Player:
-    n = {"all": len(own["clips"]), "none": 0}.get(str(wanted.clips), wanted.clips)
-    clips = spread(own, int(n))
+def _player(store: Store, this: Document, wanted: _Page) -> Player:
+    n = {"all": len(this["clips"]), "none": 0}.get(str(wanted.clips), wanted.clips)
+    clips = spread(this, int(n))
     sound = None
     if wanted.embed_audio:
         sound = embedded_sound(store, clips, wanted.source, may_share=wanted.may_share)
@@ -179,18 +179,18 @@ def _player(store: Store, own: Document, wanted: _Page) -> Player:
 
 
 def _page(
-    store: Store, own: Document, other: Document | None, differences: Sequence[Difference], player: Player
+    store: Store, this: Document, other: Document | None, differences: Sequence[Difference], player: Player
 ) -> str:
     texts = [(d.kind, str(d).partition(": ")[2]) for d in differences]
-    parts = PageParts(spread(own, _PATHS), store.fields, _heat_maps(store, own), texts, player)
-    return page(Drawing(own, other, player.links), parts)
+    parts = PageParts(spread(this, _PATHS), store.fields, _heat_maps(store, this), texts, player)
+    return page(Drawing(this, other, player.links), parts)
 
 
-def _heat_maps(store: Store, own: Document) -> dict[str, Figure]:
+def _heat_maps(store: Store, this: Document) -> dict[str, Figure]:
     """Return the heat map of each field, of the longest clip."""
-    if not own["clips"]:
+    if not this["clips"]:
         return {}
-    clip = max(own["clips"], key=lambda row: (row["frames"], row["clip"]))["clip"]
+    clip = max(this["clips"], key=lambda row: (row["frames"], row["clip"]))["clip"]
     windows = windows_by_clip(store).get(clip, [])
     if store.scope == "window" and not windows:
         return {}
@@ -211,6 +211,8 @@ def _heat_maps(store: Store, own: Document) -> dict[str, Figure]:
 
 def default_path(store: str | Path) -> Path:
     """Return NAME-report.html in the current folder; of names that are no file names only the usual characters."""
-    with open_store(store) as own:
-        name = "".join(c if c.isascii() and (c.isalnum() or c in "._+-") else "_" for c in own.meta.get("name", ""))
+    with open_store(store) as opened_store:
+        name = "".join(
+            c if c.isascii() and (c.isalnum() or c in "._+-") else "_" for c in opened_store.meta.get("name", "")
+        )
     return Path(f"{name.lstrip('.') or 'dataset'}-report.html")

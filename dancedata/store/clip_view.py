@@ -96,9 +96,9 @@ class ClipView(ClipRecord):
 
     def __repr__(self) -> str:
         length = f"{self.n_frames} frames, {float(self.store.grid.seconds(self.n_frames)):.2f} s"
-        about = {"music": self.music, "genre": self.genre}
-        known = "".join(f", {name} {shown(value)}" for name, value in about.items() if value)
-        return f"ClipView({quoted(self.id)}, {self.split}, {length}{known})"
+        texts = {"music": self.music, "genre": self.genre}
+        described = "".join(f", {name} {shown(value)}" for name, value in texts.items() if value)
+        return f"ClipView({quoted(self.id)}, {self.split}, {length}{described})"
 
 
 class Clips(Sequence[ClipView]):

@@ -51,9 +51,9 @@ class CountedRows:
     def of(cls, path: Path, dataset: str, counts: Counts) -> Self:
         """Find the rows of a dataset in a shard that was written by `write_shard`."""
         with hdf5.open_file(path) as file:
-            found = file[dataset]
-            offset = int(found.id.get_offset() or 0)
-            return cls(path, offset, found.dtype, found.shape[1], counts)
+            dataset_values = file[dataset]
+            offset = int(dataset_values.id.get_offset() or 0)
+            return cls(path, offset, dataset_values.dtype, dataset_values.shape[1], counts)
 
     @property
     def weights(self) -> Counts:
@@ -98,12 +98,12 @@ def _gather(rows: npt.NDArray[Any], counted: npt.NDArray[np.bool_], out: npt.NDA
     """Copy those rows (R, columns) that count into `out`, (columns, n)."""
     filled = 0
     for begin in range(0, len(rows), _GATHERED_ROWS):
-        some = rows[begin : begin + _GATHERED_ROWS]
+        part = rows[begin : begin + _GATHERED_ROWS]
         chosen = counted[begin : begin + _GATHERED_ROWS]
         if not chosen.all():
-            some = some[chosen]
-        out[:, filled : filled + len(some)] = some.T
-        filled += len(some)
+            part = part[chosen]
+        out[:, filled : filled + len(part)] = part.T
+        filled += len(part)
 
 
 QUANTILES = (0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
@@ -228,10 +228,10 @@ class _Weighted(_Sorted):
         first, last = np.searchsorted(self.space.ends, (begin, end - 1), "right").tolist()
         part = self.space.part[: end - begin]
         filled = 0
-        for some in range(first, last + 1, _REPEATED):
-            ends = np.minimum(self.space.ends[some : min(some + _REPEATED, last + 1)], end)
+        for count in range(first, last + 1, _REPEATED):
+            ends = np.minimum(self.space.ends[count : min(count + _REPEATED, last + 1)], end)
             times = np.diff(ends, prepend=begin + filled)
-            repeated = np.repeat(self.values[some : some + len(ends)], times)
+            repeated = np.repeat(self.values[count : count + len(ends)], times)
             part[filled : filled + len(repeated)] = repeated
             filled += len(repeated)
         return part

@@ -219,12 +219,12 @@ class Store:
         if requested == stored and not trim and not whole:
             return stored_windows(split, shards)
         if self.scope == "window":
-            asked = "whole clips" if whole else f"length {requested.length}, stride {requested.stride} frames"
-            raise self._only_built_windows(asked + (", trimmed" if trim else ""))
-        own = [self.field(name) for name in fields or self._fields]
+            request = "whole clips" if whole else f"length {requested.length}, stride {requested.stride} frames"
+            raise self._only_built_windows(request + (", trimmed" if trim else ""))
+        window_fields = [self.field(name) for name in fields or self._fields]
         if whole:
-            return whole_clips(split, shards, self._description, own, trim)
-        return cut_windows(split, shards, self._description, requested, own, trim)
+            return whole_clips(split, shards, self._description, window_fields, trim)
+        return cut_windows(split, shards, self._description, requested, window_fields, trim)
 
     def _only_built_windows(self, found: str | None = None) -> StoreError:
         stored = f"length {self._description.length}, stride {self._description.stride} frames"
@@ -263,10 +263,10 @@ class Store:
         """
         if self.scope == "window":
             raise self._only_built_windows()
-        own = [self.field(name) for name in fields or self._fields]
+        window_fields = [self.field(name) for name in fields or self._fields]
         shard, number = self._place(clip_id)
-        every = WindowGrid(length, whole_period(self._description, own))
-        return window_starts(shard.clips, number, self._description, every, own, trim)
+        window_grid = WindowGrid(length, whole_period(self._description, window_fields))
+        return window_starts(shard.clips, number, self._description, window_grid, window_fields, trim)
 
     def read(self, window: Window, field: str) -> npt.NDArray[Any]:
         """Read a window's rows of a field.
@@ -386,8 +386,8 @@ class Store:
                 }
                 if clip_id in self._places[split]:
                     return self._places[split][clip_id]
-        known = [clip for split in self.splits for clip in self._places[split]]
-        raise UsageError(f"no clip named {clip_id!r}", where=str(self.path), fix=did_you_mean(clip_id, known))
+        clip_ids = [clip for split in self.splits for clip in self._places[split]]
+        raise UsageError(f"no clip named {clip_id!r}", where=str(self.path), fix=did_you_mean(clip_id, clip_ids))
 
     @property
     def weights(self) -> dict[str, str]:

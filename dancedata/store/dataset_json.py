@@ -256,15 +256,15 @@ def _check_about(document: Mapping[str, Any]) -> None:
 
 def stated_weights(document: Mapping[str, Any], field: str) -> str:
     """Return name, commit, hash and licence of the weights that computed a field; "" where none are stated."""
-    about, recipe = document.get("encoders", {}).get(field), document.get("recipe", {}).get("audio")
-    about = about if isinstance(about, Mapping) else {}
+    encoder, recipe = document.get("encoders", {}).get(field), document.get("recipe", {}).get("audio")
+    encoder = encoder if isinstance(encoder, Mapping) else {}
     keys = recipe.get(field) if isinstance(recipe, Mapping) else None
     hashes = [v for k, v in keys.items() if str(k).endswith("_sha256") and v] if isinstance(keys, Mapping) else []
     parts = {
-        "": about.get("model"),
-        "revision ": about.get("revision"),
-        "sha256 ": about.get("sha256") or next(iter(hashes), None),
-        "licence: ": about.get("licence"),
+        "": encoder.get("model"),
+        "revision ": encoder.get("revision"),
+        "sha256 ": encoder.get("sha256") or next(iter(hashes), None),
+        "licence: ": encoder.get("licence"),
     }
     return ", ".join(f"{name}{shown(value, 600)}" for name, value in parts.items() if value)
 

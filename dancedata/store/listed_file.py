@@ -112,9 +112,9 @@ class FileId:
     changed_ns: int
 
     @classmethod
-    def of(cls, found: os.stat_result) -> FileId:
+    def of(cls, status: os.stat_result) -> FileId:
         """Make it from the result of os.stat."""
-        return cls(found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns)
+        return cls(status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns)
 
     def same_file(self, other: FileId) -> bool:
         """Whether both are the same file, changed or not."""
@@ -142,15 +142,15 @@ class ListedFile:
         A file that was copied, moved or touched since then is accepted if dataset.json still lists the same size and
         SHA-256 for it.
         """
-        found = FileId.of(os.fstat(descriptor))
-        if found == self._known:
+        opened = FileId.of(os.fstat(descriptor))
+        if opened == self._known:
             return
-        if not self._is_still_listed() or _identity(self.path) != found:
+        if not self._is_still_listed() or _identity(self.path) != opened:
             raise self._rebuilt_error()
         # A file that was truncated in place is an error later, where bytes are missing.
-        if found.size != self._size and not found.same_file(self._known):
-            raise _another_size(self.path, found.size, self._size)
-        self._known = found
+        if opened.size != self._size and not opened.same_file(self._known):
+            raise _another_size(self.path, opened.size, self._size)
+        self._known = opened
 
     def open(self) -> int:
         """Open the file for reading and return its descriptor; StoreError unless it is the one listed."""
@@ -279,14 +279,14 @@ def _identity(path: Path) -> FileId | None:
 
 def _shard(path: Path, size: int, sha256: str) -> ListedFile:
     try:
-        found = os.stat(path)
+        status = os.stat(path)
     except OSError:
-        found = None
-    if found is None or not stat.S_ISREG(found.st_mode):
+        status = None
+    if status is None or not stat.S_ISREG(status.st_mode):
         raise _missing(path, size)
-    if found.st_size != size:
-        raise _another_size(path, found.st_size, size)
-    return ListedFile(path, size, sha256, found)
+    if status.st_size != size:
+        raise _another_size(path, status.st_size, size)
+    return ListedFile(path, size, sha256, status)
 
 
 def other_bytes(path: Path, found: str, listed: str) -> StoreError:

@@ -134,8 +134,10 @@ def locate_windows(
     first, bad = np.zeros(len(windows), dtype=np.int64), np.zeros(len(windows), dtype=np.bool_)
     find: Callable[..., tuple[IntArray, npt.NDArray[np.bool_]]] = _stored if scope == "window" else _views
     for number, reader in enumerate(shards):
-        mine = np.flatnonzero(shard == number)
-        first[mine], bad[mine] = find(reader, row[mine], windows.start[mine], windows.length[mine], f, grid)
+        in_shard = np.flatnonzero(shard == number)
+        first[in_shard], bad[in_shard] = find(
+            reader, row[in_shard], windows.start[in_shard], windows.length[in_shard], f, grid
+        )
     return shards, shard, first, bad
 
 
@@ -162,8 +164,8 @@ def _stored(
         return np.zeros_like(start), np.ones(len(start), dtype=np.bool_)
     # (clip, start) as one ascending number, so that one search finds all of them.
     step = int(table.start.max(initial=0)) + 1
-    known = (table.clip * step + table.start)[table.by_start]
+    stored_starts = (table.clip * step + table.start)[table.by_start]
     searched = row * step + start
-    place = table.by_start[np.searchsorted(known, searched).clip(max=len(known) - 1)]
+    place = table.by_start[np.searchsorted(stored_starts, searched).clip(max=len(stored_starts) - 1)]
     bad = (start < 0) | (start >= step) | (table.clip[place] != row) | (table.start[place] != start)
     return table.rows[f.name][place], bad | (table.length[place] != length)

@@ -126,9 +126,9 @@ class MinMax:
         return state if self.dtype == np.float32 else {**state, "dtype": self.dtype.name}
 
     @classmethod
-    def from_state(cls, state: Mapping[str, Any], **about: Any) -> Self:
+    def from_state(cls, state: Mapping[str, Any], **properties: Any) -> Self:
         """Read the result of `state_dict`; `about` are further arguments of `MinMax`."""
-        return cls(state["data_min"], state["data_max"], **{"dtype": state.get("dtype", np.float32), **about})
+        return cls(state["data_min"], state["data_max"], **{"dtype": state.get("dtype", np.float32), **properties})
 
     def save(self, path: str | Path) -> None:
         """Write the scaler to a JSON file, for ``scaler=`` and ``--scaler``, with the field that it is of.
@@ -156,14 +156,14 @@ class MinMax:
         """
         try:
             state = read_json(Path(path).expanduser(), _MAX_BYTES)
-            made = cls.from_state(state, **_about(state))
-            if made.sha256 != state["sha256"]:
+            normalizer = cls.from_state(state, **_about(state))
+            if normalizer.sha256 != state["sha256"]:
                 raise ValueError("the numbers are not those of its hash")
         except (OSError, ValueError, TypeError, OverflowError, UsageError) as error:
             raise UsageError(
                 "not a scaler file", where=path, found=shown(error), allowed="a file of normalizer.save(...)"
             ) from error
-        return made
+        return normalizer
 
     def require(self, *, field: str, columns: Sequence[str], dataset: str = "") -> Self:
         """Return this scaler if it can be of a field; what is unknown on one side, "" or (), is not compared.
@@ -179,14 +179,14 @@ class MinMax:
                 "the scaler has a different width", where=f"field {field}", found=f"{self.width} columns",
                 allowed=len(columns), fix=fix,
             )  # fmt: skip
-        for what, own, wanted in (
+        for what, actual, wanted in (
             ("field", self.field, field),
             ("columns", ", ".join(self.columns), ", ".join(columns)),
             ("dataset", self.dataset, dataset),
         ):
-            if own and wanted and own != wanted:
+            if actual and wanted and actual != wanted:
                 raise UsageError(
-                    f"the scaler is of another {what}", where=f"field {field}", found=shown(own), fix=fix
+                    f"the scaler is of another {what}", where=f"field {field}", found=shown(actual), fix=fix
                 )
         return self
 
@@ -208,7 +208,7 @@ def _about(state: Any) -> dict[str, Any]:
     if state["scaler"] != _FORMAT or type(state["scaler"]) is not int:
         raise ValueError(f"layout {shown(state['scaler'])}; this version reads {_FORMAT}")
     bounds = (state["data_min"], state["data_max"])
-    if not all(isinstance(own, list) and all(type(v) in (int, float) for v in own) for own in bounds):
+    if not all(isinstance(bound, list) and all(type(v) in (int, float) for v in bound) for bound in bounds):
         raise ValueError("data_min and data_max are not lists of numbers")
     columns = state["columns"]
     if not isinstance(columns, list) or not all(isinstance(c, str) for c in [*columns, state["field"]]):

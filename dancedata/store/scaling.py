@@ -254,8 +254,8 @@ def _check(
     if not np.isfinite(rows).any() or _mean(np.abs(rows)) < _NEAR_0:
         return
     problem = ""
-    (own, least), (undone, _) = (_distance(r, representation) for r in (rows, scaler.unnormalize(rows)))
-    stated, other = (undone, own) if normalized else (own, undone)
+    (distance, least), (undone, _) = (_distance(r, representation) for r in (rows, scaler.unnormalize(rows)))
+    stated, other = (undone, distance) if normalized else (distance, undone)
     range_ = np.tile(np.linspace(-1, 1, 5)[:, None], scaler.width)
     narrows = _outside(scaler.normalize(range_)) > 3 * _INSIDE
     again = _outside(scaler.normalize(rows))

@@ -107,8 +107,8 @@ class Field:
     @classmethod
     def from_json(cls, obj: Mapping[str, Any]) -> Field:
         """Read an entry that `to_json` gave; ValueError for anything else."""
-        known = obj["kind"] in _KINDS and obj["dtype"] in _DTYPES
-        if not known or not isinstance(obj["name"], str) or not _NAME.match(obj["name"]):
+        is_supported = obj["kind"] in _KINDS and obj["dtype"] in _DTYPES
+        if not is_supported or not isinstance(obj["name"], str) or not _NAME.match(obj["name"]):
             raise ValueError(f"a field {quoted(obj['name'])}, {quoted(obj['kind'])} of {quoted(obj['dtype'])}")
         return cls(
             name=obj["name"],
@@ -199,8 +199,8 @@ def check_name(name: str, what: str) -> None:
 
 def sort_splits(splits: set[str]) -> tuple[str, ...]:
     """Sort splits into their fixed order: train, val, test, then others by name."""
-    known = [s for s in SPLIT_ORDER if s in splits]
-    return (*known, *sorted(splits.difference(SPLIT_ORDER)))
+    standard = [s for s in SPLIT_ORDER if s in splits]
+    return (*standard, *sorted(splits.difference(SPLIT_ORDER)))
 
 
 def shard_name(split: str, number: int, total: int) -> str:

@@ -75,8 +75,8 @@ class ShardPlan:
             if clip is not None and f.per_clip:
                 rows += _n_rows(clip.motion[f.name])
             elif clip is not None:
-                known = self.blocks[f.name]
-                new = {b.key: b.array.shape[0] for b in clip.audio[f.name] if b.key not in known}
+                blocks = self.blocks[f.name]
+                new = {b.key: b.array.shape[0] for b in clip.audio[f.name] if b.key not in blocks}
                 rows += sum(new.values())
             total += rows * f.row_bytes
         return total
@@ -95,19 +95,19 @@ class ShardPlan:
         self.clips.append(clip)
 
     def _add_block(self, name: str, block: AudioBlock, clip: str) -> int:
-        known = self.blocks[name].get(block.key)
-        if known is None:
+        stored_block = self.blocks[name].get(block.key)
+        if stored_block is None:
             start = self.rows[name]
             self.blocks[name][block.key] = (start, block.array)
             self.rows[name] += block.array.shape[0]
             return start
-        if known[1].shape != block.array.shape:
+        if stored_block[1].shape != block.array.shape:
             raise StoreError(
                 "two audio blocks with the same key have different shapes",
                 where=f"clip {clip}, field {name}, key {block.key}",
-                found=f"{known[1].shape} and {block.array.shape}",
+                found=f"{stored_block[1].shape} and {block.array.shape}",
             )
-        return known[0]
+        return stored_block[0]
 
     def window_starts(self, f: Field, clip: int) -> IntArray:
         """Return the row of a field, counted in the clip, at which each window of a clip begins."""

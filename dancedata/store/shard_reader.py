@@ -62,9 +62,9 @@ class WindowRows:
         self._check_bounds([layout.n_rows for layout in layouts])
         self.shape = n_rows, layouts[0].width
         self.dtype = layouts[0].dtype.newbyteorder("=")
-        found = [reader.mapped_rows(field) if mapped else "mapped=False" for reader in shards]
-        self._maps = [None if isinstance(rows, str) else rows for rows in found]
-        self.unmapped = "; ".join(dict.fromkeys(reason for reason in found if isinstance(reason, str)))
+        views = [reader.mapped_rows(field) if mapped else "mapped=False" for reader in shards]
+        self._maps = [None if isinstance(rows, str) else rows for rows in views]
+        self.unmapped = "; ".join(dict.fromkeys(reason for reason in views if isinstance(reason, str)))
         # A field that fits into memory is read from the disk once, a larger one again and again.
         n_bytes = sum(layout.n_rows * layout.row_bytes for layout in layouts)
         self._fits = n_bytes < os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2
@@ -92,8 +92,8 @@ class WindowRows:
         if rows is None:
             return None
         first = self._first[place] + shift
-        found: npt.NDArray[Any] = rows[first : first + self._n_rows]
-        return found
+        rows_of_shard: npt.NDArray[Any] = rows[first : first + self._n_rows]
+        return rows_of_shard
 
     def read_into(self, place: int, out: npt.NDArray[Any], shift: int = 0) -> None:
         """Copy a window's rows, moved by `shift` rows, into `out`, (rows, D), converting to its dtype."""

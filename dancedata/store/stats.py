@@ -83,13 +83,13 @@ def compute_stats(
     if not train:
         result["note"] = "there are no train windows, so there are no statistics and no scaler"
         return result
-    shards = [own for own, plan in zip(same, plans, strict=False) if any(plan is p for p in train)]
+    shards = [overlap for overlap, plan in zip(same, plans, strict=False) if any(plan is p for p in train)]
     for f in header.fields:
-        found: list[ColumnStats] = []
+        stats: list[ColumnStats] = []
         sources = _covered(out, header, f, train)
         for columns, once in _groups(f, shards):
-            found += _column_stats(_each_once(sources, train, f) if once else sources, columns, block_values)
-        result["fields"][f.name] = _summary(sum(int(source.counts.sum()) for source in sources), found)
+            stats += _column_stats(_each_once(sources, train, f) if once else sources, columns, block_values)
+        result["fields"][f.name] = _summary(sum(int(source.counts.sum()) for source in sources), stats)
     return result
 
 
@@ -109,8 +109,10 @@ def _each_once(sources: Sequence[CountedRows], train: Sequence[ShardPlan], f: Fi
     for source, plan in zip(sources, train, strict=True):
         length = plan.header.grid.rows(plan.header.length, of=f.grid)
         starts = [plan.window_starts(f, number) for number in range(len(plan.clips))]
-        known = {own.tobytes(): rows_once(own, length).reshape(-1) for own in starts}
-        counted.append(replace(source, counts=np.concatenate([known[own.tobytes()] for own in starts])))
+        once_by_starts = {begins.tobytes(): rows_once(begins, length).reshape(-1) for begins in starts}
+        counted.append(
+            replace(source, counts=np.concatenate([once_by_starts[begins.tobytes()] for begins in starts]))
+        )
     return counted
 
 
@@ -138,13 +140,13 @@ def _count_in_first_shard(
 ) -> None:
     for key, (start, array) in plan.blocks[name].items():
         n = array.shape[0]
-        here = counts[start : start + n]
+        n_rows = counts[start : start + n]
         if key not in first_shard:
             first_shard[key] = (counts, start)
             continue
         home, home_start = first_shard[key]
-        np.maximum(home[home_start : home_start + n], here, out=home[home_start : home_start + n])
-        here[:] = 0
+        np.maximum(home[home_start : home_start + n], n_rows, out=home[home_start : home_start + n])
+        n_rows[:] = 0
 
 
 def _column_stats(sources: Sequence[CountedRows], columns: slice, block_values: int) -> list[ColumnStats]:
@@ -164,19 +166,21 @@ def _column_stats(sources: Sequence[CountedRows], columns: slice, block_values: 
         finally:
             spaces.append(space)
 
-    found: list[ColumnStats] = []
+    stats: list[ColumnStats] = []
     with ThreadPoolExecutor(len(spaces), thread_name_prefix="statistics") as threads:
         for begin in range(columns.start, columns.stop, step):
-            some = slice(begin, min(begin + step, columns.stop))
-            parts = [block[: some.stop - some.start, first:last] for first, last in pairwise(firsts)]
-            list(threads.map(CountedRows.read_into, sources, itertools.repeat(some), parts))
-            found += threads.map(of_column, block[: some.stop - some.start])
-    return found
+            block_columns = slice(begin, min(begin + step, columns.stop))
+            parts = [
+                block[: block_columns.stop - block_columns.start, first:last] for first, last in pairwise(firsts)
+            ]
+            list(threads.map(CountedRows.read_into, sources, itertools.repeat(block_columns), parts))
+            stats += threads.map(of_column, block[: block_columns.stop - block_columns.start])
+    return stats
 
 
-def _summary(n: int, found: Sequence[ColumnStats]) -> dict[str, Any]:
-    summary = {name: [getattr(own, name) for own in found] for name in ("mean", "std", "min", "max")}
-    quantiles = {str(q): [own.quantiles[k] for own in found] for k, q in enumerate(QUANTILES)}
+def _summary(n: int, stats: Sequence[ColumnStats]) -> dict[str, Any]:
+    summary = {name: [getattr(column, name) for column in stats] for name in ("mean", "std", "min", "max")}
+    quantiles = {str(q): [column.quantiles[k] for column in stats] for k, q in enumerate(QUANTILES)}
     minimum, maximum = (np.asarray(summary[k], dtype=np.float32) for k in ("min", "max"))
     return {"n": n, **summary, "quantiles": quantiles, "scaler": _scaler(minimum, maximum)}
 

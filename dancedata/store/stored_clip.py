@@ -50,13 +50,13 @@ def _check_windows(header: StoreHeader, clip: StoredClip) -> None:
         )
 
 
-def _check_names(clip: StoredClip, kind: str, fields: list[Field], given: Iterable[str]) -> None:
-    needed, found = {f.name for f in fields}, set(given)
-    if needed != found:
+def _check_names(clip: StoredClip, kind: str, fields: list[Field], present: Iterable[str]) -> None:
+    needed, present_names = {f.name for f in fields}, set(present)
+    if needed != present_names:
         raise StoreError(
             f"a clip's {kind} fields are not those of the store",
             where=f"clip {clip.id}",
-            found=", ".join(sorted(found)) or "none",
+            found=", ".join(sorted(present_names)) or "none",
             allowed=", ".join(sorted(needed)) or "none",
         )
 

@@ -66,8 +66,8 @@ def verify_store(path: str | Path) -> list[Problem]:
     problems = [*_check_document(folder, description), *_check_side_files(folder, description)]
     records: list[ClipRecord] = []
     for entry in description.shards:
-        found, clips = _check_shard(folder, description, entry)
-        problems += found
+        shard_problems, clips = _check_shard(folder, description, entry)
+        problems += shard_problems
         records += clips
     # In a damaged dataset, counts would only repeat the same problems.
     if not any(p.severity == "error" for p in problems):
@@ -163,7 +163,7 @@ def _check_counts(folder: Path, description: Description, records: Sequence[Clip
     for split, counts in description.meta["counts"].items():
         clips = [r for r in records if r.split == split]
         frames = sum(r.n_frames for r in clips)
-        found = {
+        actual = {
             "clips": len(clips),
             "windows": sum(s.windows for s in description.shards if s.split == split),
             "frames": frames,
@@ -172,7 +172,7 @@ def _check_counts(folder: Path, description: Description, records: Sequence[Clip
         }
         # Datasets of earlier versions count names, those of the stretched music of copies too.
         names = len({r.music for r in clips if r.music})
-        for name, value in found.items():
+        for name, value in actual.items():
             stated = counts.get(name) if isinstance(counts, dict) else None
             if stated != value and not (name == "songs" and stated == names):
                 yield Problem("error", where, f"counts: {split} has {value} {name}, not {stated}")
@@ -221,9 +221,9 @@ def _find_alike_songs(folder: Path) -> Iterator[Problem]:
 
 
 def _find_unlisted_files(folder: Path, description: Description) -> Iterator[Problem]:
-    known = {s.file for s in description.shards}
+    listed = {s.file for s in description.shards}
     for path in sorted(folder.iterdir()):
-        if path.name in known:
+        if path.name in listed:
             continue
         if is_shard_name(path.name) or path.name.startswith(OWN) or _LEFTOVER.search(path.name):
             yield Problem("note", str(path), "a file that dataset.json does not list; readers ignore it")

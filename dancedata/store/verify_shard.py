@@ -108,16 +108,16 @@ def _check_layout(file: Any, description: Description, entry: ShardEntry) -> Ite
 def _expected(description: Description, entry: ShardEntry) -> dict[str, tuple[Any, int | None]]:
     """Return for each dataset its dtype (None: text) and number of rows (None: any)."""
     whole = np.dtype("<i8")
-    found: dict[str, tuple[Any, int | None]] = {
+    shapes: dict[str, tuple[Any, int | None]] = {
         f"clips/{column.name}": (column.type.dtype, entry.clips) for column in CLIP_COLUMNS
     }
-    found |= {f"windows/{n}": (whole, entry.windows) for n in ("clip", "start", "length", "index")}
+    shapes |= {f"windows/{n}": (whole, entry.windows) for n in ("clip", "start", "length", "index")}
     for f in description.fields:
-        found[f.path] = (f.disk_dtype, None)
-        found[f"windows/rows/{f.name}"] = (whole, entry.windows)
+        shapes[f.path] = (f.disk_dtype, None)
+        shapes[f"windows/rows/{f.name}"] = (whole, entry.windows)
         if f.per_clip or description.scope == "track":
-            found |= {f"clips/{f.path}/{name}": (whole, entry.clips) for name in f.span_columns}
-    return found
+            shapes |= {f"clips/{f.path}/{name}": (whole, entry.clips) for name in f.span_columns}
+    return shapes
 
 
 def _check_clips(clips: ClipTable) -> Iterator[str]:

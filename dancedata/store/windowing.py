@@ -95,8 +95,8 @@ def cut_windows(
         table = shard.clips
         starts: list[IntArray] = []
         for number in range(len(table.records)):
-            found = window_starts(table, number, description, windows, fields, trim)
-            starts.append(np.arange(found.start, found.stop, found.step, dtype=np.int64))
+            begins = window_starts(table, number, description, windows, fields, trim)
+            starts.append(np.arange(begins.start, begins.stop, begins.step, dtype=np.int64))
         counts = [len(s) for s in starts]
         clip = np.repeat(np.arange(len(counts), dtype=np.int64), counts)
         index = np.concatenate([*(np.arange(n, dtype=np.int64) for n in counts), np.empty(0, np.int64)])

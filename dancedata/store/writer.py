@@ -171,8 +171,8 @@ def _count(header: StoreHeader, plans: Sequence[ShardPlan]) -> dict[str, dict[st
 
 def _check_meta(header: StoreHeader, document: dict[str, Any]) -> dict[str, Any]:
     """Merge the caller's keys into dataset.json; StoreError if one of them is a key of the format."""
-    own = {*document, "shards", "files", "self_sha256"}
-    taken = sorted(own & set(header.meta))
+    reserved = {*document, "shards", "files", "self_sha256"}
+    taken = sorted(reserved & set(header.meta))
     if taken:
         raise StoreError("meta has keys that the format uses itself", found=", ".join(taken))
     try:

@@ -105,50 +105,55 @@ def check_dataset(cls: type[Any], folder: Path) -> None:
 def check_representation(cls: type[Any]) -> None:
     """Check a representation: columns, dtype, decoding, mirroring, one frame, another skeleton."""
     check_plugin(cls)
-    made, rule = cls(), contact_rule_of(cls())
-    _check_columns(made.columns)
-    motion = random_motion(made.skeleton, 40)
+    representation, rule = cls(), contact_rule_of(cls())
+    _check_columns(representation.columns)
+    motion = random_motion(representation.skeleton, 40)
     before = motion.translation.copy(), motion.rotations.copy()
-    array = made.encode(motion, rule)
-    require(array.shape == (40, made.columns.width), f"encode gives (T, {made.columns.width}), not {array.shape}")
+    array = representation.encode(motion, rule)
+    require(
+        array.shape == (40, representation.columns.width),
+        f"encode gives (T, {representation.columns.width}), not {array.shape}",
+    )
     require(array.dtype == np.float32, f"encode gives float32, not {array.dtype}")
     require(bool(np.isfinite(array).all()), "encode gives finite values")
     untouched = np.array_equal(before[0], motion.translation) and np.array_equal(before[1], motion.rotations)
     require(untouched, "encode does not write into the motion")
-    one = made.encode(motion.part(0, 1), rule)
-    require(one.shape == (1, made.columns.width), "a motion of one frame can be encoded")
+    one = representation.encode(motion.part(0, 1), rule)
+    require(one.shape == (1, representation.columns.width), "a motion of one frame can be encoded")
     odd = Motion(np.zeros((2, 3)), np.zeros((2, 2, 3)), FPS, ODD_SKELETON)
-    raises(UsageError, lambda: made.encode(odd, rule), "a motion on another skeleton is a UsageError")
-    mirror = made.columns.mirror
+    raises(UsageError, lambda: representation.encode(odd, rule), "a motion on another skeleton is a UsageError")
+    mirror = representation.columns.mirror
     if mirror is not None:
         require(np.array_equal(mirror.apply(mirror.apply(array)), array), "mirroring twice gives back the columns")
-    _check_spatial(made, motion, array)
-    if made.decodes and made.fits:
-        decoded = made.decode(array, FPS)
+    _check_spatial(representation, motion, array)
+    if representation.decodes and representation.fits:
+        decoded = representation.decode(array, FPS)
         require(decoded.n_frames == 40 and decoded.grid == FPS, "decode gives as many frames, at the rate asked for")
-    elif made.decodes:
-        decoded = made.decode(array, FPS)
+    elif representation.decodes:
+        decoded = representation.decode(array, FPS)
         wanted = motion
-        if made.grounded:
+        if representation.grounded:
             shift = decoded.translation[0] * (0, 1, 0) - motion.translation[0] * (0, 1, 0)
             wanted = Motion(motion.translation + shift, motion.rotations, motion.grid, motion.skeleton)
         _check_same(decoded, wanted, TRANSLATION_TOLERANCE, "decode gives back the motion")
         if mirror is not None:
-            image = made.decode(mirror.apply(array), FPS)
+            image = representation.decode(mirror.apply(array), FPS)
             _check_same(
                 image, mirrored_motion(wanted), TRANSLATION_TOLERANCE, "mirrored columns are the mirrored motion's"
             )
 
 
-def _check_spatial(made: Any, motion: Motion, array: npt.NDArray[Any]) -> None:
+def _check_spatial(representation: Any, motion: Motion, array: npt.NDArray[Any]) -> None:
     """Check that columns that are turned and shifted are those of the motion that is turned and shifted."""
-    if made.spatial is None:
+    if representation.spatial is None:
         return
-    made.spatial.check(made.columns)
+    representation.spatial.check(representation.columns)
     by = Placement(turn_rad=1.2, x_m=0.4, z_m=-0.7)
-    wanted = made.encode(moved(motion, by), contact_rule_of(made))
-    found = made.spatial.moved(array, made.columns, by)
-    require(bool(np.abs(found - wanted).max() < 1e-5), "`spatial` turns columns as `encode` turns with the motion")
+    wanted = representation.encode(moved(motion, by), contact_rule_of(representation))
+    moved_rows = representation.spatial.moved(array, representation.columns, by)
+    require(
+        bool(np.abs(moved_rows - wanted).max() < 1e-5), "`spatial` turns columns as `encode` turns with the motion"
+    )
 
 
 def check_contact_rule(cls: type[Any]) -> None:
@@ -172,21 +177,22 @@ def check_contact_rule(cls: type[Any]) -> None:
 def check_key_motion(cls: type[Any]) -> None:
     """Check a finder of key motions: one row a frame, finite, deterministic, one frame, stillness."""
     check_plugin(cls)
-    made = cls()
-    _check_columns(made.columns)
-    require(made.columns.mirror is not None, "its columns have a mirror image, so that clips can be mirrored")
+    finder = cls()
+    _check_columns(finder.columns)
+    require(finder.columns.mirror is not None, "its columns have a mirror image, so that clips can be mirrored")
     motion = random_motion(SMPL24, 40, turn_rad=0.05, step_m=0.005)
-    rows = made.analyse(motion)
-    require(rows.shape == (40, made.columns.width), f"rows are (T, {made.columns.width}), not {rows.shape}")
+    rows = finder.analyse(motion)
+    require(rows.shape == (40, finder.columns.width), f"rows are (T, {finder.columns.width}), not {rows.shape}")
     require(rows.dtype == np.float32 and bool(np.isfinite(rows).all()), "rows are finite float32")
-    require(np.array_equal(made.analyse(motion), rows), "equal motion gives equal rows")
+    require(np.array_equal(finder.analyse(motion), rows), "equal motion gives equal rows")
     still = Motion(np.zeros((30, 3)), np.zeros((30, SMPL24.n_joints, 3)), FPS, SMPL24)
     for short in (motion.part(0, 1), motion.part(0, 2), still):
-        found = made.analyse(short)
+        short_rows = finder.analyse(short)
         require(
-            found.shape == (short.n_frames, made.columns.width), "a motion of one frame, or a still one, has rows"
+            short_rows.shape == (short.n_frames, finder.columns.width),
+            "a motion of one frame, or a still one, has rows",
         )
-        require(bool(np.isfinite(found).all()), "stillness gives finite rows")
+        require(bool(np.isfinite(short_rows).all()), "stillness gives finite rows")
 
 
 def check_audio_feature(cls: type[Any]) -> None:
@@ -200,31 +206,33 @@ def check_audio_feature(cls: type[Any]) -> None:
         _check_audio_feature(cls.make_example(Path(folder)))
 
 
-def _check_audio_feature(made: Any) -> None:
-    _check_columns(made.columns)
-    require(bool(made.packages), "packages names what the numbers depend on")
-    require(made.dtype in ("float32", "float16"), f"dtype on disk is float32 or float16, not {made.dtype}")
+def _check_audio_feature(feature: Any) -> None:
+    _check_columns(feature.columns)
+    require(bool(feature.packages), "packages names what the numbers depend on")
+    require(feature.dtype in ("float32", "float16"), f"dtype on disk is float32 or float16, not {feature.dtype}")
     for seconds, rate in ((0.1, 22050), (2.0, 44100), (3.33, 48000)):
         for signal in (random_signal(seconds, rate), AudioSignal(np.zeros(int(seconds * rate), np.float32), rate)):
-            _check_rows(made, signal, made.extract(signal, FPS, start_bpm=110.0), FPS)
+            _check_rows(feature, signal, feature.extract(signal, FPS, start_bpm=110.0), FPS)
     signal = random_signal(3.0, 16000)
-    first, second = made.extract(signal, FPS), made.extract(signal, FPS)
+    first, second = feature.extract(signal, FPS), feature.extract(signal, FPS)
     require(np.array_equal(first, second), "equal signals give equal rows")
-    windows = made.extract_windows(signal, np.array([0, 7_999]), 32_000, FPS, 60)
-    require(windows.shape == (2, 60, made.columns.width), f"windows are (W, n_rows, D), not {windows.shape}")
+    windows = feature.extract_windows(signal, np.array([0, 7_999]), 32_000, FPS, 60)
+    require(windows.shape == (2, 60, feature.columns.width), f"windows are (W, n_rows, D), not {windows.shape}")
     require(bool(np.isfinite(windows).all()), "windows are finite")
     empty = AudioSignal(np.zeros(0, np.float32), 16000)
-    raises(DanceDataError, lambda: made.extract(empty, FPS), "a signal without samples is an error")
+    raises(DanceDataError, lambda: feature.extract(empty, FPS), "a signal without samples is an error")
     beyond = np.array([20_000])
     raises(
-        DanceDataError, lambda: made.extract_windows(signal, beyond, 32_000, FPS, 60), "no window beyond the signal"
+        DanceDataError,
+        lambda: feature.extract_windows(signal, beyond, 32_000, FPS, 60),
+        "no window beyond the signal",
     )
     for grid in (FrameGrid.of("1/7"), FrameGrid.of("30000/1001"), FrameGrid.of(25)):
         try:
-            rows = made.extract(signal, grid, start_bpm=110.0)
+            rows = feature.extract(signal, grid, start_bpm=110.0)
         except DanceDataError:
             continue
-        _check_rows(made, signal, rows, grid)
+        _check_rows(feature, signal, rows, grid)
 
 
 def check_augmentation(cls: type[Augmentation], folder: Path) -> None:
@@ -247,8 +255,8 @@ def check_augmentation(cls: type[Augmentation], folder: Path) -> None:
 
 
 def _check_makes_copies(cls: type[CopyAugmentation], folder: Path) -> None:
-    made, spec = cls(), CopySpec(cls.name, cls())
-    fields = [field for field in example_fields() if _accepts(made, field.columns)]
+    augmentation, spec = cls(), CopySpec(cls.name, cls())
+    fields = [field for field in example_fields() if _accepts(augmentation, field.columns)]
     motions = [field.name for field in fields if field.kind == "motion"]
     require(bool(motions), "`check` accepts the columns of a representation")
     require(cls.changes in ("rows", "motion", "time"), "changes is rows, motion or time")
@@ -266,22 +274,26 @@ def _check_makes_copies(cls: type[CopyAugmentation], folder: Path) -> None:
 def check_window_filter(cls: type[WindowFilter]) -> None:
     """Check a window filter: what it returns, that equal windows get equal answers, and that recipes take it."""
     check_plugin(cls)
-    made = cls()
+    window_filter = cls()
     require(cls.reason in BY_CHOICE, f"reason is one of {', '.join(sorted(BY_CHOICE))}")
-    require(isinstance(made.field, str) and bool(made.field), "field names a field")
-    require(bool(made.splits) and all(isinstance(s, str) for s in made.splits), "splits names splits")
-    fields = [field for field in example_fields() if _accepts(made, field.columns)]
+    require(isinstance(window_filter.field, str) and bool(window_filter.field), "field names a field")
+    require(
+        bool(window_filter.splits) and all(isinstance(s, str) for s in window_filter.splits), "splits names splits"
+    )
+    fields = [field for field in example_fields() if _accepts(window_filter, field.columns)]
     require(bool(fields), "`check` accepts the columns of a representation or of key motions")
     for field in fields:
         for rows in (field.rows, field.rows[:1], np.zeros_like(field.rows), 1000 * field.rows):
             rows.setflags(write=False)
-            found = made.reject(rows, field.columns, FPS)
-            require(found == made.reject(rows.copy(), field.columns, FPS), "equal windows get equal answers")
-            if found is not None:
-                require(found.reason == cls.reason, f"rejects have the reason {cls.reason}, not {found.reason}")
-                require(bool(found.detail), "rejects have a detail")
-                require(json.loads(json.dumps(found.to_json())) == found.to_json(), "rejects are JSON")
-    for field in (field for field in fields if field.name == made.field):
+            reject = window_filter.reject(rows, field.columns, FPS)
+            require(
+                reject == window_filter.reject(rows.copy(), field.columns, FPS), "equal windows get equal answers"
+            )
+            if reject is not None:
+                require(reject.reason == cls.reason, f"rejects have the reason {cls.reason}, not {reject.reason}")
+                require(bool(reject.detail), "rejects have a detail")
+                require(json.loads(json.dumps(reject.to_json())) == reject.to_json(), "rejects are JSON")
+    for field in (field for field in fields if field.name == window_filter.field):
         windows = {"length_frames": 30, "stride_frames": 15, "filter": {cls.name: {}}}
         recipe_with(dataset="synthetic", keys={"windows": windows, field.kind: {field.name: {}}})
 
@@ -382,9 +394,9 @@ def _check_build(recipe: Any, scan: Scan, source: Path, out: Path) -> None:
             require(rows.shape == (30, field.representation.columns.width), f"a window of {split} can be read")
 
 
-def _accepts(made: CopyAugmentation | WindowFilter, columns: Columns) -> bool:
+def _accepts(plugin: CopyAugmentation | WindowFilter, columns: Columns) -> bool:
     try:
-        made.check(columns)
+        plugin.check(columns)
     except UsageError:
         return False
     return True
@@ -423,10 +435,10 @@ def _check_copies(spec: CopySpec, motion: str, scope: str, folder: Path) -> None
         require(all(counts[c] == counts[spec.clip_id(c)] for c in train), "copies have the windows of their clips")
 
 
-def _check_rows(made: Any, signal: AudioSignal, rows: npt.NDArray[Any], grid: FrameGrid) -> None:
-    announced = made.n_rows(signal.n_samples, signal.sample_rate, grid), made.columns.width
+def _check_rows(feature: Any, signal: AudioSignal, rows: npt.NDArray[Any], grid: FrameGrid) -> None:
+    announced = feature.n_rows(signal.n_samples, signal.sample_rate, grid), feature.columns.width
     require(rows.shape == announced, f"rows are {announced} as n_rows says, not {rows.shape}")
-    require(rows.dtype.name == made.dtype, f"rows are {made.dtype}, not {rows.dtype}")
+    require(rows.dtype.name == feature.dtype, f"rows are {feature.dtype}, not {rows.dtype}")
     require(bool(np.isfinite(rows).all()), "rows are finite, for silence too")
 
 

@@ -59,10 +59,12 @@ def example_fields() -> list[ExampleField]:
     motion = random_motion(SMPL24, 40, turn_rad=0.5)
     fields = []
     for name in REPRESENTATIONS.names():
-        made, rule = REPRESENTATIONS.get(name)(), contact_rule_of(REPRESENTATIONS.get(name)())
-        grid = FPS if made.rate is None else FrameGrid(made.rate)
-        sample_field = SampleField(name, "motion", made.columns, grid, made, rule)
-        fields.append(ExampleField(name, "motion", made.columns, made.encode(motion, rule), sample_field))
+        representation, rule = REPRESENTATIONS.get(name)(), contact_rule_of(REPRESENTATIONS.get(name)())
+        grid = FPS if representation.rate is None else FrameGrid(representation.rate)
+        sample_field = SampleField(name, "motion", representation.columns, grid, representation, rule)
+        fields.append(
+            ExampleField(name, "motion", representation.columns, representation.encode(motion, rule), sample_field)
+        )
     for name in KEYMOTIONS.names():
         finder = KEYMOTIONS.get(name)()
         sample_field = SampleField(name, "keymotion", finder.columns, FPS)

@@ -22,18 +22,20 @@ def check_export(cls: type[Export], folder: Path) -> None:
         An empty folder to work in.
     """
     check_plugin(cls)
-    made, folder = cls(), folder.absolute()
-    source, store = build_for_export(made, folder)
+    plugin, folder = cls(), folder.absolute()
+    source, store = build_for_export(plugin, folder)
     outs = [folder / "one" / "export", folder / "two" / "export"]
     for out in outs:
-        done = export_dataset(store, made, out, source=source, link=out is outs[1])
+        done = export_dataset(store, plugin, out, source=source, link=out is outs[1])
         require(done.path == out, "the result names the folder")
-    _check_exported(made, *outs)
-    raises(StoreError, lambda: export_dataset(store, made, outs[0], source=source), "a second one there is an error")
-    _check_refusal(made, folder, source)
+    _check_exported(plugin, *outs)
+    raises(
+        StoreError, lambda: export_dataset(store, plugin, outs[0], source=source), "a second one there is an error"
+    )
+    _check_refusal(plugin, folder, source)
 
 
-def build_for_export(made: Export, folder: Path) -> tuple[Path, Path]:
+def build_for_export(plugin: Export, folder: Path) -> tuple[Path, Path]:
     """Build a small dataset from an export's own recipe; returns its source and the dataset."""
     from dancedata.pipeline.build import build
     from dancedata.recipes.parse import parse_recipe
@@ -43,7 +45,7 @@ def build_for_export(made: Export, folder: Path) -> tuple[Path, Path]:
         "name": "conformance",
         "dataset": {"aist++": {}},
         "windows": {"length_s": 5, "stride_s": 0.5},
-        **made.recipe,
+        **plugin.recipe,
     }
     recipe, source, store = parse_recipe(document), folder / "source", folder / "store"
     recipe.dataset.make_example(source)
@@ -51,33 +53,33 @@ def build_for_export(made: Export, folder: Path) -> tuple[Path, Path]:
     return source, store
 
 
-def _check_exported(made: Export, one: Path, two: Path) -> None:
+def _check_exported(plugin: Export, one: Path, two: Path) -> None:
     listed = [{p.relative_to(f).as_posix(): p for p in f.rglob("*") if p.is_file()} for f in (one, two)]
     require(listed[0].keys() == listed[1].keys(), "two exports have the same files")
     for name, path in listed[0].items():
-        here, there = (str(folder).encode() for folder in (one, two))
+        first_path, second_path = (str(folder).encode() for folder in (one, two))
         if name not in (ABOUT, "README.md"):  # these name the links, if there are any
-            same = path.read_bytes().replace(here, there) == listed[1][name].read_bytes()
+            same = path.read_bytes().replace(first_path, second_path) == listed[1][name].read_bytes()
             require(same, f"two exports of a dataset have equal bytes: {name}")
-    about = read_about(one)
-    require(about is not None, "export.json is whole")
-    require(about is not None and set(about["files"]) == listed[0].keys() - {ABOUT}, "export.json lists all files")
-    for folder in made.listed_folders:
+    record = read_about(one)
+    require(record is not None, "export.json is whole")
+    require(record is not None and set(record["files"]) == listed[0].keys() - {ABOUT}, "export.json lists all files")
+    for folder in plugin.listed_folders:
         require((one / folder).is_dir(), f"the folder {folder} that a loader lists is there")
-    own = {"README.md", ABOUT, "LICENCE.txt"}
-    inside = [name for name in listed[0] if Path(name).name in own and len(Path(name).parts) > 1]
+    base_files = {"README.md", ABOUT, "LICENCE.txt"}
+    inside = [name for name in listed[0] if Path(name).name in base_files and len(Path(name).parts) > 1]
     require(not inside, f"README, licence and export.json are not among the files of a loader: {inside}")
-    require(bool(made.guide.__doc__) and len((one / "README.md").read_text()) > 200, "README.md explains the files")
+    require(bool(plugin.guide.__doc__) and len((one / "README.md").read_text()) > 200, "README.md explains the files")
     leftovers = [p.name for p in one.parent.iterdir() if p != one]
     require(not leftovers, f"nothing is left beside the export: {leftovers}")
 
 
-def _check_refusal(made: Export, folder: Path, source: Path) -> None:
+def _check_refusal(plugin: Export, folder: Path, source: Path) -> None:
     """Check the error for a dataset of two odd columns at an odd rate, where that is not enough."""
     fields = random_fields({"odd": 2}, {}, odd=10)
     bare = write_random_store(folder / "bare", fields=fields, fps=Fraction(10), length=20, stride=10).path
     try:
-        export_dataset(bare, made, folder / "refused" / "export", source=source)
+        export_dataset(bare, plugin, folder / "refused" / "export", source=source)
     except StoreError as error:
         require("fix: " in str(error), f"an error has the line of a recipe that helps: {error}")
         require(not (folder / "refused").exists(), "nothing is written where something is lacking")

@@ -22,59 +22,61 @@ from dancedata.exports.base.job import EXPORTS
 from dancedata.testing.examples import FPS, ExampleField, example_dances, example_fields
 
 
-def check_samples(made: SampleAugmentation) -> None:
+def check_samples(augmentation: SampleAugmentation) -> None:
     """Check `change_sample` on every field that `check_sample` accepts, and that refusals say why."""
     accepted = 0
     for field in example_fields():
         try:
-            made.check_sample(field.sample_field)
+            augmentation.check_sample(field.sample_field)
         except UsageError as error:
             require(bool(str(error)), f"{field.name}: a refusal says why")
             continue
         accepted += field.kind == "motion"
-        _check_sample(made, field)
+        _check_sample(augmentation, field)
     require(bool(accepted), "`check_sample` accepts a representation")
 
 
-def _check_sample(made: SampleAugmentation, field: ExampleField) -> None:
-    own, rows = field.sample_field, field.rows.copy()
+def _check_sample(augmentation: SampleAugmentation, field: ExampleField) -> None:
+    sample_field, rows = field.sample_field, field.rows.copy()
     rows.setflags(write=False)
     low, high = rows.min(axis=0).astype(np.float64), rows.max(axis=0).astype(np.float64)
-    for given in (rows, rows[:1]):
+    for sample in (rows, rows[:1]):
         for index in range(4):
-            first, second = (made.change_sample(given, own, Draw(0, index)) for _ in range(2))
+            first, second = (augmentation.change_sample(sample, sample_field, Draw(0, index)) for _ in range(2))
             require(
-                first.shape == given.shape and first.dtype == given.dtype, f"{field.name}: shape and dtype are kept"
+                first.shape == sample.shape and first.dtype == sample.dtype, f"{field.name}: shape and dtype are kept"
             )
             require(bool(np.isfinite(first).all()), f"{field.name}: samples are finite")
             require(np.array_equal(first, second), f"{field.name}: equal numbers give equal samples")
-            below, above = made.scaler_bounds(low, high, own)
+            below, above = augmentation.scaler_bounds(low, high, sample_field)
             if field.kind == "motion" and (below is not low or above is not high):
                 inside = bool((first >= below - 1e-5).all() and (first <= above + 1e-5).all())
                 require(inside, f"{field.name}: `scaler_bounds` holds for what change_sample returns")
 
 
-def check_starts(made: SampleAugmentation) -> None:
+def check_starts(augmentation: SampleAugmentation) -> None:
     """Check `choose_start`; a window is kept unless the class declares that it chooses others."""
-    if not made.chooses_windows:
-        require(made.choose_start(10, range(4, 60, 2), 15, Draw(0)) == 10, "choose_start needs chooses_windows")
+    if not augmentation.chooses_windows:
+        require(
+            augmentation.choose_start(10, range(4, 60, 2), 15, Draw(0)) == 10, "choose_start needs chooses_windows"
+        )
         return
     starts = range(4, 60, 2)
     for index in range(20):
-        first, second = (made.choose_start(10, starts, 15, Draw(0, index)) for _ in range(2))
+        first, second = (augmentation.choose_start(10, starts, 15, Draw(0, index)) for _ in range(2))
         require(first in starts, "choose_start returns one of starts")
         require(first == second, "equal numbers give equal windows")
-    require(made.choose_start(4, range(4, 5), 15, Draw(0)) == 4, "a clip of one window has that window")
+    require(augmentation.choose_start(4, range(4, 5), 15, Draw(0)) == 4, "a clip of one window has that window")
 
 
-def check_drops(made: SampleAugmentation) -> None:
+def check_drops(augmentation: SampleAugmentation) -> None:
     """Check `droppable` and `dropped`."""
     music = SampleField("music", "audio", Columns((Group("level", 1, "1"),)), FPS)
     fields = [music, *(field.sample_field for field in example_fields())]
-    names = made.droppable(fields)
+    names = augmentation.droppable(fields)
     require(set(names) <= {field.name for field in fields}, "droppable names fields of the sample")
     for index in range(20):
-        first, second = (made.dropped(fields, Draw(0, index)) for _ in range(2))
+        first, second = (augmentation.dropped(fields, Draw(0, index)) for _ in range(2))
         require(
             set(first) <= set(names) and first == second, "dropped names some of them, the same for equal numbers"
         )
@@ -83,38 +85,38 @@ def check_drops(made: SampleAugmentation) -> None:
 def check_metric(cls: type[Metric]) -> None:
     """Check a metric: finite numbers or a named outcome, equal dances get equal numbers, scores, order of clips."""
     check_plugin(cls)
-    made = cls()
-    width = len(made.columns)
+    metric = cls()
+    width = len(metric.columns)
     require(bool(cls.source), "source says where the definition is from")
-    require(width > 0 and len(set(made.columns)) == width, "every number of a clip has a name of its own")
-    rows = [row for row in (_measured(made, dance) for dance in example_dances()) if row is not None]
+    require(width > 0 and len(set(metric.columns)) == width, "every number of a clip has a name of its own")
+    rows = [row for row in (_measured(metric, dance) for dance in example_dances()) if row is not None]
     require(len(rows) >= 2, "ordinary dances have values")
     table = np.array(rows)
     before = table.copy()
-    scores = made.summarise(table, table if cls.needs_pool else None)
+    scores = metric.summarise(table, table if cls.needs_pool else None)
     require(np.array_equal(table, before), "summarise does not write into the rows")
     require(bool(scores) and all(np.isfinite(value) for value in scores.values()), "scores are finite numbers")
     require(set(cls.better) <= scores.keys(), f"better names scores: {', '.join(scores)}")
     require(bool(cls.better), "better says what is better for a score")
-    turned = made.summarise(table[::-1], table[::-1] if cls.needs_pool else None)
+    turned = metric.summarise(table[::-1], table[::-1] if cls.needs_pool else None)
     close = scores.keys() == turned.keys() and all(np.isclose(turned[k], scores[k], atol=1e-9) for k in scores)
     require(close, "scores do not depend on the order of clips")
     if cls.needs_pool:
-        raises(UsageError, lambda: made.summarise(table), "a metric that needs a pool asks for it")
-    raises(Undefined, lambda: made.summarise(table[:0], table), "a set without clips is Undefined")
+        raises(UsageError, lambda: metric.summarise(table), "a metric that needs a pool asks for it")
+    raises(Undefined, lambda: metric.summarise(table[:0], table), "a set without clips is Undefined")
 
 
-def _measured(made: Metric, dance: Dance) -> npt.NDArray[np.float64] | None:
+def _measured(metric: Metric, dance: Dance) -> npt.NDArray[np.float64] | None:
     """Return the numbers of a dance, or None where they are undefined."""
     try:
-        row = made.measure(dance)
+        row = metric.measure(dance)
     except Undefined as outcome:
         require(outcome.reason in OUTCOMES, f"outcomes are one of {', '.join(OUTCOMES)}")
         return None
-    require(row.shape == (len(made.columns),), f"measure gives ({len(made.columns)},), not {row.shape}")
+    require(row.shape == (len(metric.columns),), f"measure gives ({len(metric.columns)},), not {row.shape}")
     require(row.dtype == np.float64, f"measure gives float64, not {row.dtype}")
     require(bool(np.isfinite(row).all()), "numbers are finite; where there is no value, measure raises Undefined")
-    require(np.array_equal(made.measure(dance), row), "equal dances give equal numbers")
+    require(np.array_equal(metric.measure(dance), row), "equal dances give equal numbers")
     return row
 
 
@@ -148,12 +150,12 @@ def check_plugin(cls: type[Any]) -> None:
 
     problems: list[str] = []
     registry = registry_of(cls)
-    made = make_plugin(registry, "plugin", cls.name, {}, problems)
+    plugin = make_plugin(registry, "plugin", cls.name, {}, problems)
     require(not problems, f"the defaults are valid parameters: {problems}")
-    document = document_of(made)
+    document = document_of(plugin)
     again = one_of(registry, "plugin", json.loads(json.dumps({cls.name: document})), problems)
     require(not problems, f"what a dataset says of its recipe can be read again: {problems}")
-    require(again == made and document_of(again) == document, "parameters survive the way through JSON")
+    require(again == plugin and document_of(again) == document, "parameters survive the way through JSON")
     make_plugin(registry, "plugin", cls.name, {"no_such_key": 1}, problems)
     require(any("no_such_key" in p for p in problems), "a key that no field has is an error")
 

@@ -62,13 +62,13 @@ class RandomStore:
         if self.header.scope == "window":
             k = clip.starts.index(start)
             array = clip.motion[field] if f.per_clip else clip.audio[field][k].array
-            found = np.asarray(array)[k] if f.per_clip else np.asarray(array)
+            values = np.asarray(array)[k] if f.per_clip else np.asarray(array)
         elif f.per_clip:
-            found = np.asarray(clip.motion[field])[rows]
+            values = np.asarray(clip.motion[field])[rows]
         else:
             block = clip.audio[field][0]
-            found = np.asarray(block.array)[block.offset :][rows]
-        return found.astype(f.dtype)
+            values = np.asarray(block.array)[block.offset :][rows]
+        return values.astype(f.dtype)
 
 
 def random_columns(width: int, *, mirror: bool = True) -> Columns:
@@ -87,13 +87,13 @@ def random_columns(width: int, *, mirror: bool = True) -> Columns:
 
 def random_fields(motion: Mapping[str, int], audio: Mapping[str, int], **rates: float | str) -> tuple[Field, ...]:
     """Make fields from name -> width; rates by name, by default 30 per second."""
-    found: list[Field] = []
+    fields: list[Field] = []
     for kind, widths in (("motion", motion), ("audio", audio)):
         for name, width in widths.items():
             columns = random_columns(width, mirror=kind == "motion")
             rate = Fraction(str(rates.get(name, 30)))
-            found.append(Field(name, "motion" if kind == "motion" else "audio", columns, rate))
-    return tuple(found)
+            fields.append(Field(name, "motion" if kind == "motion" else "audio", columns, rate))
+    return tuple(fields)
 
 
 def write_random_store(
@@ -170,11 +170,11 @@ def _song(
         for f in header.fields
         if f.kind == "audio"
     }
-    found: list[StoredClip] = []
+    clips: list[StoredClip] = []
     windows = WindowGrid(header.length, header.stride)
     for number, (clip_id, n) in enumerate(lengths.items()):
         starts = tuple(windows.starts(windows.count(n)))
-        found.append(
+        clips.append(
             StoredClip(
                 id=clip_id,
                 split=split,
@@ -190,7 +190,7 @@ def _song(
                 lists=(split, "all") if number % 2 else (),
             )
         )
-    return found
+    return clips
 
 
 def _motion(rng: np.random.Generator, header: StoreHeader, n: int, n_windows: int) -> dict[str, Array]:
@@ -209,18 +209,18 @@ def _audio(
     offsets: Mapping[str, int],
     starts: Sequence[int],
 ) -> dict[str, tuple[AudioBlock, ...]]:
-    found: dict[str, tuple[AudioBlock, ...]] = {}
+    blocks: dict[str, tuple[AudioBlock, ...]] = {}
     for f in header.fields:
         if f.kind != "audio":
             continue
         timeline, offset = timelines[f.name], offsets[f.name]
         if header.scope == "track":
-            found[f.name] = (AudioBlock(f"{song}/{f.name}", timeline, offset),)
+            blocks[f.name] = (AudioBlock(f"{song}/{f.name}", timeline, offset),)
             continue
         # Windows that begin at the same frame of the same song share rows.
         spans = [(s, _rows(f, header, s) + offset, _rows(f, header, header.length)) for s in starts]
-        found[f.name] = tuple(AudioBlock(f"{song}/{f.name}/{s}", timeline[a : a + n]) for s, a, n in spans)
-    return found
+        blocks[f.name] = tuple(AudioBlock(f"{song}/{f.name}/{s}", timeline[a : a + n]) for s, a, n in spans)
+    return blocks
 
 
 def _rows(f: Field, header: StoreHeader, frames: int) -> int:

@@ -179,11 +179,11 @@ class Figure:
         beyond its end, and where no joint has a name of both.
         """
         names = [n for n in self.skeleton.joints if n in other.skeleton.joints]
-        mine = self.joints[:, [self.skeleton.joints.index(n) for n in names]]
+        ours = self.joints[:, [self.skeleton.joints.index(n) for n in names]]
         theirs = other.joints[:, [other.skeleton.joints.index(n) for n in names]]
         distance = np.full(self.n_frames, np.nan)
-        own, new = other.grid.common_period(self.grid)
-        frames = np.arange(self.n_frames, dtype=np.float64) * own / new
+        period, new = other.grid.common_period(self.grid)
+        frames = np.arange(self.n_frames, dtype=np.float64) * period / new
         inside = frames <= len(theirs) - 1
         if not names or not inside.any():
             return distance
@@ -191,7 +191,7 @@ class Figure:
         upper = np.minimum(lower + 1, len(theirs) - 1)
         share = (frames[inside] - lower)[:, None, None]
         at = theirs[lower] * (1 - share) + theirs[upper] * share
-        distance[inside] = np.linalg.norm(mine[inside] - at, axis=-1).mean(axis=-1) * 1000
+        distance[inside] = np.linalg.norm(ours[inside] - at, axis=-1).mean(axis=-1) * 1000
         return distance
 
     def __repr__(self) -> str:

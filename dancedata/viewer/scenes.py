@@ -229,12 +229,12 @@ class Scenes:
         UsageError
             For an unknown clip.
         """
-        mine = self._by_clip.get(clip_id, [])
-        if not mine:
+        of_clip = self._by_clip.get(clip_id, [])
+        if not of_clip:
             raise UsageError(
                 f"no clip named {clip_id!r}", where=str(self.store.path), fix=did_you_mean(clip_id, self._by_clip)
             )
-        return next((item for item in mine if item.start <= frame < item.start + item.n_frames), mine[0])
+        return next((item for item in of_clip if item.start <= frame < item.start + item.n_frames), of_clip[0])
 
     def scene(self, item: Item, field: str | None = None) -> Scene:
         """Read an item.
@@ -297,19 +297,19 @@ class Scenes:
 
     def _flags_of(self, item: Item) -> tuple[Flag, ...]:
         begin, length = float(self.store.grid.seconds(item.start)), float(self.store.grid.seconds(item.n_frames))
-        found = []
+        flags = []
         for row in self._quality.get(item.clip.id, ()):
             flag = _flag(row, begin)
             if flag.time is None or 0 <= flag.time < length:
-                found.append(flag)
-        return tuple(found)
+                flags.append(flag)
+        return tuple(flags)
 
     @cached_property
     def _by_clip(self) -> dict[str, list[Item]]:
-        found: dict[str, list[Item]] = {}
+        items: dict[str, list[Item]] = {}
         for item in self.items:
-            found.setdefault(item.clip.id, []).append(item)
-        return found
+            items.setdefault(item.clip.id, []).append(item)
+        return items
 
     @cached_property
     def _windows(self) -> dict[str, tuple[tuple[int, int], ...]]:
@@ -318,10 +318,10 @@ class Scenes:
 
     @cached_property
     def _quality(self) -> dict[str, list[Mapping[str, Any]]]:
-        found: dict[str, list[Mapping[str, Any]]] = {}
+        flags: dict[str, list[Mapping[str, Any]]] = {}
         for row in self.store.quality:
-            found.setdefault(row["clip"], []).append(row)
-        return found
+            flags.setdefault(row["clip"], []).append(row)
+        return flags
 
 
 def _flag(row: Mapping[str, Any], begin: float) -> Flag:

@@ -114,8 +114,8 @@ class _Handler(BaseHTTPRequestHandler):
         policy = {"Content-Security-Policy": self.server.site.policy} if answer.kind == HTML else {}
         with suppress(ConnectionError):  # the page was closed meanwhile
             self.send_response(answer.status)
-            about = {"Content-Type": answer.kind, "Content-Length": str(len(answer.body))}
-            for name, value in {**about, **_HEADERS, **policy, **answer.headers, **(more or {})}.items():
+            headers = {"Content-Type": answer.kind, "Content-Length": str(len(answer.body))}
+            for name, value in {**headers, **_HEADERS, **policy, **answer.headers, **(more or {})}.items():
                 self.send_header(name, value)
             self.end_headers()
             if self.command != "HEAD":

@@ -131,8 +131,8 @@ class Site:
         return whole_page(data, data["head"]["name"], meta_policy=False).encode()
 
     def _identity(self) -> tuple[int, ...]:
-        found = os.stat(self.scenes.store.path / DATASET_FILE)
-        return found.st_ino, found.st_size, found.st_mtime_ns
+        status = os.stat(self.scenes.store.path / DATASET_FILE)
+        return status.st_ino, status.st_size, status.st_mtime_ns
 
     def _was_rebuilt(self) -> bool:
         """Tell whether another dataset is at the path now."""

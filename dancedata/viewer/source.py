@@ -106,9 +106,9 @@ class ClipSource:
         ref = self._refs.get(item.clip.id)
         reader = dataset_of(self.store)
         if figure is None or ref is None or reader is None:
-            made = ": it is a copy of another clip" if item.clip.source else ""
+            origin = ": it is a copy of another clip" if item.clip.source else ""
             raise DataError(
-                f"the source has no motion of this clip{made}", reason="missing_file", where=self.folder,
+                f"the source has no motion of this clip{origin}", reason="missing_file", where=self.folder,
             )  # fmt: skip
         motion = reader.load(ref).resampled(figure.grid)
         if has_body(motion.skeleton) and has_body(figure.skeleton):
@@ -144,8 +144,8 @@ def cut(signal: AudioSignal, begin: Fraction, seconds: Fraction) -> AudioSignal:
     grid = FrameGrid.of(signal.sample_rate)
     first, count = int(begin * grid.rate), grid.frames_up(seconds)
     samples = np.zeros(count, dtype=np.float32)
-    there = signal.samples[first : first + count]
-    samples[: len(there)] = there
+    available = signal.samples[first : first + count]
+    samples[: len(available)] = available
     return AudioSignal(samples, signal.sample_rate)
 
 

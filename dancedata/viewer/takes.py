@@ -77,13 +77,13 @@ class StoreTake(Take):
             other = self.scenes.find(item.clip.id, item.start)
         except UsageError as error:
             raise DataError(f"{self.name} has no clip of this name", reason="missing_file") from error
-        found = self.scenes.scene(other).figure
-        if found is None:
+        figure = self.scenes.scene(other).figure
+        if figure is None:
             raise DataError(f"{self.name} has no joint positions", reason="missing_joints")
         begin = float(scene.grid.seconds(item.start)) - float(self.scenes.store.grid.seconds(other.start))
         if begin < 0:
             raise DataError(f"{self.name} has no window that begins here", reason="too_short")
-        return found.part(begin, scene.seconds)
+        return figure.part(begin, scene.seconds)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -98,8 +98,8 @@ class FilesTake(Take):
     @override
     def figure(self, scene: Scene) -> Figure:
         item = scene.item
-        own = self.paths.get(item.id)
-        path = own or self.paths.get(item.clip.id) or self.any_clip
+        path_of_item = self.paths.get(item.id)
+        path = path_of_item or self.paths.get(item.clip.id) or self.any_clip
         if path is None:
             raise DataError(f"{self.name} has no file for this clip", reason="missing_file")
         pose = FileClip(id=item.id, path=path, format=self.form).load()
@@ -114,7 +114,7 @@ class FilesTake(Take):
         skeleton = _skeleton(pose.names, self.body) if pose.motion is None else pose.motion.skeleton
         whole = Figure.of_joints(pose.joints, skeleton, pose.grid)
         # A file of a window begins with the window; one of a clip, with the clip.
-        begin = 0.0 if own is not None or path == self.any_clip else float(scene.grid.seconds(item.start))
+        begin = 0.0 if path_of_item is not None or path == self.any_clip else float(scene.grid.seconds(item.start))
         return whole.part(begin, scene.seconds)
 
 
@@ -212,15 +212,15 @@ def take_payload(take: Take, scene: Scene) -> Json:
         return {"note": f"{take.name}: {error}"}
     payload: dict[str, Any] = {"figure": figure_payload(figure)}
     distance = scene.figure.distance_mm(figure)
-    known = np.isfinite(distance)
-    if not known.any():
+    is_known = np.isfinite(distance)
+    if not is_known.any():
         return {**payload, "note": f"{take.name}: no joint has a name of both, so there is no distance"}
     payload["distance"] = curve(distance, float(scene.figure.grid.rate))
-    payload["mean"] = round(float(distance[known].mean()), 4)
+    payload["mean"] = round(float(distance[is_known].mean()), 4)
     return payload
 
 
 def _skeleton(names: tuple[str, ...], body: Skeleton) -> Skeleton:
-    known = (body, *SKELETONS.values())
-    found = next((s for s in known if s.joints == names), None)
-    return found or SMPLX55.subset("part", names)
+    skeletons = (body, *SKELETONS.values())
+    skeleton = next((s for s in skeletons if s.joints == names), None)
+    return skeleton or SMPLX55.subset("part", names)

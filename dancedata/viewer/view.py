@@ -91,12 +91,12 @@ class ViewRequest:
             up=self.up,
             unit=self.unit,
         )
-        own: list[Take] = [] if source is None else [OriginalTake(source=source)]
-        own += [take_of(path, store, form) for path in self.compare]
-        names = [take.name for take in own]
+        comparisons: list[Take] = [] if source is None else [OriginalTake(source=source)]
+        comparisons += [take_of(path, store, form) for path in self.compare]
+        names = [take.name for take in comparisons]
         return tuple(
             replace(take, name=f"{take.name} ({number})") if take.name in names[:number] else take
-            for number, take in enumerate(own)
+            for number, take in enumerate(comparisons)
         )
 
     def first(self, scenes: Scenes) -> tuple[Item, tuple[int, int] | None]:
@@ -196,10 +196,10 @@ def export_page(
         notice = require_shareable(scenes.store, allowed_by_caller=shared)
         if request.source is None:
             raise UsageError("--audio embed needs the music", fix="name the folder with it: --source DIR")
-        found = ClipSource(scenes.store, request.source).sound(item)
-        if found is None:
+        recording = ClipSource(scenes.store, request.source).sound(item)
+        if recording is None:
             raise UsageError("the source has no music of this clip", where=request.source, found=item.clip.id)
-        sound = PageSound({0: flac(found.signal)}, notice)
+        sound = PageSound({0: flac(recording.signal)}, notice)
     page = clip_page(scenes, [item], sound=sound)
     try:
         atomic.write_bytes(to, page.encode())

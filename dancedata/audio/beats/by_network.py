@@ -136,10 +136,10 @@ def _peaks(logits: NDArray[np.float32]) -> NDArray[np.int64]:
     """Return the peaks above 0, in half frames; two peaks side by side are one between them."""
     largest = maximum_filter1d(logits, _WITHIN, mode="constant", cval=-np.inf)
     frames = np.flatnonzero((logits == largest) & (logits > 0)).tolist()
-    found: list[int] = []
+    peaks: list[int] = []
     nth = 0
     while nth < len(frames):
         pair = frames[nth + 1 : nth + 2] == [frames[nth] + 1]
-        found.append(2 * frames[nth] + pair)
+        peaks.append(2 * frames[nth] + pair)
         nth += 1 + pair
-    return np.asarray(found, dtype=np.int64)
+    return np.asarray(peaks, dtype=np.int64)

@@ -229,8 +229,8 @@ def librosa_beats(signal: AudioSignal, start_bpm: float | None) -> BeatTrack:
     padded = np.pad(samples, (0, N_FFT))
     with known_warnings():
         envelope = librosa.onset.onset_strength(y=padded, sr=SAMPLE_RATE, hop_length=HOP, n_fft=N_FFT, center=False)
-        _, found = librosa.beat.beat_track(
+        _, beat_frames = librosa.beat.beat_track(
             onset_envelope=envelope, sr=SAMPLE_RATE, hop_length=HOP, start_bpm=start_bpm
         )
-    frames: NDArray[np.int64] = np.asarray(found, dtype=np.int64)
+    frames: NDArray[np.int64] = np.asarray(beat_frames, dtype=np.int64)
     return BeatTrack(frames, np.zeros(len(frames), dtype=np.bool_), FrameGrid.of(SAMPLE_RATE // HOP))

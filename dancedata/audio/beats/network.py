@@ -113,8 +113,8 @@ class _Frontend(nn.Module):
         maps = functional.gelu(self.stem["bn2d"](self.stem["conv2d"](bands)))
         for block in self.blocks:
             maps = block(maps)
-        found: Tensor = self.linear(maps.flatten(1, 2).transpose(1, 2))
-        return found
+        tokens: Tensor = self.linear(maps.flatten(1, 2).transpose(1, 2))
+        return tokens
 
 
 class _Halving(nn.Module):
@@ -127,8 +127,8 @@ class _Halving(nn.Module):
         self.norm = nn.BatchNorm2d(2 * channels)
 
     def forward(self, maps: Tensor) -> Tensor:
-        found: Tensor = functional.gelu(self.norm(self.conv2d(self.partial(maps))))
-        return found
+        activations: Tensor = functional.gelu(self.norm(self.conv2d(self.partial(maps))))
+        return activations
 
 
 class _AcrossBandsAndTime(nn.Module):
@@ -146,8 +146,8 @@ class _AcrossBandsAndTime(nn.Module):
         x = x + self.attnF(x)
         x = (x + self.ffF(x)).transpose(0, 1)  # (F, T, C)
         x = x + self.attnT(x)
-        found: Tensor = (x + self.ffT(x)).permute(2, 0, 1)
-        return found[None]
+        mixed: Tensor = (x + self.ffT(x)).permute(2, 0, 1)
+        return mixed[None]
 
 
 class _Transformer(nn.Module):
@@ -159,8 +159,8 @@ class _Transformer(nn.Module):
         self.norm = _RootMeanSquareNorm(width)
 
     def forward(self, x: Tensor) -> Tensor:
-        found: Tensor = self.norm(self.layers(x))
-        return found
+        encoded: Tensor = self.norm(self.layers(x))
+        return encoded
 
 
 class _Residual(nn.Sequential):
@@ -189,8 +189,8 @@ class _FeedForward(nn.Module):
         self.net = nn.Sequential(_RootMeanSquareNorm(width), widen, nn.GELU(), nn.Identity(), narrow)
 
     def forward(self, x: Tensor) -> Tensor:
-        found: Tensor = self.net(x)
-        return found
+        values: Tensor = self.net(x)
+        return values
 
 
 class _Attention(nn.Module):
@@ -209,8 +209,8 @@ class _Attention(nn.Module):
         x = self.norm(x)
         split: Any = self.to_qkv(x).unflatten(-1, (3, -1, self.head)).permute(2, 0, 3, 1, 4)
         query, key, value = split  # (B, heads, N, head) each
-        found = functional.scaled_dot_product_attention(self.rotary_embed(query), self.rotary_embed(key), value)
-        gated = found * self.to_gates(x).sigmoid().transpose(1, 2)[..., None]
+        attended = functional.scaled_dot_product_attention(self.rotary_embed(query), self.rotary_embed(key), value)
+        gated = attended * self.to_gates(x).sigmoid().transpose(1, 2)[..., None]
         mixed: Tensor = self.to_out(gated.transpose(1, 2).flatten(2))
         return mixed
 

@@ -61,8 +61,8 @@ class BeatTrack:
 
 def _intervals(seconds: Floats, instants: Floats) -> npt.NDArray[np.int64]:
     """Return the interval between beats, 0 .. B - 2, in which, or nearest to which, each instant lies."""
-    found: npt.NDArray[np.int64] = np.searchsorted(seconds, instants, side="right") - 1
-    return found.clip(0, len(seconds) - 2)
+    intervals: npt.NDArray[np.int64] = np.searchsorted(seconds, instants, side="right") - 1
+    return intervals.clip(0, len(seconds) - 2)
 
 
 def _tempos(seconds: Floats) -> Floats:
@@ -73,8 +73,8 @@ def _tempos(seconds: Floats) -> Floats:
     """
     lengths = np.diff(seconds)
     counts = np.concatenate([[0], np.cumsum(np.maximum(np.rint(lengths / np.median(lengths)), 1))])
-    here = np.arange(len(lengths))
-    first, last = np.maximum(here - _TEMPO_REACH, 0), np.minimum(here + 1 + _TEMPO_REACH, len(lengths))
+    positions = np.arange(len(lengths))
+    first, last = np.maximum(positions - _TEMPO_REACH, 0), np.minimum(positions + 1 + _TEMPO_REACH, len(lengths))
     tempos: Floats = 60 * (counts[last] - counts[first]) / (seconds[last] - seconds[first])
     return tempos
 

@@ -69,14 +69,14 @@ def _read_checkpoint(path: Path) -> tuple[dict[str, torch.Tensor], bool]:
         )
     try:
         with open_regular(path) as file:
-            found: Any = torch.load(file, map_location="cpu", weights_only=True)
+            checkpoint: Any = torch.load(file, map_location="cpu", weights_only=True)
     except (OSError, RuntimeError, EOFError, ValueError, KeyError, pickle.UnpicklingError) as error:
         raise _unreadable(path, error) from error
-    if not isinstance(found, Mapping) or not isinstance(found.get("state_dict"), Mapping):
+    if not isinstance(checkpoint, Mapping) or not isinstance(checkpoint.get("state_dict"), Mapping):
         raise _other_network(path, "no state_dict")
-    parameters = found.get("hyper_parameters")
+    parameters = checkpoint.get("hyper_parameters")
     summed = parameters.get("sum_head", True) if isinstance(parameters, Mapping) else True
-    return _tensors(path, found["state_dict"]), bool(summed)
+    return _tensors(path, checkpoint["state_dict"]), bool(summed)
 
 
 def _read_safetensors(path: Path) -> tuple[dict[str, torch.Tensor], bool]:
@@ -98,11 +98,11 @@ def _tensors(path: Path, state: Mapping[Any, Any]) -> dict[str, torch.Tensor]:
     return dict(state)
 
 
-def _require_equal(path: Path, wanted: Mapping[str, Any], found: Mapping[str, Any]) -> None:
+def _require_equal(path: Path, expected: Mapping[str, Any], actual: Mapping[str, Any]) -> None:
     """Raise SourceError unless both have the same tensors with the same shapes: none stays random, none is unused."""
-    lacking = sorted(set(wanted) - set(found))
-    unknown = sorted(set(found) - set(wanted))
-    other = sorted(name for name in set(wanted) & set(found) if wanted[name] != found[name])
+    lacking = sorted(set(expected) - set(actual))
+    unknown = sorted(set(actual) - set(expected))
+    other = sorted(name for name in set(expected) & set(actual) if expected[name] != actual[name])
     problems = {"missing": lacking, "unknown": unknown, "of another shape": other}
     texts = [f"{what}: {listed([shown(name) for name in names])}" for what, names in problems.items() if names]
     if texts:

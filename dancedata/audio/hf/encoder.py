@@ -102,12 +102,12 @@ class HuggingFaceEncoder:
         DataError
             "short_audio" for a signal that is shorter than a frame, "overflow" for numbers that are not finite.
         """
-        own = resample(samples, sample_rate, self.settings.family.sample_rate)
-        chunks = self._chunks(len(own))
+        resampled = resample(samples, sample_rate, self.settings.family.sample_rate)
+        chunks = self._chunks(len(resampled))
         grid = FrameGrid(Fraction(1))  # the frames alone are used, not the rows
         kept = frames_of(chunks, self._counts(chunks), self.settings.family.timing, grid)
-        found = [values for _, values in self._run([own], [chunks], None)]
-        values = np.concatenate([v[kept.number[kept.chunk == k].astype(int)] for k, v in enumerate(found)])
+        outputs = [values for _, values in self._run([resampled], [chunks], None)]
+        values = np.concatenate([v[kept.number[kept.chunk == k].astype(int)] for k, v in enumerate(outputs)])
         return FramesOfSignal(values, np.asarray(kept.stamp / kept.ticks, dtype=np.float64))
 
     def rows(
@@ -145,13 +145,13 @@ class HuggingFaceEncoder:
             As `frames`.
         """
         family = self.settings.family
-        own = [resample(samples, sample_rate, family.sample_rate) for samples in signals]
-        chunks = self._chunks(len(own[0]))
+        resampled = [resample(samples, sample_rate, family.sample_rate) for samples in signals]
+        chunks = self._chunks(len(resampled[0]))
         kept = frames_of(chunks, self._counts(chunks), family.timing, grid)
         method = method_of(self.settings.resample, family.timing, grid, codes=self.settings.output == "codes")
         weights: RowMap = row_map(kept, n_rows, method)
-        sums = [RowSum(weights, self.settings.width, finish) for _ in own]
-        for item, values in self._run(own, [chunks] * len(own), batch_size):
+        sums = [RowSum(weights, self.settings.width, finish) for _ in resampled]
+        for item, values in self._run(resampled, [chunks] * len(resampled), batch_size):
             sums[item.signal].add(item.number, values)
         return [one.result() for one in sums]
 
@@ -184,15 +184,15 @@ class HuggingFaceEncoder:
         """Yield the frames (K, D) of every chunk; those of one signal in order. Equal chunks are batched."""
         normalize = self.settings.normalize == "extractor"
         prepared = [self.settings.family.prepared(samples, normalize=normalize) for samples in signals]
-        items = [_Item(k, number, c) for k, own in enumerate(chunks) for number, c in enumerate(own)]
+        items = [_Item(k, number, c) for k, of_signal in enumerate(chunks) for number, c in enumerate(of_signal)]
         # The first chunks of all signals, then the second ones: those are equally long.
         items.sort(key=lambda item: item.number)
         size = batch_size or (_BATCH if self.device.type == "cuda" else 1)
         for _, equal in groupby(items, key=lambda item: item.chunk.n_samples):
-            some = list(equal)
+            batch = list(equal)
             begin = 0
-            for values in self._batches.run(some, size, lambda part: self._compute(prepared, part)):
-                yield from zip(some[begin : begin + len(values)], values, strict=True)
+            for values in self._batches.run(batch, size, lambda part: self._compute(prepared, part)):
+                yield from zip(batch[begin : begin + len(values)], values, strict=True)
                 begin += len(values)
 
     @torch.inference_mode()
@@ -202,8 +202,8 @@ class HuggingFaceEncoder:
         arrays = [prepared[item.signal].inputs(item.chunk.start, item.chunk.n_samples) for item in items]
         inputs = torch.from_numpy(np.stack(arrays)).to(self.device, self._dtype)
         with exact_float32():
-            found = settings.family.frames(self._network, inputs, settings.output, settings.layers)
-        layers = [found[layer].float() for layer in settings.layers]
+            hidden = settings.family.frames(self._network, inputs, settings.output, settings.layers)
+        layers = [hidden[layer].float() for layer in settings.layers]
         joined = torch.stack(layers).mean(dim=0) if settings.reduce == "mean" else torch.cat(layers, dim=-1)
         if not bool(torch.isfinite(joined).all()):
             raise DataError(

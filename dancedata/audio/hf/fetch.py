@@ -146,13 +146,13 @@ def _fetched(
             show_licence(licence_of(part))
     if _CARD not in hashes:
         show_licence(licence_of(part))
-    found = FetchedModel(out, hub.name, revision, licence_of(part), dict(sorted(hashes.items())), left_out)
-    write_json(part / PROVENANCE, found.record())
+    model = FetchedModel(out, hub.name, revision, licence_of(part), dict(sorted(hashes.items())), left_out)
+    write_json(part / PROVENANCE, model.record())
     shutil.rmtree(part / _CLIENT, ignore_errors=True)
     _require_new(out)
     part.rename(out)  # an empty folder may be there
     sync_folder(out.parent)
-    return found
+    return model
 
 
 class _Hub:
@@ -175,10 +175,10 @@ class _Hub:
         """Return the files at a commit, with sizes and hashes."""
         with self._errors(revision):
             api = self._client.HfApi(endpoint=self._endpoint)
-            found = api.model_info(self.name, revision=revision, files_metadata=True)
-        if found.sha != revision:
-            raise SourceError("hf: the hub answers with another commit", where=self.name, found=shown(found.sha))
-        return list(found.siblings or ())
+            info = api.model_info(self.name, revision=revision, files_metadata=True)
+        if info.sha != revision:
+            raise SourceError("hf: the hub answers with another commit", where=self.name, found=shown(info.sha))
+        return list(info.siblings or ())
 
     def fetch(self, file: str, revision: str, folder: Path) -> None:
         """Get one file into a folder; a part of it that is there is continued."""

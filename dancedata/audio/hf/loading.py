@@ -105,9 +105,9 @@ def _load_muq(family: Any, spec: NetworkSpec, files: Iterable[Path]) -> tuple[An
             for old, new in spec.renamed.items():
                 name = re.sub(old, new, name)
             tensors[name] = tensor
-    found = network.load_state_dict(tensors, strict=False)
-    counted = [key for key in found.missing_keys if not key.endswith("num_batches_tracked")]
-    return network, sorted(counted), sorted(found.unexpected_keys)
+    keys = network.load_state_dict(tensors, strict=False)
+    counted = [key for key in keys.missing_keys if not key.endswith("num_batches_tracked")]
+    return network, sorted(counted), sorted(keys.unexpected_keys)
 
 
 def _tensors(path: Path) -> Mapping[str, torch.Tensor]:
@@ -115,8 +115,8 @@ def _tensors(path: Path) -> Mapping[str, torch.Tensor]:
         from safetensors.torch import load_file
 
         return load_file(path)
-    found: Mapping[str, torch.Tensor] = torch.load(path, map_location="cpu", weights_only=True)
-    return found
+    tensors: Mapping[str, torch.Tensor] = torch.load(path, map_location="cpu", weights_only=True)
+    return tensors
 
 
 def _check_headers(files: Iterable[Path]) -> None:

@@ -59,7 +59,7 @@ def kaldi_log_mel(
 def _filters(n_bins: int, sample_rate: int) -> npt.NDArray[np.float64]:
     from transformers.audio_utils import mel_filter_bank
 
-    found: npt.NDArray[np.float64] = mel_filter_bank(
+    filters: npt.NDArray[np.float64] = mel_filter_bank(
         num_frequency_bins=_FFT // 2 + 1,
         num_mel_filters=n_bins,
         min_frequency=20,
@@ -69,4 +69,4 @@ def _filters(n_bins: int, sample_rate: int) -> npt.NDArray[np.float64]:
         mel_scale="kaldi",
         triangularize_in_mel_space=True,
     )
-    return found
+    return filters

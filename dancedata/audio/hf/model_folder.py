@@ -110,8 +110,8 @@ class ModelFolder:
         )
 
     def _shards(self, index: Path) -> tuple[Path, ...]:
-        found = read_document(index).get("weight_map")
-        names = sorted({str(name) for name in found.values()}) if isinstance(found, dict) else []
+        weight_map = read_document(index).get("weight_map")
+        names = sorted({str(name) for name in weight_map.values()}) if isinstance(weight_map, dict) else []
         strange = [name for name in names if not _PLAIN_NAME.fullmatch(name)]
         missing = [name for name in names if name not in strange and not (self.path / name).is_file()]
         if strange or missing or not names:
@@ -167,8 +167,10 @@ def open_model(model: str, revision: str | None = None) -> ModelFolder:
                 found=revision,
                 fix="omit revision; the weights are identified by their hash",
             )
-        about = provenance_of(folder)
-        return _read(folder.absolute(), about.get("id") or folder.absolute().name, about.get("revision", ""))
+        provenance = provenance_of(folder)
+        return _read(
+            folder.absolute(), provenance.get("id") or folder.absolute().name, provenance.get("revision", "")
+        )
     if not _HUB_ID.fullmatch(named) or named.startswith((".", "/")):
         raise UsageError(
             "hf: the folder of the model does not exist", where=folder, fix="check the path, or give an id OWNER/NAME"
@@ -186,13 +188,13 @@ def _commit(name: str, revision: str | None) -> str:
     pointer = repository / "refs" / (revision or "main")
     commit = pointer.read_text().strip() if ".." not in pointer.parts and pointer.is_file() else ""
     if revision is not None:
-        known = f"revision: {commit}, which is what it names on this machine" if _COMMIT.fullmatch(commit) else None
+        pinned = f"revision: {commit}, which is what it names on this machine" if _COMMIT.fullmatch(commit) else None
         raise UsageError(
             "hf: a revision is a commit, as branches and tags move",
             where=name,
             found=revision,
             allowed="40 hexadecimal digits",
-            fix=known,
+            fix=pinned,
         )
     if not _COMMIT.fullmatch(commit):
         raise _not_here(name, "COMMIT")
@@ -203,12 +205,12 @@ def _snapshot(name: str, commit: str) -> Path:
     from huggingface_hub import snapshot_download
 
     try:
-        found = snapshot_download(name, revision=commit, local_files_only=True, allow_patterns=list(FILES))
+        snapshot = snapshot_download(name, revision=commit, local_files_only=True, allow_patterns=list(FILES))
     except (OSError, ValueError) as error:
         raise _not_here(name, commit) from error
-    if not (Path(found) / "config.json").is_file():
+    if not (Path(snapshot) / "config.json").is_file():
         raise _not_here(name, commit)
-    return Path(found)
+    return Path(snapshot)
 
 
 def _not_here(name: str, commit: str) -> UsageError:
@@ -224,29 +226,29 @@ def _not_here(name: str, commit: str) -> UsageError:
 @lru_cache(maxsize=16)
 def _parsed(path: Path, state: tuple[int, int]) -> dict[str, Any]:
     try:
-        found = read_json(path, _MAX_JSON)
+        document = read_json(path, _MAX_JSON)
     except (OSError, ValueError) as error:
         raise SourceError("hf: the file cannot be read", where=path, found=shown(error)) from error
-    if not isinstance(found, dict):
-        raise SourceError("hf: not a JSON object", where=path, found=shown(found))
-    return found
+    if not isinstance(document, dict):
+        raise SourceError("hf: not a JSON object", where=path, found=shown(document))
+    return document
 
 
 def read_document(path: Path) -> dict[str, Any]:
     """Read a JSON object of a model's folder; SourceError if it is none."""
     try:
-        about = path.stat()
+        status = path.stat()
     except OSError as error:
         raise SourceError("hf: the file does not exist", where=path) from error
-    return _parsed(path, (about.st_mtime_ns, about.st_size))
+    return _parsed(path, (status.st_mtime_ns, status.st_size))
 
 
 def provenance_of(folder: Path) -> dict[str, str]:
     """Return what PROVENANCE says: id, revision and licence, texts; empty without such a file."""
     if not (folder / PROVENANCE).is_file():
         return {}
-    found = read_document(folder / PROVENANCE)
-    return {key: shown(value) for key, value in found.items() if isinstance(value, str)}
+    record = read_document(folder / PROVENANCE)
+    return {key: shown(value) for key, value in record.items() if isinstance(value, str)}
 
 
 def _read(folder: Path, source: str, revision: str) -> ModelFolder:

@@ -49,8 +49,8 @@ def _native(
     network.save_pretrained(folder)
     if extractor is not None:
         (folder / "preprocessor_config.json").write_text(json.dumps(extractor))
-    made: torch.nn.Module = network
-    return made
+    native: torch.nn.Module = network
+    return native
 
 
 def _enliven(network: torch.nn.Module) -> None:
@@ -65,9 +65,9 @@ def _enliven(network: torch.nn.Module) -> None:
             buffer.normal_(std=0.3)
 
 
-def _speech(model: str, **own: Any) -> Callable[[Path, dict[str, Any]], None]:
+def _speech(model: str, **settings: Any) -> Callable[[Path, dict[str, Any]], None]:
     def write(folder: Path, changes: dict[str, Any]) -> None:
-        keys = {**_BLOCKS, **_CONV, **own, **changes}
+        keys = {**_BLOCKS, **_CONV, **settings, **changes}
         _native(folder, f"{model}Model", f"{model}Config", keys, _SPEECH)
 
     return write
@@ -107,9 +107,9 @@ def _w2v_bert(folder: Path, changes: dict[str, Any]) -> None:
     _native(folder, "Wav2Vec2BertModel", "Wav2Vec2BertConfig", keys, extractor)
 
 
-def _encodec(**own: Any) -> Callable[[Path, dict[str, Any]], None]:
+def _encodec(**settings: Any) -> Callable[[Path, dict[str, Any]], None]:
     def write(folder: Path, changes: dict[str, Any]) -> None:
-        keys = {"num_filters": 4, "hidden_size": 16, "num_lstm_layers": 1, "codebook_dim": 16, **own, **changes}
+        keys = {"num_filters": 4, "hidden_size": 16, "num_lstm_layers": 1, "codebook_dim": 16, **settings, **changes}
         extractor = {"sampling_rate": keys["sampling_rate"], "feature_size": keys.get("audio_channels", 1)}
         _native(folder, "EncodecModel", "EncodecConfig", keys, extractor)
 

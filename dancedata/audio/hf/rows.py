@@ -94,7 +94,7 @@ def frames_of(chunks: Sequence[Chunk], counts: Sequence[int], timing: Timing, gr
     sample = ticks // timing.sample_rate
     longest = max((c.start + c.n_samples for c in chunks), default=0) * sample
     dtype = np.int64 if longest < _MAX_INT64 else object
-    found = []
+    frames = []
     for index, (chunk, count) in enumerate(zip(chunks, counts, strict=True)):
         number = np.arange(count)
         stamp = number.astype(dtype) * int(step * sample) + int((chunk.start + centre) * sample)
@@ -104,8 +104,8 @@ def frames_of(chunks: Sequence[Chunk], counts: Sequence[int], timing: Timing, gr
         if chunk.keep_to is not None:
             end = np.minimum(end, int(chunk.keep_to * sample))
         kept = (end > begin).astype(bool)
-        found.append([a[kept] for a in (np.full(count, index), number, stamp, begin, end)])
-    of_chunk, number, stamp, begin, end = (np.concatenate(column) for column in zip(*found, strict=True))
+        frames.append([a[kept] for a in (np.full(count, index), number, stamp, begin, end)])
+    of_chunk, number, stamp, begin, end = (np.concatenate(column) for column in zip(*frames, strict=True))
     row_half = ticks * grid.rate.denominator // (2 * grid.rate.numerator)
     return Frames(ticks, of_chunk, number, stamp, begin, end, row_half)
 

@@ -100,11 +100,11 @@ def settings_of(
     family = family_of(folder.config, folder.extractor, folder.path)
     _require_moderate(family, folder.path)
     chosen = _output(family, output)
-    found = _layers(family, layers, folder.path) if chosen == "hidden" else _no_layers(family, chosen, layers)
+    indices = _layers(family, layers, folder.path) if chosen == "hidden" else _no_layers(family, chosen, layers)
     if layers == "mean":
         reduce = "mean"
     length, overlap = _chunks(family, chunk_s, overlap_s)
-    return Settings(folder, family, chosen, found, reduce, length, overlap, resample, normalize)
+    return Settings(folder, family, chosen, indices, reduce, length, overlap, resample, normalize)
 
 
 def _require_moderate(family: Family, folder: Path) -> None:
@@ -150,12 +150,12 @@ def _layers(family: Family, layers: Layers, folder: Path) -> tuple[int, ...]:
                 allowed=f"a number, a list of numbers, a range such as 4..8, {', '.join(_WORDS)}",
             )
         # One beyond is enough to be refused; a range of billions is not made.
-        found: Sequence[int] = range(int(span[1]), min(int(span[2]), offered[-1] + 1) + 1)
+        indices: Sequence[int] = range(int(span[1]), min(int(span[2]), offered[-1] + 1) + 1)
     else:
-        found = layers if isinstance(layers, tuple) else (layers,)
+        indices = layers if isinstance(layers, tuple) else (layers,)
     # True and 1.0 equal a layer's number.
-    wrong = [layer for layer in found if type(layer) is not int or layer not in offered]
-    if wrong or not found or len(set(found)) != len(found):
+    wrong = [layer for layer in indices if type(layer) is not int or layer not in offered]
+    if wrong or not indices or len(set(indices)) != len(indices):
         raise UsageError(
             "hf: invalid value for layers",
             where=folder,
@@ -164,7 +164,7 @@ def _layers(family: Family, layers: Layers, folder: Path) -> tuple[int, ...]:
             if len(offered) > 1
             else f"{offered[0]}, the last stage: the others of a {family.name} model have other rates",
         )
-    return tuple(found)
+    return tuple(indices)
 
 
 def _no_layers(family: Family, output: Output, layers: Layers) -> tuple[int, ...]:

@@ -41,17 +41,17 @@ def prepare(samples: ArrayLike, sample_rate: int, config: JukeboxConfig) -> NDAr
     DataError
         "empty_audio", "nan", or "short_audio" (less than one code, 128 samples).
     """
-    given = np.asarray(samples)
-    shaped = given.ndim == 1 or (given.ndim == 2 and 1 <= len(given) <= _MAX_CHANNELS)
-    if not (shaped and np.issubdtype(given.dtype, np.floating)):
+    signal = np.asarray(samples)
+    shaped = signal.ndim == 1 or (signal.ndim == 2 and 1 <= len(signal) <= _MAX_CHANNELS)
+    if not (shaped and np.issubdtype(signal.dtype, np.floating)):
         raise UsageError(
             "jukebox: invalid samples",
-            found=f"{given.dtype} of shape {given.shape}",
+            found=f"{signal.dtype} of shape {signal.shape}",
             allowed="floating-point samples, (m,) or (channels, m)",
         )
     if sample_rate < 1:
         raise UsageError("jukebox: a sample rate must be above 0", found=sample_rate)
-    mono = given.astype(np.float32, copy=False)
+    mono = signal.astype(np.float32, copy=False)
     if mono.ndim == 2:
         mono = np.mean(mono, axis=0)
     if not mono.size:

@@ -175,14 +175,14 @@ def open_converted(folder: Path, description: Description, layer: int, *, verify
     for name in files:
         size, digest = description.files.get(name, (None, ""))
         path = folder / name
-        found = path.stat().st_size if path.is_file() else None
-        if found is None or found != size:
+        stored_size = path.stat().st_size if path.is_file() else None
+        if stored_size is None or stored_size != size:
             raise SourceError(
                 "a file of the converted checkpoint is missing"
-                if found is None
+                if stored_size is None
                 else "a file of the converted checkpoint has the wrong size",
                 where=path,
-                found=None if found is None else f"{found} bytes",
+                found=None if stored_size is None else f"{stored_size} bytes",
                 allowed=f"{size} bytes, as in {DESCRIPTION_FILE}" if size is not None else None,
                 fix="copy the folder again, or convert again",
             )
@@ -238,13 +238,13 @@ def _unwritable(path: Path, error: OSError) -> DanceDataError:
 
 
 def _finished(out: Path, config: JukeboxConfig, layer: int, source: Mapping[str, str]) -> Description:
-    found = read_description(out)
-    if (found.config, found.layer, dict(found.source)) != (config, layer, dict(source)):
+    description = read_description(out)
+    if (description.config, description.layer, dict(description.source)) != (config, layer, dict(source)):
         raise UsageError(
             "jukebox: the output folder has another conversion",
             where=out,
-            found=f"layer {found.layer}, of files {dict(found.source)}",
+            found=f"layer {description.layer}, of files {dict(description.source)}",
             allowed=f"layer {layer}, of files {dict(source)}",
             fix="choose another folder, or remove this one",
         )
-    return found
+    return description

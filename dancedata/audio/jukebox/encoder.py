@@ -350,13 +350,13 @@ class JukeboxEncoder:
         padded = np.zeros((len(codes), max(lengths)), dtype=np.int64)
         for row, one in zip(padded, codes, strict=True):
             row[: len(one)] = one
-        found: dict[int, list[NDArray[np.float32]]] = {}
+        activations: dict[int, list[NDArray[np.float32]]] = {}
         with exact_float32():
             for layer, h, largest_key in self._prior.run(torch.from_numpy(padded).to(self.device)):
                 if layer in self.layers:
                     self._require_finite(layer, h, lengths, largest_key)
-                    found[layer] = [self._rows(h[i, :n], fps) for i, n in enumerate(lengths)]
-        return [{layer: found[layer][i] for layer in self.layers} for i in range(len(codes))]
+                    activations[layer] = [self._rows(h[i, :n], fps) for i, n in enumerate(lengths)]
+        return [{layer: activations[layer][i] for layer in self.layers} for i in range(len(codes))]
 
     def _rows(self, h: torch.Tensor, fps: float | None) -> NDArray[np.float32]:
         """(n, W) of one clip on the device -> (n, W) or (T, W), copied to the host."""

@@ -183,8 +183,8 @@ class Jukebox(NetworkFeature):
         # The last one includes the samples after the last whole code, as a clip does.
         clips.append(audio[parts[-1].first_code * config.hop :])
         with self.all_cores():
-            found = encoder.embed_prepared(clips, float(grid.rate), batch_size=self.batch_size or None)
-        rows = [one[self.layer][p.keep_from : p.keep_to] for p, one in zip(parts, found, strict=True)]
+            embedded = encoder.embed_prepared(clips, float(grid.rate), batch_size=self.batch_size or None)
+        rows = [one[self.layer][p.keep_from : p.keep_to] for p, one in zip(parts, embedded, strict=True)]
         return self._stored(np.concatenate(rows))
 
     @override
@@ -209,10 +209,10 @@ class Jukebox(NetworkFeature):
         clips = [pcm16(signal.samples[start : start + n_samples]) for start in starts]
         codes = resampled_length(n_samples, signal.sample_rate, self._config.sample_rate) // self._config.hop
         with self.all_cores():
-            found = self._encoder(codes).embed_batch(
+            embedded = self._encoder(codes).embed_batch(
                 clips, signal.sample_rate, float(grid.rate), batch_size=self.batch_size or None
             )
-        rows = [one[self.layer][:n_rows] for one in found]
+        rows = [one[self.layer][:n_rows] for one in embedded]
         self.require_rows(min(map(len, rows), default=n_rows), n_rows, grid)
         width = self._config.width
         return self._stored(np.stack(rows) if rows else np.empty((0, n_rows, width), np.float32))
@@ -312,7 +312,7 @@ def contexts_of(
             f"{float(grid.seconds((per_context - 1) * rows)):.2f} s, in a context of "
             f"{float(grid.seconds(per_context * rows)):.2f} s",
         )
-    found = []
+    contexts = []
     step = per_context - overlap
     first = 0
     while True:
@@ -321,7 +321,7 @@ def contexts_of(
         length = min(per_context * codes, n_codes - begin)
         n_rows = FrameGrid(code_rate).rows_up(length, of=grid)
         keep_from = 0 if first == 0 else overlap * rows - tail
-        found.append(Context(begin, length, first * rows, keep_from, n_rows if last else n_rows - tail))
+        contexts.append(Context(begin, length, first * rows, keep_from, n_rows if last else n_rows - tail))
         if last:
-            return found
+            return contexts
         first += step

@@ -162,8 +162,8 @@ def window_tempos(envelopes: Floats, rate: int, start_bpm: float) -> NDArray[np.
     for window in np.flatnonzero(_is_close(score, best, single) | _is_too_faint(envelopes)):
         double = _mean_autocorrelations(envelopes[[window]], len(tempos), np.dtype(np.float64))
         best[window] = _score(double, log_prior)[0].argmax()
-    found: NDArray[np.float64] = tempos[best]
-    return found
+    best_tempos: NDArray[np.float64] = tempos[best]
+    return best_tempos
 
 
 @lru_cache(maxsize=64)

@@ -109,13 +109,13 @@ class _Octave:
         n_middle = self.n_frames - 2 * self.n_end
         # Frames count from the beginning of the track: the grid of the products' rows.
         first = int(self.first[run][0])
-        own = self.first[run] - first
+        offsets = self.first[run] - first
         begin = first - int(self.first[0])
-        rows = slice(begin, begin + int(own[-1]) + n_middle)
+        rows = slice(begin, begin + int(offsets[-1]) + n_middle)
         even, odd = (folded[rows] for folded in self.middle)
         middle = _magnitudes(times_on_grid(even, bank.even, first), times_on_grid(odd, bank.odd, first))
         for k in range(n_windows):
-            pitches[k, self.n_end : self.n_frames - self.n_end] += middle[own[k] : own[k] + n_middle]
+            pitches[k, self.n_end : self.n_frames - self.n_end] += middle[offsets[k] : offsets[k] + n_middle]
         # The ends belong to each window, and so does their product.
         even, odd = (folded[run].reshape(n_windows, -1, half) for folded in self.ends)
         ends = _magnitudes(np.matmul(even, bank.even), np.matmul(odd, bank.odd))

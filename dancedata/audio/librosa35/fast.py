@@ -241,9 +241,9 @@ def _tile_features(
     loud = np.flatnonzero(~_is_quiet(windows))
     if not len(loud):
         return loud, np.empty((0, 1 + windows.length // HOP, N_COLUMNS), dtype=np.float32)
-    own = [samples[start : start + n_samples] for start in starts[loud]]
-    bpms = [settings.start_bpm or estimated_bpm(window, sample_rate) for window in own]
-    return loud, _features(windows.some(loud), bpms, settings, lambda k: resampled(own[k], sample_rate, rate))
+    parts = [samples[start : start + n_samples] for start in starts[loud]]
+    bpms = [settings.start_bpm or estimated_bpm(window, sample_rate) for window in parts]
+    return loud, _features(windows.some(loud), bpms, settings, lambda k: resampled(parts[k], sample_rate, rate))
 
 
 def estimated_bpm(samples: Floats, sample_rate: int) -> float:

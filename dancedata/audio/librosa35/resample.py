@@ -89,8 +89,8 @@ def tail_matrix(from_rate: int, to_rate: int, n_input: int, n_output: int) -> Fl
     total = resampled_length(n_input, from_rate, to_rate)
     matrix = _matrix(from_rate, to_rate, n_input, total - n_output, n_output)
     # soxr rounds the length, librosa rounds it up and appends a zero.
-    made = len(soxr.resample(np.zeros(n_input, dtype=np.float32), from_rate, to_rate, quality="soxr_hq"))
-    matrix[:, n_output - max(0, total - made) :] = 0
+    n_made = len(soxr.resample(np.zeros(n_input, dtype=np.float32), from_rate, to_rate, quality="soxr_hq"))
+    matrix[:, n_output - max(0, total - n_made) :] = 0
     return aligned(matrix)
 
 

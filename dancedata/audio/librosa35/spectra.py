@@ -167,9 +167,9 @@ def window_spectra(windows: Windows, rate: int) -> Spectra:
     heads = _frames(windows.head(N_FFT // 2 + HOP * (n_head - 1)), N_FFT // 2, n_head)
     tails = _frames(windows.tail(windows.length + N_FFT // 2 - first_tail * HOP), 0, n_tail)
     n_shared, n_own = len(used), len(rows) * (n_head + n_tail)
-    own = n_shared + np.arange(n_own).reshape(len(rows), -1)
+    edge_rows = n_shared + np.arange(n_own).reshape(len(rows), -1)
     rows[:, n_head:first_tail] = np.searchsorted(used, rows[:, n_head:first_tail])
-    rows[:, :n_head], rows[:, first_tail:] = own[:, :n_head], own[:, n_head:]
+    rows[:, :n_head], rows[:, first_tail:] = edge_rows[:, :n_head], edge_rows[:, n_head:]
     blocks = chain(_track_blocks(windows.track, used), _own_blocks(heads, tails))
     return Spectra(*_mel_and_peaks(blocks, n_shared + n_own, rate), rows)
 
@@ -193,10 +193,10 @@ def _mel_and_peaks(
     peaks, done = [], 0
     for stack, kept in blocks:
         power = np.empty((*stack.shape[:2], N_FFT // 2 + 1), dtype=np.float32)
-        for frames, own in zip(stack, power, strict=True):
+        for frames, row_power in zip(stack, power, strict=True):
             spectrum = scipy.fft.rfft(frames, axis=1, overwrite_x=True)
-            np.square(spectrum.real, out=own)
-            own += np.square(spectrum.imag)
+            np.square(spectrum.real, out=row_power)
+            row_power += np.square(spectrum.imag)
         db[done : done + len(kept)] = np.matmul(power, filters).reshape(-1, N_MELS)[kept]
         peaks.append(find_peaks(power.reshape(-1, N_FFT // 2 + 1)[kept], rate, is_power=True))
         done += len(kept)

@@ -127,9 +127,9 @@ def list_music(folders: Folders) -> MusicFiles:
     rejects: list[Reject] = []
     by_folder = {folder: list(_named_music(folder, folders, rejects)) for folder in _music_folders(folders)}
     candidates = [path for paths in by_folder.values() for path in paths]
-    found = audio_files(candidates, folders.source, rejects)
+    files = audio_files(candidates, folders.source, rejects)
     used = tuple(folder for folder, paths in by_folder.items() if paths)
-    return MusicFiles(found.files, found.rejects, found.notes, used)
+    return MusicFiles(files.files, files.rejects, files.notes, used)
 
 
 def music_in_use(motions: Files, music: MusicFiles) -> tuple[set[str], set[str]]:
@@ -137,24 +137,24 @@ def music_in_use(motions: Files, music: MusicFiles) -> tuple[set[str], set[str]]
 
     Sequences that are left out of the dataset count as well.
     """
-    own = {name for name in motions.files if name in music.files}
-    parsed = (parse_name(name) for name in motions.files if name not in own)
-    return own, {parts.music for parts in parsed if parts is not None and parts.music in music.files}
+    recordings = {name for name in motions.files if name in music.files}
+    parsed = (parse_name(name) for name in motions.files if name not in recordings)
+    return recordings, {parts.music for parts in parsed if parts is not None and parts.music in music.files}
 
 
 def layout_name(motions: Files, music: MusicFiles) -> str:
     """Return the name of the layout: "official", "edge" or "mixed"."""
-    own, songs = music_in_use(motions, music)
-    return "mixed" if own and songs else "edge" if own else "official"
+    recordings, songs = music_in_use(motions, music)
+    return "mixed" if recordings and songs else "edge" if recordings else "official"
 
 
 def unused_music(folders: Folders, motions: Files, music: MusicFiles) -> list[Reject]:
     """Return a reject for every audio file that no sequence of the source uses."""
-    own, songs = music_in_use(motions, music)
+    recordings, songs = music_in_use(motions, music)
     danced = {parts.music for name in motions.files if (parts := parse_name(name)) is not None}
     rejects = []
     for stem, path in music.files.items():
-        if stem in own or stem in songs:
+        if stem in recordings or stem in songs:
             continue
         if not is_music_id(stem):
             detail = f"there is no motions/{stem}.pkl"

@@ -42,10 +42,10 @@ from dancedata.datasets.files import ALL, SPLITS, Files, clips_note, relative, r
 def layout_notes(folders: Folders, motions: Files, music: MusicFiles) -> list[str]:
     """Return the layout and the files it was recognised by."""
     at = relative(folders.motions, folders.source)
-    own, songs = music_in_use(motions, music)
+    recordings, songs = music_in_use(motions, music)
     where = listed(_folder(relative(folder, folders.source)) for folder in music.folders)
-    files, of_songs = counted(len(own), "file"), counted(len(songs), "song")
-    if not own and not songs:
+    files, of_songs = counted(len(recordings), "file"), counted(len(songs), "song")
+    if not recordings and not songs:
         looked = ", ".join(f"{name}/" for name in MUSIC_FOLDERS)
         text = (
             f"Layout: official AIST++, by {at}/*.pkl; but no sequence has music. "
@@ -54,7 +54,7 @@ def layout_notes(folders: Folders, motions: Files, music: MusicFiles) -> list[st
         )
     elif not songs:
         text = f"Layout: EDGE's, by {at}/*.pkl and one audio file per sequence in {where} ({files})."
-    elif not own:
+    elif not recordings:
         text = f"Layout: official AIST++, by {at}/*.pkl and one audio file per song in {where} ({of_songs})."
     else:
         text = (
@@ -87,10 +87,10 @@ def count_notes(folders: Folders, motions: Files, missing: int) -> list[str]:
 
 def ignored_notes(motions: Files, ignored: Ignored) -> list[str]:
     """Return the ignore list in use, and how many files it concerns."""
-    here = len(ignored.names & set(motions.files))
+    n_present = len(ignored.names & set(motions.files))
     parts = list(ignored.notes)
     if ignored.where:
-        parts.append(f"{counted(len(ignored.names), 'name')}, {here:,} of them among the motion files found")
+        parts.append(f"{counted(len(ignored.names), 'name')}, {n_present:,} of them among the motion files found")
     return [f"Ignore list: {'; '.join(parts)}."]
 
 

@@ -99,7 +99,7 @@ def _split_places(folders: Folders, split_dir: str | None) -> list[Path]:
 
 def _no_such_split(name: str, places: list[Path], split_dir: str | None) -> None:
     """Raise SourceError with the expected files and the available splits."""
-    found = {
+    available = {
         path.stem.removesuffix(f"_{split}")
         for place in places
         for path in list_folder(place)
@@ -108,7 +108,7 @@ def _no_such_split(name: str, places: list[Path], split_dir: str | None) -> None
     }
     expected = ", ".join(f"{name}_{split}.txt" for split in SPLITS)
     where = ", ".join(str(place) for place in places)
-    allowed = sorted(found | ({RULE} if split_dir is None else set())) + ([ALL] if split_dir is None else [])
+    allowed = sorted(available | ({RULE} if split_dir is None else set())) + ([ALL] if split_dir is None else [])
     raise SourceError(
         f"aist++: there is no split {name!r}; expected {expected}",
         where=where or "no folder splits/ in the source",

@@ -101,7 +101,7 @@ def facts() -> Facts:
     text = resource("manifests", "finedance.yaml").read_text(encoding="utf-8")
     raw: dict[str, Any] = yaml.safe_load(text)
     grid = FrameGrid.of(raw["frame_rate"])
-    names = {_fold(name): genre for genre, about in raw["genres"].items() for name in (genre, *about.get("also", ()))}
+    names = {_fold(name): genre for genre, entry in raw["genres"].items() for name in (genre, *entry.get("also", ()))}
     return Facts(
         ids=tuple(f"{n:03d}" for n in range(1, raw["sequences"] + 1)),
         frame_rate=raw["frame_rate"],
@@ -110,11 +110,11 @@ def facts() -> Facts:
         get_motion=raw["get_it"]["motion"],
         protocols={name: Protocol(frozenset(p["val"]), frozenset(p["test"])) for name, p in raw["splits"].items()},
         ignore_lists={
-            name: IgnoreList(frozenset(about["ids"]), tuple(about["applies_to"]), about["source"])
-            for name, about in raw["ignore_lists"].items()
+            name: IgnoreList(frozenset(entry["ids"]), tuple(entry["applies_to"]), entry["source"])
+            for name, entry in raw["ignore_lists"].items()
         },
         trims={t["id"]: _trim(t, grid) for t in raw["trims"]},
-        genre_ids={genre: about["id"] for genre, about in raw["genres"].items()},
+        genre_ids={genre: entry["id"] for genre, entry in raw["genres"].items()},
         genre_names=names,
     )
 

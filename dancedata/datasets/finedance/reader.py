@@ -42,15 +42,17 @@ def layout_notes(folders: Folders, motions: Files, music: Files, labels: Files) 
         parts.append(f"{name}/ ({number})")
     text = f"Layout: FineDance, by {at}/001.npy and so on; {' and '.join(parts)}."
     n = len(motions.files)
-    known = sum(clip in motions.files for clip in facts().ids)
+    n_official = sum(clip in motions.files for clip in facts().ids)
     count = f"Motion: {counted(n, 'file')} found; FineDance has {len(facts().ids):,} sequences"
-    count += f", {len(facts().ids) - known:,} of which have no file here." if known < len(facts().ids) else "."
-    if n > known:
-        count += f" {n - known:,} more have unknown ids, and are in no split (unassigned)."
+    count += (
+        f", {len(facts().ids) - n_official:,} of which have no file here." if n_official < len(facts().ids) else "."
+    )
+    if n > n_official:
+        count += f" {n - n_official:,} more have unknown ids, and are in no split (unassigned)."
     return [text, *folders.notes, *music.notes, count]
 
 
-def list_notes(protocol: str, here: Collection[str], kept: Collection[str]) -> list[str]:
+def list_notes(protocol: str, present: Collection[str], kept: Collection[str]) -> list[str]:
     """Return the split and ignore lists in use, ids on two lists, and which list decides."""
     lists, ignored = facts().protocols[protocol], facts().ignored(protocol)
     sizes = f"{len(lists.val):,} in val, {len(lists.test):,} in test, all others in train"
@@ -58,7 +60,7 @@ def list_notes(protocol: str, here: Collection[str], kept: Collection[str]) -> l
     if not lists.val:
         notes.append(f"Splits: {protocol} has no val; Lodge and FineDance evaluate only after training.")
     applied = [f"{name} ({i.source})" for name, i in facts().ignore_lists.items() if protocol in i.applies_to]
-    number = f"{len(ignored):,} ids, {len(ignored & set(here)):,} of them among the motion files found"
+    number = f"{len(ignored):,} ids, {len(ignored & set(present)):,} of them among the motion files found"
     notes.append(f"Ignore list: {', '.join(applied)}: {number}.")
     both = sorted(clip for clip in ignored if facts().listed(protocol, clip))
     if both:
@@ -74,7 +76,7 @@ def list_notes(protocol: str, here: Collection[str], kept: Collection[str]) -> l
     if kept:
         notes.append(f"Ignore list: {listed(sorted(kept), 12)} not ignored, as requested.")
     for name, other in facts().ignore_lists.items():
-        stay = sorted(clip for clip in other.ids if protocol not in other.applies_to and clip in here)
+        stay = sorted(clip for clip in other.ids if protocol not in other.applies_to and clip in present)
         if stay:
             where = ", ".join(f"{clip} ({facts().listed(protocol, clip) or 'train'})" for clip in stay)
             notes.append(f"Ignore list: {where} not ignored here; {other.source} leaves them out (list {name}).")
@@ -83,10 +85,10 @@ def list_notes(protocol: str, here: Collection[str], kept: Collection[str]) -> l
 
 def trim_notes(clips: Sequence[ClipRef], trim: bool) -> list[str]:
     """Return the clips with a beginning that should be trimmed."""
-    here = {clip.id: facts().trims[clip.id].frames for clip in clips if clip.id in facts().trims}
-    if not here:
+    trims = {clip.id: facts().trims[clip.id].frames for clip in clips if clip.id in facts().trims}
+    if not trims:
         return []
-    cuts = listed((f"{clip} ({frames:,} frames)" for clip, frames in sorted(here.items())), 12)
+    cuts = listed((f"{clip} ({frames:,} frames)" for clip, frames in sorted(trims.items())), 12)
     if not trim:
         return [f"Trims: not applied, as requested; Lodge trims the beginning of {cuts}."]
     return [f"Trims: Lodge trims the beginning of {cuts}. The frames are kept; trim_start is the first of the dance."]
@@ -165,13 +167,13 @@ class FineDance(Dataset):
     def __post_init__(self) -> None:
         require_choice("finedance", "split", self.split, tuple(facts().protocols))
         require_choice("finedance", "labels", self.labels, ("required", "optional"))
-        known = sorted(clip for listed in facts().ignore_lists.values() for clip in listed.ids)
-        unknown = [] if self.keep == ALL else [clip for clip in self.keep if clip not in known]
+        listed_ids = sorted(clip for listed in facts().ignore_lists.values() for clip in listed.ids)
+        unknown = [] if self.keep == ALL else [clip for clip in self.keep if clip not in listed_ids]
         if unknown:
             raise UsageError(
                 "finedance: keep contains ids that are on no ignore list",
                 found=", ".join(map(repr, unknown)),
-                allowed=f"all, or a list of {', '.join(known)}",
+                allowed=f"all, or a list of {', '.join(listed_ids)}",
                 fix="write ids as text, in quotes: ['120']",
             )
 
@@ -317,8 +319,8 @@ class FineDance(Dataset):
 def _lengths(clips: list[ClipRef]) -> dict[str, str]:
     """Return the lengths of motion and music of clips where they differ."""
     rate = facts().frame_rate
-    found = {c.id: length_note(c.motion_path, c.audio_path, rate) for c in clips if c.audio_path is not None}
-    return {clip: note for clip, note in found.items() if note}
+    notes = {c.id: length_note(c.motion_path, c.audio_path, rate) for c in clips if c.audio_path is not None}
+    return {clip: note for clip, note in notes.items() if note}
 
 
 def _missing_motion(motions: Files, ignored: frozenset[str]) -> list[Reject]:

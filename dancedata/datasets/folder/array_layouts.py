@@ -126,20 +126,20 @@ def recognise(arrays: ArrayFile, declared: str, keys: Mapping[str, str] | None =
     """
     names = arrays.names
     if keys is not None and keys["rotation"] in names:
-        found = _keyed(arrays, keys)
+        layout = _keyed(arrays, keys)
     elif isinstance(arrays, PersonArrays) and arrays.tool:
-        found = _of_tool(arrays)
+        layout = _of_tool(arrays)
     elif "smpl_poses" in names and "smpl_trans" in names:
-        found = _whole(arrays, "smpl_poses", "smpl_trans")
+        layout = _whole(arrays, "smpl_poses", "smpl_trans")
     elif "poses" in names and _first(names, _TRANSLATIONS):
-        found = _whole(arrays, "poses", _first(names, _TRANSLATIONS))
+        layout = _whole(arrays, "poses", _first(names, _TRANSLATIONS))
     elif _first(names, _ROOT[0]) and _first(names, _BODY[0]) and _first(names, _TRANSLATIONS):
-        found = _in_parts(arrays, declared)
+        layout = _in_parts(arrays, declared)
     elif names == ("",):
-        found = _unnamed(arrays)
+        layout = _unnamed(arrays)
     else:
         raise _unknown(arrays)
-    return _as_declared(arrays, found, declared)
+    return _as_declared(arrays, layout, declared)
 
 
 def _keyed(arrays: ArrayFile, keys: Mapping[str, str]) -> Layout:
@@ -221,19 +221,19 @@ def _unnamed(arrays: ArrayFile) -> Layout:
     return Layout("finedance", "finedance", "", None, up, unit)
 
 
-def _as_declared(arrays: ArrayFile, found: Layout, declared: str) -> Layout:
-    if declared in ("auto", found.name):
-        return found
-    if declared == "amass" and found.body in ("smplh", "smplx"):
-        return _amass(found.body, found.poses, found.translation or "")
-    if declared == found.body:
+def _as_declared(arrays: ArrayFile, layout: Layout, declared: str) -> Layout:
+    if declared in ("auto", layout.name):
+        return layout
+    if declared == "amass" and layout.body in ("smplh", "smplx"):
+        return _amass(layout.body, layout.poses, layout.translation or "")
+    if declared == layout.body:
         # It has AMASS's rate key but is declared not to be AMASS, so its axes are unknown.
-        return replace(found, name=found.body, up=None)
+        return replace(layout, name=layout.body, up=None)
     raise bad_declaration(
         arrays.path,
         f"the file does not have the layout {declared}",
-        f"{found.name}: arrays {arrays.listed}",
-        f"layout {found.name}, or auto",
+        f"{layout.name}: arrays {arrays.listed}",
+        f"layout {layout.name}, or auto",
         "correct layout, or remove it",
     )
 

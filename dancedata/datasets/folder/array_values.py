@@ -138,17 +138,24 @@ def scales(arrays: ArrayFile, name: str, n_frames: int) -> Floats:
     One number, one per frame, or a weak-perspective camera (T, 3 or 4) whose first column is the scale.
     """
     values = arrays.read(name)
-    found = values.reshape(1, 1) if values.size == 1 else values[:, :1] if values.ndim == 2 else values.reshape(-1, 1)
-    if found.shape not in ((1, 1), (n_frames, 1)) or values.ndim > 2 or not ((found >= 1e-6) & (found <= 1e6)).all():
+    columns = (
+        values.reshape(1, 1) if values.size == 1 else values[:, :1] if values.ndim == 2 else values.reshape(-1, 1)
+    )
+    if (
+        columns.shape not in ((1, 1), (n_frames, 1))
+        or values.ndim > 2
+        or not ((columns >= 1e-6) & (columns <= 1e6)).all()
+    ):
         raise DataError(
             f"{name or 'the array'} cannot scale the translation",
             reason="bad_scaling",
             where=str(arrays.path),
-            found=f"shape {values.shape}, from {found.min(initial=np.inf):.3g} to {found.max(initial=-np.inf):.3g}",
+            found=f"shape {values.shape}, from {columns.min(initial=np.inf):.3g} to "
+            f"{columns.max(initial=-np.inf):.3g}",
             allowed=f"one number, ({n_frames},), or ({n_frames}, 3) with the scale first; above 0",
             fix="correct the key scale of dataset.folder.keys, or remove it",
         )
-    return found
+    return columns
 
 
 def from_matrices(arrays: ArrayFile, name: str, values: Floats) -> Floats:

@@ -58,7 +58,7 @@ def exact_rate(value: float) -> Fraction | None:
     rate = rate_of_text(repr(float(value)))
     if rate is None:
         return None
-    near = [known for known in (*_KNOWN, Fraction(round(rate))) if abs(rate - known) <= known * _CLOSE]
+    near = [usual for usual in (*_KNOWN, Fraction(round(rate))) if abs(rate - usual) <= usual * _CLOSE]
     return near[0] if near else rate
 
 
@@ -84,7 +84,7 @@ def rate_of_period(text: str) -> Fraction | None:
 
 def drift_note(rate: Fraction) -> str:
     """Return what a rate near a usual one may mean, for notes; "" for a usual rate and one far from all."""
-    usual = min(_USUAL, key=lambda known: abs(known - rate))
+    usual = min(_USUAL, key=lambda candidate: abs(candidate - rate))
     if rate in _KNOWN or abs(rate - usual) > usual * _NEAR:
         return ""
     drift = float(60 * abs(1 - usual / rate))

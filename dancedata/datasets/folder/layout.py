@@ -122,9 +122,9 @@ def _rest(source: Path, folders: set[Path], motions: dict[str, Path], music: dic
         if stem not in motions
     ]
     for folder in sorted({source, *folders}):
-        known = (*MOTION_SUFFIXES, *AUDIO_SUFFIXES) if folder in folders else ()
+        suffixes = (*MOTION_SUFFIXES, *AUDIO_SUFFIXES) if folder in folders else ()
         for path in list_folder(folder):
-            problem = "" if path in folders else file_problem(path, known, "neither motion nor music")
+            problem = "" if path in folders else file_problem(path, suffixes, "neither motion nor music")
             if problem:
                 rejects.append(Reject("extra_file", file=relative(path, source), detail=problem))
     return rejects

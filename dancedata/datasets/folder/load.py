@@ -157,8 +157,10 @@ def _rotated(upright: Floats, root: Floats) -> Floats:
 
 def _body(arrays: ArrayFile, layout: Layout, reading: Reading, model: Path) -> Skeleton:
     """Return the skeleton of the user's body model, with the file's gender and betas."""
-    own = arrays.text("gender").strip().lower() if "gender" in arrays.names else ""
-    fact = decide(reading.manifest.gender, Fact(own, "the file") if own in GENDERS else None, reading.recipe.gender)
+    stated = arrays.text("gender").strip().lower() if "gender" in arrays.names else ""
+    fact = decide(
+        reading.manifest.gender, Fact(stated, "the file") if stated in GENDERS else None, reading.recipe.gender
+    )
     gender = fact.value if fact is not None else "neutral"
     betas = _betas(arrays) if "betas" in arrays.names else None
     try:
@@ -224,8 +226,8 @@ _CONVENTION = "BVH's convention, as nothing is declared"
 def bvh_facts(bvh: Bvh, reading: Reading) -> tuple[FileFacts, Rig]:
     """Return the facts about a BVH file, and its rig; DataError (``undeclared``, ``bad_rate``) if one is unknown."""
     rate = rate_of_period(bvh.frame_time)
-    own = None if rate is None else Fact(rate, f"Frame Time: {bvh.frame_time}")
-    rate_fact = decide_rate(reading.manifest, own, reading.recipe)
+    stated = None if rate is None else Fact(rate, f"Frame Time: {bvh.frame_time}")
+    rate_fact = decide_rate(reading.manifest, stated, reading.recipe)
     if rate_fact is None:
         raise _bad_period(bvh)
     up = decide(reading.manifest.up, None, reading.recipe.up) or Fact("y", _CONVENTION)

@@ -150,10 +150,10 @@ def _jsonl(path: Path, text: str) -> Iterator[tuple[int, dict[str, str]]]:
 
 
 def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) < len(pairs):
+    mapping = dict(pairs)
+    if len(mapping) < len(pairs):
         raise ValueError("duplicate key")
-    return found
+    return mapping
 
 
 def _text(path: Path, line: int, key: str, value: object) -> str:

@@ -30,17 +30,17 @@ def describe(path: Path, reading: Reading) -> tuple[tuple[str, ...], str]:
     if path.suffix.lower() == ".bvh":
         bvh = read_bvh_header(path)
         facts, rig = bvh_facts(bvh, reading)
-        about = f"BVH: {facts}; joint names {rig.joints.style or 'as given in joint_map'}"
-        return (about, f"BVH joints: {rig.joints.text(bvh.joints)}", *_drift(facts)), SMPL24.name
+        text = f"BVH: {facts}; joint names {rig.joints.style or 'as given in joint_map'}"
+        return (text, f"BVH joints: {rig.joints.text(bvh.joints)}", *_drift(facts)), SMPL24.name
     with open_person(path, reading.manifest.person) as arrays:
         layout = recognised(arrays, reading)
         facts = array_facts(arrays, layout, reading)
         seen = seen_in(arrays)
     joints = f" on {layout.body}'s {layout.skeleton.n_joints} joints" if layout.name != layout.body else ""
-    about = f"{path.suffix.lower()}, layout {layout.name}{joints}: {facts}"
+    text = f"{path.suffix.lower()}, layout {layout.name}{joints}: {facts}"
     video = (f"Video: {seen[0]}",) if seen is not None and str(seen[0]) else ()
     body = layout.skeleton.name if reading.body_model is None else ""
-    return (about, *video, *_drift(facts)), body
+    return (text, *video, *_drift(facts)), body
 
 
 def _drift(facts: FileFacts) -> tuple[str, ...]:
@@ -72,7 +72,7 @@ def file_notes(clips: Sequence[ClipRef], reading: Callable[[ClipRef], Reading]) 
     return described, summary
 
 
-def split_note(clips: Sequence[ClipRef], default: str, given: bool) -> str:
+def split_note(clips: Sequence[ClipRef], default: str, assigned: bool) -> str:
     """Return the number of clips in each split.
 
     Parameters
@@ -81,7 +81,7 @@ def split_note(clips: Sequence[ClipRef], default: str, given: bool) -> str:
     given : whether the manifest assigns any split.
     """
     splits = Counter(clip.split for clip in clips)
-    if set(splits) == {default} and not given:
+    if set(splits) == {default} and not assigned:
         which = "the clip is" if len(clips) == 1 else f"all {len(clips):,} clips are"
         return f"Splits: none is given, so {which} in {default!r}."
     counts = ", ".join(f"{n:,} {split}" for split, n in sorted(splits.items()))

@@ -34,18 +34,18 @@ def split_people(clips: Sequence[ClipRef], rejects: Sequence[Reject]) -> tuple[l
     Clips of a person that the manifest chooses stay as they are, and those of files that cannot be read, which
     `load` reports.
     """
-    found, left_out = [], list(rejects)
+    people, left_out = [], list(rejects)
     for clip in clips:
         for person in _people_of(clip):
             name = f"{clip.id}-person{person}" if person else clip.id
             problem = id_problem(name)
             if problem is None:
                 declared = (*clip.declared, ("person", person)) if person else clip.declared
-                found.append(replace(clip, id=name, declared=tuple(sorted(declared))))
+                people.append(replace(clip, id=name, declared=tuple(sorted(declared))))
             else:
                 detail = f"the id of a person, {quoted(person, 60)}, gives a name that {problem}"
                 left_out.append(Reject("bad_name", clip=clip.id, file=str(clip.motion_path), detail=detail))
-    return found, left_out
+    return people, left_out
 
 
 def _people_of(clip: ClipRef) -> tuple[str, ...]:
@@ -160,10 +160,10 @@ def on_video_frames(arrays: ArrayFile, translation: Floats, rotations: Floats) -
     DataError
         ``missing_frames``, ``length_mismatch``.
     """
-    found = seen_in(arrays)
-    if found is None:
+    span = seen_in(arrays)
+    if span is None:
         return translation, rotations, 0
-    seen, frames = found
+    seen, frames = span
     if len(frames) != len(rotations):
         raise DataError(
             "the frames of the video do not match the motion",

@@ -135,12 +135,12 @@ class Folder(Dataset):
                 fix="remove one of them",
             )
         rows = read_manifest(manifests[0]) if manifests else []
-        found = self._listed(source, manifests[0], rows) if manifests else self._matched(source)
-        clips, rejects, notes, layout = found
+        scanned = self._listed(source, manifests[0], rows) if manifests else self._matched(source)
+        clips, rejects, notes, layout = scanned
         if self.people == "split":
             clips, rejects = split_people(clips, rejects)
-        given = any(row.get("split") for row in rows)
-        clips, splits = self._split(sorted(clips, key=lambda clip: clip.id), given)
+        assigned = any(row.get("split") for row in rows)
+        clips, splits = self._split(sorted(clips, key=lambda clip: clip.id), assigned)
         clips, files = file_notes(clips, self._reading)
         notes += [*splits, *files]
         return Scan(layout, tuple(clips), tuple(rejects), tuple(notes))
@@ -259,25 +259,25 @@ class Folder(Dataset):
         """Split of clips without one in the manifest; empty where a rule assigns it once all clips are known."""
         return self.split if isinstance(self.split, str) else ""
 
-    def _split(self, clips: list[ClipRef], given: bool) -> tuple[list[ClipRef], list[str]]:
+    def _split(self, clips: list[ClipRef], stated: bool) -> tuple[list[ClipRef], list[str]]:
         """Assign a split to clips without one; returns the note on the splits. `given`: the manifest has splits."""
         if not isinstance(self.split, str):
             rule = SplitRule.of(self.split)
             songs = same_songs(clips) if rule.by == "music" else {}
             assigned, notes = rule.apply([replace(clip, music=songs.get(clip.music, clip.music)) for clip in clips])
             notes += [f"One song by its samples, grouped as {first}: {name}." for name, first in songs.items()]
-            return [replace(clip, split=own.split) for clip, own in zip(clips, assigned, strict=True)], notes
-        return clips, [split_note(clips, self.split, given)]
+            return [replace(clip, split=chosen.split) for clip, chosen in zip(clips, assigned, strict=True)], notes
+        return clips, [split_note(clips, self.split, stated)]
 
 
 def _check_keys(keys: Mapping[str, str] | None) -> None:
     if keys is None:
         return
-    known = ("rotation", "translation", "scale")
-    wrong = next((key for key in keys if key not in known), None)
+    roles = ("rotation", "translation", "scale")
+    wrong = next((key for key in keys if key not in roles), None)
     if wrong is not None:
-        raise UsageError(f"folder: unknown key in keys: {wrong!r}", allowed=did_you_mean(wrong, known))
-    missing = [key for key in known[:2] if not keys.get(key)]
+        raise UsageError(f"folder: unknown key in keys: {wrong!r}", allowed=did_you_mean(wrong, roles))
+    missing = [key for key in roles[:2] if not keys.get(key)]
     if missing:
         raise UsageError(
             f"folder: keys does not name the array of the {missing[0]}",
@@ -314,11 +314,11 @@ def _check_row(manifest: Path, row: Row, split: str) -> None:
         raise SourceError(
             f"folder: {error.problem}", where=where, found=error.found, allowed=error.allowed
         ) from error
-    for column, known in (("motion", MOTION_SUFFIXES), ("audio", AUDIO_SUFFIXES)):
+    for column, suffixes in (("motion", MOTION_SUFFIXES), ("audio", AUDIO_SUFFIXES)):
         suffix = Path(row.get(column)).suffix.lower()
-        if row.get(column) and suffix not in known:
+        if row.get(column) and suffix not in suffixes:
             problem = f"folder: {column} has an unsupported file format"
-            raise SourceError(problem, where=where, found=row.get(column)[:100], allowed=", ".join(known))
+            raise SourceError(problem, where=where, found=row.get(column)[:100], allowed=", ".join(suffixes))
 
 
 def _rate_text(fps: float | str) -> str:

@@ -38,15 +38,15 @@ def needs_field(
         makers = recipes_with(name)
         shipped = f", as in the recipe {' or '.join(makers)}" if makers else ""
         return [Lack(f"the dataset has no field {name} (it has {', '.join(job.store.fields)})", f"{line}{shipped}")]
-    field, found = job.store.field(name), []
+    field, problems = job.store.field(name), []
     if field.kind != kind:
-        found.append(Lack(f"{name} is a field of the kind {field.kind}, not {kind}", line))
+        problems.append(Lack(f"{name} is a field of the kind {field.kind}, not {kind}", line))
     if width is not None and field.columns.width != width:
-        found.append(Lack(f"{name} has {field.columns.width} columns, not {width}", line))
+        problems.append(Lack(f"{name} has {field.columns.width} columns, not {width}", line))
     if rate is not None and field.rate != Fraction(rate):
         fix = f"{kind}: {{{name}: {{fps: {rate}}}}}" if kind == "audio" else f"fps: {rate}"
-        found.append(Lack(f"{name} has {field.rate} rows per second, not {rate}", fix))
-    return found
+        problems.append(Lack(f"{name} has {field.rate} rows per second, not {rate}", fix))
+    return problems
 
 
 def needs_fps(job: ExportJob, fps: int) -> list[Lack]:

@@ -40,27 +40,27 @@ MAX_BYTES = 1 << 30
 _log = logging.getLogger(__name__)
 
 
-def self_hash(about: Mapping[str, Any]) -> str:
+def self_hash(record: Mapping[str, Any]) -> str:
     """Return the hash of export.json without its own key self_sha256."""
-    return json_sha256({key: value for key, value in about.items() if key != "self_sha256"})
+    return json_sha256({key: value for key, value in record.items() if key != "self_sha256"})
 
 
 def read_about(folder: Path) -> dict[str, Any] | None:
     """Read export.json of a finished export; None if it is missing or not of an export."""
     path = folder / ABOUT
     try:
-        about = None if path.is_symlink() else read_json(path, MAX_BYTES)
+        record = None if path.is_symlink() else read_json(path, MAX_BYTES)
     except (OSError, ValueError):
         return None
-    if not isinstance(about, dict) or not isinstance(about.get("files"), dict):
+    if not isinstance(record, dict) or not isinstance(record.get("files"), dict):
         return None
-    return about if about.get("self_sha256") == self_hash(about) else None
+    return record if record.get("self_sha256") == self_hash(record) else None
 
 
-def write_about(folder: ExportFolder, about: Mapping[str, Any]) -> None:
+def write_about(folder: ExportFolder, record: Mapping[str, Any]) -> None:
     """Write export.json, the last file of a folder: what it is, and the size and hash of its files."""
     files = {name: [file.size, file.sha256] for name, file in sorted(folder.files.items())}
-    listing = {**about, "files": files}
+    listing = {**record, "files": files}
     write_json(folder.path / ABOUT, {**listing, "self_sha256": self_hash(listing)})
 
 
@@ -74,12 +74,12 @@ def new_export(out: Path, *, overwrite: bool) -> Iterator[Path]:
         If `out` holds anything but an export that may be replaced, another export is writing there, or nothing can
         be written.
     """
-    made = [folder for folder in (out.parent, *out.parent.parents) if not folder.exists()]
+    created = [folder for folder in (out.parent, *out.parent.parents) if not folder.exists()]
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         with replaced_export(out, overwrite=overwrite) as new:
             yield new
-        made = []
+        created = []
     except UnicodeEncodeError as error:
         raise unwritable_name(error) from error
     except OSError as error:
@@ -90,7 +90,7 @@ def new_export(out: Path, *, overwrite: bool) -> Iterator[Path]:
             fix="choose an --out that is a folder of your own, on a disk with room; nothing was left there",
         ) from error
     finally:
-        for folder in made:
+        for folder in created:
             with suppress(OSError):
                 folder.rmdir()
 
@@ -113,10 +113,10 @@ def _check(out: Path, overwrite: bool) -> None:
         raise StoreError("the place of the export is not a folder", where=out, fix="choose another --out")
     if not any(out.iterdir()):
         return
-    about = read_about(out)
+    record = read_about(out)
     what, changed = "that are not an export's", sorted(p.name for p in out.iterdir())
-    if about is not None:
-        what, changed = "that were added or changed since it was exported", foreign_files(out, about["files"])
+    if record is not None:
+        what, changed = "that were added or changed since it was exported", foreign_files(out, record["files"])
     if changed:
         raise StoreError(
             f"the folder of the export holds files {what}",
@@ -125,11 +125,11 @@ def _check(out: Path, overwrite: bool) -> None:
             allowed="an empty folder, a new one, or with --overwrite an export made before",
             fix="choose another --out, or move them away; nothing was written",
         )
-    if about is not None and not overwrite:
+    if record is not None and not overwrite:
         raise StoreError(
             "the folder holds an export already",
             where=out,
-            found=f"{about.get('target')} of {about.get('name')}",
+            found=f"{record.get('target')} of {record.get('name')}",
             fix="choose another --out, or replace it with --overwrite; nothing was written",
         )
 
@@ -141,7 +141,7 @@ def foreign_files(folder: Path, files: Mapping[str, Any]) -> list[str]:
     of others are compared, and that of the README.
     """
     finished = (folder / ABOUT).lstat().st_mtime_ns
-    found = []
+    foreign = []
     for path in folder.rglob("*"):
         name, status = path.relative_to(folder).as_posix(), path.lstat()
         if name == ABOUT or (path.is_dir() and not path.is_symlink()):
@@ -151,8 +151,8 @@ def foreign_files(folder: Path, files: Mapping[str, Any]) -> list[str]:
         if is_same and (name == README or status.st_mtime_ns > finished):
             is_same = sha256_file(path) == sha256
         if not is_same:
-            found.append(name)
-    return sorted(found)
+            foreign.append(name)
+    return sorted(foreign)
 
 
 def _is_whole(folder: Path) -> bool:
@@ -162,8 +162,8 @@ def _is_whole(folder: Path) -> bool:
 
 def remove_export(folder: Path) -> None:
     """Remove what is proved to be ours: an unfinished folder, or the listed files of an export."""
-    about = read_about(folder)
-    if is_claimed(folder) or (about is not None and not foreign_files(folder, about["files"])):
+    record = read_about(folder)
+    if is_claimed(folder) or (record is not None and not foreign_files(folder, record["files"])):
         with suppress(OSError):
             _erase(folder)
     else:

@@ -96,10 +96,10 @@ class ExportResult:
     def to_json(self) -> dict[str, Any]:
         """Return plain JSON data, without the list of files."""
         files = self.about["files"]
-        about = {key: value for key, value in self.about.items() if key not in ("files", "self_sha256")}
+        record = {key: value for key, value in self.about.items() if key not in ("files", "self_sha256")}
         return {
             "path": str(self.path),
-            **about,
+            **record,
             "files": len(files),
             "bytes": sum(size for size, _ in files.values()),
         }
@@ -125,10 +125,10 @@ def export_dataset(
             folder = ExportFolder(new, job.out, link)
             target.write(job, folder)
             _finish(target, job, folder)
-    about = read_about(job.out)
-    if about is None:
+    record = read_about(job.out)
+    if record is None:
         raise StoreError("the export was changed while it was written", where=job.out)
-    return ExportResult(job.out, about)
+    return ExportResult(job.out, record)
 
 
 def raise_lacks(target: Export, job: ExportJob, lacks: list[Lack]) -> None:
@@ -178,7 +178,7 @@ def _finish(target: Export, job: ExportJob, folder: ExportFolder) -> None:
     if licence:
         folder.write_text(LICENCE, licence)
     folder.write_text(README, readme_text(target, job, folder.notes))
-    about = {
+    record = {
         "dancedata": __version__,
         "target": target.name,
         "version": target.version,
@@ -190,4 +190,4 @@ def _finish(target: Export, job: ExportJob, folder: ExportFolder) -> None:
         "licence": job.store.meta.get("licence"),
         "notes": list(folder.notes),
     }
-    write_about(folder, about)
+    write_about(folder, record)

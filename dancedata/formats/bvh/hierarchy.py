@@ -248,11 +248,13 @@ class _Hierarchy:
                 "the number of channels, then their names",
                 reason="missing_channels",
             )
-        known = {name.lower(): name for name in (*POSITIONS, *ROTATIONS)}
-        channels = tuple(known.get(word.lower(), "") for word in words[1:])
+        channels_by_name = {name.lower(): name for name in (*POSITIONS, *ROTATIONS)}
+        channels = tuple(channels_by_name.get(word.lower(), "") for word in words[1:])
         if "" in channels:
             wrong = words[1 + channels.index("")][:40]
-            raise self._bad(line, f"unknown channel {wrong!r}", allowed=did_you_mean(wrong, known.values()))
+            raise self._bad(
+                line, f"unknown channel {wrong!r}", allowed=did_you_mean(wrong, channels_by_name.values())
+            )
         if len(set(channels)) < len(channels):
             raise self._bad(line, "duplicate channel", rest[:120])
         joint.channels = channels

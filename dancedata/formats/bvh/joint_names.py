@@ -120,7 +120,7 @@ class JointMap:
         return ", ".join(named) + (f"; none for {', '.join(missing)}" if missing else "")
 
 
-def map_joints(path: Path, joints: Sequence[BvhJoint], given: Mapping[str, str] | None) -> JointMap:
+def map_joints(path: Path, joints: Sequence[BvhJoint], declared: Mapping[str, str] | None) -> JointMap:
     """Map SMPL's joints to a file's.
 
     Names in `given` take precedence ("" excludes a joint); the others follow the style that matches the most
@@ -133,22 +133,22 @@ def map_joints(path: Path, joints: Sequence[BvhJoint], given: Mapping[str, str] 
         ``unknown_joints`` if required ones are missing or a given name is not in the file;
         ``bad_joint_map`` if the file's tree differs from SMPL's: a knee that is not below its hip.
     """
-    given = given or {}
-    of = _given(path, joints, given)
-    style = _add_style(joints, of, given)
+    declared = declared or {}
+    of = _given(path, joints, declared)
+    style = _add_style(joints, of, declared)
     missing = [name for name in REQUIRED if SMPL24.index(name) not in of]
     if SMPL24.index("neck") not in of and SMPL24.index("head") not in of:
         missing.append("neck or head")
     if missing:
         raise _unknown(path, joints, of, style, missing)
-    _add_spine(joints, of, given)
+    _add_spine(joints, of, declared)
     _check_tree(path, joints, of)
     return JointMap(style, dict(sorted(of.items())))
 
 
-def _given(path: Path, joints: Sequence[BvhJoint], given: Mapping[str, str]) -> dict[int, int]:
+def _given(path: Path, joints: Sequence[BvhJoint], declared: Mapping[str, str]) -> dict[int, int]:
     names = [joint.name for joint in joints]
-    for joint, name in given.items():
+    for joint, name in declared.items():
         if name and name not in names:
             raise DataError(
                 f"joint_map: the file has no joint {name!r} for {joint}",
@@ -159,7 +159,7 @@ def _given(path: Path, joints: Sequence[BvhJoint], given: Mapping[str, str]) -> 
                 fix=_meant(name, names)
                 + "correct joint_map, or move files with other skeletons to a folder of their own",
             )
-    return {SMPL24.index(joint): names.index(name) for joint, name in given.items() if name}
+    return {SMPL24.index(joint): names.index(name) for joint, name in declared.items() if name}
 
 
 def _meant(name: str, names: Sequence[str]) -> str:
@@ -168,7 +168,7 @@ def _meant(name: str, names: Sequence[str]) -> str:
     return f"did you mean {close[0]!r}? " if close else ""
 
 
-def _add_style(joints: Sequence[BvhJoint], of: dict[int, int], given: Mapping[str, str]) -> str:
+def _add_style(joints: Sequence[BvhJoint], of: dict[int, int], declared: Mapping[str, str]) -> str:
     """Add the joints of the best matching style; return its name."""
     plain: dict[str, int] = {}
     for k, joint in enumerate(joints):
@@ -176,13 +176,13 @@ def _add_style(joints: Sequence[BvhJoint], of: dict[int, int], given: Mapping[st
     best: dict[int, int] = {}
     best_style = ""
     for style, table in STYLES.items():
-        found = {}
+        matches = {}
         for smpl, usual in table.items():
             index = next((plain[_plain(n)] for n in usual if _plain(n) in plain), None)
-            if index is not None and smpl not in given and index not in of.values():
-                found[SMPL24.index(smpl)] = index
-        if len(found) > len(best):
-            best, best_style = found, style
+            if index is not None and smpl not in declared and index not in of.values():
+                matches[SMPL24.index(smpl)] = index
+        if len(matches) > len(best):
+            best, best_style = matches, style
     of.update(best)
     return best_style
 
@@ -192,9 +192,9 @@ def _plain(name: str) -> str:
     return re.sub(r"[\s_.\-]", "", re.split(r"[:|]", name)[-1]).lower()
 
 
-def _add_spine(joints: Sequence[BvhJoint], of: dict[int, int], given: Mapping[str, str]) -> None:
+def _add_spine(joints: Sequence[BvhJoint], of: dict[int, int], declared: Mapping[str, str]) -> None:
     """Map the spine by the tree, unless joint_map contains any of it."""
-    if any(name in given for name in SPINE):
+    if any(name in declared for name in SPINE):
         return
     upper = [SMPL24.index(n) for n in ("neck", "left_collar", "right_collar", "left_shoulder", "right_shoulder")]
     lines = [ancestors(joints, of[s]) for s in upper if s in of]

@@ -34,7 +34,7 @@ def family_of(config: Mapping[str, Any], extractor: Mapping[str, Any], where: ob
     if kind is None and all(key in config for key in _OF_MUQ):
         kind = "muq"
     if not isinstance(kind, str) or kind not in _BY_TYPE:
-        known = did_you_mean(str(kind), sorted(_BY_TYPE))
+        suggestion = did_you_mean(str(kind), sorted(_BY_TYPE))
         remote = "auto_map" in config
         raise SourceError(
             "hf: the model needs code of its own, which is never run"
@@ -42,7 +42,7 @@ def family_of(config: Mapping[str, Any], extractor: Mapping[str, Any], where: ob
             else "hf: no encoder of this model type is supported",
             where=where,
             found=f"model_type {quoted(kind)}" + (", with an auto_map to code in the folder" if remote else ""),
-            fix=f"{known}; {_PLUGIN}",
+            fix=f"{suggestion}; {_PLUGIN}",
         )
     if config.get("quantization_config"):
         raise SourceError(

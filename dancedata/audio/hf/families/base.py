@@ -125,14 +125,14 @@ def hidden_states(
     -----
     Captured here, as what ``output_hidden_states`` returns last differs between versions of transformers.
     """
-    found: dict[int, torch.Tensor] = {}
+    states: dict[int, torch.Tensor] = {}
 
     def before(_module: Any, args: tuple[Any, ...], kwargs: dict[str, Any]) -> None:
-        found[0] = args[0] if args else kwargs["hidden_states"]
+        states[0] = args[0] if args else kwargs["hidden_states"]
 
     def after(layer: int) -> Callable[..., None]:
         def keep(_module: Any, _args: Any, output: Any) -> None:
-            found[layer] = output[0] if isinstance(output, tuple) else output
+            states[layer] = output[0] if isinstance(output, tuple) else output
 
         return keep
 
@@ -144,8 +144,8 @@ def hidden_states(
                 hooks.callback(blocks[layer - 1].register_forward_hook(after(layer)).remove)
         last = run()
     if n_layers in layers:
-        found[n_layers] = last
-    return found
+        states[n_layers] = last
+    return states
 
 
 #: Larger sizes and more blocks than any model has: a config of a few bytes could take all memory.

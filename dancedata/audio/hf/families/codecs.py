@@ -122,8 +122,8 @@ class Encodec(_Codec):
 
     @property
     def _bandwidth(self) -> float:
-        found = self.config.get("target_bandwidths", (1.5, 3.0, 6.0, 12.0, 24.0))
-        return float(max(found))
+        bandwidths = self.config.get("target_bandwidths", (1.5, 3.0, 6.0, 12.0, 24.0))
+        return float(max(bandwidths))
 
 
 @dataclass(frozen=True)
@@ -210,12 +210,12 @@ class Mimi(_Codec):
     def frames(
         self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]
     ) -> dict[int, torch.Tensor]:
-        found = []
+        frames = []
         quantizer = network.quantizer
         plain = quantizer.encode
 
         def watched(embedding: torch.Tensor, *rest: Any, **named: Any) -> torch.Tensor:
-            found.append(embedding)
+            frames.append(embedding)
             codes: torch.Tensor = plain(embedding, *rest, **named)
             return codes
 
@@ -225,4 +225,4 @@ class Mimi(_Codec):
             codes = network.encode(inputs[:, None]).audio_codes
         finally:
             del quantizer.encode
-        return {0: (found[0] if output == "embedding" else codes).transpose(1, 2)}
+        return {0: (frames[0] if output == "embedding" else codes).transpose(1, 2)}

@@ -45,8 +45,8 @@ class Subsampling(nn.Module):
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         """Compute (B, K, width) of (B, bins, frames)."""
-        found: torch.Tensor = self.linear(self.conv(x[:, None]).permute(0, 3, 1, 2).flatten(2))
-        return found
+        tokens: torch.Tensor = self.linear(self.conv(x[:, None]).permute(0, 3, 1, 2).flatten(2))
+        return tokens
 
 
 class MuQNetwork(nn.Module):

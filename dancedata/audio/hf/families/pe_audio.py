@@ -97,6 +97,6 @@ class PeAudio(Family):
         if missing:
             inputs = torch.nn.functional.pad(inputs[:, None], (0, missing), "reflect")[:, 0]
 
-        found = hidden_states(last_hidden_state(network, inputs[:, None]), network.layers, layers, self.n_layers)
+        states = hidden_states(last_hidden_state(network, inputs[:, None]), network.layers, layers, self.n_layers)
         # Blocks see a class token before the frames.
-        return {k: v if k == self.n_layers else v[:, 1:] for k, v in found.items()}
+        return {k: v if k == self.n_layers else v[:, 1:] for k, v in states.items()}

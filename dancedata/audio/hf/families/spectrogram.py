@@ -118,7 +118,7 @@ class Whisper(SpectrogramEncoder):
         from transformers import WhisperFeatureExtractor
 
         n_fft = self.number("n_fft", of=self.extractor, default=400)
-        made = WhisperFeatureExtractor(
+        extractor = WhisperFeatureExtractor(
             feature_size=self.number("num_mel_bins", default=80),
             sampling_rate=self.sample_rate,
             hop_length=self.mel_hop,
@@ -127,11 +127,11 @@ class Whisper(SpectrogramEncoder):
         )
         # Its own lengths are whole seconds.
         filled = np.pad(samples, (0, self.window - len(samples)))
-        found = made(
+        inputs = extractor(
             filled, sampling_rate=self.sample_rate, return_tensors="np", padding=False, do_normalize=False,
             truncation=False,
         )  # fmt: skip
-        return np.asarray(found.input_features[0], dtype=np.float32)
+        return np.asarray(inputs.input_features[0], dtype=np.float32)
 
     @override
     def network(self, top: int) -> NetworkSpec:
@@ -209,8 +209,8 @@ class Ast(SpectrogramEncoder):
 
         bins = self.number("num_mel_bins", default=128)
         mel = np.zeros((self._mel_frames, bins), np.float32)
-        found = kaldi_log_mel(samples, self.sample_rate, n_bins=bins, window="hann")
-        mel[: len(found)] = found
+        log_mel = kaldi_log_mel(samples, self.sample_rate, n_bins=bins, window="hann")
+        mel[: len(log_mel)] = log_mel
         if normalize and self.extractor.get("do_normalize", True):
             mean, std = self.extractor.get("mean", -4.2677393), self.extractor.get("std", 4.5689974)
             mel = (mel - np.float32(mean)) / np.float32(2 * std)
@@ -231,10 +231,10 @@ class Ast(SpectrogramEncoder):
 
         # transformers 4 has them in an encoder.
         blocks = network.layers if hasattr(network, "layers") else network.encoder.layer
-        found = hidden_states(last_hidden_state(network, inputs), blocks, layers, self.n_layers)
+        states = hidden_states(last_hidden_state(network, inputs), blocks, layers, self.n_layers)
         times = self.n_frames(0)
         # The first two tokens belong to no patch.
-        return {k: v[:, 2:].reshape(len(v), -1, times, v.shape[-1]).mean(dim=1) for k, v in found.items()}
+        return {k: v[:, 2:].reshape(len(v), -1, times, v.shape[-1]).mean(dim=1) for k, v in states.items()}
 
 
 @dataclass(frozen=True)
@@ -307,10 +307,10 @@ class Clap(SpectrogramEncoder):
     def spectrogram(self, samples: Samples, *, normalize: bool) -> npt.NDArray[np.float32]:
         from transformers import ClapFeatureExtractor
 
-        own = {k: v for k, v in self.extractor.items() if k in _CLAP_KEYS}
-        made = ClapFeatureExtractor(**own)
-        found = made(samples, sampling_rate=self.sample_rate, return_tensors="np")
-        return np.asarray(found["input_features"][0], dtype=np.float32)
+        settings = {k: v for k, v in self.extractor.items() if k in _CLAP_KEYS}
+        extractor = ClapFeatureExtractor(**settings)
+        inputs = extractor(samples, sampling_rate=self.sample_rate, return_tensors="np")
+        return np.asarray(inputs["input_features"][0], dtype=np.float32)
 
     @override
     def network(self, top: int) -> NetworkSpec:
@@ -337,8 +337,8 @@ class Clap(SpectrogramEncoder):
 
         # The extractor marks a single song as longer than a window in every case.
         longer = torch.ones((len(inputs), 1), dtype=torch.bool, device=inputs.device)
-        found = network(input_features=inputs, is_longer=longer).last_hidden_state
-        return {self.n_layers: found.mean(dim=2).transpose(1, 2)}
+        states = network(input_features=inputs, is_longer=longer).last_hidden_state
+        return {self.n_layers: states.mean(dim=2).transpose(1, 2)}
 
 
 _CLAP_KEYS = (

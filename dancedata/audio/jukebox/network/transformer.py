@@ -92,7 +92,7 @@ class BlockStream:
     def __init__(self, blocks: Sequence[Block], resident: Sequence[bool], device: torch.device) -> None:
         self.blocks = blocks
         self.resident = resident
-        self._away = [index for index, here in enumerate(resident) if not here]
+        self._away = [index for index, is_resident in enumerate(resident) if not is_resident]
         homes = [dict(blocks[index].named_parameters()) for index in self._away[:N_SLOTS]]
         self._slots = [_Slot(home, device) for home in homes]
         self._copies: torch.cuda.Stream | None = None

@@ -65,7 +65,7 @@ def read_description(folder: Path) -> Description:
                 found=data["format"],
                 allowed=FORMAT,
             )
-        files = {name: (int(about["bytes"]), str(about["sha256"])) for name, about in data["files"].items()}
+        files = {name: (int(entry["bytes"]), str(entry["sha256"])) for name, entry in data["files"].items()}
         config = JukeboxConfig.from_json(data["config"])
         return Description(config, int(data["layer"]), files, {str(k): str(v) for k, v in data["source"].items()})
     except OSError as error:

@@ -269,12 +269,12 @@ class LegacyFile:
 
 def _tensors(obj: Any) -> dict[str, str]:
     """Return the names of the tensors in nested dictionaries (the last key), by storage; cycles are allowed."""
-    found: dict[str, str] = {}
+    names: dict[str, str] = {}
     seen: set[int] = set()
     level = [("", obj)]
     while level:
-        found |= {value.key: name for name, value in level if isinstance(value, LegacyTensor)}
+        names |= {value.key: name for name, value in level if isinstance(value, LegacyTensor)}
         inner = [value for _, value in level if isinstance(value, dict) and id(value) not in seen]
         seen.update(map(id, inner))
         level = [(str(name), value) for outer in inner for name, value in outer.items()]
-    return found
+    return names

@@ -127,9 +127,9 @@ def open_openai(folder: Path, config: JukeboxConfig) -> Checkpoint:
         raise
     checkpoint = Checkpoint(vqvae, prior)
     try:
-        known = {spec.name for spec in tensors.vqvae_tensors(config)}
+        expected = {spec.name for spec in tensors.vqvae_tensors(config)}
         prefixes = (tensors.ENCODER.split(".level")[0] + ".", tensors.CODEBOOK)
-        _refuse_unknown(vqvae, (name for name in vqvae.shapes() if name.startswith(prefixes)), known)
+        _refuse_unknown(vqvae, (name for name in vqvae.shapes() if name.startswith(prefixes)), expected)
         _refuse_unknown(prior, prior.shapes(), tensors.all_prior_names(config))
     except BaseException:
         checkpoint.close()
@@ -160,10 +160,10 @@ def load_prior(
     start, positions = load_conditioning(source, config, length)
     code_table = source.read(tensors.CODES, config.codebook_size).float()
     blocks = []
-    for index, here in enumerate(placement.resident):
+    for index, is_resident in enumerate(placement.resident):
         block = empty_block(config, index, precision)
-        pinned = device.type == "cuda" and not here
-        fill_block(block, source, device if here else torch.device("cpu"), pinned=pinned)
+        pinned = device.type == "cuda" and not is_resident
+        fill_block(block, source, device if is_resident else torch.device("cpu"), pinned=pinned)
         blocks.append(block)
     stream = BlockStream(blocks, placement.resident, device)
     return Prior(config, start.to(device), code_table.to(device), positions.to(device), stream)
@@ -199,8 +199,8 @@ def fill_block(block: Block, source: TensorSource, device: torch.device, *, pinn
         set_module_tensor_to_device(block, parameter_name(spec.name), device, value=value, dtype=dtype)
 
 
-def _refuse_unknown(source: TensorSource, found: Iterable[str], known: Iterable[str]) -> None:
-    unknown = sorted(set(found) - set(known))
+def _refuse_unknown(source: TensorSource, names: Iterable[str], expected: Iterable[str]) -> None:
+    unknown = sorted(set(names) - set(expected))
     if unknown:
         raise SourceError(
             "the checkpoint has unknown tensors: it belongs to another network",
