@@ -15,7 +15,7 @@ from typing import Any
 from dancedata.core.errors import UsageError
 
 #: How the names begin of files and folders that are dancedata's own and do not stay.
-OWN = ".dancedata-"
+PREFIX = ".dancedata-"
 _reading_umask = threading.Lock()
 _TEMPORARY = re.compile(r"\.dancedata-[a-z0-9_]{8}\.tmp")
 
@@ -55,7 +55,7 @@ def atomic_file(path: Path) -> Iterator[Path]:
     On any exception the temporary file is removed and `path` is left as it was. What a killed process leaves has a
     name of `is_temporary`.
     """
-    handle, name = tempfile.mkstemp(prefix=OWN, suffix=".tmp", dir=path.parent)
+    handle, name = tempfile.mkstemp(prefix=PREFIX, suffix=".tmp", dir=path.parent)
     os.close(handle)
     temporary = Path(name)
     try:

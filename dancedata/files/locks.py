@@ -16,7 +16,7 @@ from pathlib import Path
 from stat import S_ISREG
 
 from dancedata.core.errors import StoreError
-from dancedata.files.atomic import OWN
+from dancedata.files.atomic import PREFIX
 
 #: Where the file system has no locks: a file that was not changed for this long was left by a killed process.
 ABANDONED_S = 24 * 3600.0
@@ -154,7 +154,7 @@ def _open_regular(path: Path) -> int:
 
 def _open_lock(folder: Path, operation: int, what: str) -> tuple[int, Path | None]:
     real = folder.resolve()
-    beside = real.parent / f"{OWN}{real.name}.lock"
+    beside = real.parent / f"{PREFIX}{real.name}.lock"
     while True:
         path: Path | None = beside
         try:

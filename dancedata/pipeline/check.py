@@ -19,7 +19,7 @@ from dancedata.core.text import listed
 from dancedata.execution.children import named_if_it_crashes
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import run_units
-from dancedata.files.atomic import OWN
+from dancedata.files.atomic import PREFIX
 from dancedata.pipeline.implausible import implausible_problems
 from dancedata.pipeline.rejects import NOTED, reject_of
 from dancedata.recipes.fields import MotionField
@@ -129,7 +129,7 @@ def _field_with_body(store: Store) -> MotionField | None:
 
 
 def _is_ours(name: str) -> bool:
-    return name == DATASET_FILE or is_shard_name(name) or name.startswith(OWN)
+    return name == DATASET_FILE or is_shard_name(name) or name.startswith(PREFIX)
 
 
 def scan_folder(path: Path, dataset: str | Dataset | None = None) -> tuple[Dataset, Scan]:
