@@ -90,7 +90,7 @@ def test_all_problems_are_listed_at_once():
         ({"dataset": None}, "dataset: name one dataset"),
         ({"motion": None}, "motion: name at least one representation"),
         ({"name": None}, "name: missing"),
-        ({"recipe": 2}, "recipe: Input should be 1"),
+        ({"recipe": 2}, "recipe: must be 1; found 2"),
         ({"fps": "thirty"}, "rate is not a number; found 'thirty'"),
         ({"fps": 0}, "a frame rate must be above 0"),
         ({"fps": 1e9}, "fps is too high; found 1000000000; allowed: at most 1,000"),
