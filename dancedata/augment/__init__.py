@@ -1,1 +1,1 @@
-"""Copies of train clips: what they are changed by."""
+"""Plug-ins that copy train clips and change samples."""

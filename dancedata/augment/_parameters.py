@@ -1,4 +1,4 @@
-"""Checks of parameters that augmentations have in common, and of what samples hold."""
+"""Checks that augmentations share: of their parameters, and of the fields of samples."""
 
 from __future__ import annotations
 

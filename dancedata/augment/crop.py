@@ -7,13 +7,14 @@ from typing import ClassVar, Literal
 
 from dancedata.core.draw import Draw
 from dancedata.core.errors import UsageError
-from dancedata.core.plugins import Augmentation
+from dancedata.core.plugins import SampleAugmentation
 from dancedata.core.registry import AUGMENTATIONS
+from dancedata.core.typing import override
 
 
 @AUGMENTATIONS.register("crop")
 @dataclass(frozen=True)
-class Crop(Augmentation):
+class Crop(SampleAugmentation):
     """A window of the same length at a random frame of the same clip, with its own rows of music.
 
     The length is that of the windows that are read, of any number of frames (`length_s`, `length_frames`). It works
@@ -27,15 +28,15 @@ class Crop(Augmentation):
     """
 
     version: ClassVar[int] = 1
+    chooses_windows: ClassVar[bool] = True
 
     within: Literal["clip", "stride"] = "clip"
 
     def __post_init__(self) -> None:
-        """Check the parameters."""
         if self.within not in ("clip", "stride"):
             raise UsageError("crop: unknown value of within", found=self.within, allowed="clip or stride")
 
+    @override
     def choose_start(self, start: int, starts: range, stride: int, draw: Draw) -> int:
-        """Return the first frame of the window to read."""
         near = starts if self.within == "clip" else range(start, min(start + stride, starts.stop), starts.step)
         return near[draw.below(len(near))]

@@ -10,14 +10,15 @@ import numpy as np
 from dancedata.core.columns import Columns, Mirror
 from dancedata.core.draw import Draw
 from dancedata.core.errors import UsageError
-from dancedata.core.plugins import Augmentation, Float32Array, SampleField
+from dancedata.core.plugins import CopyAugmentation, Float32Array, SampleAugmentation, SampleField
 from dancedata.core.registry import AUGMENTATIONS
 from dancedata.core.rotations import Float64Array
+from dancedata.core.typing import override
 
 
 @AUGMENTATIONS.register("mirror")
 @dataclass(frozen=True)
-class MirrorImage(Augmentation):
+class MirrorImage(CopyAugmentation, SampleAugmentation):
     """Mirror image: sides are swapped and the dance is reflected across the plane x = 0; the music is unchanged.
 
     It is the signed permutation of columns that readers mirror with, on motion and on key motions. Contacts are
@@ -25,30 +26,33 @@ class MirrorImage(Augmentation):
     """
 
     version: ClassVar[int] = 1
+    changes: ClassVar[Literal["rows", "motion", "time"]] = "rows"
 
+    @override
     def check(self, columns: Columns) -> None:
-        """Raise UsageError if the columns have no mirror image."""
         _mirror_of(columns)
 
+    @override
     def change_rows(
         self, rows: Float32Array, columns: Columns, *, kind: Literal["motion", "keymotion"], clip: str
     ) -> Float32Array:
-        """Return the mirror image of rows (..., D)."""
         return _mirror_of(columns).apply(rows)
 
+    @override
     def check_sample(self, field: SampleField) -> None:
-        """Raise UsageError if the columns have no mirror image; audio is not mirrored."""
         if field.kind != "audio":
             _mirror_of(field.columns)
 
+    @override
     def change_sample(self, rows: Float32Array, field: SampleField, draw: Draw) -> Float32Array:
-        """Return the mirror image of rows (L, D)."""
         return _mirror_of(field.columns).apply(rows)
 
-    def cover(self, low: Float64Array, high: Float64Array, field: SampleField) -> tuple[Float64Array, Float64Array]:
-        """Return the joint range of rows and their mirror images."""
-        one, other = (_mirror_of(field.columns).apply(bound) for bound in (low, high))
-        return np.minimum(low, np.minimum(one, other)), np.maximum(high, np.maximum(one, other))
+    @override
+    def scaler_bounds(
+        self, low: Float64Array, high: Float64Array, field: SampleField
+    ) -> tuple[Float64Array, Float64Array]:
+        bounds = np.stack([low, high, *(_mirror_of(field.columns).apply(bound) for bound in (low, high))])
+        return bounds.min(axis=0), bounds.max(axis=0)
 
 
 def _mirror_of(columns: Columns) -> Mirror:

@@ -13,14 +13,15 @@ from dancedata.core.draw import Draw
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
-from dancedata.core.plugins import Augmentation, Float32Array, Representation, SampleField
+from dancedata.core.plugins import CopyAugmentation, Float32Array, Representation, SampleAugmentation, SampleField
 from dancedata.core.registry import AUGMENTATIONS
 from dancedata.core.rotations import Float64Array, rotation
+from dancedata.core.typing import override
 
 
 @AUGMENTATIONS.register("noise")
 @dataclass(frozen=True)
-class JointNoise(Augmentation):
+class JointNoise(CopyAugmentation, SampleAugmentation):
     """Small random turns of every joint except the root, smooth in time; contacts are labelled again.
 
     Each joint R becomes R exp(n), where the vector n has a normal distribution at knots every `every_s` seconds and
@@ -49,17 +50,16 @@ class JointNoise(Augmentation):
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Check the parameters."""
         require_number("noise: std_degrees", self.std_degrees, 0, 90, "degrees")
         require_number("noise: every_s", self.every_s, 0.01, 3600, "seconds")
         require_seed(self.seed)
 
+    @override
     def change_motion(self, motion: Motion, clip: str) -> Motion:
-        """Return the motion with noise."""
         return self._noisy(motion, Draw.of_clip(self.seed, clip))
 
+    @override
     def check_sample(self, field: SampleField) -> None:
-        """Raise UsageError if the field cannot be decoded, changed and encoded again."""
         if field.kind == "keymotion":
             raise UsageError(
                 "key motions follow from the joints of the whole clip, and cannot be found again in a window",
@@ -68,15 +68,18 @@ class JointNoise(Augmentation):
         if field.kind == "motion":
             _decodable(field)
 
+    @override
     def change_sample(self, rows: Float32Array, field: SampleField, draw: Draw) -> Float32Array:
-        """Return rows (L, D) of the motion with noise, contacts included."""
         if not self.std_degrees:
             return rows
         representation = _decodable(field)
         motion = self._noisy(representation.decode(rows, field.grid), draw).with_cache()
         return representation.encode_again(motion, field.contacts)
 
-    def cover(self, low: Float64Array, high: Float64Array, field: SampleField) -> tuple[Float64Array, Float64Array]:
+    @override
+    def scaler_bounds(
+        self, low: Float64Array, high: Float64Array, field: SampleField
+    ) -> tuple[Float64Array, Float64Array]:
         """Return bounds that hold for any angles of the joints but the root, and any contacts; of nothing else."""
         low, high = low.copy(), high.copy()
         for name in field.columns.names if self.std_degrees else ():
@@ -110,25 +113,25 @@ def draw_smooth(draw: Draw, n_joints: int, n_frames: int, grid: FrameGrid, every
     at = np.arange(n_frames) / float(grid.rate) / every_s
     lower = np.minimum(at.astype(np.int64), n_knots - 2)
     share = (at - lower)[:, None]
-    found = knots[:, lower] * (1 - share) + knots[:, lower + 1] * share
-    return np.ascontiguousarray(found.swapaxes(0, 1))
+    vectors = knots[:, lower] * (1 - share) + knots[:, lower + 1] * share
+    return np.ascontiguousarray(vectors.swapaxes(0, 1))
 
 
 def _decodable(field: SampleField) -> Representation:
-    made = field.representation
-    if made is None:
+    representation = field.representation
+    if representation is None:
         raise UsageError(
             "its representation is not known, and so not which columns are angles",
             fix="read a dataset that a recipe of this installation built",
         )
-    if not made.decodes:
+    if not representation.decodes:
         raise UsageError(
-            f"the columns of {made.name} do not determine the angles of the joints",
+            f"the columns of {representation.name} do not determine the angles of the joints",
             fix="leave the field out, or store copies: augment: {noise: {}} in a recipe",
         )
-    if made.grounded and type(made).encode_again is Representation.encode_again:
+    if representation.grounded and type(representation).encode_again is Representation.encode_again:
         raise UsageError(
-            f"the representation {made.name} cannot be encoded again at the same height",
+            f"the representation {representation.name} cannot be encoded again at the same height",
             fix="define `encode_again` in its class, or store copies: augment: {noise: {}} in a recipe",
         )
-    return made
+    return representation

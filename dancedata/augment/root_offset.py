@@ -9,15 +9,16 @@ from typing import ClassVar
 from dancedata.augment._parameters import require_number, require_seed, spatial_of
 from dancedata.core.draw import Draw
 from dancedata.core.motion import Motion
-from dancedata.core.plugins import Augmentation, Float32Array, SampleField
+from dancedata.core.plugins import CopyAugmentation, Float32Array, SampleAugmentation, SampleField
 from dancedata.core.registry import AUGMENTATIONS
 from dancedata.core.rotations import Float64Array
 from dancedata.core.spatial import Placement, moved
+from dancedata.core.typing import override
 
 
 @AUGMENTATIONS.register("root_offset")
 @dataclass(frozen=True)
-class RootOffset(Augmentation):
+class RootOffset(CopyAugmentation, SampleAugmentation):
     """The whole dance, shifted over the floor by one random vector; heights, and with them contacts, stay.
 
     Copies work for every representation; samples for those that define `spatial`. Columns that do not depend on the
@@ -37,25 +38,26 @@ class RootOffset(Augmentation):
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Check the parameters."""
         require_number("root_offset: max_m", self.max_m, 0, 100, "metres")
         require_seed(self.seed)
 
+    @override
     def change_motion(self, motion: Motion, clip: str) -> Motion:
-        """Return the shifted motion."""
         return moved(motion, self._shift(Draw.of_clip(self.seed, clip)))
 
+    @override
     def check_sample(self, field: SampleField) -> None:
-        """Raise UsageError if it is not known which columns are places."""
         spatial_of(field)
 
+    @override
     def change_sample(self, rows: Float32Array, field: SampleField, draw: Draw) -> Float32Array:
-        """Return rows (L, D) of the shifted dancer."""
         spatial = spatial_of(field)
         return rows if spatial is None else spatial.moved(rows, field.columns, self._shift(draw))
 
-    def cover(self, low: Float64Array, high: Float64Array, field: SampleField) -> tuple[Float64Array, Float64Array]:
-        """Return bounds that hold for every shift."""
+    @override
+    def scaler_bounds(
+        self, low: Float64Array, high: Float64Array, field: SampleField
+    ) -> tuple[Float64Array, Float64Array]:
         spatial = spatial_of(field)
         if spatial is None:
             return low, high

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 from dancedata.augment._parameters import require_number, require_seed
 from dancedata.core.draw import Draw
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import as_fraction
-from dancedata.core.plugins import Augmentation, SampleField
+from dancedata.core.plugins import CopyAugmentation
 from dancedata.core.registry import AUGMENTATIONS
+from dancedata.core.typing import override
 
 
 @AUGMENTATIONS.register("tempo")
 @dataclass(frozen=True)
-class Tempo(Augmentation):
+class Tempo(CopyAugmentation):
     """Motion and music at another speed: what happens at t seconds of a clip happens at t / speed of its copy.
 
     The motion is resampled on the recipe's grid from the source's frames, the music is stretched by a phase vocoder,
@@ -34,27 +35,19 @@ class Tempo(Augmentation):
     """
 
     version: ClassVar[int] = 1
+    changes: ClassVar[Literal["rows", "motion", "time"]] = "time"
 
     speeds: tuple[float, ...] = (0.9, 1.1)
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Check the parameters."""
         if not isinstance(self.speeds, tuple) or not self.speeds:
             raise UsageError("tempo: speeds names no speed", found=self.speeds, allowed="a list such as [0.9, 1.1]")
         for speed in self.speeds:
             require_number("tempo: a speed", speed, 0.25, 4, "times the clip's")
         require_seed(self.seed)
 
+    @override
     def speed(self, clip: str) -> Fraction:
-        """Return the speed of a clip's copy."""
         chosen = Draw.of_clip(self.seed, clip).below(len(self.speeds))
         return as_fraction(self.speeds[chosen], "tempo: a speed")
-
-    def check_sample(self, field: SampleField) -> None:
-        """Raise UsageError: samples cannot be changed."""
-        raise UsageError(
-            "the tempo of samples cannot be changed when they are read: features of the stretched music have to be "
-            "computed anew",
-            fix="store copies: augment: {tempo: {speeds: [0.9, 1.1]}} in a recipe",
-        )

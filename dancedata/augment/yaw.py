@@ -9,15 +9,16 @@ from typing import ClassVar
 from dancedata.augment._parameters import require_number, require_seed, spatial_of
 from dancedata.core.draw import Draw
 from dancedata.core.motion import Motion
-from dancedata.core.plugins import Augmentation, Float32Array, SampleField
+from dancedata.core.plugins import CopyAugmentation, Float32Array, SampleAugmentation, SampleField
 from dancedata.core.registry import AUGMENTATIONS
 from dancedata.core.rotations import Float64Array
 from dancedata.core.spatial import Placement, moved
+from dancedata.core.typing import override
 
 
 @AUGMENTATIONS.register("yaw")
 @dataclass(frozen=True)
-class Yaw(Augmentation):
+class Yaw(CopyAugmentation, SampleAugmentation):
     """The whole dance, turned by a random angle about the vertical through the root in the first frame.
 
     The first frame is that of the clip for stored copies, of the window for samples. All joints turn about the same
@@ -39,25 +40,26 @@ class Yaw(Augmentation):
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Check the parameters."""
         require_number("yaw: max_degrees", self.max_degrees, 0, 180, "degrees")
         require_seed(self.seed)
 
+    @override
     def change_motion(self, motion: Motion, clip: str) -> Motion:
-        """Return the turned motion."""
         return moved(motion, self._turn(Draw.of_clip(self.seed, clip)))
 
+    @override
     def check_sample(self, field: SampleField) -> None:
-        """Raise UsageError if it is not known which columns turn."""
         spatial_of(field)
 
+    @override
     def change_sample(self, rows: Float32Array, field: SampleField, draw: Draw) -> Float32Array:
-        """Return rows (L, D) of the turned dancer."""
         spatial = spatial_of(field)
         return rows if spatial is None else spatial.moved(rows, field.columns, self._turn(draw))
 
-    def cover(self, low: Float64Array, high: Float64Array, field: SampleField) -> tuple[Float64Array, Float64Array]:
-        """Return bounds that hold for a turn by any angle."""
+    @override
+    def scaler_bounds(
+        self, low: Float64Array, high: Float64Array, field: SampleField
+    ) -> tuple[Float64Array, Float64Array]:
         spatial = spatial_of(field)
         if spatial is None or not self.max_degrees:
             return low, high

@@ -1,1 +1,1 @@
-"""Contact rules: which feet touch the ground. One file, one rule."""
+"""Contact rules, one per file: labels of feet on the ground."""

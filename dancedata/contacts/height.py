@@ -15,6 +15,7 @@ from dancedata.core.plugins import ContactRule
 from dancedata.core.registry import CONTACTS
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import Skeleton
+from dancedata.core.typing import override
 
 
 @CONTACTS.register("height")
@@ -39,24 +40,12 @@ class Height(ContactRule):
     toe_m: float = 0.05
 
     def __post_init__(self) -> None:
-        """Check the limits."""
         for name in ("ankle_m", "toe_m"):
             limit = getattr(self, name)
             if not (limit > 0 and math.isfinite(limit)):
                 raise UsageError(f"{name} must be above 0", found=limit, allowed="metres above the floor, > 0")
 
+    @override
     def __call__(self, joints: Float64Array, grid: FrameGrid, skeleton: Skeleton) -> npt.NDArray[np.float32]:
-        """Label contacts.
-
-        Parameters
-        ----------
-        joints
-            (T, J, 3) positions, metres, +Y up, the floor at y = 0.
-
-        Returns
-        -------
-        (T, 4) float32
-            1 where left ankle, right ankle, left toe, right toe (`skeleton.feet`) are in contact, else 0.
-        """
         heights = joints[:, list(skeleton.feet), 1]
         return (heights < (self.ankle_m, self.ankle_m, self.toe_m, self.toe_m)).astype(np.float32)

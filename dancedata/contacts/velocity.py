@@ -15,6 +15,7 @@ from dancedata.core.plugins import ContactRule
 from dancedata.core.registry import CONTACTS
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import Skeleton
+from dancedata.core.typing import override
 
 
 @CONTACTS.register("velocity")
@@ -37,25 +38,13 @@ class Velocity(ContactRule):
     max_speed_m_s: float = 0.3
 
     def __post_init__(self) -> None:
-        """Check the limit."""
         if not (self.max_speed_m_s > 0 and math.isfinite(self.max_speed_m_s)):
             raise UsageError(
                 "max_speed_m_s must be above 0", found=self.max_speed_m_s, allowed="metres per second, > 0"
             )
 
+    @override
     def __call__(self, joints: Float64Array, grid: FrameGrid, skeleton: Skeleton) -> npt.NDArray[np.float32]:
-        """Label contacts.
-
-        Parameters
-        ----------
-        joints
-            (T, J, 3) positions, metres.
-
-        Returns
-        -------
-        (T, 4) float32
-            1 where left ankle, right ankle, left toe, right toe (`skeleton.feet`) are in contact, else 0.
-        """
         feet = joints[:, list(skeleton.feet)]
         displacement = np.zeros(feet.shape[:2])
         displacement[:-1] = np.linalg.norm(np.diff(feet, axis=0), axis=-1)

@@ -1,1 +1,1 @@
-"""Which windows of a dataset are kept."""
+"""Plug-ins that choose the windows of a dataset."""

@@ -14,6 +14,7 @@ from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.plugins import Float32Array, WindowFilter
 from dancedata.core.registry import FILTERS
+from dancedata.core.typing import override
 
 #: Lodge's and FineDance's threshold.
 MIN_STD = 0.07
@@ -33,7 +34,7 @@ class Movement(WindowFilter):
     min_std
         Limit, exclusive.
     field
-        Motion field that is looked at: lodge139 in Lodge, finedance319 in FineDance.
+        Motion field that is measured: lodge139 in Lodge, finedance319 in FineDance.
     splits
         Splits that are filtered.
     """
@@ -46,15 +47,14 @@ class Movement(WindowFilter):
     splits: tuple[Literal["train", "val", "test", "all"], ...] = ("train",)
 
     def __post_init__(self) -> None:
-        """Check the limit."""
         number = isinstance(self.min_std, int | float) and not isinstance(self.min_std, bool)
         if not number or not self.min_std >= 0 or not np.isfinite(self.min_std):
             raise UsageError("min_std must be a number of at least 0", found=repr(self.min_std))
         if isinstance(self.splits, str) or not set(self.splits) <= set(_SPLITS):
             raise UsageError("splits must be a list of splits", found=repr(self.splits), allowed=", ".join(_SPLITS))
 
+    @override
     def reject(self, rows: Float32Array, columns: Columns, grid: FrameGrid) -> Reject | None:
-        """Return why a window (L, D) is left out: its mean standard deviation; None if it is kept."""
         std = movement_std(rows)
         if std > self.min_std:
             return None

@@ -17,10 +17,9 @@ from dancedata.core.errors import DataError, UsageError, did_you_mean
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.rotations import Float64Array, matrix_from_6d, rotvec_from_matrix
-from dancedata.keymotion.minima import HALF, LENGTH, IntArray, key_motion
+from dancedata.keymotion.minima import HALF, LENGTH, BoolArray, IntArray, key_motion
 from dancedata.keymotion.primitives_as_released import MAX_BIAS, key_frames, pieces
 
-BoolArray = npt.NDArray[np.bool_]
 Variant = Literal["paper", "code"]
 
 #: Least number of frames between the centre of a soft cue and the borders of its segment.
@@ -64,7 +63,6 @@ class Primitives:
     n_segment: int
 
     def __repr__(self) -> str:
-        """Show the numbers of primitives and of hard cues."""
         shape = " x ".join(str(n) for n in self.frames.shape)
         return f"Primitives({shape}, {int(self.hard.sum())} hard, window {self.n_window}, segment {self.n_segment})"
 
@@ -199,10 +197,10 @@ def _check_lengths(window: npt.NDArray[Any], n_window: int, n: int) -> None:
 def _minima(
     window: npt.NDArray[Any], minima: npt.ArrayLike | None, prominence: npt.ArrayLike | None
 ) -> tuple[IntArray, Float64Array]:
-    """Return the given minima, checked, or find them."""
+    """Check the arguments, or find the minima where there are none."""
     if minima is None and prominence is None:
-        found = key_motion(joints_of(window))
-        return found.minima, found.prominence
+        motion = key_motion(joints_of(window))
+        return motion.minima, motion.prominence
     if minima is None or prominence is None:
         raise UsageError("minima and prominence must be given together", found="one of them")
     frames, depth = np.asarray(minima), np.asarray(prominence, dtype=np.float64)
@@ -243,7 +241,7 @@ def _soft_cues(low: int, high: int, minima: IntArray, prominence: Float64Array) 
     frames, depth = minima[inside], prominence[inside]
     chosen: list[tuple[int, str]] = []
     for m in frames[np.lexsort((frames, -depth))].tolist():
-        if len(chosen) < SOFT_PER_SEGMENT and all(abs(m - other) >= SPACING for other, _ in chosen):
+        if len(chosen) < SOFT_PER_SEGMENT and all(abs(m - centre) >= SPACING for centre, _ in chosen):
             chosen.append((m, "minimum"))
     while len(chosen) < SOFT_PER_SEGMENT:
         ends = sorted([low, high, *(m for m, _ in chosen)])

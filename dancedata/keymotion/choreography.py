@@ -10,8 +10,8 @@ import numpy.typing as npt
 
 from dancedata.core.columns import Mirror
 from dancedata.core.errors import UsageError
-from dancedata.keymotion.characteristic_primitives import BoolArray, Primitives
-from dancedata.keymotion.minima import HALF, LENGTH, IntArray
+from dancedata.keymotion.characteristic_primitives import Primitives
+from dancedata.keymotion.minima import HALF, LENGTH, BoolArray, IntArray
 
 #: Most frames that a centre moves to reach a beat.
 MAX_SHIFT = 12
@@ -48,7 +48,6 @@ class PlacedCues:
     free: BoolArray
 
     def __repr__(self) -> str:
-        """Show the numbers of cues and of those on beats."""
         return f"PlacedCues({' x '.join(str(n) for n in self.frames.shape)}, {int(self.on_beat.sum())} on beats)"
 
 

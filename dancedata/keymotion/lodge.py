@@ -16,6 +16,7 @@ from dancedata.core.motion import Motion
 from dancedata.core.plugins import KeyMotionFinder
 from dancedata.core.registry import KEYMOTIONS
 from dancedata.core.skeleton import Skeleton
+from dancedata.core.typing import override
 from dancedata.keymotion.minima import SIGMA_FRAMES, key_motion
 
 
@@ -40,34 +41,17 @@ class Lodge(KeyMotionFinder):
     sigma_frames: float = SIGMA_FRAMES
 
     def __post_init__(self) -> None:
-        """Check the width of the Gaussian."""
         if not (self.sigma_frames > 0 and math.isfinite(self.sigma_frames)):
             raise UsageError("sigma_frames must be above 0", found=self.sigma_frames, allowed="frames, > 0")
 
     @property
+    @override
     def columns(self) -> Columns:
-        """The 3 columns."""
         groups = (Group("speed", 1, "m/frame"), Group("minimum", 1, "0/1"), Group("prominence", 1, "m/frame"))
         return Columns(groups, mirror=Mirror((0, 1, 2), (1, 1, 1)))
 
+    @override
     def analyse(self, motion: Motion) -> npt.NDArray[np.float32]:
-        """Find the key motions of a clip.
-
-        Parameters
-        ----------
-        motion
-            T frames on a body of the SMPL family; its 22 body joints are used.
-
-        Returns
-        -------
-        (T, 3) float32
-            The result of `KeyMotion.to_rows`; `KeyMotion.from_rows` is its inverse.
-
-        Raises
-        ------
-        UsageError
-            The motion is on another family of bodies.
-        """
         # Through the 22 body joints, so that fingers, jaw and eyes are at rest.
         body = on_body(on_body(motion, SMPLX22, keep="translation"), self.skeleton, keep="translation")
         return key_motion(body.joints(), self.sigma_frames).to_rows()

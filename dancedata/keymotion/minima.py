@@ -12,6 +12,7 @@ from dancedata.core.dance import checked_joints
 from dancedata.core.errors import UsageError
 from dancedata.core.rotations import Float64Array, FloatArray
 
+BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.int64]
 
 #: Lodge's Gaussian, at 30 frames per second.
@@ -48,7 +49,6 @@ class KeyMotion:
     prominence: Float64Array
 
     def __repr__(self) -> str:
-        """Show the number of minima of the curve."""
         return f"KeyMotion(curve of {len(self.curve)} frames, {len(self.minima)} minima)"
 
     def to_rows(self) -> npt.NDArray[np.float32]:

@@ -20,7 +20,6 @@ __all__ = [
     "chance_level",
     "constant_columns",
     "diversity",
-    "diversity_bound",
     "frechet",
     "geometric",
     "jackknife",
@@ -44,7 +43,7 @@ if TYPE_CHECKING:
     from dancedata.metrics.motius_physics import physics
     from dancedata.metrics.physical_contact import pbc, pfc
     from dancedata.metrics.root import rooted
-    from dancedata.metrics.set_statistics import constant_columns, diversity, diversity_bound, frechet
+    from dancedata.metrics.set_statistics import constant_columns, diversity, frechet
 else:  # type checkers take the imports above, and so find misspelt names
     __getattr__, __dir__ = lazy_names(
         __name__,
@@ -59,7 +58,6 @@ else:  # type checkers take the imports above, and so find misspelt names
             "chance_level": "dancedata.metrics.beats",
             "constant_columns": "dancedata.metrics.set_statistics",
             "diversity": "dancedata.metrics.set_statistics",
-            "diversity_bound": "dancedata.metrics.set_statistics",
             "frechet": "dancedata.metrics.set_statistics",
             "geometric": "dancedata.metrics.geometric_features",
             "jackknife": "dancedata.metrics.intervals",

@@ -1,4 +1,4 @@
-"""Checks of what is given to metrics."""
+"""Checks of the arguments of metrics."""
 
 from __future__ import annotations
 
@@ -6,12 +6,15 @@ from collections.abc import Iterable
 from typing import Literal
 
 import numpy as np
+import numpy.typing as npt
 
 from dancedata.core.dance import Undefined
 from dancedata.core.errors import DataError, UsageError, did_you_mean
 from dancedata.core.rotations import Float64Array
 
 Up = Literal["y", "z"]
+BoolArray = npt.NDArray[np.bool_]
+IntArray = npt.NDArray[np.int64]
 
 
 def axis_of(up: Up) -> int:

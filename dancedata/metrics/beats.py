@@ -15,18 +15,18 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.plugins import Better, Metric
 from dancedata.core.registry import METRICS
 from dancedata.core.rotations import Float64Array
+from dancedata.core.typing import override
 from dancedata.keymotion.minima import kinetic_curve, local_minima, smoothed
-from dancedata.metrics.arguments import checked_rate, first_joints, known_name
+from dancedata.metrics.arguments import IntArray, checked_rate, first_joints, known_name
 from dancedata.metrics.root import STEADY_FPS, steady
 
-IntArray = npt.NDArray[np.int64]
 Cut = Literal["frames", "steps", "none"]
-Numbers = npt.NDArray[np.int64] | npt.NDArray[np.float64]
+Numbers = IntArray | Float64Array
 
 
 @dataclass(frozen=True)
 class BeatDetector:
-    """How the beats of a motion are found: minima of its speed.
+    """A way to find the beats of a motion: minima of its speed.
 
     Attributes
     ----------
@@ -227,7 +227,7 @@ class BeatAlignment(Metric):
     Attributes
     ----------
     detector
-        How beats of the motion are found: "instants", in seconds (`motion_beat_times`), against the instants of the
+        Detector of the motion's beats: "instants", in seconds (`motion_beat_times`), against the instants of the
         music; or a key of `DETECTORS`, whose frames are compared with the music's as programs do it.
     direction
         Which beats the mean is over: of the "music" (to the nearest of the motion), or of the "motion".
@@ -265,7 +265,6 @@ class BeatAlignment(Metric):
     clips: int = 0
 
     def __post_init__(self) -> None:
-        """Check the detector, sigma and its unit."""
         known_name("detector", self.detector, (INSTANTS, *DETECTORS))
         if self.needs_instants and self.unit != "s":
             raise UsageError(
@@ -280,26 +279,22 @@ class BeatAlignment(Metric):
         return self.detector == INSTANTS
 
     @property
+    @override
     def columns(self) -> tuple[str, ...]:
-        """Score and chance level."""
         return ("bas", "bas_chance")
 
+    @override
     def measure(self, dance: Dance) -> Float64Array:
-        """Return score and chance level of one clip, (2,)."""
         motion, music, end, step = self._beats(dance)
-        empty = [
-            (not len(motion), "no_motion_beats", self.no_motion_beats),
-            (not len(music), "no_music_beats", self.no_music_beats),
-        ]
-        for is_empty, outcome, what in empty:
-            if is_empty and what == "aside":
-                raise Undefined(outcome)
+        if not len(motion) and self.no_motion_beats == "aside":
+            raise Undefined("no_motion_beats")
+        if not len(music) and self.no_music_beats == "aside":
+            raise Undefined("no_music_beats")
         if not len(motion) or not len(music):
             return np.zeros(2)
-        here, there = (music, motion) if self.direction == "music" else (motion, music)
-        score = beat_alignment(here, there, sigma=self.sigma)
-        chance = chance_level(there, end, sigma=self.sigma, step=step)
-        return np.array([score, chance])
+        from_, to = (music, motion) if self.direction == "music" else (motion, music)
+        score = beat_alignment(from_, to, sigma=self.sigma)
+        return np.array([score, chance_level(to, end, sigma=self.sigma, step=step)])
 
     def _beats(self, dance: Dance) -> tuple[Float64Array, Float64Array, float, float]:
         """Return beats of motion and music, the length that they are within and a step, in the unit of sigma."""
@@ -328,8 +323,8 @@ class BeatAlignment(Metric):
             )
         return motion, music, float(dance.n_frames), 1.0
 
+    @override
     def summarise(self, rows: Float64Array, pool: Float64Array | None = None) -> dict[str, float]:
-        """Return the means over clips: bas and bas_chance."""
         scores = super().summarise(rows, pool)
         if self.clips:
             scores["bas"] *= len(rows) / self.clips

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from dancedata.core.dance import Dance, Undefined, checked_joints
 from dancedata.core.motion import ground_height
@@ -15,10 +14,17 @@ from dancedata.core.plugins import Better, Metric
 from dancedata.core.registry import METRICS
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24
-from dancedata.metrics.arguments import Up, at_least, checked_rate, first_joints, known_name, y_up
-
-BoolArray = npt.NDArray[np.bool_]
-IntArray = npt.NDArray[np.int64]
+from dancedata.core.typing import override
+from dancedata.metrics.arguments import (
+    BoolArray,
+    IntArray,
+    Up,
+    at_least,
+    checked_rate,
+    first_joints,
+    known_name,
+    y_up,
+)
 
 _LEFT_ANKLE, _RIGHT_ANKLE, _LEFT_TOE, _RIGHT_TOE = SMPL24.feet
 #: Ankle and toe of the left and of the right foot.
@@ -35,7 +41,7 @@ _PELVIS_M, _ANKLE_STEP_M = 0.03, 0.01
 
 @dataclass(frozen=True, eq=False)
 class Skating:
-    """What was counted, for one foot after the other, or for both together.
+    """Counts of frames, for one foot after the other, or for both together.
 
     Attributes
     ----------
@@ -95,7 +101,7 @@ def _speed(positions: Float64Array, fps: float) -> Skating:
 def _gmd(positions: Float64Array, fps: float) -> Skating:
     toes = positions[:, (_LEFT_TOE, _RIGHT_TOE)]
     speed = np.linalg.norm(_steps(toes)[:-1], axis=2) * _GMD_FPS
-    # A box of five frames that sees zeros behind the ends.
+    # A 5-frame box filter with zero padding.
     smooth = np.stack([np.convolve(column, np.ones(5) / 5, mode="full")[2:-2] for column in speed.T], axis=1)
     low = toes[..., 1] < _GMD_HEIGHT_M
     skates = low[:-1] & low[1:] & (speed > _GMD_SPEED_M_S) & (smooth > _GMD_SPEED_M_S)
@@ -113,7 +119,7 @@ def _duolando(positions: Float64Array, fps: float) -> Skating:
 
 @dataclass(frozen=True)
 class SkatingRule:
-    """What counts as skating.
+    """A definition of skating.
 
     Attributes
     ----------
@@ -210,23 +216,23 @@ class FootSkating(Metric):
     up: Up = "y"
 
     def __post_init__(self) -> None:
-        """Check the rule."""
         known_name("skating rule", self.rule, SKATING_RULES)
 
     @property
+    @override
     def columns(self) -> tuple[str, ...]:
         """Shares of the left and the right foot, or frames that skate and frames."""
         return ("skating_left", "skating_right") if SKATING_RULES[self.rule].feet else ("skating_frames", "frames")
 
+    @override
     def measure(self, dance: Dance) -> Float64Array:
-        """Return the numbers of one clip, (2,)."""
-        found = skating(dance.joints, dance.fps, rule=self.rule, up=self.up)
+        counts = skating(dance.joints, dance.fps, rule=self.rule, up=self.up)
         if SKATING_RULES[self.rule].feet:
-            return found.ratios
-        return np.array([found.sliding[0], found.counted[0]], dtype=np.float64)
+            return counts.ratios
+        return np.array([counts.sliding[0], counts.counted[0]], dtype=np.float64)
 
+    @override
     def summarise(self, rows: Float64Array, pool: Float64Array | None = None) -> dict[str, float]:
-        """Return the share of the set: of both feet the mean of their means."""
         means = super().summarise(rows, pool)
         rule = SKATING_RULES[self.rule]
         if rule.feet:

@@ -10,16 +10,16 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from dancedata.core.dance import Dance, checked_joints
 from dancedata.core.plugins import Better, Metric
 from dancedata.core.registry import METRICS
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24
-from dancedata.metrics.arguments import Up, at_least, axis_of, first_joints
+from dancedata.core.typing import override
+from dancedata.metrics.arguments import BoolArray, Up, at_least, axis_of, first_joints
 from dancedata.metrics.root import Root, rooted
-from dancedata.metrics.set_scores import SetScores, checked_statistics
+from dancedata.metrics.set_statistics import SetScores, checked_statistics
 
 #: Lengths of the body that thresholds are multiples of, whatever the dancer, metres: humerus, shoulders, hips.
 HUMERUS_M = float(np.linalg.norm(np.subtract((0.199113488, 0.236807942, -0.0180702247),
@@ -33,7 +33,6 @@ _RATE = 120.0
 #: Joints that rules name; the hands, 22 and 23, count for the lowest point only.
 N_JOINTS = 22
 
-BoolArray = npt.NDArray[np.bool_]
 _JOINT = {
     "root": SMPL24.index("pelvis"),
     "belly": SMPL24.index("spine1"),
@@ -203,13 +202,13 @@ class Geometric(Metric):
     Attributes
     ----------
     root
-        How positions are taken, see `rooted`: "root_relative" changes ten rules, others none.
+        Origin of positions, see `rooted`: "root_relative" changes ten rules, others none.
     up
         The axis that is taken as vertical.
     joints
         The first joints of the clip that are measured.
     statistics
-        How features are normalised, a key of `STATISTICS`.
+        Normalisation of features, a key of `STATISTICS`.
     """
 
     version: ClassVar[int] = 1
@@ -224,19 +223,19 @@ class Geometric(Metric):
     statistics: str = "numpy"
 
     def __post_init__(self) -> None:
-        """Check the names."""
         checked_statistics(self.statistics)
 
     @property
+    @override
     def columns(self) -> tuple[str, ...]:
-        """Names of the 32 shares."""
         return tuple(f"rule{number}" for number in range(32))
 
+    @override
     def measure(self, dance: Dance) -> Float64Array:
         """Return the shares of one clip, (32,), rounded to float32 as they are stored everywhere."""
         positions = rooted(first_joints(dance.joints, self.joints), self.root)
         return geometric(positions, up=self.up).astype(np.float32).astype(np.float64)
 
+    @override
     def summarise(self, rows: Float64Array, pool: Float64Array | None = None) -> dict[str, float]:
-        """Return fid_g, div_g and div_g_pool, see `SetScores`."""
         return SetScores.of(rows, pool, self.statistics).named("g")

@@ -1,4 +1,4 @@
-"""Intervals of scores: how much they depend on the clips that happen to be in the set."""
+"""Intervals of scores: their dependence on the choice of clips."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def jackknife(
     return intervals
 
 
-#: The name that it had when it was one.
+#: Deprecated name.
 bootstrap = jackknife
 
 

@@ -11,13 +11,13 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from dancedata.core.dance import Dance, checked_joints
-from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.plugins import Better, Metric
 from dancedata.core.registry import METRICS
 from dancedata.core.rotations import Float64Array
-from dancedata.metrics.arguments import Up, at_least, axis_of, checked_rate, first_joints
+from dancedata.core.typing import override
+from dancedata.metrics.arguments import Up, at_least, axis_of, checked_rate, first_joints, known_name
 from dancedata.metrics.root import Root, rooted
-from dancedata.metrics.set_scores import SetScores, checked_statistics
+from dancedata.metrics.set_statistics import SetScores, checked_statistics
 
 Energy = Literal["fixed", "code"]
 Definition = Literal["fairmotion", "megadance", "flowerdance"]
@@ -29,7 +29,7 @@ _MIN_FRAMES = 3
 
 @dataclass(frozen=True)
 class KineticVariant:
-    """How kinetic features are computed in one place.
+    """Kinetic features as one paper or program computes them.
 
     Attributes
     ----------
@@ -114,8 +114,7 @@ def kinetic(joints: Float64Array, fps: float, *, energy: Energy = "fixed", up: U
         "short": below 3 frames.
     """
     positions, step_s = _checked(joints, fps)
-    if energy not in ("fixed", "code"):
-        raise UsageError(f"unknown energy {energy!r}", fix=did_you_mean(str(energy), ("fixed", "code")))
+    known_name("energy", energy, ("fixed", "code"))
     n = len(positions)
     frames = np.arange(1, n)
     first, last = np.maximum(frames - _HALF, 1), np.minimum(frames + _HALF, n - 1)
@@ -131,7 +130,7 @@ def kinetic(joints: Float64Array, fps: float, *, energy: Energy = "fixed", up: U
 def kinetic_megadance(joints: Float64Array, fps: float, *, up: Up = "y") -> Float64Array:
     """Return the kinetic features as MEGADance computes them, (3 J,).
 
-    Velocities, the first repeated, are smoothed by a box of five frames that sees zeros behind the ends.
+    Velocities, the first repeated, are smoothed by a 5-frame box filter with zero padding.
     Accelerations are those of the smoothed velocities, smoothed again. Means are over all T frames.
     Arguments as `kinetic`.
     """
@@ -169,13 +168,13 @@ def _features(velocity: Float64Array, acceleration: Float64Array, up: Up) -> Flo
 def _box_sums(values: Float64Array, n: int) -> tuple[Float64Array, Float64Array]:
     """Return sums over the rows i - 2 ... i + 2 of `values` that exist, and their number, for i = 0 ... n - 1."""
     padded = np.zeros((n + 2 * _HALF, *values.shape[1:]))
-    there = np.zeros(n + 2 * _HALF)
+    exists = np.zeros(n + 2 * _HALF)
     padded[_HALF : _HALF + len(values)] = values
-    there[_HALF : _HALF + len(values)] = 1
+    exists[_HALF : _HALF + len(values)] = 1
     sums, counts = np.zeros((n, *values.shape[1:])), np.zeros(n)
     for shift in range(2 * _HALF + 1):
         sums += padded[shift : shift + n]
-        counts += there[shift : shift + n]
+        counts += exists[shift : shift + n]
     return sums, counts
 
 
@@ -206,13 +205,13 @@ class Kinetic(Metric):
     variant
         A key of `KINETIC_VARIANTS`.
     root
-        How positions are taken, see `rooted`.
+        Origin of positions, see `rooted`.
     up
         The axis that is taken as vertical.
     joints
         The first joints of the clip that are measured.
     statistics
-        How features are normalised, a key of `STATISTICS`.
+        Normalisation of features, a key of `STATISTICS`.
     """
 
     version: ClassVar[int] = 1
@@ -228,25 +227,20 @@ class Kinetic(Metric):
     statistics: str = "numpy"
 
     def __post_init__(self) -> None:
-        """Check the names."""
-        if self.variant not in KINETIC_VARIANTS:
-            raise UsageError(
-                f"unknown variant {self.variant!r} of kinetic features",
-                fix=did_you_mean(self.variant, KINETIC_VARIANTS),
-            )
+        known_name("variant of kinetic features", self.variant, KINETIC_VARIANTS)
         checked_statistics(self.statistics)
 
     @property
+    @override
     def columns(self) -> tuple[str, ...]:
-        """Names of the 3 J features."""
         kinds = ("horizontal", "vertical", "energy")
         return tuple(f"{joint}.{kind}" for joint in range(self.joints) for kind in kinds)
 
+    @override
     def measure(self, dance: Dance) -> Float64Array:
-        """Return the features of one clip, (3 J,)."""
         positions = rooted(first_joints(dance.joints, self.joints), self.root)
         return KINETIC_VARIANTS[self.variant](positions, dance.fps, up=self.up)
 
+    @override
     def summarise(self, rows: Float64Array, pool: Float64Array | None = None) -> dict[str, float]:
-        """Return fid_k, div_k and div_k_pool, see `SetScores`."""
         return SetScores.of(rows, pool, self.statistics).named("k")

@@ -7,16 +7,14 @@ from itertools import product
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from dancedata.core.dance import Dance, checked_joints
 from dancedata.core.plugins import Better, Metric
 from dancedata.core.registry import METRICS
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24
-from dancedata.metrics.arguments import Up, at_least, first_joints, y_up
-
-BoolArray = npt.NDArray[np.bool_]
+from dancedata.core.typing import override
+from dancedata.metrics.arguments import BoolArray, Up, at_least, first_joints, y_up
 
 N_JOINTS = 22
 _TOES = list(SMPL24.feet[2:])
@@ -25,7 +23,7 @@ _DEPTH_M, _CONTACT_STEP_M, _CONTACT_HEIGHT_M = 0.005, 0.01, 0.02
 _ROOT_STEP_M, _TINY_STEP_M, _EPS = 0.001, 1.2e-4, 1e-6
 #: Steps of a foot relative to the pelvis's.
 _SLOW, _FAST, _FLOATS = 0.6, 1.75, 0.4
-#: Frames without contact that are looked at.
+#: Shortest run of frames without contact that counts.
 _MIN_RUN = 4
 _MAX_PEAKS = 2
 
@@ -109,8 +107,8 @@ def _floating(pelvis: Float64Array, toes: Float64Array, contact: BoolArray) -> f
     bad = int((moving & _bad_contacts(contact, _inverted(step, relative, root))).sum())
     floats = sum(
         int((relative[start:stop, foot] < _FLOATS).sum())
-        for foot, found in enumerate(runs)
-        for start, stop in found
+        for foot, spans in enumerate(runs)
+        for start, stop in spans
         if (~moving[start:stop]).sum() * 2 <= stop - start
     )
     swings = sum(_swing(toes[:, 0], max(a, c), min(b, d)) for (a, b), (c, d) in product(*runs))
@@ -161,21 +159,17 @@ class MotiusPhysics(Metric):
     version: ClassVar[int] = 1
     source: ClassVar[str] = "ZeyuLing/Motius 50cf750, motius/evaluation"
     better: ClassVar[dict[str, Better]] = {
-        "jitter": "lower",
-        "dynamic": "closer",
-        "penetration": "lower",
-        "floating": "lower",
-        "sliding": "lower",
-    }
+        "jitter": "lower", "dynamic": "closer", "penetration": "lower", "floating": "lower", "sliding": "lower",
+    }  # fmt: skip
     bounds: ClassVar[tuple[float, float]] = (0, np.inf)
 
     up: Up = "y"
 
     @property
+    @override
     def columns(self) -> tuple[str, ...]:
-        """The fields of `Physics`."""
         return ("jitter", "dynamic", "penetration", "floating", "sliding")
 
+    @override
     def measure(self, dance: Dance) -> Float64Array:
-        """Return the numbers of one clip, (5,)."""
         return np.array(astuple(physics(dance.joints, up=self.up)))

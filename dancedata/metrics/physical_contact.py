@@ -12,6 +12,7 @@ from dancedata.core.plugins import Better, Metric
 from dancedata.core.registry import METRICS
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24
+from dancedata.core.typing import override
 from dancedata.metrics.arguments import Up, at_least, axis_of, checked_rate, first_joints, known_name
 
 #: The rate of EDGE's data, at which all figures were published.
@@ -28,7 +29,7 @@ _ARM_WEIGHT, _HEAD_WEIGHT = 0.01, 0.1
 
 @dataclass(frozen=True)
 class PfcVariant:
-    """How PFC takes the speeds of the feet, and its constant.
+    """Unit of the speeds of the feet in PFC, and its constant.
 
     Attributes
     ----------
@@ -168,20 +169,19 @@ class Pfc(Metric):
     up: Up = "y"
 
     def __post_init__(self) -> None:
-        """Check the variant."""
         known_name("variant of PFC", self.variant, PFC_VARIANTS)
 
     @property
+    @override
     def columns(self) -> tuple[str, ...]:
-        """The score."""
         return ("pfc",)
 
+    @override
     def measure(self, dance: Dance) -> Float64Array:
-        """Return the score of one clip, (1,)."""
         return np.array([pfc(dance.joints, dance.fps, variant=self.variant, up=self.up)])
 
+    @override
     def summarise(self, rows: Float64Array, pool: Float64Array | None = None) -> dict[str, float]:
-        """Return mean and median."""
         return {**super().summarise(rows, pool), "pfc_median": float(np.median(rows))}
 
 
@@ -206,10 +206,10 @@ class Pbc(Metric):
     up: Up = "y"
 
     @property
+    @override
     def columns(self) -> tuple[str, ...]:
-        """The score."""
         return ("pbc",)
 
+    @override
     def measure(self, dance: Dance) -> Float64Array:
-        """Return the score of one clip, (1,)."""
         return np.array([pbc(dance.joints, dance.fps, variant=self.variant, up=self.up)])

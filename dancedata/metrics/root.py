@@ -1,4 +1,4 @@
-"""Where the positions of a dance are taken from, and at which instants."""
+"""Origin and instants of the positions that are measured."""
 
 from __future__ import annotations
 

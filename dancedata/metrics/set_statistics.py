@@ -1,4 +1,4 @@
-"""Statistics of sets of feature vectors: normalising by a pool, Frechet distance, diversity."""
+"""Statistics of sets of feature vectors, and their scores against a pool: Frechet distance, diversity."""
 
 from __future__ import annotations
 
@@ -8,10 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.dance import Undefined
-from dancedata.core.errors import DataError
+from dancedata.core.errors import DataError, UsageError
 from dancedata.core.rotations import Float64Array
-
-IntArray = npt.NDArray[np.int64]
+from dancedata.metrics.arguments import IntArray, known_name
 
 
 @dataclass(frozen=True)
@@ -137,16 +136,6 @@ def diversity(rows: Float64Array) -> float:
     return float(pdist(array).mean())
 
 
-def diversity_bound(n_clips: int, n_columns: int) -> float:
-    """Return the largest diversity of a pool that is normalised by itself (ddof 0): sqrt(2 D N / (N - 1)).
-
-    A published figure of a ground truth above it is not from this formula.
-    """
-    if n_clips < 2:
-        raise Undefined("few_clips", found=f"{n_clips} clips", allowed="at least 2")
-    return float(np.sqrt(2 * n_columns * n_clips / (n_clips - 1)))
-
-
 def constant_columns(pool: Float64Array) -> IntArray:
     """Return the columns in which all vectors of a pool (M, D) are equal.
 
@@ -154,3 +143,62 @@ def constant_columns(pool: Float64Array) -> IntArray:
     """
     array = checked_rows(pool)
     return np.flatnonzero(np.ptp(array, axis=0) == 0) if len(array) else np.arange(array.shape[1])
+
+
+def checked_statistics(name: str) -> None:
+    """Raise UsageError if a name is not a key of `STATISTICS`."""
+    known_name("normalisation", name, STATISTICS)
+
+
+@dataclass(frozen=True)
+class SetScores:
+    """Frechet distance and diversity of a set, normalised by a pool.
+
+    Attributes
+    ----------
+    fid
+        Frechet distance to the pool.
+    div, div_pool
+        Diversity of the set and of the pool, both normalised by the pool.
+    n_constant
+        Columns in which all clips of the pool are equal.
+    fid_varying
+        Frechet distance without these columns.
+    """
+
+    fid: float
+    div: float
+    div_pool: float
+    n_constant: int
+    fid_varying: float
+
+    @classmethod
+    def of(cls, rows: Float64Array, pool: Float64Array | None, statistics: str = "numpy") -> SetScores:
+        """Compare rows (N, D) with a pool (M, D).
+
+        Raises
+        ------
+        UsageError
+            Without a pool.
+        Undefined
+            "few_clips".
+        """
+        if pool is None:
+            raise UsageError("the scores need a pool of clips to compare with", fix="give the features of a pool")
+        normal_pool, normal = STATISTICS[statistics](pool, rows)
+        constant = constant_columns(pool)
+        fid = frechet(normal, normal_pool)
+        varying = fid
+        if 0 < len(constant) < normal.shape[1] == np.shape(pool)[1]:
+            varying = frechet(np.delete(normal, constant, axis=1), np.delete(normal_pool, constant, axis=1))
+        return cls(fid, diversity(normal), diversity(normal_pool), len(constant), varying)
+
+    def named(self, suffix: str) -> dict[str, float]:
+        """Return the scores as fid_SUFFIX, div_SUFFIX, div_SUFFIX_pool; with constant columns also what they do."""
+        scores = {f"fid_{suffix}": self.fid, f"div_{suffix}": self.div, f"div_{suffix}_pool": self.div_pool}
+        if self.n_constant:
+            scores |= {
+                f"constant_columns_{suffix}": float(self.n_constant),
+                f"fid_{suffix}_varying": self.fid_varying,
+            }
+        return scores

@@ -73,9 +73,9 @@ def make_copies(
     rejects: list[Reject] = []
     for spec in recipe.augment:
         context = _Context(cache, recipe, spec, content, jobs, progress)
-        if not spec.augmentation.changes_motion:
+        if spec.augmentation.changes == "rows":
             made += [_copied(clip.clip, spec, fields) for clip in clips]
-        elif not spec.augmentation.changes_time:
+        elif spec.augmentation.changes == "motion":
             for clip, result in _encoded(context, clips, rejects):
                 arrays = result.stored(recipe, clip.clip.starts)
                 made.append(_copied(replace(clip.clip, height_m=result.height_m), spec, fields, arrays))

@@ -248,7 +248,7 @@ def _retimed(recipe: Recipe, ref: ClipRef, motion: Motion, samples: tuple[int, i
     """Plan the copies of a clip at other speeds; those without a window are left out."""
     found = []
     for spec in recipe.augment:
-        if not spec.augmentation.changes_time:
+        if spec.augmentation.changes != "time":
             continue
         speed = spec.speed_of(ref.id)
         grid = FrameGrid(motion.grid.rate * speed)

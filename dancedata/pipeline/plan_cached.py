@@ -69,7 +69,7 @@ def cached_units(
 def _motion(cache: Cache, recipe: Recipe, refs: Sequence[ClipRef]) -> dict[str, Cached]:
     names = [own.name for own in recipe.clip_fields]
     held = dict.fromkeys(names, 0)
-    encoded = [spec for spec in recipe.augment if spec.augmentation.changes_motion]
+    encoded = [spec for spec in recipe.augment if spec.augmentation.changes != "rows"]
     of = len(refs) + len(encoded) * sum(is_copied(ref.split) for ref in refs)
     try:
         content = content_hashes(recipe.dataset, _known(cache))

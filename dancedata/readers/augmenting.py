@@ -12,10 +12,9 @@ import numpy.typing as npt
 
 from dancedata.core.draw import Draw
 from dancedata.core.errors import UsageError
-from dancedata.core.plugins import Augmentation, SampleField
+from dancedata.core.plugins import Augmentation, SampleAugmentation, SampleField
 from dancedata.core.registry import AUGMENTATIONS
 from dancedata.readers.arguments import probability
-from dancedata.readers.named_plugins import named_plugin
 from dancedata.readers.sample_fields import sample_fields
 from dancedata.store.dataset import Store
 from dancedata.store.normalize import MinMax
@@ -38,7 +37,7 @@ class Chance:
         Probability.
     """
 
-    augmentation: Augmentation
+    augmentation: SampleAugmentation
     p: float
 
     def __post_init__(self) -> None:
@@ -47,7 +46,7 @@ class Chance:
 
 
 #: What the argument `augment` of readers takes, see `Augmenter.of`.
-Augment = Sequence[Augmentation | Chance | str | Mapping[str, Any]] | Mapping[str, Any]
+Augment = Sequence[SampleAugmentation | Chance | str | Mapping[str, Any]] | Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -55,7 +54,7 @@ class _Step:
     """An augmentation, under a name of its own, which chooses its random numbers."""
 
     name: str
-    augmentation: Augmentation
+    augmentation: SampleAugmentation
     p: float
 
     @property
@@ -114,26 +113,22 @@ class Augmenter:
         own = sample_fields(store, names)
         steps = tuple(_numbered(_steps(augment)))
         for step in steps:
-            _check(step, own, store, allow_crop)
+            _check(step, own, store)
+            _check_windows(step, store, allow_crop)
             if mirrored and step.augmentation.name == "mirror":
                 raise UsageError(
                     "samples are mirrored twice", fix="give mirror= or augment={'mirror': ...}, not both"
                 )
-        drops = [step.augmentation for step in steps if step.augmentation.drops_fields]
-        droppable = tuple(dict.fromkeys(name for made in drops for name in made.droppable(own)))
+        droppable = tuple(dict.fromkeys(name for step in steps for name in step.augmentation.droppable(own)))
         return cls(own, steps, seed, droppable)
 
     @classmethod
     def covering(cls, store: Store, names: Sequence[str], augment: Augment) -> Augmenter:
-        """Make an augmenter for its `scaler` alone: of those augmentations that change rows.
-
-        Raises
-        ------
-        UsageError
-            As `of`, for those.
-        """
-        changing = [step for step in _steps(augment) if step.augmentation.changes_samples]
-        return cls.of(store, names, [Chance(step.augmentation, step.p) for step in changing], seed=0)
+        """Make an augmenter for its `scaler` alone; UsageError as `of`, except for windows and masked fields."""
+        read, steps = sample_fields(store, names), tuple(_steps(augment))
+        for step in steps:
+            _check(step, read, store)
+        return cls(read, steps, 0, ())
 
     @property
     def crops(self) -> bool:
@@ -141,7 +136,7 @@ class Augmenter:
         return any(step.augmentation.chooses_windows for step in self.steps)
 
     def start(self, start: int, starts: range, stride: int, epoch: int, index: int) -> int:
-        """Return the first frame of the window that is read as sample `index`; see `Augmentation.choose_start`."""
+        """Return the first frame of the window of sample `index`; see `SampleAugmentation.choose_start`."""
         for step in self._happening(epoch, index):
             if step.augmentation.chooses_windows:
                 start = step.augmentation.choose_start(start, starts, stride, self._draw(step, epoch, index))
@@ -158,11 +153,11 @@ class Augmenter:
         if own.kind == "audio":
             return rows
         for step in self._happening(epoch, index):
-            if not step.augmentation.changes_samples:
+            read_only = rows.view()
+            read_only.flags.writeable = False
+            made = np.asarray(step.augmentation.change_sample(read_only, own, self._draw(step, epoch, index)))
+            if made is read_only:
                 continue
-            given = rows.view()
-            given.flags.writeable = False
-            made = np.asarray(step.augmentation.change_sample(given, own, self._draw(step, epoch, index)))
             if made.shape != rows.shape:
                 raise UsageError(
                     f"the augmentation {step.name} changes the shape of rows",
@@ -179,8 +174,7 @@ class Augmenter:
             return ()
         found: list[str] = []
         for step in self._happening(epoch, index):
-            if step.augmentation.drops_fields:
-                found += step.augmentation.dropped(self.fields, self._draw(step, epoch, index))
+            found += step.augmentation.dropped(self.fields, self._draw(step, epoch, index))
         return tuple(dict.fromkeys(found))
 
     def changes(self, epoch: int, index: int) -> tuple[str, ...]:
@@ -195,7 +189,7 @@ class Augmenter:
         low, high = scaler.data_min, scaler.data_max
         for step in self.steps:
             if step.p > 0:
-                low, high = step.augmentation.cover(low, high, own)
+                low, high = step.augmentation.scaler_bounds(low, high, own)
         return scaler if low is scaler.data_min and high is scaler.data_max else scaler.with_range(low, high)
 
     def _happening(self, epoch: int, index: int) -> Iterator[_Step]:
@@ -214,9 +208,9 @@ def _steps(augment: Augment | None) -> Iterator[_Step]:
     items: Sequence[Any] = [augment] if isinstance(augment, Mapping) else augment or []
     for item in items:
         if isinstance(item, Chance):
-            yield _Step(item.augmentation.name, item.augmentation, item.p)
+            yield _step(item.augmentation.name, item.augmentation, item.p)
         elif isinstance(item, Augmentation):
-            yield _Step(item.name, item, 1.0)
+            yield _step(item.name, item, 1.0)
         elif isinstance(item, str):
             yield _named(item, None)
         elif isinstance(item, Mapping):
@@ -239,7 +233,17 @@ def _named(name: str, given: Any) -> _Step:
     chance = 1.0
     if "p" not in {f.name for f in fields(cls)}:
         chance = probability(f"augment: {name}: p", parameters.pop("p", 1.0))
-    return _Step(str(name), named_plugin(AUGMENTATIONS, plugin, parameters), chance)
+    return _step(str(name), AUGMENTATIONS.make(plugin, parameters), chance)
+
+
+def _step(name: str, augmentation: Augmentation, chance: float) -> _Step:
+    """Make a step; UsageError for an augmentation that does not change samples."""
+    if not isinstance(augmentation, SampleAugmentation):
+        raise UsageError(
+            f"the augmentation {name} makes copies when a dataset is built, and does not change samples",
+            fix=f"build with augment: {{{augmentation.name}: {{}}}}, or derive its class from SampleAugmentation",
+        )
+    return _Step(name, augmentation, chance)
 
 
 def _numbered(steps: Iterator[_Step]) -> Iterator[_Step]:
@@ -250,7 +254,7 @@ def _numbered(steps: Iterator[_Step]) -> Iterator[_Step]:
         yield step if nth == 1 else _Step(f"{step.name}#{nth}", step.augmentation, step.p)
 
 
-def _check(step: _Step, own: Sequence[SampleField], store: Store, allow_crop: bool) -> None:
+def _check(step: _Step, own: Sequence[SampleField], store: Store) -> None:
     """Raise UsageError if an augmentation cannot change samples with these fields."""
     made = step.augmentation
     for field in own:
@@ -260,11 +264,11 @@ def _check(step: _Step, own: Sequence[SampleField], store: Store, allow_crop: bo
             raise UsageError(
                 f"the augmentation {step.name} cannot change field {field.name!r}: {error}", where=str(store.path)
             ) from error
-    if not (made.changes_samples or made.chooses_windows or made.drops_fields):
-        raise UsageError(
-            f"the augmentation {step.name} makes copies when a dataset is built, and does not change samples",
-            fix=f"build with augment: {{{made.name}: {{}}}}, or define change_sample in its class",
-        )
+
+
+def _check_windows(step: _Step, store: Store, allow_crop: bool) -> None:
+    """Raise UsageError if an augmentation cannot choose windows here."""
+    made = step.augmentation
     if made.chooses_windows and not allow_crop:
         raise UsageError(
             f"the augmentation {step.name} chooses windows, and whole clips are read",

@@ -14,7 +14,7 @@ from dancedata.core.columns import Columns
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
-from dancedata.core.plugins import Augmentation
+from dancedata.core.plugins import CopyAugmentation
 from dancedata.recipes.documents import document_of
 
 #: The split whose clips are copied.
@@ -34,7 +34,7 @@ class CopySpec:
     """
 
     name: str
-    augmentation: Augmentation
+    augmentation: CopyAugmentation
 
     def document(self) -> dict[str, Any] | Literal[True]:
         """Return the augmentation's parameters, as a recipe gives them; True if it has none."""
@@ -58,6 +58,12 @@ class CopySpec:
                 found=repr(speed),
                 allowed=f"a Fraction from {_SLOWEST} to {_FASTEST}",
             )
+        if speed != 1 and self.augmentation.changes != "time":
+            raise UsageError(
+                f"the augmentation {self.name} changes the time, and its class does not declare it",
+                where=f"clip {clip}", found=f"changes = {self.augmentation.changes!r}, speed {speed}",
+                fix='declare it in the class: changes: ClassVar = "time"',
+            )  # fmt: skip
         return speed
 
     def music_of(self, music: str, clip: str) -> str:
@@ -115,7 +121,7 @@ def is_copied(split: str) -> bool:
 
 def copies_per_clip(specs: tuple[CopySpec, ...], split: str) -> int:
     """Return how many clips with the time of a clip are stored for each clip of a split, itself included."""
-    return 1 + sum(not spec.augmentation.changes_time for spec in specs) if is_copied(split) else 1
+    return 1 + sum(spec.augmentation.changes != "time" for spec in specs) if is_copied(split) else 1
 
 
 def check_ids(clips: Iterable[tuple[str, str]], specs: tuple[CopySpec, ...]) -> None:

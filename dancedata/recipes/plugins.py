@@ -13,7 +13,7 @@ from pydantic import TypeAdapter, ValidationError
 from dancedata.core.columns import Columns
 from dancedata.core.errors import DanceDataError, RecipeError, UsageError, did_you_mean
 from dancedata.core.grid import FrameGrid
-from dancedata.core.plugins import Dataset, Plugin, WindowFilter
+from dancedata.core.plugins import CopyAugmentation, Dataset, Plugin, WindowFilter
 from dancedata.core.registry import (
     AUGMENTATIONS,
     CONTACTS,
@@ -178,7 +178,7 @@ def _copy_specs(slot: Any, fields: Mapping[str, Columns], problems: Problems) ->
         augmentation = make_plugin(AUGMENTATIONS, "augment", name, parameters, problems, several=True)
         if augmentation is None or value is False:
             continue
-        if not augmentation.makes_copies:
+        if not isinstance(augmentation, CopyAugmentation):
             problems.append(
                 f"augment.{name}: it makes no copies: it changes samples when a dataset is read; "
                 f"fix: WindowDataset(..., augment=[{augmentation.name!r}])"
@@ -247,7 +247,7 @@ def make_plugin(
         Whether the slot takes several of one plug-in, named PLUGIN.NAME.
     """
     also = _SLOT_KEYS.get(where, ()) if several else ()
-    plugin, label = split_instance(registry, name) if several else (name, None)
+    plugin, label = registry.split(name) if several else (name, None)
     if label is not None and not _LABEL.fullmatch(label):
         problems.append(
             f"{where}.{shown(name)}: not a valid name for an instance of {plugin}; allowed: letters, digits, - and _ "
@@ -330,16 +330,6 @@ def make_dataclass(
     return None if unknown else plugin
 
 
-def split_instance(registry: Registry[P], name: str) -> tuple[str, str | None]:
-    """Split PLUGIN.NAME at the longest registered name; the second is None without a name after it."""
-    parts = name.split(".")
-    for n in range(len(parts) - 1, 0, -1):
-        plugin = ".".join(parts[:n])
-        if name not in registry and plugin in registry:
-            return plugin, ".".join(parts[n:])
-    return name, None
-
-
 def slot_keys(document: Mapping[str, Any]) -> Iterator[str]:
     """Yield the keys of all plug-ins that a document names, as --set takes them."""
     yield from _key_paths(AUGMENTATIONS, "augment", dict.fromkeys(AUGMENTATIONS.names()))
@@ -350,7 +340,7 @@ def slot_keys(document: Mapping[str, Any]) -> Iterator[str]:
 def _key_paths(registry: Registry[P], where: str, plugins: Any) -> Iterator[str]:
     """Yield the keys of the plug-ins that a slot names, as --set takes them: "audio.librosa35.tightness"."""
     for name in [plugins] if isinstance(plugins, str) else plugins if isinstance(plugins, dict) else ():
-        plugin, _ = split_instance(registry, str(name))
+        plugin, _ = registry.split(str(name))
         if plugin in registry:
             keys = [f.name for f in dataclasses.fields(registry.get(plugin))]
             yield f"{where}.{name}"

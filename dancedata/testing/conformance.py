@@ -30,7 +30,7 @@ from dancedata.core.columns import Columns
 from dancedata.core.errors import DanceDataError, SourceError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
-from dancedata.core.plugins import Augmentation, Plugin, WindowFilter
+from dancedata.core.plugins import Augmentation, CopyAugmentation, Plugin, SampleAugmentation, WindowFilter
 from dancedata.core.registry import (
     AUGMENTATIONS,
     CONTACTS,
@@ -232,24 +232,21 @@ def check_augmentation(cls: type[Augmentation], folder: Path) -> None:
         An empty folder to work in.
     """
     check_plugin(cls)
-    reads = cls.changes_samples or cls.chooses_windows or cls.drops_fields
-    require(cls.makes_copies or reads, "it defines a method that makes copies or changes samples")
-    if cls.makes_copies:
+    if issubclass(cls, CopyAugmentation):
         _check_makes_copies(cls, folder)
-    if cls.changes_samples:
+    if issubclass(cls, SampleAugmentation):
         check_samples(cls())
-    if cls.chooses_windows:
         check_starts(cls())
-    if cls.drops_fields:
         check_drops(cls())
 
 
-def _check_makes_copies(cls: type[Augmentation], folder: Path) -> None:
+def _check_makes_copies(cls: type[CopyAugmentation], folder: Path) -> None:
     made, spec = cls(), CopySpec(cls.name, cls())
     fields = [field for field in example_fields() if _accepts(made, field.columns)]
     motions = [field.name for field in fields if field.kind == "motion"]
     require(bool(motions), "`check` accepts the columns of a representation")
-    for skeleton in (SMPL24, SMPLX55) if cls.changes_motion else ():
+    require(cls.changes in ("rows", "motion", "time"), "changes is rows, motion or time")
+    for skeleton in (SMPL24, SMPLX55):
         _check_changed_motion(spec, random_motion(skeleton, 40))
     for field in fields:
         for array in (field.rows, field.rows[None, :20], field.rows[:1]):
@@ -379,7 +376,7 @@ def _check_build(recipe: Any, scan: Scan, source: Path, out: Path) -> None:
             require(rows.shape == (30, field.representation.columns.width), f"a window of {split} can be read")
 
 
-def _accepts(made: Augmentation | WindowFilter, columns: Columns) -> bool:
+def _accepts(made: CopyAugmentation | WindowFilter, columns: Columns) -> bool:
     try:
         made.check(columns)
     except UsageError:
@@ -395,6 +392,7 @@ def _check_changed_motion(spec: CopySpec, motion: Motion) -> None:
     untouched = np.array_equal(before[0], motion.translation) and np.array_equal(before[1], motion.rotations)
     require(untouched, "change_motion does not write into the motion")
     require(one.skeleton.joints == motion.skeleton.joints, "the copy has the joints of the motion")
+    require(one is motion or spec.augmentation.changes != "rows", "copies by change_motion are declared: changes")
     require(spec.motion_of(motion.part(0, 1), "clip").n_frames == 1, "a motion of one frame can be copied")
 
 
@@ -414,7 +412,7 @@ def _check_copies(spec: CopySpec, motion: str, scope: str, folder: Path) -> None
         require(bool(train), "the example has clips to train on")
         require(copies == {c: spec.clip_id(c) for c in train}, "every train clip, and no other, has a copy")
         counts = Counter(window.clip for window in store.windows("train"))
-        if spec.augmentation.changes_time:
+        if spec.augmentation.changes == "time":
             return
         require(all(counts[c] == counts[spec.clip_id(c)] for c in train), "copies have the windows of their clips")
 

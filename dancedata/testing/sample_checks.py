@@ -7,12 +7,12 @@ import numpy as np
 from dancedata.core.columns import Columns, Group
 from dancedata.core.draw import Draw
 from dancedata.core.errors import UsageError
-from dancedata.core.plugins import Augmentation, SampleField
+from dancedata.core.plugins import SampleAugmentation, SampleField
 from dancedata.testing.examples import FPS, ExampleField, example_fields
 from dancedata.testing.require import require
 
 
-def check_samples(made: Augmentation) -> None:
+def check_samples(made: SampleAugmentation) -> None:
     """Check `change_sample` on every field that `check_sample` accepts, and that refusals say why."""
     accepted = 0
     for field in example_fields():
@@ -26,7 +26,7 @@ def check_samples(made: Augmentation) -> None:
     require(bool(accepted), "`check_sample` accepts a representation")
 
 
-def _check_sample(made: Augmentation, field: ExampleField) -> None:
+def _check_sample(made: SampleAugmentation, field: ExampleField) -> None:
     own, rows = field.sample_field, field.rows.copy()
     rows.setflags(write=False)
     low, high = rows.min(axis=0).astype(np.float64), rows.max(axis=0).astype(np.float64)
@@ -38,14 +38,17 @@ def _check_sample(made: Augmentation, field: ExampleField) -> None:
             )
             require(bool(np.isfinite(first).all()), f"{field.name}: samples are finite")
             require(np.array_equal(first, second), f"{field.name}: equal numbers give equal samples")
-            if type(made).cover is not Augmentation.cover and field.kind == "motion":
-                below, above = made.cover(low, high, own)
+            below, above = made.scaler_bounds(low, high, own)
+            if field.kind == "motion" and (below is not low or above is not high):
                 inside = bool((first >= below - 1e-5).all() and (first <= above + 1e-5).all())
-                require(inside, f"{field.name}: `cover` holds for what change_sample returns")
+                require(inside, f"{field.name}: `scaler_bounds` holds for what change_sample returns")
 
 
-def check_starts(made: Augmentation) -> None:
-    """Check `choose_start`."""
+def check_starts(made: SampleAugmentation) -> None:
+    """Check `choose_start`; a window is kept unless the class declares that it chooses others."""
+    if not made.chooses_windows:
+        require(made.choose_start(10, range(4, 60, 2), 15, Draw(0)) == 10, "choose_start needs chooses_windows")
+        return
     starts = range(4, 60, 2)
     for index in range(20):
         first, second = (made.choose_start(10, starts, 15, Draw(0, index)) for _ in range(2))
@@ -54,7 +57,7 @@ def check_starts(made: Augmentation) -> None:
     require(made.choose_start(4, range(4, 5), 15, Draw(0)) == 4, "a clip of one window has that window")
 
 
-def check_drops(made: Augmentation) -> None:
+def check_drops(made: SampleAugmentation) -> None:
     """Check `droppable` and `dropped`."""
     music = SampleField("music", "audio", Columns((Group("level", 1, "1"),)), FPS)
     fields = [music, *(field.sample_field for field in example_fields())]

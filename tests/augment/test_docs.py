@@ -25,5 +25,5 @@ def test_code_of_the_page_runs(source: Path, cache: Path, tmp_path: Path, capsys
     for block in re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL):
         exec(compile(block, str(PAGE), "exec"), names)
     printed = capsys.readouterr().out
-    for word in ("__mirror", "__yaw", "__tempo", "x\n", "do not determine the angles", "computed anew"):
+    for word in ("__mirror", "__yaw", "__tempo", "x\n", "do not determine the angles", "does not change samples"):
         assert word in printed

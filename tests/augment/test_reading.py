@@ -229,7 +229,7 @@ def test_relative_roots_are_relative_after_augmenting(store_path: Path) -> None:
         ([{"yaw": {"max_degree": 3}}], FIELDS, "the augmentation yaw has no parameter 'max_degree'"),
         ([{"yaw": {"p": 2}}], FIELDS, "augment: yaw: p is a probability"),
         ([{"yaw": [1]}], FIELDS, "neither parameters nor a probability"),
-        (["tempo"], FIELDS, "tempo cannot change field 'edge151': the tempo of samples"),
+        (["tempo"], FIELDS, "tempo makes copies when a dataset is built"),
         (["noise"], ("joints",), "noise cannot change field 'joints': the columns of joints do not determine"),
         (["noise"], ("edge151", "lodge"), "noise cannot change field 'lodge': key motions follow"),
         (["drop"], ("edge151",), "drop: no field of music is read"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ import pytest
 
 from dancedata.core.columns import Columns, Mirror
 from dancedata.core.errors import UsageError
-from dancedata.core.plugins import Augmentation
+from dancedata.core.plugins import Augmentation, CopyAugmentation, SampleAugmentation
 from dancedata.core.registry import (
     AUGMENTATIONS,
     CONTACTS,
@@ -178,15 +178,33 @@ def test_check_finds_the_check_of_every_kind(registry: Registry, monkeypatch: py
     assert called == [registry.get(registry.names()[0])]
 
 
-def _augmentation(**members: Any) -> type[Any]:
+def _augmentation(base: type[Any], **members: Any) -> type[Any]:
     """An augmentation with some members."""
-    cls = type("Broken", (Augmentation,), {"__doc__": "Broken.", "version": 1, **members})
+    cls = type("Broken", (base,), {"__doc__": "Broken.", "version": 1, **members})
     return dataclass(frozen=True)(cls)
 
 
-def test_an_augmentation_that_changes_nothing_fails(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
-    with pytest.raises(AssertionError, match="defines a method that makes copies or changes samples"):
-        conformance.check_augmentation(_register(monkeypatch, AUGMENTATIONS, _augmentation()), tmp_path)
+def test_an_augmentation_of_neither_kind_is_refused():
+    with pytest.raises(UsageError, match="Derive the class from CopyAugmentation"):
+        _augmentation(Augmentation, change_rows=lambda self, rows, columns, **about: rows)
+
+
+@pytest.mark.parametrize(
+    ("members", "expected"),
+    [
+        (
+            {"changes": "rows", "change_motion": lambda self, motion, clip: replace(motion)},
+            "declared",
+        ),
+        ({"changes": "music"}, "changes is rows, motion or time"),
+    ],
+)
+def test_copies_that_are_not_as_declared_fail(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, members: dict[str, Any], expected: str
+):
+    cls = _register(monkeypatch, AUGMENTATIONS, _augmentation(CopyAugmentation, **members))
+    with pytest.raises(AssertionError, match=expected):
+        conformance.check_augmentation(cls, tmp_path)
 
 
 def test_copies_that_differ_from_call_to_call_fail(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
@@ -194,7 +212,7 @@ def test_copies_that_differ_from_call_to_call_fail(monkeypatch: pytest.MonkeyPat
         return rows + np.float32(len(calls.append(rows) or calls))
 
     calls: list[Any] = []
-    cls = _augmentation(change_rows=change_rows)
+    cls = _augmentation(CopyAugmentation, change_rows=change_rows)
     with pytest.raises(AssertionError, match="equal rows give equal copies"):
         conformance.check_augmentation(_register(monkeypatch, AUGMENTATIONS, cls), tmp_path)
 
@@ -207,18 +225,22 @@ def test_copies_that_differ_from_call_to_call_fail(monkeypatch: pytest.MonkeyPat
         (
             {
                 "change_sample": lambda self, rows, field, draw: rows + np.float32(draw.uniform()),
-                "cover": lambda self, low, high, field: (low, high + 0.01),
+                "scaler_bounds": lambda self, low, high, field: (low, high + 0.01),
             },
-            "`cover` holds",
+            "`scaler_bounds` holds",
         ),
-        ({"choose_start": lambda self, start, starts, stride, draw: start + 1}, "returns one of starts"),
+        ({"choose_start": lambda self, start, starts, stride, draw: start + 1}, "chooses_windows"),
+        (
+            {"choose_start": lambda self, start, starts, stride, draw: start + 1, "chooses_windows": True},
+            "returns one of starts",
+        ),
         ({"dropped": lambda self, fields, draw: ("music",)}, "dropped names some of them"),
     ],
 )
 def test_samples_that_are_changed_wrongly_fail(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, members: dict[str, Any], expected: str
 ):
-    cls = _register(monkeypatch, AUGMENTATIONS, _augmentation(**members))
+    cls = _register(monkeypatch, AUGMENTATIONS, _augmentation(SampleAugmentation, **members))
     with pytest.raises(AssertionError, match=expected):
         conformance.check_augmentation(cls, tmp_path)
 

@@ -32,7 +32,7 @@ from dancedata.metrics.kinetic_features import KINETIC_VARIANTS, Kinetic, kineti
 from dancedata.metrics.motius_physics import MotiusPhysics
 from dancedata.metrics.physical_contact import PFC_VARIANTS, Pbc, Pfc
 from dancedata.metrics.root import ROOTS
-from dancedata.metrics.set_scores import SetScores
+from dancedata.metrics.set_statistics import SetScores
 from dancedata.synthetic import synthesise_motion
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from dancedata.core.rotations import Float64Array
-from dancedata.metrics.set_scores import SetScores
-from dancedata.metrics.set_statistics import frechet
+from dancedata.metrics.set_statistics import SetScores, frechet
 
 #: Relative tolerances: programs in float64, in float32, and where sqrtm takes the root of a singular product.
 FLOAT64, FLOAT32, SINGULAR = 1e-6, 1e-5, 1e-5

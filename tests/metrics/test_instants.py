@@ -12,17 +12,18 @@ import numpy as np
 import pytest
 
 import dancedata
+from dancedata.audio.librosa35.feature import Librosa35
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.dance import Dance, MusicBeats, peak_offsets
 from dancedata.core.grid import FrameGrid
 from dancedata.datasets.aistpp.load import load_motion
 from dancedata.evaluation.clip_music import ClipMusic, beats_after, field_beats
 from dancedata.evaluation.measuring import measure_pose
-from dancedata.evaluation.pose import Pose
 from dancedata.evaluation.protocol import PROTOCOLS
 from dancedata.metrics import motion_beat_times, motion_beats
 from dancedata.metrics.beats import BeatAlignment
 from dancedata.metrics.set_statistics import STATISTICS, frechet
+from dancedata.representations.stored import Pose
 from dancedata.store.schema import Field
 
 RATES = (20, 24, 30, 60)
@@ -140,7 +141,7 @@ def test_beats_of_music_are_read_at_their_instants(fps: int) -> None:
         late = stored - beats[np.abs(stored[:, None] - 1 / fps - beats).argmin(axis=1)]
         if first == 0.5:
             assert late == pytest.approx(1 / fps, abs=1e-9)  # 33.3 ms at 30, 16.7 at 60
-        columns = dancedata.audio.librosa35.feature.Librosa35().columns
+        columns = Librosa35().columns
         found = field_beats(rows, Field("librosa35", "audio", columns, FrameGrid.of(fps).rate)).seconds
         assert np.abs(found[:, None] - beats).min(axis=1).max() < 0.25 / fps
         alone = field_beats(rows[:, -1], Field("librosa35.own", "audio", columns, FrameGrid.of(fps).rate)).seconds
@@ -230,7 +231,7 @@ def test_rows_with_an_envelope() -> None:
     rows = np.zeros((40, 35), np.float32)
     rows[[10, 25], -1] = 1
     rows[9:12, 0], rows[24:27, 0] = (1, 5, 3), (2, 5, 2)
-    columns = dancedata.audio.librosa35.feature.Librosa35().columns
+    columns = Librosa35().columns
     found = MusicBeats.of_rows(rows, columns, FrameGrid.of(30), late=1)
     assert found.frames.tolist() == [10, 25]
     assert found.seconds * 30 == pytest.approx([9 + 0.5 * 2 / 6, 24])

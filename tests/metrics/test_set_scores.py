@@ -10,7 +10,7 @@ from dancedata.metrics import jackknife
 from dancedata.metrics.beats import BeatAlignment
 from dancedata.metrics.foot_skating import FootSkating
 from dancedata.metrics.physical_contact import Pfc
-from dancedata.metrics.set_scores import SetScores
+from dancedata.metrics.set_statistics import SetScores
 
 
 def _mean(rows: np.ndarray) -> dict[str, float]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ import dancedata
 from dancedata.core.columns import Columns
 from dancedata.core.errors import DataError, RecipeError, SourceError, UsageError
 from dancedata.core.motion import Motion
-from dancedata.core.plugins import Augmentation
+from dancedata.core.plugins import CopyAugmentation
 from dancedata.core.registry import AUGMENTATIONS
 from dancedata.execution.progress import Progress
 from dancedata.pipeline.part import Part, build_part
@@ -26,7 +26,7 @@ SMALL = ("motion={edge151: {}, joints: {}}", "keymotion=lodge", "windows.length_
 
 
 @dataclass(frozen=True)
-class Shift(Augmentation):
+class Shift(CopyAugmentation):
     """Moves the dancer along x.
 
     metres : how far.
@@ -45,10 +45,11 @@ class Shift(Augmentation):
 
 
 @dataclass(frozen=True)
-class Speckle(Augmentation):
+class Speckle(CopyAugmentation):
     """Rows with noise, another one for each clip; key motions as they are."""
 
     version: ClassVar[int] = 1
+    changes: ClassVar[Literal["rows", "motion", "time"]] = "rows"
 
     def change_rows(self, rows: Any, columns: Columns, *, kind: str, clip: str) -> Any:
         noise = np.random.default_rng([*clip.encode()]).integers(-1, 2, rows.shape)
@@ -56,7 +57,7 @@ class Speckle(Augmentation):
 
 
 @dataclass(frozen=True)
-class Slower(Augmentation):
+class Slower(CopyAugmentation):
     """Cuts the motion short, which is not allowed."""
 
     version: ClassVar[int] = 1
@@ -66,7 +67,7 @@ class Slower(Augmentation):
 
 
 @dataclass(frozen=True)
-class Wider(Augmentation):
+class Wider(CopyAugmentation):
     """Gives rows of another shape, which is not allowed."""
 
     version: ClassVar[int] = 1

@@ -10,13 +10,13 @@ import numpy as np
 
 from dancedata.core.errors import UsageError
 from dancedata.core.motion import Motion
-from dancedata.core.plugins import Augmentation
+from dancedata.core.plugins import CopyAugmentation
 from dancedata.core.registry import AUGMENTATIONS
 
 
 @AUGMENTATIONS.register("template_name")
 @dataclass(frozen=True)
-class TemplateName(Augmentation):
+class TemplateName(CopyAugmentation):
     """The same dance, moved along x.
 
     Attributes

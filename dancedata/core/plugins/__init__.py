@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from dancedata.core.lazy import lazy_names
 from dancedata.core.plugins.audio_feature import AudioFeature
-from dancedata.core.plugins.augmentation import Augmentation, SampleField
+from dancedata.core.plugins.augmentation import Augmentation, CopyAugmentation, SampleAugmentation, SampleField
 from dancedata.core.plugins.metric import Better, Metric
 from dancedata.core.plugins.motion import ContactRule, Dataset, KeyMotionFinder, Representation, WindowFilter
 from dancedata.core.plugins.plugin import Float32Array, Plugin
@@ -20,12 +20,14 @@ __all__ = [
     "Augmentation",
     "Better",
     "ContactRule",
+    "CopyAugmentation",
     "Dataset",
     "Float32Array",
     "KeyMotionFinder",
     "Metric",
     "Plugin",
     "Representation",
+    "SampleAugmentation",
     "SampleField",
     "WindowFilter",
 ]

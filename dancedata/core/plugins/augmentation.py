@@ -1,4 +1,4 @@
-"""Augmentation: the base class of what changes clips and samples."""
+"""Base classes of plug-ins that change clips when a dataset is built, or samples when it is read."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any, ClassVar, Literal
 
 from dancedata.core.columns import Columns
 from dancedata.core.draw import Draw
+from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.plugins.motion import ContactRule, Representation
@@ -38,32 +39,32 @@ class SampleField:
 
 
 class Augmentation(Plugin):
-    """Changes clips when a dataset is built, samples when it is read, or both.
+    """Common base of the two kinds: a plug-in derives from `CopyAugmentation`, `SampleAugmentation`, or both."""
 
-    *Building.* An augmentation that defines `change_motion`, `change_rows` or `speed` makes one copy of every train
-    clip. A copy has the frames, windows and music of its clip, unless `speed` changes the time: then its motion is
-    resampled on the recipe's grid, its music is stretched, and windows, features, contacts and key motions are
-    computed anew.
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        if cls.__module__ != __name__ and not issubclass(cls, (CopyAugmentation, SampleAugmentation)):
+            raise UsageError(
+                "Augmentation is not a base class of plug-ins", where=f"{cls.__module__}.{cls.__qualname__}",
+                fix="derive the class from CopyAugmentation (change_motion, change_rows, speed), from "
+                "SampleAugmentation (change_sample, choose_start, dropped), or from both",
+            )  # fmt: skip
 
-    *Reading.* An augmentation that defines `change_sample`, `choose_start` or `dropped` changes samples. All that is
-    random comes from the `Draw` that it is given, which is a pure function of (seed, epoch, index) and equal for all
-    fields of a sample.
+
+class CopyAugmentation(Augmentation):
+    """Makes one copy of every train clip when a dataset is built.
+
+    A copy has the frames, windows and music of its clip, unless its time differs: then its motion is resampled on the
+    recipe's grid, its music is stretched, and windows, features, contacts and key motions are computed again.
 
     Attributes
     ----------
-    changes_motion, changes_time, makes_copies
-        Whether the copies of a class are encoded, whether their time may differ from that of their clips, and whether
-        it makes copies at all; set automatically.
-    changes_samples, chooses_windows, drops_fields
-        Whether the class defines `change_sample`, `choose_start`, `dropped`; set automatically.
+    changes
+        "rows": only `change_rows` is called, when a shard is written. "motion": so is `change_motion`, and copies are
+        encoded. "time": copies also have the `speed` of their own.
     """
 
-    changes_motion: ClassVar[bool] = False
-    changes_time: ClassVar[bool] = False
-    makes_copies: ClassVar[bool] = False
-    changes_samples: ClassVar[bool] = False
-    chooses_windows: ClassVar[bool] = False
-    drops_fields: ClassVar[bool] = False
+    changes: ClassVar[Literal["rows", "motion", "time"]] = "motion"
 
     def check(self, columns: Columns) -> None:
         """Raise UsageError if copies of a motion or key motion field with these columns cannot be made."""
@@ -100,6 +101,21 @@ class Augmentation(Plugin):
     def speed(self, clip: str) -> Fraction:
         """Return how many times as fast as its clip a copy is: 2 takes half the time, 1 leaves the time as it is."""
         return Fraction(1)
+
+
+class SampleAugmentation(Augmentation):
+    """Changes samples when a dataset is read.
+
+    All that is random comes from the `Draw` that a method is called with, which is a pure function of (seed, epoch,
+    index) and equal for all fields of a sample.
+
+    Attributes
+    ----------
+    chooses_windows
+        Whether `choose_start` is called, so that other windows are read than those of the dataset.
+    """
+
+    chooses_windows: ClassVar[bool] = False
 
     def check_sample(self, field: SampleField) -> None:
         """Raise UsageError, with the reason, if samples with this field cannot be changed when they are read."""
@@ -139,16 +155,8 @@ class Augmentation(Plugin):
         """Return the names of the fields of a sample that are masked."""
         return ()
 
-    def cover(self, low: Float64Array, high: Float64Array, field: SampleField) -> tuple[Float64Array, Float64Array]:
+    def scaler_bounds(
+        self, low: Float64Array, high: Float64Array, field: SampleField
+    ) -> tuple[Float64Array, Float64Array]:
         """Return the range (D,) that the scaler of a motion field needs, from the range of the stored rows."""
         return low, high
-
-    def __init_subclass__(cls, **options: Any) -> None:
-        super().__init_subclass__(**options)
-        base = Augmentation
-        cls.changes_time = cls.speed is not base.speed
-        cls.changes_motion = cls.changes_time or cls.change_motion is not base.change_motion
-        cls.makes_copies = cls.changes_motion or cls.change_rows is not base.change_rows
-        cls.changes_samples = cls.change_sample is not base.change_sample
-        cls.chooses_windows = cls.choose_start is not base.choose_start
-        cls.drops_fields = cls.dropped is not base.dropped

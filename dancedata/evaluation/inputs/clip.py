@@ -18,10 +18,10 @@ from dancedata.core.hashing import sha256_bytes
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import Dataset
 from dancedata.core.skeleton import Skeleton
-from dancedata.evaluation.pose import Pose
 from dancedata.execution.cache import Cache
 from dancedata.pipeline.motion import content_hashes
 from dancedata.recipes.documents import document_of
+from dancedata.representations.stored import Pose
 
 __all__ = ["ClipInput", "DatasetClip", "MemoryClip"]
 

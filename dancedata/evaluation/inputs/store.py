@@ -16,10 +16,10 @@ from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.hashing import sha256_bytes
 from dancedata.core.skeleton import Skeleton
 from dancedata.evaluation.inputs.clip import ClipInput
-from dancedata.evaluation.inputs.columns import ColumnsReader, reader_for
-from dancedata.evaluation.pose import Pose
+from dancedata.evaluation.inputs.columns import columns_identity, reader_for
 from dancedata.evaluation.protocol import Protocol, Role
 from dancedata.execution.cache import Cache
+from dancedata.representations.stored import ColumnsReader, Pose
 from dancedata.store import Store
 from dancedata.store.dataset import reopen
 
@@ -63,7 +63,7 @@ class StoreClip(ClipInput):
     def identity(self, cache: Cache) -> Any:
         """See `ClipInput.identity`."""
         rows = sha256_bytes(self._rows().tobytes())  # not only what dataset.json says of them
-        return ["store", self.reference[1], self.id, self.field, self.reader.identity(), rows]
+        return ["store", self.reference[1], self.id, self.field, columns_identity(self.reader), rows]
 
     def load(self) -> Pose:
         """See `ClipInput.load`."""
