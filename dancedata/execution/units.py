@@ -5,15 +5,18 @@ A unit is a call of a function with small arguments that leaves its arrays in th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import partial
+from pathlib import Path
 from typing import Any
 
-from dancedata.core.errors import DanceDataError
+from dancedata.core.errors import DanceDataError, UsageError
+from dancedata.execution.arithmetic import as_in_builds
+from dancedata.execution.cache import Cache
 from dancedata.execution.executors.base import Call, Executor, OnResult, WorkerDiedError, unit_name
 from dancedata.execution.executors.loky import LokyExecutor
 from dancedata.execution.progress import Progress
-from dancedata.execution.threads import as_in_builds
 
 #: What `run_units` takes: a number of processes on this machine, or an executor.
 Jobs = int | Executor
@@ -22,6 +25,38 @@ Jobs = int | Executor
 DEATHS_ALONE = 2
 #: After how many deaths in a row of workers that have not run a unit a stage ends.
 BLIND_DEATHS = 3
+
+
+@contextmanager
+def start_workers(
+    n: int, cache: Cache, source: Path, packages: set[str], *, backend: str = "loky", scheduler: str | None = None
+) -> Iterator[Executor]:
+    """Give the executor of a build; a cluster is connected, and its workers are checked before their first unit.
+
+    Raises
+    ------
+    UsageError
+        If Dask is not installed.
+    DanceDataError
+        If no scheduler answers at the address, or it has no worker.
+    """
+    if backend == "loky" or scheduler is None:
+        yield LokyExecutor(n)
+        return
+    from dancedata.execution.executors.dask import DaskExecutor, connected, worker_requirements
+
+    with connected(scheduler) as client, worker_requirements(cache, source, packages) as requirements:
+        yield DaskExecutor(n, client=client, requirements=requirements)
+
+
+def check_backend(backend: str, scheduler: str | None) -> None:
+    """Raise UsageError unless backend and scheduler go together."""
+    if backend not in ("loky", "dask"):
+        raise UsageError("unknown backend", found=repr(backend), allowed="loky, dask")
+    if backend == "dask" and scheduler is None:
+        raise UsageError("the backend dask needs a scheduler", fix="give its address: --scheduler tcp://HOST:8786")
+    if backend == "loky" and scheduler is not None:
+        raise UsageError("a scheduler is for the backend dask", found=scheduler, fix="add --backend dask")
 
 
 def run_units(

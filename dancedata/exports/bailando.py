@@ -15,7 +15,7 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
 from dancedata.core.text import counted, listed
-from dancedata.execution.threads import as_in_builds
+from dancedata.execution.arithmetic import as_in_builds
 from dancedata.exports._aist_names import PARTS, is_ignored, name_lacks, note_ignored
 from dancedata.exports._json_rows import json_of
 from dancedata.exports._songs import find_songs

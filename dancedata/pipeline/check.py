@@ -16,8 +16,8 @@ from dancedata.core.quality import implausible_flags, implausible_sides
 from dancedata.core.registry import DATASETS
 from dancedata.core.sides import has_sides, sampled
 from dancedata.core.text import listed
-from dancedata.execution.children import named_if_it_crashes
 from dancedata.execution.progress import Progress
+from dancedata.execution.reference_process import named_if_it_crashes
 from dancedata.execution.units import run_units
 from dancedata.files.atomic import PREFIX
 from dancedata.pipeline.implausible import implausible_problems

@@ -19,7 +19,7 @@ from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.packages import install, load, require
 from dancedata.core.text import shown
-from dancedata.execution.children import shielded
+from dancedata.execution.reference_process import shielded
 from dancedata.files import atomic
 
 __all__ = ["find_ffmpeg", "write_mp4"]

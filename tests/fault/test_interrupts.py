@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 
 from dancedata.cli import interrupts
-from dancedata.execution.children import shielded
+from dancedata.execution.reference_process import shielded
 
 
 def workers(group: int) -> list[int]:

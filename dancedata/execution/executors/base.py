@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from dancedata.execution.reference_process import ReferenceProcessError, named_if_it_crashes
+
 #: Arguments of a unit of work.
 Call = tuple[Any, ...]
 #: Takes the number of a call and its result.
@@ -81,3 +83,19 @@ def unit_name(call: Call) -> str:
         if isinstance(path, Path):
             return str(path)
     return "unit"
+
+
+@dataclass(frozen=True)
+class InlineExecutor(Executor):
+    """No worker processes: for one job, and where there is one unit to compute."""
+
+    def run(self, function: Callable[..., Any], calls: Mapping[int, Call], label: str, on_result: OnResult) -> None:
+        """See `Executor.run`. Where this process dies, another one prints which unit it was running."""
+        for index, call in calls.items():
+            with named_if_it_crashes(f"{label}, {unit_name(call)}"):
+                try:
+                    result = function(*call)
+                except ReferenceProcessError as error:
+                    error.where = unit_name(call)
+                    raise
+            on_result(index, result)

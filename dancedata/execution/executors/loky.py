@@ -17,9 +17,8 @@ from weakref import WeakSet
 from dancedata.core.errors import DanceDataError
 from dancedata.core.text import shown
 from dancedata.execution.arithmetic import adopted_by_children
-from dancedata.execution.children import shielded
-from dancedata.execution.executors.base import Call, Executor, OnResult, WorkerDiedError, first_line
-from dancedata.execution.executors.inline import InlineExecutor
+from dancedata.execution.executors.base import Call, Executor, InlineExecutor, OnResult, WorkerDiedError, first_line
+from dancedata.execution.reference_process import shielded
 
 #: Seconds after which an idle worker ends: the next stage, or the next build in a notebook, finds it running.
 IDLE_S = 300
