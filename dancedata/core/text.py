@@ -25,6 +25,7 @@ __all__ = [
     "printable",
     "quoted",
     "shown",
+    "size_text",
     "table",
 ]
 
@@ -185,6 +186,15 @@ def csv_text(cell: str) -> str:
 def counted(n: int, noun: str) -> str:
     """Return a number with its noun: "1 clip", "1,408 clips"."""
     return f"{n:,} {noun}{'' if n == 1 else 's'}"
+
+
+def size_text(n_bytes: float) -> str:
+    """Return a size in bytes as text with a decimal unit."""
+    for unit in ("B", "kB", "MB"):
+        if n_bytes < 1000:
+            return f"{n_bytes:.3g} {unit}"
+        n_bytes /= 1000
+    return f"{n_bytes:.4g} GB"
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> list[str]:

@@ -84,16 +84,6 @@ class Pruned:
         """Return plain JSON data."""
         return {**self.__dict__, "paths": [str(path) for path in self.paths]}
 
-    def describe(self, dry: bool) -> str:
-        """Return what `cache prune` prints."""
-        what = "would remove" if dry else "removed"
-        swept = f"; removed {self.swept} files of killed processes" if self.swept else ""
-        in_use = f", {self.in_use} of them because they are in use" if self.in_use else ""
-        return (
-            f"{what} {self.removed} entries, {size_text(self.removed_bytes)}; "
-            f"{self.kept} are left, {size_text(self.kept_bytes)}{in_use}{swept}"
-        )
-
 
 def require_cache(root: Path) -> None:
     """Raise UsageError if a folder holds files and is not known as a cache."""
@@ -147,28 +137,6 @@ def cache_json(root: Path) -> dict[str, Any]:
         for name, s in sorted(stages.items())
     }
     return {"path": str(root), "entries": count, "bytes": total, "stages": about}
-
-
-def describe_cache(about: dict[str, Any]) -> str:
-    """Return what `cache info` prints."""
-    lines = [f"{about['path']}: {about['entries']} entries, {size_text(about['bytes'])}"]
-    width = max((len(name) for name in about["stages"]), default=0)
-    for name, stage in about["stages"].items():
-        least, most = stage["days_unused"]
-        lines.append(
-            f"  {name.ljust(width)}  {stage['entries']:>8}  {size_text(stage['bytes']):>9}"
-            f"  last used {least:g} to {most:g} days ago"
-        )
-    return "\n".join(lines)
-
-
-def size_text(n_bytes: float) -> str:
-    """Return a size in bytes as text with a decimal unit."""
-    for unit in ("B", "kB", "MB"):
-        if n_bytes < 1000:
-            return f"{n_bytes:.3g} {unit}"
-        n_bytes /= 1000
-    return f"{n_bytes:.4g} GB"
 
 
 def prune(

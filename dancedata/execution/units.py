@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from dancedata.core.errors import DanceDataError, UsageError
 from dancedata.execution.arithmetic import as_in_builds
@@ -18,7 +18,8 @@ from dancedata.execution.executors.base import Call, Executor, OnResult, WorkerD
 from dancedata.execution.executors.loky import LokyExecutor
 from dancedata.execution.progress import Progress
 
-#: What `run_units` takes: a number of processes on this machine, or an executor.
+R = TypeVar("R")
+#: A number of processes on this machine, or an executor.
 Jobs = int | Executor
 
 #: After how many deaths of a worker that runs nothing else a unit is named as their cause.
@@ -60,15 +61,15 @@ def check_backend(backend: str, scheduler: str | None) -> None:
 
 
 def run_units(
-    function: Callable[..., Any],
+    function: Callable[..., R],
     calls: Sequence[Call],
     *,
     jobs: Jobs,
     label: str,
     progress: Progress,
-    known: Sequence[Any] = (),
+    known: Sequence[object] = (),
     exact: bool = True,
-) -> list[Any]:
+) -> list[R]:
     """Return function(*call) for every call, in order.
 
     BLAS and OpenMP run on one thread in each worker, whatever `jobs` is: sums in another order would change
@@ -94,11 +95,11 @@ def run_units(
     """
     if not calls:
         return []
-    results = list(known) or [None] * len(calls)
+    results: list[Any] = list(known) or [None] * len(calls)
     missing = {index: call for index, call in enumerate(calls) if results[index] is None}
     with progress.stage(label, len(calls), known=len(calls) - len(missing)) as advance:
 
-        def keep(index: int, result: Any) -> None:
+        def keep(index: int, result: R) -> None:
             results[index] = result
             advance(1)
 
