@@ -101,7 +101,7 @@ class Reject:
     music
         The missing song, if one is missing; several clips can share it.
     fix
-        What to do about it, if known.
+        Remedy, if known.
     """
 
     reason: str

@@ -18,7 +18,7 @@ _COMMANDS = {"dancedata", "ffmpeg", "mv", "pip"}
 _LISTED = 60
 #: Most characters of a name that are compared, and least of a part: shorter ones are too frequent to count.
 _LONGEST, _MIN_PART = 100, 3
-# Letters and digits are parts of their own: "edge" of "edge151".
+# Letters and digits are separate parts: "edge" of "edge151".
 _PARTS = re.compile(r"[^\W\d_]+|\d+")
 
 

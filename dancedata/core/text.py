@@ -1,4 +1,4 @@
-"""Makes untrusted text safe to print: truncated, and without control characters of terminals.
+"""Untrusted text made safe to print: truncated, and without control characters of terminals.
 
 Every string of a file, and every file name, in a message, a note or a table goes through this module.
 """
@@ -166,7 +166,7 @@ def json_text(obj: Any) -> str:
     text = json.dumps(obj, indent=1, ensure_ascii=False)
     if text.isascii() and "\x7f" not in text:
         return text
-    return _UNPRINTABLE.sub(lambda found: found[0] if _prints(found[0]) else json.dumps(found[0])[1:-1], text)
+    return _UNPRINTABLE.sub(lambda match: match[0] if _prints(match[0]) else json.dumps(match[0])[1:-1], text)
 
 
 #: Beginnings of cells that spreadsheets run as formulas, after the apostrophes that `csv_cell` writes.

@@ -63,7 +63,7 @@ def adopt() -> None:
 
 @contextmanager
 def adopted_by_children() -> Iterator[None]:
-    """Give processes that are started within the context the environment of `environment`."""
+    """Start processes within the context in the environment of `environment`."""
     before = {name: os.environ.get(name) for name in _changes()}
     _set(_changes())
     try:
@@ -94,7 +94,7 @@ def _set(values: Mapping[str, str | None]) -> None:
 
 @lru_cache(maxsize=1)
 def has_reference() -> bool:
-    """Tell whether this processor has the level x86-64-v3."""
+    """Return whether this processor has the level x86-64-v3."""
     cpuinfo = Path("/proc/cpuinfo")
     if platform.machine() not in ("x86_64", "AMD64") or not cpuinfo.is_file():
         return False
@@ -124,7 +124,7 @@ def _description(n_modules: int) -> str:
         has_reference()
         and blas == ["openblas Haswell"]
         and not any(_is_beyond_v3(used) for used, _ in numpy_code)
-        and not any(_is_left_out(used, there) for used, there in numpy_code)
+        and not any(_is_left_out(used, available) for used, available in numpy_code)
         and not _set_at_start()
     )
     if is_reference:
@@ -151,17 +151,17 @@ def _numpy_code() -> list[tuple[str, list[str]]]:
     from numpy.lib.introspect import opt_func_info
 
     # Such as "X86_V3" of "X86_V4 X86_V3 baseline(X86_V2)".
-    found: list[dict[str, str]] = [own for signatures in opt_func_info().values() for own in signatures.values()]
-    return [(own["current"], own["available"].split()) for own in found]
+    functions: list[dict[str, str]] = [code for codes in opt_func_info().values() for code in codes.values()]
+    return [(code["current"], code["available"].split()) for code in functions]
 
 
 def is_chosen_by_user() -> bool:
-    """Tell whether a process started with `environment` may use other instructions than this one."""
+    """Return whether a process started with `environment` may use other instructions than this one."""
     return has_reference() or bool(_set_at_start()) or any(x.split("=")[0] in _FOREIGN for x in _started_with())
 
 
 def can_choose() -> bool:
-    """Tell whether numpy's BLAS is known to have kernels for many processors: OpenBLAS, as wheels have it."""
+    """Return whether numpy's BLAS is known to have kernels for many processors: OpenBLAS, as wheels have it."""
     import numpy as np  # noqa: F401  (loads it)
     from threadpoolctl import threadpool_info
 
@@ -172,9 +172,9 @@ def _is_beyond_v3(features: str) -> bool:
     return "AVX512" in features or "V4" in features
 
 
-def _is_left_out(used: str, there: list[str]) -> bool:
-    """Tell whether code up to x86-64-v3 is available but code for less is used."""
-    best = next((features for features in there if not _is_beyond_v3(features)), used)
+def _is_left_out(used: str, available: list[str]) -> bool:
+    """Return whether code up to x86-64-v3 is available but code for less is used."""
+    best = next((features for features in available if not _is_beyond_v3(features)), used)
     return best.split("(")[0] != used.split("(")[0]
 
 
@@ -205,15 +205,15 @@ def exactly(function: Callable[..., T], *args: Any) -> T:
     ReferenceProcessError
         As for `reference_process.compute`.
     """
-    # Here, as exports, which `list` loads, name this function and seldom call it.
+    # Imported here: exports, which `list` loads, seldom call this function.
     from dancedata.execution.reference_process import compute
 
-    found: T = compute(on_one_thread, function, *args)
-    return found
+    result: T = compute(on_one_thread, function, *args)
+    return result
 
 
 def as_in_builds(exact: bool) -> Callable[..., Any]:
-    """Return the one of `exactly` and `on_one_thread` by which a build calls units, such as those of a feature."""
+    """Return the wrapper in which builds run units: `exactly` or `on_one_thread`."""
     return exactly if exact else on_one_thread
 
 

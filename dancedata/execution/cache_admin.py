@@ -1,4 +1,4 @@
-"""The commands `dancedata cache`: list, prune and verify the entries of a cache."""
+"""Listing, pruning and verification of the entries of a cache."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class StageSum:
 
 @dataclass
 class Pruned:
-    """What was removed, or would be, and what was kept.
+    """Result of `prune`: removed entries, also those that a dry run would remove, and kept ones.
 
     Attributes
     ----------
@@ -86,7 +86,7 @@ class Pruned:
 
 
 def require_cache(root: Path) -> None:
-    """Raise UsageError if a folder holds files and is not known as a cache."""
+    """Raise UsageError if a folder holds files and is not a cache."""
     if files.is_cache(root) or not any(names for _, _, names in os.walk(root)):
         return
     names = sorted(os.listdir(root))
@@ -100,23 +100,23 @@ def require_cache(root: Path) -> None:
 
 
 def entries(root: Path) -> Iterator[Entry]:
-    """List all entries of a cache; entries that vanish meanwhile are skipped."""
+    """List all entries of a cache; entries that vanish during the listing are skipped."""
     for stage in _folders(root):
         if stage.name not in files.STAGES:
             continue
         for prefix in _folders(stage):
-            for found in _scanned(prefix):
-                match = files.ENTRY.fullmatch(found.name)
+            for file in _scanned(prefix):
+                match = files.ENTRY.fullmatch(file.name)
                 if match is None or match["two"] != prefix.name:
                     continue
                 try:
-                    stat = found.stat(follow_symlinks=False)
+                    stat = file.stat(follow_symlinks=False)
                 except OSError:
                     continue
                 if not S_ISREG(stat.st_mode):
                     continue
                 size = max(stat.st_size, stat.st_blocks * 512)
-                yield Entry(Path(found.path), stage.name, size, stat.st_mtime)
+                yield Entry(Path(file.path), stage.name, size, stat.st_mtime)
 
 
 def cache_json(root: Path) -> dict[str, Any]:
@@ -150,9 +150,9 @@ def prune(
     Parameters
     ----------
     older_than_s
-        Remove entries that were not used for so many seconds.
+        Remove entries that were not used for this time, seconds.
     max_bytes
-        Then remove the least recently used entries until the rest takes at most so many bytes.
+        Then remove the least recently used entries until the rest takes at most this size.
     dry
         Remove nothing, and return what would be removed.
     """
@@ -164,9 +164,9 @@ def prune(
     begun = files.oldest_running(root)
     # The time of a use is kept to the hour.
     since = math.inf if begun is None else begun - files.USE_GRANULARITY_S
-    found = sorted(entries(root), key=lambda e: (e.used, e.path))
-    total = sum(e.size for e in found)
-    for entry in found:
+    by_use = sorted(entries(root), key=lambda e: (e.used, e.path))
+    total = sum(e.size for e in by_use)
+    for entry in by_use:
         # The last use may lie in the future: the clock was set back.
         old = older_than_s is not None and now - entry.used > older_than_s
         large = max_bytes is not None and total > max_bytes
@@ -218,13 +218,13 @@ def parse_size(text: str) -> int:
 
 
 def _quantity(text: str, pattern: re.Pattern[str], units: Mapping[str, int], what: str, allowed: str) -> float:
-    found = pattern.fullmatch(text.strip().lower())
-    if found is None:
+    match = pattern.fullmatch(text.strip().lower())
+    if match is None:
         allowed = f"a number with a unit, such as {allowed}"
         # 3 days, 3 hours or 3 seconds: a guess could empty the cache.
         problem = f"the {what} has no unit" if _NUMBER.fullmatch(text.strip()) else f"not a valid {what}"
         raise UsageError(problem, found=repr(text[:_SHOWN]), allowed=allowed, fix="nothing was removed")
-    return float(found["number"]) * units[found["unit"][0]]
+    return float(match["number"]) * units[match["unit"][0]]
 
 
 def _removed(entry: Entry) -> bool:
@@ -249,8 +249,8 @@ def _folders(folder: Path) -> Sequence[Path]:
 
 def _scanned(folder: Path) -> list[os.DirEntry[str]]:
     try:
-        with os.scandir(folder) as found:
-            return list(found)
+        with os.scandir(folder) as files_of:
+            return list(files_of)
     except FileNotFoundError:
         return []
     except OSError as error:

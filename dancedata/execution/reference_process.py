@@ -48,9 +48,9 @@ _START = (
 
 def expected() -> str:
     """Return the instructions that this machine's results are computed with, in any process: a part of their keys."""
-    here = arithmetic.here()
-    if here == arithmetic.REFERENCE or not arithmetic.is_chosen_by_user():
-        return here
+    current = arithmetic.here()
+    if current == arithmetic.REFERENCE or not arithmetic.is_chosen_by_user():
+        return current
     if arithmetic.has_reference() and arithmetic.can_choose():
         return arithmetic.REFERENCE
     return _process_of(os.getpid()).arithmetic
@@ -68,8 +68,8 @@ def compute(function: Callable[..., T], *args: Any) -> T:
     """
     if arithmetic.here() == expected():
         return function(*args)
-    found: T = _process_of(os.getpid()).call(function, args)
-    return found
+    result: T = _process_of(os.getpid()).call(function, args)
+    return result
 
 
 @lru_cache(maxsize=1)
@@ -103,15 +103,15 @@ class ReferenceProcess:
                     self._start()
                     self._receive()
                 self._pipe.send_bytes(message)
-                is_error, found = self._receive()
+                is_error, result = self._receive()
             except BaseException:
                 # Interrupted, or dead: its answer must not be returned by the next call.
                 self._process.kill()
                 self._process.wait()
                 raise
         if is_error:
-            raise found
-        return found
+            raise result
+        return result
 
     def _start(self) -> None:
         ours, theirs = Pipe()

@@ -32,7 +32,7 @@ BLIND_DEATHS = 3
 def start_workers(
     n: int, cache: Cache, source: Path, packages: set[str], *, backend: str = "loky", scheduler: str | None = None
 ) -> Iterator[Executor]:
-    """Give the executor of a build; a cluster is connected, and its workers are checked before their first unit.
+    """Yield the executor of a build; a cluster is connected, and its workers are checked before their first unit.
 
     Raises
     ------
@@ -83,7 +83,7 @@ def run_units(
     label
         Name of the stage, shown as its progress and in messages.
     known
-        Results that are known already, None for each that is not; only those are computed.
+        Results of earlier runs, None for each missing one; only these are computed.
     exact
         Compute with the instructions that results are promised for, see `arithmetic`; in another process if this
         one has loaded libraries that use others.

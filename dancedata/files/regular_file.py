@@ -1,4 +1,4 @@
-"""Opens untrusted paths only if they are regular files: opening a named pipe could block forever."""
+"""Untrusted paths, opened only if they are regular files: opening a named pipe could block forever."""
 
 from __future__ import annotations
 

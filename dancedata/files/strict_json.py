@@ -1,4 +1,4 @@
-"""Parses untrusted JSON within bounds; every failure is a ValueError."""
+"""Untrusted JSON, parsed within bounds; every failure is a ValueError."""
 
 from __future__ import annotations
 

@@ -107,7 +107,7 @@ def _sides(field: MotionField, columns: npt.NDArray[Any]) -> list[tuple[str, flo
     representation = field.representation
     if representation.decodes:
         motion = representation.decode(columns, field.grid)
-        return implausible_sides(motion.joints(), None if representation.fits else motion)
+        return implausible_sides(motion.joints(), None if representation.positions_only else motion)
     places = columns[:, representation.columns.slice("position")].reshape(len(columns), -1, 3)
     return implausible_sides(places.astype(np.float64))
 
@@ -125,7 +125,9 @@ def _field_with_body(store: Store) -> MotionField | None:
         and has_sides(own.representation.skeleton.joints)
         and (own.representation.decodes or "position" in own.representation.columns.names)
     ]
-    return min(fields, key=lambda own: 2 * own.representation.fits + (not own.representation.decodes), default=None)
+    return min(
+        fields, key=lambda own: 2 * own.representation.positions_only + (not own.representation.decodes), default=None
+    )
 
 
 def _is_ours(name: str) -> bool:
@@ -153,7 +155,7 @@ def scan_folder(path: Path, dataset: str | Dataset | None = None) -> tuple[Datas
         # dataset that its own reader refuses.
         if cls.generates:
             continue
-        if cls.generic:
+        if cls.explicit_only:
             failures.append(f"  - {name}: takes many layouts, so it is asked for by name: --dataset {name}")
             continue
         reader = cls()

@@ -117,7 +117,7 @@ def check_representation(cls: type[Any]) -> None:
     if mirror is not None:
         require(np.array_equal(mirror.apply(mirror.apply(array)), array), "mirroring twice gives back the columns")
     _check_spatial(made, motion, array)
-    if made.decodes and made.fits:
+    if made.decodes and made.positions_only:
         decoded = made.decode(array, FPS)
         require(decoded.n_frames == 40 and decoded.grid == FPS, "decode gives as many frames, at the rate asked for")
     elif made.decodes:

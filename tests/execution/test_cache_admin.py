@@ -54,7 +54,7 @@ def own(tmp_path: Path) -> Cache:
 
 
 def left(cache: Cache) -> list[int]:
-    return [number for number in range(1, 10) if cache.holds("features", key(number))]
+    return [number for number in range(1, 10) if cache.contains("features", key(number))]
 
 
 def test_info_sums_by_stage(own: Cache):

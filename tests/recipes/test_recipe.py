@@ -129,7 +129,7 @@ def test_a_rate_that_a_feature_cannot_do_is_said_before_any_work():
 def test_a_key_that_is_there_twice_is_an_error(tmp_path: Path):
     path = tmp_path / "twice.yaml"
     path.write_text("recipe: 1\nname: one\nname: two\n")
-    with pytest.raises(RecipeError, match="the key 'name' is there twice"):
+    with pytest.raises(RecipeError, match="duplicate key 'name'"):
         load_recipe(path)
 
 

@@ -1,4 +1,4 @@
-"""What an engine that runs units of work has to provide."""
+"""Base of the engines that run units of work, and the engine without worker processes."""
 
 from __future__ import annotations
 
@@ -34,19 +34,19 @@ class WorkerDiedError(Exception):
 
 @dataclass(frozen=True)
 class Executor(ABC):
-    """Runs units of work.
+    """Engine that runs units of work.
 
     Attributes
     ----------
     n
-        Number of worker processes; on a Dask cluster the cluster has its own.
+        Number of worker processes; a Dask cluster has others.
     """
 
     n: int = 1
 
     @abstractmethod
     def run(self, function: Callable[..., Any], calls: Mapping[int, Call], label: str, on_result: OnResult) -> None:
-        """Compute function(*call) for every call, and pass each result on as soon as it is there, in any order.
+        """Compute function(*call) for every call, and pass each result on as soon as it is complete, in any order.
 
         Parameters
         ----------
@@ -64,7 +64,7 @@ class Executor(ABC):
         """
 
     def for_calls(self, n_calls: int) -> Executor:
-        """Return the executor to use for so many calls."""
+        """Return the executor to use for this number of calls."""
         return self
 
 
@@ -87,7 +87,7 @@ def unit_name(call: Call) -> str:
 
 @dataclass(frozen=True)
 class InlineExecutor(Executor):
-    """No worker processes: for one job, and where there is one unit to compute."""
+    """No worker processes: for one job, and for a single unit."""
 
     def run(self, function: Callable[..., Any], calls: Mapping[int, Call], label: str, on_result: OnResult) -> None:
         """See `Executor.run`. Where this process dies, another one prints which unit it was running."""
