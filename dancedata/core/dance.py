@@ -154,7 +154,6 @@ class Dance:
     music: MusicBeats | None = None
 
     def __post_init__(self) -> None:
-        """Check the joints."""
         joints = checked_joints(self.joints).view()
         joints.setflags(write=False)
         object.__setattr__(self, "joints", joints)
@@ -170,6 +169,5 @@ class Dance:
         return float(self.grid.rate)
 
     def __repr__(self) -> str:
-        """Show the size."""
         beats = "no music" if self.music is None else f"{len(self.music.frames)} beats of music"
         return f"Dance({self.n_frames} frames at {self.grid} per second, {self.joints.shape[1]} joints, {beats})"

@@ -58,7 +58,6 @@ class DanceDataError(Exception):
         self.fix = fix
 
     def __str__(self) -> str:
-        """Join the parts into one text; characters that do not print become backslash sequences."""
         text = self._part(self.problem, _MAX_PART, lines=True)
         if self.where is not None:
             text = f"{shown(self.where, _MAX_WHERE)}: {text}"
@@ -82,7 +81,6 @@ class DanceDataError(Exception):
         return printable(value if len(value) <= limit else f"{value[:limit]}...", lines=lines)
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Pickle all parts, so that errors can be returned from worker processes."""
         return _rebuild, (type(self), self.problem, dict(self.__dict__))
 
 

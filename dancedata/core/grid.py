@@ -186,11 +186,9 @@ class FrameGrid:
         return self.rows_down(n_frames - 1, of=target) + 1 if n_frames > 0 else 0
 
     def __repr__(self) -> str:
-        """Show what makes an equal grid: FrameGrid.of(30) or FrameGrid.of('30000/1001')."""
         return f"FrameGrid.of({self.rate.numerator if self.rate.denominator == 1 else str(self.rate)!r})"
 
     def __str__(self) -> str:
-        """Show the rate: 30 or 30000/1001."""
         return str(self.rate)
 
 
@@ -208,7 +206,6 @@ class WindowGrid:
     stride: int
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
         if self.length < 1 or self.stride < 1:
             raise UsageError(
                 "windows need a length and a stride of at least one frame",

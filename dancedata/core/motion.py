@@ -150,7 +150,6 @@ class Motion:
     _poses: tuple[_Poses, slice] | None = field(default=None, init=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Check and freeze the arrays."""
         translation = np.array(self.translation, dtype=np.float64)
         rotations = np.array(self.rotations, dtype=np.float64)
         joints = self.skeleton.n_joints
@@ -187,7 +186,6 @@ class Motion:
         return len(self.rotations)
 
     def __repr__(self) -> str:
-        """Show length, rate and skeleton, without the arrays."""
         length = f"{self.n_frames} frames at {self.grid} FPS, {float(self.grid.seconds(self.n_frames)):.2f} s"
         trimmed = f", trim_start {self.trim_start}" if self.trim_start else ""
         return f"Motion({length}, skeleton {self.skeleton.name}{trimmed})"

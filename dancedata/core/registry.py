@@ -111,7 +111,6 @@ class Registry(Generic[P]):
         return tuple(sorted(self._classes))
 
     def __contains__(self, name: object) -> bool:
-        """Return whether a plug-in has this name."""
         return self._find(name) is not None
 
     def get(self, name: str, also: Iterable[str] = ()) -> type[P]:

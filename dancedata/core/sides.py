@@ -15,8 +15,6 @@ from dancedata.core.motion import Motion
 from dancedata.core.rotations import Float64Array, matrix_from_rotvec
 from dancedata.core.skeleton import SMPL24
 
-__all__ = ["MIN_ELBOWS", "MIN_STANCE", "Sides", "has_sides", "sampled", "sides_of", "wrong_up"]
-
 #: Most frames that are inspected.
 _FRAMES = 600
 #: Sine of the bend of a knee or an elbow that counts, 15 degrees; least share of the frames in which it is bent.
@@ -80,7 +78,6 @@ class Sides:
         return self.chest < _CERTAIN or self.legs < _CERTAIN
 
     def __str__(self) -> str:
-        """Show the cosines for which there is evidence."""
         named = {"toes": self.toes, "knees": self.knees, "shoulders": self.chest}
         return ", ".join(f"{name} {value:+.2f}" for name, value in named.items() if value == value)
 

@@ -14,21 +14,6 @@ from numbers import Integral, Real
 from typing import Any
 from unicodedata import category
 
-__all__ = [
-    "MAX_SHOWN",
-    "counted",
-    "csv_cell",
-    "csv_text",
-    "is_unicode",
-    "json_text",
-    "listed",
-    "printable",
-    "quoted",
-    "shown",
-    "size_text",
-    "table",
-]
-
 #: Most characters of a value in a message.
 MAX_SHOWN = 200
 #: Most names of a list in a message, and characters of each: the longest file name.

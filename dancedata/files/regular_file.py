@@ -9,8 +9,6 @@ import stat
 from io import BufferedReader
 from pathlib import Path
 
-__all__ = ["NotRegularError", "open_regular", "read_regular", "sha256_file"]
-
 _KINDS = {
     stat.S_IFIFO: "a named pipe",
     stat.S_IFSOCK: "a socket",

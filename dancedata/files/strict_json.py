@@ -10,8 +10,6 @@ from typing import Any, NoReturn
 
 from dancedata.files.regular_file import read_regular
 
-__all__ = ["MAX_DEPTH", "parse_json", "read_json"]
-
 #: Far more than the nesting of any document of dancedata. Recursive code would exhaust the stack on deeper ones.
 MAX_DEPTH = 64
 

@@ -20,8 +20,7 @@ from dancedata.execution.progress import Progress
 from dancedata.execution.reference_process import named_if_it_crashes
 from dancedata.execution.units import run_units
 from dancedata.files.atomic import PREFIX
-from dancedata.pipeline.implausible import implausible_problems
-from dancedata.pipeline.rejects import NOTED, reject_of
+from dancedata.pipeline.rejects import NOTED, implausible_problems, reject_of
 from dancedata.recipes.fields import MotionField
 from dancedata.recipes.parse import parse_recipe
 from dancedata.store import Problem, Store, open_store, verify_store, windows_by_clip
@@ -125,9 +124,7 @@ def _field_with_body(store: Store) -> MotionField | None:
         and has_sides(own.representation.skeleton.joints)
         and (own.representation.decodes or "position" in own.representation.columns.names)
     ]
-    return min(
-        fields, key=lambda own: 2 * own.representation.positions_only + (not own.representation.decodes), default=None
-    )
+    return min(fields, key=lambda f: (f.representation.positions_only, not f.representation.decodes), default=None)
 
 
 def _is_ours(name: str) -> bool:

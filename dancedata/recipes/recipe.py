@@ -34,7 +34,6 @@ class Recipe:
     shard_mb: int
 
     def __repr__(self) -> str:
-        """Show name, dataset, rate and fields; `document` has every key."""
         fields = ", ".join(field.name for field in self.fields)
         summary = f"dataset {self.dataset.name}, {self.grid} FPS, {self.scope} scope, fields: {fields}"
         return f"Recipe({self.name!r}, {summary})"
