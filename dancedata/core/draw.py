@@ -1,7 +1,5 @@
 """Random numbers as a pure function of a key, the same in every process."""
 
-from __future__ import annotations
-
 import math
 from typing import Self
 

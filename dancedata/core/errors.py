@@ -1,7 +1,5 @@
 """The errors of dancedata. Each has a place, the found and the allowed values, and a fix."""
 
-from __future__ import annotations
-
 import difflib
 import re
 from collections.abc import Iterable

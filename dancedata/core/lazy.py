@@ -1,7 +1,5 @@
 """Names of a package that are loaded when they are first used, so that importing the package stays light."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Collection, Mapping
 from importlib import import_module

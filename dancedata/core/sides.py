@@ -3,8 +3,6 @@
 The numbers beside the limits are medians of whole clips of real dances (AIST++ with breakdance, three BVH captures).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Columns and motions of a dancer who is turned about a vertical axis, or shifted over the floor."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace

@@ -3,8 +3,6 @@
 Every string of a file, and every file name, in a message, a note or a table goes through this module.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -13,8 +13,6 @@ Where this choice does not exist (no AVX2, another architecture, another BLAS), 
 their keys contain a description of it, so that they are never mixed. docs/decisions/0023 has the measurements.
 """
 
-from __future__ import annotations
-
 import os
 import platform
 import sys

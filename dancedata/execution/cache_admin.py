@@ -1,7 +1,5 @@
 """Listing, pruning and verification of the entries of a cache."""
 
-from __future__ import annotations
-
 import math
 import os
 import re

@@ -5,8 +5,6 @@ Every writer holds a lock (see `files.locks`) on its temporary file, and on a fi
 folder.
 """
 
-from __future__ import annotations
-
 import errno
 import fcntl
 import io

@@ -1,7 +1,5 @@
 """Progress of a command: a bar on a terminal and in a notebook, lines of text elsewhere."""
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Callable, Iterator

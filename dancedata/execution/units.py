@@ -3,8 +3,6 @@
 A unit is a call of a function with small arguments that leaves its arrays in the cache.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial

@@ -4,8 +4,6 @@ So a file that no process has locked is a leftover of a killed one, on every mac
 clocks or process numbers.
 """
 
-from __future__ import annotations
-
 import errno
 import fcntl
 import os

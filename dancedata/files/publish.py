@@ -16,8 +16,6 @@ A process may be killed at any moment: the next one calls `recover` and `tidy`, 
 names that a `Layout` allows are removed, in folders that are proved to be dancedata's.
 """
 
-from __future__ import annotations
-
 import logging
 import os
 import re

@@ -1,7 +1,5 @@
 """Untrusted paths, opened only if they are regular files: opening a named pipe could block forever."""
 
-from __future__ import annotations
-
 import errno
 import hashlib
 import os

@@ -1,7 +1,5 @@
 """Untrusted JSON, parsed within bounds; every failure is a ValueError."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Copies of train clips in a recipe: their augmentation and name."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from fractions import Fraction

@@ -1,7 +1,5 @@
 """The parameters of plug-ins as JSON: for recipes, keys of the cache and dataset.json."""
 
-from __future__ import annotations
-
 import dataclasses
 from functools import lru_cache
 from typing import Any

@@ -1,7 +1,5 @@
 """The fields of a dataset: made once from the recipe, used by all later stages."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal

@@ -1,7 +1,5 @@
 """Recipes: YAML that names one plug-in for each slot, with its parameters."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress

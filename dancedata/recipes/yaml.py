@@ -1,7 +1,5 @@
 """YAML without surprises: plain data only, and no key twice."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

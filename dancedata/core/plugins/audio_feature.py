@@ -1,7 +1,5 @@
 """AudioFeature: the base class of features of music."""
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections.abc import Callable
 from pathlib import Path

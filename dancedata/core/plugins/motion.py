@@ -1,7 +1,5 @@
 """Plug-ins on motion: datasets, contact rules, representations, key motion finders, window filters."""
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections.abc import Mapping
 from fractions import Fraction

@@ -1,7 +1,5 @@
 """The base of all plug-ins."""
 
-from __future__ import annotations
-
 from abc import ABC
 from typing import Any, ClassVar
 

@@ -5,8 +5,6 @@ loky and not multiprocessing or concurrent.futures: its workers do not import th
 stages of a build.
 """
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 from collections.abc import Callable, Mapping
