@@ -23,9 +23,9 @@ from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid, Number
 from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
+from dancedata.execution.arithmetic import as_in_builds
 from dancedata.execution.cache import Cache, CachedArray, default_cache, with_lost_entries
 from dancedata.execution.progress import Progress
-from dancedata.execution.threads import as_in_builds
 from dancedata.pipeline.audio import (
     FeatureKeys,
     SignalId,

@@ -10,14 +10,14 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.audio_signal import AudioSignal
-from dancedata.core.errors import UsageError
+from dancedata.core.errors import RecipeError, UsageError
 from dancedata.core.grid import FrameGrid, Number
 from dancedata.core.motion import Motion
 from dancedata.core.registry import CONTACTS, FEATURES, REPRESENTATIONS
 from dancedata.core.text import shown
-from dancedata.execution.threads import as_in_builds
+from dancedata.execution.arithmetic import as_in_builds
 from dancedata.files.regular_file import sha256_file
-from dancedata.recipes.plugins import make_named, one_of, raise_problems
+from dancedata.recipes.plugins import make_named, one_of
 
 
 def extract(
@@ -113,7 +113,8 @@ def encode(
     plugin = make_named(REPRESENTATIONS, "motion", representation, parameters)
     rule = contacts if contacts is not None else plugin.default_contacts
     problems: list[str] = []
-    contact_rule = None if rule is None else one_of(CONTACTS, "contacts", rule, problems)
-    raise_problems(problems)
-    array: npt.NDArray[np.float32] = plugin.encode(motion, contact_rule)
+    made = None if rule is None else one_of(CONTACTS, "contacts", rule, problems)
+    if problems:
+        raise RecipeError("; ".join(problems))
+    array: npt.NDArray[np.float32] = plugin.encode(motion, made)
     return array

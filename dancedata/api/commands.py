@@ -254,7 +254,8 @@ class _Asked:
             return cls(parsed, target.parent / f"{target.name}-source", target)
         raise UsageError(
             f"the dataset {parsed.dataset.name} needs a source",
-            fix=f"name the folder with its files: dancedata build {parsed.name} --source DIR, or source=DIR in Python",
+            fix=f"name the folder with its files: dancedata build {parsed.name} --source DIR, "
+            "or source=DIR in Python",
         )
 
 

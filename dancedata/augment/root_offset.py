@@ -61,7 +61,7 @@ class RootOffset(CopyAugmentation, SampleAugmentation):
         spatial = spatial_of(field)
         if spatial is None:
             return low, high
-        return spatial.cover(low, high, field.columns, turns=False, shift_m=self.max_m)
+        return spatial.scaler_bounds(low, high, field.columns, turns=False, shift_m=self.max_m)
 
     def _shift(self, draw: Draw) -> Placement:
         radius, angle = self.max_m * math.sqrt(draw.uniform()), draw.uniform(0.0, 2 * math.pi)

@@ -63,7 +63,7 @@ class Yaw(CopyAugmentation, SampleAugmentation):
         spatial = spatial_of(field)
         if spatial is None or not self.max_degrees:
             return low, high
-        return spatial.cover(low, high, field.columns, turns=True, shift_m=0.0)
+        return spatial.scaler_bounds(low, high, field.columns, turns=True, shift_m=0.0)
 
     def _turn(self, draw: Draw) -> Placement:
         limit = math.radians(self.max_degrees)

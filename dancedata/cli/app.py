@@ -356,7 +356,8 @@ def doctor(as_json: AsJson = False) -> None:
 @_errors_to_exit_codes
 def cache_info(cache: CacheFolder = None, as_json: AsJson = False) -> None:
     """Show how much the cache holds, by stage."""
-    from dancedata.execution.cache_admin import cache_json, describe_cache
+    from dancedata.cli.cache_text import describe_cache
+    from dancedata.execution.cache_admin import cache_json
 
     info = cache_json(_cache_root(cache))
     if as_json:
@@ -375,6 +376,7 @@ def cache_prune(
     as_json: AsJson = False,
 ) -> None:
     """Remove entries by age and size, those used longest ago first."""
+    from dancedata.cli.cache_text import describe_pruned
     from dancedata.execution.cache_admin import parse_age, parse_size, prune
 
     age = None if older_than is None else parse_age(older_than)
@@ -383,7 +385,7 @@ def cache_prune(
     if as_json:
         _print_json(result.to_json())
     else:
-        typer.echo(result.describe(dry_run))
+        typer.echo(describe_pruned(result, dry=dry_run))
 
 
 @caches.command("verify")

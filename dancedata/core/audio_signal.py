@@ -35,7 +35,6 @@ class AudioSignal:
     sample_rate: int
 
     def __post_init__(self) -> None:
-        """Check and freeze the samples."""
         samples = np.array(self.samples, dtype=np.float32)
         if samples.ndim != 1:
             raise UsageError("an AudioSignal must be mono", found=f"shape {samples.shape}", allowed="(n,)")
@@ -52,7 +51,6 @@ class AudioSignal:
         object.__setattr__(self, "samples", samples)
 
     def __repr__(self) -> str:
-        """Show length and rate, without the samples."""
         seconds = self.n_samples / self.sample_rate
         return f"AudioSignal({self.n_samples} samples at {self.sample_rate} Hz, {seconds:.2f} s)"
 

@@ -1,7 +1,5 @@
 """SMPL-X's skeleton and its subsets, and transfer of motion between the skeletons of the SMPL family."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 import numpy as np

@@ -101,7 +101,7 @@ class Reject:
     music
         The missing song, if one is missing; several clips can share it.
     fix
-        What to do about it, if known.
+        Remedy, if known.
     """
 
     reason: str
@@ -114,7 +114,6 @@ class Reject:
     fix: str = ""
 
     def __post_init__(self) -> None:
-        """Make the texts safe to print and store."""
         for name, limit in _LIMITS.items():
             object.__setattr__(self, name, shown(getattr(self, name), limit))
 
@@ -158,10 +157,8 @@ class Scan:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Make the notes safe to print and store."""
         object.__setattr__(self, "notes", tuple(shown(note, _MAX_DETAIL) for note in self.notes))
 
     def __repr__(self) -> str:
-        """Show the numbers of clips, rejects and notes."""
         counts = f"{len(self.clips)} clips, {len(self.rejects)} rejects, {len(self.notes)} notes"
         return f"Scan(layout={self.layout!r}, {counts})"

@@ -23,7 +23,6 @@ class Mirror:
     signs: tuple[int, ...]
 
     def __repr__(self) -> str:
-        """Show the numbers of swapped and of negated columns."""
         moved = sum(k != j for j, k in enumerate(self.permutation))
         return f"Mirror({len(self.permutation)} columns, {moved} swapped, {self.signs.count(-1)} negated)"
 
@@ -60,11 +59,9 @@ class Group:
     parts: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
-        """Show name, width and unit."""
         return f"Group({self.name!r}, width={self.width}, unit={self.unit!r})"
 
     def __post_init__(self) -> None:
-        """Check that the number of names equals the width."""
         if self.width < 1 or (self.parts and len(self.parts) != self.width):
             raise UsageError(
                 f"column group {self.name!r}: width and number of names differ",
@@ -80,7 +77,6 @@ class Columns:
     mirror: Mirror | None = None
 
     def __post_init__(self) -> None:
-        """Check that the mirror is a signed permutation of these columns, and its own inverse."""
         if self.mirror is None:
             return
         order, signs = self.mirror.permutation, self.mirror.signs
@@ -91,7 +87,6 @@ class Columns:
             raise UsageError("mirroring twice must restore the columns")
 
     def __repr__(self) -> str:
-        """Show the groups with their widths."""
         groups = ", ".join(f"{g.name} {g.width}" for g in self.groups)
         return f"Columns({self.width}: {groups}{'; has a mirror image' if self.mirror is not None else ''})"
 

@@ -1,4 +1,4 @@
-"""What metrics measure: joint positions at an exact rate, beats of music, and outcomes that are not numbers."""
+"""Input of metrics: joint positions at an exact rate, beats of music, and outcomes that are not numbers."""
 
 from __future__ import annotations
 
@@ -77,8 +77,8 @@ def peak_offsets(curve: npt.ArrayLike, at: IntArray) -> Float64Array:
     It is that of the parabola through the index and its two neighbours; 0 at the ends, and where it has no peak.
     """
     values = np.asarray(curve, dtype=np.float64)
-    before, here, after = (values[(at + k).clip(0, len(values) - 1)] for k in (-1, 0, 1))
-    bend = before - 2 * here + after
+    before, value, after = (values[(at + k).clip(0, len(values) - 1)] for k in (-1, 0, 1))
+    bend = before - 2 * value + after
     peaked = (at > 0) & (at < len(values) - 1) & (bend < 0)
     return np.where(peaked, (before - after) / np.where(peaked, 2 * bend, 1), 0).clip(-0.5, 0.5)
 
@@ -90,7 +90,7 @@ class MusicBeats:
     Attributes
     ----------
     frames
-        (B,) int64, ascending; those behind the end of the clip may be among them.
+        (B,) int64, ascending; may include beats after the clip's end.
     grid
         Rate of these frames.
     instants
@@ -154,7 +154,6 @@ class Dance:
     music: MusicBeats | None = None
 
     def __post_init__(self) -> None:
-        """Check the joints."""
         joints = checked_joints(self.joints).view()
         joints.setflags(write=False)
         object.__setattr__(self, "joints", joints)
@@ -170,6 +169,5 @@ class Dance:
         return float(self.grid.rate)
 
     def __repr__(self) -> str:
-        """Show the size."""
         beats = "no music" if self.music is None else f"{len(self.music.frames)} beats of music"
         return f"Dance({self.n_frames} frames at {self.grid} per second, {self.joints.shape[1]} joints, {beats})"

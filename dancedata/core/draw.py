@@ -1,7 +1,5 @@
 """Random numbers as a pure function of a key, the same in every process."""
 
-from __future__ import annotations
-
 import math
 from typing import Self
 
@@ -14,7 +12,7 @@ from dancedata.core.rotations import Float64Array
 class Draw:
     """Random numbers of one decision, such as the angle by which one sample is turned.
 
-    Equal keys give equal numbers, in the order in which they are asked for. They come from raw bits of numpy's Philox
+    Equal keys give equal numbers, in the order of the calls. They come from raw bits of numpy's Philox
     stream: numpy guarantees bit streams across versions, not the algorithms of its Generator.
 
     Parameters
@@ -38,7 +36,7 @@ class Draw:
         return low + (high - low) * float(self._uniform(1)[0])
 
     def below(self, n: int) -> int:
-        """Return a whole number in [0, n); UsageError if there is none."""
+        """Return a whole number in [0, n); UsageError if n is below 1."""
         if n < 1:
             raise UsageError("there is nothing to draw from", found=n, allowed="1 or more")
         return int(self._stream.random_raw()) % n

@@ -1,7 +1,5 @@
 """The errors of dancedata. Each has a place, the found and the allowed values, and a fix."""
 
-from __future__ import annotations
-
 import difflib
 import re
 from collections.abc import Iterable
@@ -18,7 +16,7 @@ _COMMANDS = {"dancedata", "ffmpeg", "mv", "pip"}
 _LISTED = 60
 #: Most characters of a name that are compared, and least of a part: shorter ones are too frequent to count.
 _LONGEST, _MIN_PART = 100, 3
-# Letters and digits are parts of their own: "edge" of "edge151".
+# Letters and digits are separate parts: "edge" of "edge151".
 _PARTS = re.compile(r"[^\W\d_]+|\d+")
 
 
@@ -58,7 +56,6 @@ class DanceDataError(Exception):
         self.fix = fix
 
     def __str__(self) -> str:
-        """Join the parts into one text; characters that do not print become backslash sequences."""
         text = self._part(self.problem, _MAX_PART, lines=True)
         if self.where is not None:
             text = f"{shown(self.where, _MAX_WHERE)}: {text}"
@@ -82,7 +79,6 @@ class DanceDataError(Exception):
         return printable(value if len(value) <= limit else f"{value[:limit]}...", lines=lines)
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Pickle all parts, so that errors can be returned from worker processes."""
         return _rebuild, (type(self), self.problem, dict(self.__dict__))
 
 

@@ -121,43 +121,43 @@ class FrameGrid:
         UsageError
             If it is not a whole number of rows.
         """
-        here, there = self.common_period(of)
-        rows, rest = divmod(int(frames) * there, here)
+        period, other_period = self.common_period(of)
+        rows, rest = divmod(int(frames) * other_period, period)
         if rest:
             raise UsageError(
                 f"{what or 'a number of frames'} is not a whole number of rows",
                 found=f"{frames} frames at {self} per second, rows at {of} per second",
-                allowed=f"multiples of {here} frames",
+                allowed=f"multiples of {period} frames",
             )
         return rows
 
     def is_whole(self, frames: int, *, of: FrameGrid) -> bool:
         """Whether `frames` frames are a whole number of rows of the grid `of`."""
-        here, there = self.common_period(of)
-        return frames * there % here == 0
+        period, other_period = self.common_period(of)
+        return frames * other_period % period == 0
 
     def rows_down(self, frames: int, *, of: FrameGrid) -> int:
         """Return how many rows of the grid `of` end within `frames` frames: rounded down."""
-        here, there = self.common_period(of)
-        return int(frames) * there // here
+        period, other_period = self.common_period(of)
+        return int(frames) * other_period // period
 
     def rows_up(self, frames: int, *, of: FrameGrid) -> int:
         """Return how many rows of the grid `of` begin within `frames` frames: rounded up.
 
         It is also the first row that does not lie before frame `frames`.
         """
-        here, there = self.common_period(of)
-        return -(-int(frames) * there // here)
+        period, other_period = self.common_period(of)
+        return -(-int(frames) * other_period // period)
 
     def rows_of_all(self, frames: IntArray, *, of: FrameGrid) -> tuple[IntArray, BoolArray]:
         """Return `rows_down` and `is_whole` of many numbers of frames, (N,) int64 each."""
-        here, there = self.common_period(of)
-        return frames * there // here, frames * there % here == 0
+        period, other_period = self.common_period(of)
+        return frames * other_period // period, frames * other_period % period == 0
 
     def nearest_rows(self, frames: IntArray, *, of: FrameGrid) -> IntArray:
         """Return the row of the grid `of` nearest to each of many frames, (N,) int64; the later of two."""
-        here, there = self.common_period(of)
-        return (2 * frames * there + here) // (2 * here)
+        period, other_period = self.common_period(of)
+        return (2 * frames * other_period + period) // (2 * period)
 
     def common_period(self, of: FrameGrid) -> tuple[int, int]:
         """Return the least number of frames of this grid, and of rows of the other, that take equally long."""
@@ -175,8 +175,8 @@ class FrameGrid:
 
     def step_to(self, target: FrameGrid) -> int | None:
         """Return the step that decimates this grid to `target`, or None if the ratio is not whole."""
-        here, there = self.common_period(target)
-        return here if there == 1 else None
+        period, other_period = self.common_period(target)
+        return period if other_period == 1 else None
 
     def resampled_length(self, n_frames: int, target: FrameGrid) -> int:
         """Return how many frames of `target` lie within the span of `n_frames` frames, both ends included.
@@ -186,11 +186,9 @@ class FrameGrid:
         return self.rows_down(n_frames - 1, of=target) + 1 if n_frames > 0 else 0
 
     def __repr__(self) -> str:
-        """Show what makes an equal grid: FrameGrid.of(30) or FrameGrid.of('30000/1001')."""
         return f"FrameGrid.of({self.rate.numerator if self.rate.denominator == 1 else str(self.rate)!r})"
 
     def __str__(self) -> str:
-        """Show the rate: 30 or 30000/1001."""
         return str(self.rate)
 
 
@@ -208,7 +206,6 @@ class WindowGrid:
     stride: int
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
         if self.length < 1 or self.stride < 1:
             raise UsageError(
                 "windows need a length and a stride of at least one frame",

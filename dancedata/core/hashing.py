@@ -1,7 +1,5 @@
 """Hashes of bytes and JSON."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from typing import Any

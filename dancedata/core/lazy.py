@@ -1,7 +1,5 @@
 """Names of a package that are loaded when they are first used, so that importing the package stays light."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Collection, Mapping
 from importlib import import_module
@@ -20,7 +18,7 @@ def lazy_names(
     package
         Its ``__name__``.
     homes
-        Name -> module that has it, or "module:name" where it is called otherwise there.
+        Name -> module that has it, or "module:name" if its name differs.
     modules
         Names of subpackages and modules.
     extra, instead
@@ -44,7 +42,7 @@ def lazy_names(
             raise
 
     def names() -> list[str]:
-        own = vars(sys.modules[package])
-        return sorted(own.get("__all__", {*own, *homes, *modules}))
+        loaded = vars(sys.modules[package])
+        return sorted(loaded.get("__all__", {*loaded, *homes, *modules}))
 
     return get, names

@@ -54,9 +54,9 @@ def posed_bones(skeleton: Skeleton, world: Float64Array) -> Float64Array:
     parents = list(skeleton.parents[1:])
     bones = np.empty((len(parents), len(world), 3), dtype=np.float64)
     for begin in range(0, len(world), _FRAMES):
-        some = slice(begin, begin + _FRAMES)
+        frames = slice(begin, begin + _FRAMES)
         # For matrices this small `@` takes four times as long.
-        np.einsum("tjab,jb->jta", world[some, parents], skeleton.offsets[1:], out=bones[:, some])
+        np.einsum("tjab,jb->jta", world[frames, parents], skeleton.offsets[1:], out=bones[:, frames])
     return bones
 
 
@@ -96,17 +96,17 @@ class _Poses:
         return cls(whole, local, world)
 
     def joints(self, skeleton: Skeleton) -> Float64Array:
-        for own, places in self.places:
-            if own is skeleton:
+        for posed, places in self.places:
+            if posed is skeleton:
                 return places
         places = placed(skeleton, self._bones(skeleton), self.whole.translation)
         self.places.append((skeleton, places))
         return places
 
     def _bones(self, skeleton: Skeleton) -> Float64Array:
-        for own, bones in self.bones:
+        for posed, bones in self.bones:
             # Skeletons often differ in nothing but the root.
-            if own.parents == skeleton.parents and np.array_equal(own.offsets[1:], skeleton.offsets[1:]):
+            if posed.parents == skeleton.parents and np.array_equal(posed.offsets[1:], skeleton.offsets[1:]):
                 return bones
         bones = posed_bones(skeleton, self.world)
         self.bones.append((skeleton, bones))
@@ -150,7 +150,6 @@ class Motion:
     _poses: tuple[_Poses, slice] | None = field(default=None, init=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Check and freeze the arrays."""
         translation = np.array(self.translation, dtype=np.float64)
         rotations = np.array(self.rotations, dtype=np.float64)
         joints = self.skeleton.n_joints
@@ -187,13 +186,12 @@ class Motion:
         return len(self.rotations)
 
     def __repr__(self) -> str:
-        """Show length, rate and skeleton, without the arrays."""
         length = f"{self.n_frames} frames at {self.grid} FPS, {float(self.grid.seconds(self.n_frames)):.2f} s"
         trimmed = f", trim_start {self.trim_start}" if self.trim_start else ""
         return f"Motion({length}, skeleton {self.skeleton.name}{trimmed})"
 
     def part(self, start: int, stop: int) -> Motion:
-        """Return frames start .. stop - 1. A part that ends before trim_start has none of its own."""
+        """Return frames start .. stop - 1. A part that ends before trim_start has a trim_start of 0."""
         trim = self.trim_start - start
         trim = trim if 0 < trim < min(stop, self.n_frames) - start else 0
         return self._frames(slice(start, stop), self.grid, trim)
@@ -202,8 +200,8 @@ class Motion:
         """Return a slice of the frames as views: they are checked, and read-only."""
         part = object.__new__(Motion)
         if self._poses is not None:
-            poses, own = self._poses
-            indices = range(poses.whole.n_frames)[own][frames]
+            poses, whole = self._poses
+            indices = range(poses.whole.n_frames)[whole][frames]
             part.__dict__["_poses"] = poses, slice(indices.start, indices.stop, indices.step)
         part.__dict__.update(
             translation=self.translation[frames],
@@ -236,8 +234,8 @@ class Motion:
         """Rotations (T, J, 3, 3) relative to the parents; read-only if they are cached."""
         if self._poses is None:
             return matrix_from_rotvec(self.rotations)
-        poses, own = self._poses
-        return poses.local[own]
+        poses, frames = self._poses
+        return poses.local[frames]
 
     def resampled(self, grid: FrameGrid) -> Motion:
         """Return the motion at another rate, from the same first frame.
@@ -253,9 +251,9 @@ class Motion:
             trim = min(self.grid.rows_up(self.trim_start, of=grid), (self.n_frames - 1) // step)
             return self._frames(slice(None, None, step), grid, trim)
         n = self.grid.resampled_length(self.n_frames, grid)
-        own, new = self.grid.common_period(grid)
+        period, new_period = self.grid.common_period(grid)
         # Multiplied before divided: in floating point k * (2 / 3) can fall below an integer frame.
-        frames = np.arange(n, dtype=np.float64) * own / new
+        frames = np.arange(n, dtype=np.float64) * period / new_period
         lower = np.minimum(frames.astype(np.int64), max(self.n_frames - 2, 0))
         upper = np.minimum(lower + 1, self.n_frames - 1)
         share = (frames - lower)[:, None]
@@ -274,8 +272,8 @@ class Motion:
         bones = skeleton or self.skeleton
         if self._poses is None:
             return joint_positions(bones, world_matrices(self.skeleton, self.matrices), self.translation)
-        poses, own = self._poses
-        return poses.joints(bones)[own].copy()
+        poses, frames = self._poses
+        return poses.joints(bones)[frames].copy()
 
 
 #: Toes with a smaller difference in height are both on the floor, metres (Lodge, `set_on_ground`).

@@ -35,7 +35,7 @@ class MissingPackageError(UsageError, ImportError):
 
 def version(name: str) -> str:
     """Return the version of an installed distribution; ModuleNotFoundError if it is not installed."""
-    # Here, as help and worker processes, which get their keys made, need no version: it imports a mail parser.
+    # Imported here, with a mail parser: help and worker processes need no version.
     import importlib.metadata
 
     return importlib.metadata.version(name)
@@ -71,7 +71,7 @@ def install(extra: str, required: Sequence[str] | None = None) -> str:
 
 
 def require(extra: str, modules: Sequence[str] = (), *, what: str = "", instead: str = "") -> None:
-    """Raise MissingPackageError unless packages of an extra are there; nothing is imported.
+    """Raise MissingPackageError unless packages of an extra are installed; import nothing.
 
     Parameters
     ----------

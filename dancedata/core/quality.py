@@ -1,7 +1,5 @@
 """Quality flags for suspicious motion. It is flagged, never repaired."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any

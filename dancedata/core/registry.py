@@ -29,9 +29,9 @@ from dancedata.core.plugins import (
 P = TypeVar("P", bound=Plugin)
 C = TypeVar("C", bound=type[Plugin])
 
-#: Threads that ask while one loads plug-ins wait for all of them. One lock for all kinds: no two wait for each other.
+#: Held while plug-ins are loaded. One lock for all kinds: no two threads wait for each other.
 _loading = threading.RLock()
-# A process that is forked meanwhile would wait for a thread that it does not have.
+# A process that is forked during that time would wait for a thread that it does not have.
 os.register_at_fork(before=_loading.acquire, after_in_parent=_loading.release, after_in_child=_loading.release)
 
 
@@ -75,11 +75,11 @@ class Registry(Generic[P]):
 
         def decorate(cls: C) -> C:
             checked = self._checked(name, cls)
-            known = self._classes.get(name)
-            if known is not None and (known.__module__, known.__qualname__) != (cls.__module__, cls.__qualname__):
+            old = self._classes.get(name, cls)
+            if (old.__module__, old.__qualname__) != (cls.__module__, cls.__qualname__):
                 raise UsageError(
                     f"two plug-ins are registered as the {self.kind} {name!r}",
-                    found=f"{known.__module__}.{known.__qualname__} and {cls.__module__}.{cls.__qualname__}",
+                    found=f"{old.__module__}.{old.__qualname__} and {cls.__module__}.{cls.__qualname__}",
                 )
             cls.name = name
             self._classes[name] = checked
@@ -111,15 +111,14 @@ class Registry(Generic[P]):
         return tuple(sorted(self._classes))
 
     def __contains__(self, name: object) -> bool:
-        """Tell whether a plug-in has this name."""
         return self._find(name) is not None
 
     def get(self, name: str, also: Iterable[str] = ()) -> type[P]:
         """Return a plug-in class; UsageError with the closest known name, or of `also`, see `did_you_mean`."""
-        found = self._find(name)
-        if found is None:
+        cls = self._find(name)
+        if cls is None:
             raise UsageError(f"unknown {self.kind} {name!r}", fix=did_you_mean(name, self.names(), also))
-        return found
+        return cls
 
     def split(self, name: str) -> tuple[str, str | None]:
         """Split PLUGIN.NAME at the longest registered name; the second is None without a name after it."""
@@ -176,7 +175,7 @@ class Registry(Generic[P]):
             try:
                 run()
             except BaseException:
-                self._begun.remove(step)  # the next one that asks gets the error too, not a part of the plug-ins
+                self._begun.remove(step)  # the next caller gets the error too, not a part of the plug-ins
                 raise
             self._done.add(step)
 
@@ -208,7 +207,7 @@ class Registry(Generic[P]):
 
 @lru_cache(maxsize=1)
 def _installed() -> Any:
-    # Here, as worker processes ask for no plug-in by name.
+    # Imported here: worker processes look up no plug-in by name.
     from importlib.metadata import entry_points
 
     # Of all groups at once: each question reads the metadata of all installed packages.

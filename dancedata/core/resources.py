@@ -1,7 +1,5 @@
 """Recipes and manifests that are part of the package."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from dancedata.core.errors import UsageError, did_you_mean

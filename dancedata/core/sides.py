@@ -1,9 +1,7 @@
-"""Left, right and up of a motion, judged by its anatomy: where toes point, how knees and elbows bend, what is floor.
+"""Left, right and up of a motion, judged by its anatomy: direction of toes, bends of knees and elbows, and the floor.
 
 The numbers beside the limits are medians of whole clips of real dances (AIST++ with breakdance, three BVH captures).
 """
-
-from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any
@@ -15,9 +13,7 @@ from dancedata.core.motion import Motion
 from dancedata.core.rotations import Float64Array, matrix_from_rotvec
 from dancedata.core.skeleton import SMPL24
 
-__all__ = ["MIN_ELBOWS", "MIN_STANCE", "Sides", "has_sides", "sampled", "sides_of", "wrong_up"]
-
-#: Frames that are looked at.
+#: Most frames that are inspected.
 _FRAMES = 600
 #: Sine of the bend of a knee or an elbow that counts, 15 degrees; least share of the frames in which it is bent.
 _BENT, _LEAST_BENT = 0.26, 0.2
@@ -40,7 +36,7 @@ _STEPS_M = 0.05
 
 @dataclass(frozen=True)
 class Sides:
-    """How the names of the sides agree with the anatomy; medians over frames, NaN without evidence.
+    """Agreement of the names of the sides with the anatomy; medians over frames, NaN without evidence.
 
     Attributes
     ----------
@@ -69,18 +65,17 @@ class Sides:
 
     @property
     def swapped(self) -> str:
-        """What contradicts the names: "sides" for the whole body, "legs" or "arms" alone; "" if nothing does."""
+        """Contradicted names: "sides" of the whole body, "legs" or "arms" alone; "" for none."""
         if self.chest < 0:
             return "legs" if self.legs < 0 else "arms"
         return "sides" if self.legs < 0 else ""
 
     @property
     def certain(self) -> bool:
-        """Whether all there is contradicts the names."""
+        """Whether all evidence contradicts the names."""
         return self.chest < _CERTAIN or self.legs < _CERTAIN
 
     def __str__(self) -> str:
-        """Show the cosines for which there is evidence."""
         named = {"toes": self.toes, "knees": self.knees, "shoulders": self.chest}
         return ", ".join(f"{name} {value:+.2f}" for name, value in named.items() if value == value)
 
@@ -132,14 +127,14 @@ def wrong_up(joints: Float64Array) -> tuple[Float64Array, bool] | None:
     axis = int(np.abs(mean).argmax())
     if len(places) < _LEAST_FRAMES or abs(mean[axis]) <= _ALONG or (axis == 1 and mean[1] > 0):
         return None
-    floor, other = _unrest(places[..., 1]), _unrest(places[..., axis] * np.sign(mean[axis]))
-    steadier = other < floor * (1 if axis == 1 else _STEADIER)
+    unrest_y, unrest = _unrest(places[..., 1]), _unrest(places[..., axis] * np.sign(mean[axis]))
+    steadier = unrest < unrest_y * (1 if axis == 1 else _STEADIER)
     steps = _middle_half(places[:, (7, 8)])[:, np.arange(3) != axis].max()
     return (mean, bool(abs(mean[axis]) > _CERTAINLY_ALONG)) if steadier and steps > _STEPS_M else None
 
 
 def sampled(frames: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Return the frames (T, ...) that are looked at: every n-th one, at most 600."""
+    """Return the frames (T, ...) to inspect: every n-th one, at most 600."""
     return frames[:: -(-len(frames) // _FRAMES)]
 
 

@@ -39,7 +39,6 @@ class Skeleton:
     feet: tuple[int, int, int, int]
 
     def __post_init__(self) -> None:
-        """Check the tree and freeze the offsets."""
         offsets = np.array(self.offsets, dtype=np.float64)
         n = len(self.joints)
         if len(self.parents) != n or offsets.shape != (n, 3):
@@ -65,7 +64,6 @@ class Skeleton:
         return len(self.joints)
 
     def __repr__(self) -> str:
-        """Show name and number of joints."""
         return f"Skeleton({self.name!r}, {self.n_joints} joints)"
 
     def index(self, joint: str) -> int:

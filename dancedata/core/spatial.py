@@ -1,6 +1,4 @@
-"""How columns and motions follow when a dancer is turned about a vertical axis, or shifted over the floor."""
-
-from __future__ import annotations
+"""Columns and motions of a dancer who is turned about a vertical axis, or shifted over the floor."""
 
 import math
 from collections.abc import Mapping
@@ -39,7 +37,7 @@ class Placement:
 
 @dataclass(frozen=True)
 class Spatial:
-    """How the columns of a representation follow a `Placement`: what each of their groups is.
+    """The roles of a representation's columns when a `Placement` moves the dancer.
 
     Attributes
     ----------
@@ -89,17 +87,18 @@ class Spatial:
         turn, shift = self._turn(by.turn_rad), self._shift(by)
         root = self._root(rows[:1], columns)
         for group in columns.groups:
-            role, own = self.roles[group.name], columns.slice(group.name)
+            role, indices = self.roles[group.name], columns.slice(group.name)
             if role == "root_rotation" and by.turn_rad:
                 width = 3 * _matrix_rows(columns, group.name)
-                out[:, own.start : own.start + width] = _turned_root(rows[:, own.start : own.start + width], turn)
+                indices = slice(indices.start, indices.start + width)
+                out[:, indices] = _turned_root(rows[:, indices], turn)
             elif role == "direction" and by.turn_rad:
-                out[:, own] = _triples(rows[:, own], turn, np.zeros(3), np.zeros(3))
+                out[:, indices] = _triples(rows[:, indices], turn, np.zeros(3), np.zeros(3))
             elif role == "place" and root is not None and (by.turn_rad or shift.any()):
-                out[:, own] = _triples(rows[:, own], turn, root, shift)
+                out[:, indices] = _triples(rows[:, indices], turn, root, shift)
         return out
 
-    def cover(
+    def scaler_bounds(
         self, low: Float64Array, high: Float64Array, columns: Columns, *, turns: bool, shift_m: float
     ) -> tuple[Float64Array, Float64Array]:
         """Return bounds (D,) that hold for moved rows, from bounds that hold for the rows.
@@ -113,22 +112,24 @@ class Spatial:
         """
         low, high = low.copy(), high.copy()
         floor = [0, 2] if self.up == "y" else [0, 1]
-        places = [own for g in columns.groups if self.roles[g.name] == "place" for own in _firsts(columns, g.name)]
+        places = [
+            first for g in columns.groups if self.roles[g.name] == "place" for first in _firsts(columns, g.name)
+        ]
         root = slice(places[0], places[0] + 3) if places else slice(0)
         root_low, root_high = low[root].copy(), high[root].copy()
         for first in places:
-            own = np.array(floor) + first
+            axes = np.array(floor) + first
             if turns:
-                apart = np.maximum(high[own] - root_low[floor], root_high[floor] - low[own])
+                apart = np.maximum(high[axes] - root_low[floor], root_high[floor] - low[axes])
                 radius = float(np.hypot(*apart))
-                low[own], high[own] = root_low[floor] - radius, root_high[floor] + radius
-            low[own], high[own] = low[own] - shift_m, high[own] + shift_m
+                low[axes], high[axes] = root_low[floor] - radius, root_high[floor] + radius
+            low[axes], high[axes] = low[axes] - shift_m, high[axes] + shift_m
         for group in (g.name for g in columns.groups if turns):
             if self.roles[group] == "direction":
                 for first in _firsts(columns, group):
-                    own = np.array(floor) + first
-                    length = float(np.hypot(*np.maximum(np.abs(low[own]), np.abs(high[own]))))
-                    low[own], high[own] = -length, length
+                    axes = np.array(floor) + first
+                    length = float(np.hypot(*np.maximum(np.abs(low[axes]), np.abs(high[axes]))))
+                    low[axes], high[axes] = -length, length
             if self.roles[group] == "root_rotation":
                 first, n_rows = columns.slice(group).start, _matrix_rows(columns, group)
                 for row in (axis for axis in floor if axis < n_rows):
@@ -181,17 +182,17 @@ def _triples(rows: Array, turn: Float64Array, root: Float64Array, shift: Float64
 
 def _turned_root(rows: Array, turn: Float64Array) -> Array:
     """Return the first two or three rows of matrices, (L, 6) or (L, 9), after a turn of the world."""
-    given = rows.reshape(len(rows), -1, 3).astype(np.float64)
-    first, second = given[:, 0], given[:, 1]
-    third = given[:, 2] if given.shape[1] == 3 else np.cross(first, second)
+    matrices = rows.reshape(len(rows), -1, 3).astype(np.float64)
+    first, second = matrices[:, 0], matrices[:, 1]
+    third = matrices[:, 2] if matrices.shape[1] == 3 else np.cross(first, second)
     turned = turn @ np.stack([first, second, third], axis=1)
-    return np.asarray(turned[:, : given.shape[1]].reshape(rows.shape), dtype=rows.dtype)
+    return np.asarray(turned[:, : matrices.shape[1]].reshape(rows.shape), dtype=rows.dtype)
 
 
 def _firsts(columns: Columns, group: str) -> range:
     """Return the first columns of a group's triples."""
-    own = columns.slice(group)
-    return range(own.start, own.stop, 3)
+    indices = columns.slice(group)
+    return range(indices.start, indices.stop, 3)
 
 
 def _matrix_rows(columns: Columns, group: str) -> int:

@@ -1,9 +1,7 @@
-"""Makes untrusted text safe to print: truncated, and without control characters of terminals.
+"""Untrusted text made safe to print: truncated, and without control characters of terminals.
 
 Every string of a file, and every file name, in a message, a note or a table goes through this module.
 """
-
-from __future__ import annotations
 
 import json
 import os
@@ -13,20 +11,6 @@ from fractions import Fraction
 from numbers import Integral, Real
 from typing import Any
 from unicodedata import category
-
-__all__ = [
-    "MAX_SHOWN",
-    "counted",
-    "csv_cell",
-    "csv_text",
-    "is_unicode",
-    "json_text",
-    "listed",
-    "printable",
-    "quoted",
-    "shown",
-    "table",
-]
 
 #: Most characters of a value in a message.
 MAX_SHOWN = 200
@@ -165,7 +149,7 @@ def json_text(obj: Any) -> str:
     text = json.dumps(obj, indent=1, ensure_ascii=False)
     if text.isascii() and "\x7f" not in text:
         return text
-    return _UNPRINTABLE.sub(lambda found: found[0] if _prints(found[0]) else json.dumps(found[0])[1:-1], text)
+    return _UNPRINTABLE.sub(lambda match: match[0] if _prints(match[0]) else json.dumps(match[0])[1:-1], text)
 
 
 #: Beginnings of cells that spreadsheets run as formulas, after the apostrophes that `csv_cell` writes.
@@ -185,6 +169,15 @@ def csv_text(cell: str) -> str:
 def counted(n: int, noun: str) -> str:
     """Return a number with its noun: "1 clip", "1,408 clips"."""
     return f"{n:,} {noun}{'' if n == 1 else 's'}"
+
+
+def size_text(n_bytes: float) -> str:
+    """Return a size in bytes as text with a decimal unit."""
+    for unit in ("B", "kB", "MB"):
+        if n_bytes < 1000:
+            return f"{n_bytes:.3g} {unit}"
+        n_bytes /= 1000
+    return f"{n_bytes:.4g} GB"
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> list[str]:

@@ -24,7 +24,7 @@ from dancedata.execution.cache import Cache, default_cache, package_version, wit
 from dancedata.execution.executors.base import Executor
 from dancedata.execution.executors.loky import LokyExecutor
 from dancedata.execution.progress import Progress
-from dancedata.execution.workers import check_backend, start_workers
+from dancedata.execution.units import check_backend, start_workers
 
 __all__ = ["evaluate", "pool_for", "report_of"]
 

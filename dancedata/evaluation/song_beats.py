@@ -154,7 +154,7 @@ def _tracks(cache: Cache, job: FeatureJob, songs: Sequence[_Song], *, jobs: Jobs
         exact=job.feature.exact,
     )  # fmt: skip
     beats = {
-        song: ClipMusic.of_rows(found, job)
+        song: ClipMusic.of_rows(np.asarray(found), job)
         for song, found in zip(songs, rows, strict=True)
         if not isinstance(found, Reject)
     }

@@ -1,1 +1,1 @@
-"""How work is run: units, executors, the cache, and the instructions that compute."""
+"""Units of work: executors, the cache, and the instructions that compute."""

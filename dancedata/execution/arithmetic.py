@@ -13,17 +13,18 @@ Where this choice does not exist (no AVX2, another architecture, another BLAS), 
 their keys contain a description of it, so that they are never mixed. docs/decisions/0023 has the measurements.
 """
 
-from __future__ import annotations
-
 import os
 import platform
 import sys
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
 from functools import lru_cache
 from pathlib import Path
+from typing import Any, TypeVar
 
 from dancedata.core.packages import version
+
+T = TypeVar("T")
 
 #: The instructions that results are computed with wherever possible, as named in keys and dataset.json.
 REFERENCE = "x86-64-v3"
@@ -60,7 +61,7 @@ def adopt() -> None:
 
 @contextmanager
 def adopted_by_children() -> Iterator[None]:
-    """Give processes that are started within the context the environment of `environment`."""
+    """Start processes within the context in the environment of `environment`."""
     before = {name: os.environ.get(name) for name in _changes()}
     _set(_changes())
     try:
@@ -91,7 +92,7 @@ def _set(values: Mapping[str, str | None]) -> None:
 
 @lru_cache(maxsize=1)
 def has_reference() -> bool:
-    """Tell whether this processor has the level x86-64-v3."""
+    """Return whether this processor has the level x86-64-v3."""
     cpuinfo = Path("/proc/cpuinfo")
     if platform.machine() not in ("x86_64", "AMD64") or not cpuinfo.is_file():
         return False
@@ -121,7 +122,7 @@ def _description(n_modules: int) -> str:
         has_reference()
         and blas == ["openblas Haswell"]
         and not any(_is_beyond_v3(used) for used, _ in numpy_code)
-        and not any(_is_left_out(used, there) for used, there in numpy_code)
+        and not any(_is_left_out(used, available) for used, available in numpy_code)
         and not _set_at_start()
     )
     if is_reference:
@@ -148,17 +149,17 @@ def _numpy_code() -> list[tuple[str, list[str]]]:
     from numpy.lib.introspect import opt_func_info
 
     # Such as "X86_V3" of "X86_V4 X86_V3 baseline(X86_V2)".
-    found: list[dict[str, str]] = [own for signatures in opt_func_info().values() for own in signatures.values()]
-    return [(own["current"], own["available"].split()) for own in found]
+    functions: list[dict[str, str]] = [code for codes in opt_func_info().values() for code in codes.values()]
+    return [(code["current"], code["available"].split()) for code in functions]
 
 
 def is_chosen_by_user() -> bool:
-    """Tell whether a process started with `environment` may use other instructions than this one."""
+    """Return whether a process started with `environment` may use other instructions than this one."""
     return has_reference() or bool(_set_at_start()) or any(x.split("=")[0] in _FOREIGN for x in _started_with())
 
 
 def can_choose() -> bool:
-    """Tell whether numpy's BLAS is known to have kernels for many processors: OpenBLAS, as wheels have it."""
+    """Return whether numpy's BLAS is known to have kernels for many processors: OpenBLAS, as wheels have it."""
     import numpy as np  # noqa: F401  (loads it)
     from threadpoolctl import threadpool_info
 
@@ -169,9 +170,9 @@ def _is_beyond_v3(features: str) -> bool:
     return "AVX512" in features or "V4" in features
 
 
-def _is_left_out(used: str, there: list[str]) -> bool:
-    """Tell whether code up to x86-64-v3 is available but code for less is used."""
-    best = next((features for features in there if not _is_beyond_v3(features)), used)
+def _is_left_out(used: str, available: list[str]) -> bool:
+    """Return whether code up to x86-64-v3 is available but code for less is used."""
+    best = next((features for features in available if not _is_beyond_v3(features)), used)
     return best.split("(")[0] != used.split("(")[0]
 
 
@@ -192,3 +193,43 @@ def _model_name() -> str:
     cpuinfo = Path("/proc/cpuinfo")
     lines = cpuinfo.read_text(encoding="utf-8", errors="replace").splitlines() if cpuinfo.is_file() else []
     return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), "unknown")
+
+
+def exactly(function: Callable[..., T], *args: Any) -> T:
+    """Return ``function(*args)`` as a build computes it: on one thread, with the instructions of `expected`.
+
+    Raises
+    ------
+    ReferenceProcessError
+        As for `reference_process.compute`.
+    """
+    # Imported here: exports, which `list` loads, seldom call this function.
+    from dancedata.execution.reference_process import compute
+
+    result: T = compute(on_one_thread, function, *args)
+    return result
+
+
+def as_in_builds(exact: bool) -> Callable[..., Any]:
+    """Return the wrapper in which builds run units: `exactly` or `on_one_thread`."""
+    return exactly if exact else on_one_thread
+
+
+def on_one_thread(function: Callable[..., T], *args: Any) -> T:
+    """Return ``function(*args)``, computed on one thread."""
+    with one_thread():
+        return function(*args)
+
+
+def one_thread() -> AbstractContextManager[Any]:
+    """Run BLAS and OpenMP on one thread within the context, so that the last digits do not depend on their number."""
+    # Modules load libraries: these are looked up again after imports, which takes a millisecond.
+    limits: AbstractContextManager[Any] = _thread_pools(len(sys.modules)).limit(limits=1)
+    return limits
+
+
+@lru_cache(maxsize=1)
+def _thread_pools(n_modules: int) -> Any:
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()

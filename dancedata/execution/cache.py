@@ -118,7 +118,7 @@ class CachedArray:
         """Read an entry that was not found, after its folder was listed.
 
         A network file system caches for a while that a name does not exist, although another machine has made the
-        entry meanwhile. Listing the folder updates that cache.
+        entry. Listing the folder updates that cache.
         """
         try:
             os.listdir(self.path.parent)
@@ -188,7 +188,7 @@ class Cache:
             return None
         finally:
             os.close(fd)
-        files.note_use(path, used)
+        files.touch(path, used)
         return CachedArray(Path(path), shape)
 
     def put_array(self, stage: str, key: str, array: npt.NDArray[Any], *, durable: bool = True) -> CachedArray:
@@ -200,16 +200,16 @@ class Cache:
 
     def once(self, stage: str, key: str, compute: Callable[[], npt.NDArray[Any]]) -> CachedArray:
         """Return an array; compute it if it does not exist and no other process is computing it."""
-        found = self.array(stage, key)
-        if found is not None:
-            return found
+        entry = self.array(stage, key)
+        if entry is not None:
+            return entry
         with self.lock(stage, key):
-            found = self.array(stage, key)
-            if found is None:
+            entry = self.array(stage, key)
+            if entry is None:
                 started = time.monotonic()
                 array = compute()
-                found = self.put_array(stage, key, array, durable=time.monotonic() - started > DURABLE_FROM_S)
-        return found
+                entry = self.put_array(stage, key, array, durable=time.monotonic() - started > DURABLE_FROM_S)
+        return entry
 
     @contextmanager
     def lock(self, stage: str, key: str) -> Iterator[None]:
@@ -227,20 +227,20 @@ class Cache:
         """Return JSON data, None if it does not exist."""
         path = self._name(stage, key, "json")
         try:
-            found, used = files.read_json(path)
+            content, used = files.read_json(path)
         except (OSError, ValueError):
             # As above. If the whole cache cannot be used, writing to it raises.
             return None
-        files.note_use(path, used)
-        return found
+        files.touch(path, used)
+        return content
 
     def put_json(self, stage: str, key: str, obj: Any) -> None:
         """Publish JSON data."""
         with _clear_errors(self.root):
             files.publish(self.root, self._path(stage, key, "json"), files.json_parts(obj), durable=False)
 
-    def holds(self, stage: str, key: str, suffix: str = "npy") -> bool:
-        """Tell whether an entry exists, without reading it or noting a use."""
+    def contains(self, stage: str, key: str, suffix: str = "npy") -> bool:
+        """Return whether an entry exists, without reading it or noting a use."""
         return self._path(stage, key, suffix).exists()
 
     def file_sha256(self, path: Path) -> str:
@@ -250,15 +250,15 @@ class Cache:
     def hashed_sha256(self, path: Path) -> str:
         """Return the SHA-256 of a file's bytes, read now, and remember it."""
         key = self.stat_key("sha256", path)
-        found = sha256_file(path)
-        if self.stat_key("sha256", path) == key:  # else it changed meanwhile, which the caller finds out
-            self.put_json("files", key, found)
-        return found
+        sha256 = sha256_file(path)
+        if self.stat_key("sha256", path) == key:  # if the file changed while hashing, the caller detects it
+            self.put_json("files", key, sha256)
+        return sha256
 
     def known_sha256(self, path: Path) -> str | None:
         """Return the SHA-256 that `file_sha256` has stored for a file, None if it would have to read the file."""
-        known = self.json("files", self.stat_key("sha256", path))
-        return None if known is None else str(known)
+        sha256 = self.json("files", self.stat_key("sha256", path))
+        return None if sha256 is None else str(sha256)
 
     @staticmethod
     def stat_key(what: str, path: Path) -> str:
@@ -290,7 +290,7 @@ def _real_folder(folder: str) -> str:
 
 
 class _clear_errors:  # noqa: N801
-    """Turns errors of the file system into one that names the cache."""
+    """Context that turns an OSError into an error that names the cache."""
 
     def __init__(self, root: Path) -> None:
         self.root = root

@@ -1,6 +1,4 @@
-"""The commands `dancedata cache`: list, prune and verify the entries of a cache."""
-
-from __future__ import annotations
+"""Listing, pruning and verification of the entries of a cache."""
 
 import math
 import os
@@ -62,7 +60,7 @@ class StageSum:
 
 @dataclass
 class Pruned:
-    """What was removed, or would be, and what was kept.
+    """Result of `prune`: removed entries, also those that a dry run would remove, and kept ones.
 
     Attributes
     ----------
@@ -84,19 +82,9 @@ class Pruned:
         """Return plain JSON data."""
         return {**self.__dict__, "paths": [str(path) for path in self.paths]}
 
-    def describe(self, dry: bool) -> str:
-        """Return what `cache prune` prints."""
-        what = "would remove" if dry else "removed"
-        swept = f"; removed {self.swept} files of killed processes" if self.swept else ""
-        in_use = f", {self.in_use} of them because they are in use" if self.in_use else ""
-        return (
-            f"{what} {self.removed} entries, {size_text(self.removed_bytes)}; "
-            f"{self.kept} are left, {size_text(self.kept_bytes)}{in_use}{swept}"
-        )
-
 
 def require_cache(root: Path) -> None:
-    """Raise UsageError if a folder holds files and is not known as a cache."""
+    """Raise UsageError if a folder holds files and is not a cache."""
     if files.is_cache(root) or not any(names for _, _, names in os.walk(root)):
         return
     names = sorted(os.listdir(root))
@@ -110,23 +98,23 @@ def require_cache(root: Path) -> None:
 
 
 def entries(root: Path) -> Iterator[Entry]:
-    """List all entries of a cache; entries that vanish meanwhile are skipped."""
+    """List all entries of a cache; entries that vanish during the listing are skipped."""
     for stage in _folders(root):
         if stage.name not in files.STAGES:
             continue
         for prefix in _folders(stage):
-            for found in _scanned(prefix):
-                match = files.ENTRY.fullmatch(found.name)
+            for file in _scanned(prefix):
+                match = files.ENTRY.fullmatch(file.name)
                 if match is None or match["two"] != prefix.name:
                     continue
                 try:
-                    stat = found.stat(follow_symlinks=False)
+                    stat = file.stat(follow_symlinks=False)
                 except OSError:
                     continue
                 if not S_ISREG(stat.st_mode):
                     continue
                 size = max(stat.st_size, stat.st_blocks * 512)
-                yield Entry(Path(found.path), stage.name, size, stat.st_mtime)
+                yield Entry(Path(file.path), stage.name, size, stat.st_mtime)
 
 
 def cache_json(root: Path) -> dict[str, Any]:
@@ -149,28 +137,6 @@ def cache_json(root: Path) -> dict[str, Any]:
     return {"path": str(root), "entries": count, "bytes": total, "stages": about}
 
 
-def describe_cache(about: dict[str, Any]) -> str:
-    """Return what `cache info` prints."""
-    lines = [f"{about['path']}: {about['entries']} entries, {size_text(about['bytes'])}"]
-    width = max((len(name) for name in about["stages"]), default=0)
-    for name, stage in about["stages"].items():
-        least, most = stage["days_unused"]
-        lines.append(
-            f"  {name.ljust(width)}  {stage['entries']:>8}  {size_text(stage['bytes']):>9}"
-            f"  last used {least:g} to {most:g} days ago"
-        )
-    return "\n".join(lines)
-
-
-def size_text(n_bytes: float) -> str:
-    """Return a size in bytes as text with a decimal unit."""
-    for unit in ("B", "kB", "MB"):
-        if n_bytes < 1000:
-            return f"{n_bytes:.3g} {unit}"
-        n_bytes /= 1000
-    return f"{n_bytes:.4g} GB"
-
-
 def prune(
     root: Path, *, older_than_s: float | None = None, max_bytes: int | None = None, dry: bool = False
 ) -> Pruned:
@@ -182,9 +148,9 @@ def prune(
     Parameters
     ----------
     older_than_s
-        Remove entries that were not used for so many seconds.
+        Remove entries that were not used for this time, seconds.
     max_bytes
-        Then remove the least recently used entries until the rest takes at most so many bytes.
+        Then remove the least recently used entries until the rest takes at most this size.
     dry
         Remove nothing, and return what would be removed.
     """
@@ -196,9 +162,9 @@ def prune(
     begun = files.oldest_running(root)
     # The time of a use is kept to the hour.
     since = math.inf if begun is None else begun - files.USE_GRANULARITY_S
-    found = sorted(entries(root), key=lambda e: (e.used, e.path))
-    total = sum(e.size for e in found)
-    for entry in found:
+    by_use = sorted(entries(root), key=lambda e: (e.used, e.path))
+    total = sum(e.size for e in by_use)
+    for entry in by_use:
         # The last use may lie in the future: the clock was set back.
         old = older_than_s is not None and now - entry.used > older_than_s
         large = max_bytes is not None and total > max_bytes
@@ -250,13 +216,13 @@ def parse_size(text: str) -> int:
 
 
 def _quantity(text: str, pattern: re.Pattern[str], units: Mapping[str, int], what: str, allowed: str) -> float:
-    found = pattern.fullmatch(text.strip().lower())
-    if found is None:
+    match = pattern.fullmatch(text.strip().lower())
+    if match is None:
         allowed = f"a number with a unit, such as {allowed}"
         # 3 days, 3 hours or 3 seconds: a guess could empty the cache.
         problem = f"the {what} has no unit" if _NUMBER.fullmatch(text.strip()) else f"not a valid {what}"
         raise UsageError(problem, found=repr(text[:_SHOWN]), allowed=allowed, fix="nothing was removed")
-    return float(found["number"]) * units[found["unit"][0]]
+    return float(match["number"]) * units[match["unit"][0]]
 
 
 def _removed(entry: Entry) -> bool:
@@ -281,8 +247,8 @@ def _folders(folder: Path) -> Sequence[Path]:
 
 def _scanned(folder: Path) -> list[os.DirEntry[str]]:
     try:
-        with os.scandir(folder) as found:
-            return list(found)
+        with os.scandir(folder) as files_of:
+            return list(files_of)
     except FileNotFoundError:
         return []
     except OSError as error:

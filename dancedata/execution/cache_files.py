@@ -1,11 +1,9 @@
 """Files of the cache: entries with a checksum, which appear whole, temporary files and locks.
 
-Every writer holds a lock (see `core.locks`) on its temporary file, and on a file of the unit that it computes. So
-`sweep` can tell what a killed process left from what a living one is writing, on every machine that shares the
+Every writer holds a lock (see `files.locks`) on its temporary file, and on a file of the unit that it computes. So
+`sweep` tells leftovers of killed processes from files that living ones are writing, on every machine that shares the
 folder.
 """
-
-from __future__ import annotations
 
 import errno
 import fcntl
@@ -46,7 +44,7 @@ _LOCK_NAME = re.compile(rf"({'|'.join(STAGES)})-[0-9a-f]{{64}}|build-[0-9a-f]{{3
 #: Prefix of the locks in LOCKS that builds hold as long as they run.
 RUNNING = "build-"
 #: Most files read per stage to find out whether a folder without a marker is a cache.
-_LOOKED_AT = 16
+_INSPECTED = 16
 #: Resolution of the time of last use: a use sooner after the last one writes nothing.
 USE_GRANULARITY_S = 3600.0
 _HEAD_BYTES = 512
@@ -75,12 +73,12 @@ def read_head(fd: int) -> tuple[tuple[int, ...], np.dtype[Any], int]:
     """Return shape, dtype and offset of an entry's values; ValueError if its length does not match."""
     head = os.pread(fd, _HEAD_BYTES, 0)
     # As `array_parts` writes it, and numpy since version 1: numpy's own reader takes longer than the rest of this.
-    found = _HEAD.match(head)
-    if found is None:
-        raise ValueError("it does not begin as entries do")
-    shape = tuple(int(n) for n in found["shape"].split(b",") if n.strip())
-    dtype = np.dtype(found["dtype"].decode())
-    begin = 10 + int.from_bytes(found["length"], "little")
+    header = _HEAD.match(head)
+    if header is None:
+        raise ValueError("bad entry header")
+    shape = tuple(int(n) for n in header["shape"].split(b",") if n.strip())
+    dtype = np.dtype(header["dtype"].decode())
+    begin = 10 + int.from_bytes(header["length"], "little")
     end = begin + math.prod(shape) * dtype.itemsize
     size = os.fstat(fd).st_size
     if size != end + _TRAILER.size or os.pread(fd, len(_WORD), end) != _WORD:
@@ -95,11 +93,11 @@ def read_array(path: Path) -> npt.NDArray[Any]:
         # Not a bytearray: its bytes would be set to 0 first.
         data = np.empty(os.fstat(file.fileno()).st_size, np.uint8)
         if file.readinto(data.data) != len(data):
-            raise ValueError("it ends before its end")
+            raise ValueError("truncated entry")
     view = data.data
     _, checksum = _TRAILER.unpack(view[-_TRAILER.size :])
     if zlib.crc32(view[: -_TRAILER.size]) != checksum:
-        raise ValueError("its checksum is not that of its bytes")
+        raise ValueError("checksum mismatch")
     return np.frombuffer(data, dtype, math.prod(shape), begin).reshape(shape)
 
 
@@ -119,14 +117,14 @@ def read_json(path: str | Path) -> tuple[Any, float]:
         os.close(fd)
     head = _JSON_HEAD.match(entry)
     if head is None or entry[-2:] != b"}\n":
-        raise ValueError("it does not begin and end as entries do")
+        raise ValueError("bad entry header")
     text = entry[head.end() : -2]
     if zlib.crc32(text) != int(head["crc"]):
-        raise ValueError("its checksum is not that of its content")
+        raise ValueError("checksum mismatch")
     return json.loads(text), stat.st_mtime
 
 
-def note_use(path: str, used: float) -> None:
+def touch(path: str, used: float) -> None:
     """Record the use of an entry for `prune`: its modification time is the time of its last use.
 
     The access time cannot be used: most file systems are mounted so that it is updated late or never.
@@ -211,7 +209,7 @@ def mark_in_use(fd: int) -> None:
 
 
 def remove_unused(path: Path, used: float) -> bool:
-    """Remove an entry, unless it was used after the time `used` or a process has it mapped; tells whether it is gone.
+    """Remove an entry, unless it was used after `used` or a process has it mapped; return whether it is gone.
 
     Raises
     ------
@@ -234,7 +232,7 @@ def remove_unused(path: Path, used: float) -> bool:
 
 
 def is_cache(root: Path) -> bool:
-    """Tell whether a folder is a cache: it has a marker, or, as caches of earlier versions, entries."""
+    """Return whether a folder is a cache: it has a marker, or, as caches of earlier versions, entries."""
     return _is_marked(root) or any(_is_entry(path) for path in _first_entries(root))
 
 
@@ -267,13 +265,13 @@ def _first_entries(root: Path) -> Iterator[Path]:
             for two in _listed(root / stage)
             if _TWO_DIGITS.fullmatch(two)
             for name in _listed(root / stage / two)
-            if (found := ENTRY.fullmatch(name)) and found["two"] == two
+            if (match := ENTRY.fullmatch(name)) and match["two"] == two
         )
-        yield from islice(named, _LOOKED_AT)
+        yield from islice(named, _INSPECTED)
 
 
 def _is_entry(path: Path) -> bool:
-    """Tell whether a file begins and ends as an entry does."""
+    """Return whether a file begins and ends as an entry does."""
     try:
         if not S_ISREG(path.lstat().st_mode):
             return False
@@ -290,14 +288,14 @@ def _is_entry(path: Path) -> bool:
 def sweep(root: Path) -> int:
     """Remove temporary files and locks that killed processes left; returns how many. Marks a cache without a marker.
 
-    Removes only files with names that the cache gives, and only in a folder that is a cache.
+    Removes only files with names of the cache, and only in a folder that is a cache.
     """
     if not is_cache(root):
         return 0
     mark(root)
     removed = 0
-    for folder, own in ((root / TEMPORARY, _TEMPORARY_NAME), (root / LOCKS, _LOCK_NAME)):
-        removed += sum(_remove_abandoned(folder / name) for name in _listed(folder) if own.fullmatch(name))
+    for folder, pattern in ((root / TEMPORARY, _TEMPORARY_NAME), (root / LOCKS, _LOCK_NAME)):
+        removed += sum(_remove_abandoned(folder / name) for name in _listed(folder) if pattern.fullmatch(name))
     return removed
 
 
@@ -330,7 +328,7 @@ def _listed(folder: Path) -> list[str]:
 
 
 def _open_temporary(root: Path) -> tuple[int, Path]:
-    """Make a temporary file in the cache, and lock it; returns its descriptor and its path."""
+    """Make a temporary file in the cache, and lock it; return its descriptor and its path."""
     path = root / TEMPORARY / f"{temporary_name()}.tmp"
     try:
         fd = open_locked(path)

@@ -1,7 +1,5 @@
 """Progress of a command: a bar on a terminal and in a notebook, lines of text elsewhere."""
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -42,7 +40,7 @@ class Progress:
 
     @contextmanager
     def stage(self, label: str, total: int, known: int = 0) -> Iterator[Callable[[int], None]]:
-        """Show a stage of `total` steps, `known` of them done before; gives a function that counts finished steps."""
+        """Show a stage of `total` steps, `known` of them done before; yield a function that counts finished steps."""
         if self.quiet:
             yield lambda _: None
         elif known == total:
@@ -82,7 +80,7 @@ class Progress:
 
 
 def _in_notebook() -> bool:
-    """Tell whether this process is the kernel of a notebook, as tqdm.auto does; imports nothing."""
+    """Return whether this process is the kernel of a notebook, as tqdm.auto does; imports nothing."""
     ipython = sys.modules.get("IPython")
     shell = ipython.get_ipython() if ipython is not None else None
     return "IPKernelApp" in getattr(shell, "config", {})

@@ -1,9 +1,12 @@
-"""Computes in a second process what this process would compute with other instructions.
+"""Child processes that Ctrl-C does not reach: one that computes as builds do, one that reports a crash.
 
 A notebook or a training job has loaded numpy long before it asks for a feature, so that kernels cannot be chosen any
-more. It needs one more process, started when there is something to compute and kept for what comes next. That works
-in every process: multiprocessing would import the user's script again, and refuses to start children from the
-workers of a DataLoader.
+more. It needs one more process, which is started by the first computation and kept. That works in every process:
+multiprocessing would import the user's script again, and refuses to start children from the workers of a DataLoader.
+
+A crash inside libsndfile or libhdf5 ends a process before Python can print anything; `faulthandler` could name lines
+of code, but not the file that was read. A small helper process is therefore sent the current unit, and prints the
+last one if its input ends before the work does. Workers do not need it: `run_units` sees them die.
 """
 
 from __future__ import annotations
@@ -16,18 +19,18 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from functools import lru_cache
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
-from typing import Any, TypeVar
+from typing import IO, Any, TypeVar, cast
 
 import cloudpickle
 
 from dancedata.core.errors import DanceDataError
+from dancedata.core.text import printable
 from dancedata.execution import arithmetic
-from dancedata.execution.children import shielded
 
 T = TypeVar("T")
 
@@ -45,9 +48,9 @@ _START = (
 
 def expected() -> str:
     """Return the instructions that this machine's results are computed with, in any process: a part of their keys."""
-    here = arithmetic.here()
-    if here == arithmetic.REFERENCE or not arithmetic.is_chosen_by_user():
-        return here
+    current = arithmetic.here()
+    if current == arithmetic.REFERENCE or not arithmetic.is_chosen_by_user():
+        return current
     if arithmetic.has_reference() and arithmetic.can_choose():
         return arithmetic.REFERENCE
     return _process_of(os.getpid()).arithmetic
@@ -65,8 +68,8 @@ def compute(function: Callable[..., T], *args: Any) -> T:
     """
     if arithmetic.here() == expected():
         return function(*args)
-    found: T = _process_of(os.getpid()).call(function, args)
-    return found
+    result: T = _process_of(os.getpid()).call(function, args)
+    return result
 
 
 @lru_cache(maxsize=1)
@@ -100,15 +103,15 @@ class ReferenceProcess:
                     self._start()
                     self._receive()
                 self._pipe.send_bytes(message)
-                is_error, found = self._receive()
+                is_error, result = self._receive()
             except BaseException:
                 # Interrupted, or dead: its answer must not be returned by the next call.
                 self._process.kill()
                 self._process.wait()
                 raise
         if is_error:
-            raise found
-        return found
+            raise result
+        return result
 
     def _start(self) -> None:
         ours, theirs = Pipe()
@@ -161,3 +164,68 @@ def _answer(message: bytes) -> bytes:
             return bytes(cloudpickle.dumps((True, error)))
         except Exception:  # noqa: BLE001  (an error that cannot travel)
             return pickle.dumps((True, DanceDataError(f"{type(error).__name__}: {error}")))
+
+
+@contextmanager
+def shielded() -> Iterator[None]:
+    """Start processes within the context: they never receive SIGINT; this process receives it when the context ends.
+
+    SIGTERM, which is sent to one process, reaches this one then too.
+
+    A terminal sends SIGINT to all processes of a command. A child that is starting would print a traceback, and an
+    exception in the parent while it starts one leaves the child waiting for input.
+    """
+    received: list[int] = []
+    in_main = threading.current_thread() is threading.main_thread()
+    # A handler that is not Python's is None, and stays.
+    before = {n: signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM) if in_main and signal.getsignal(n)}
+    for number in before:
+        signal.signal(number, lambda number, _: received.append(number))
+    # Unlike handlers, the mask is inherited.
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        if received:
+            signal.raise_signal(received[0])
+
+
+_REPORTER = r"""
+import signal, sys
+signal.signal(signal.SIGTERM, signal.SIG_IGN)
+last = b""
+for line in sys.stdin.buffer:
+    last = line.strip()
+if last:
+    fix = "Set the file aside if it happens again; what was computed is in the cache"
+    sys.stderr.write("error: the process died at %s. %s\n" % (last.decode(errors="replace"), fix))
+"""
+
+
+@contextmanager
+def named_if_it_crashes(what: str) -> Iterator[None]:
+    """If this process dies within the context, print that it died at `what`."""
+    _report(what)
+    try:
+        yield
+    finally:
+        _report("")
+
+
+def _report(text: str) -> None:
+    with suppress(OSError):  # the other process is gone: nothing depends on it
+        _reporter().write(printable(" ".join(text.split())).encode() + b"\n")
+
+
+@lru_cache(maxsize=1)
+def _reporter() -> IO[bytes]:
+    """Return the standard input of the other process, which is started by the first call."""
+    command = [sys.executable, "-I", "-S", "-c", _REPORTER]
+    with shielded():
+        # Nothing in the command comes from outside.
+        process = subprocess.Popen(command, stdin=subprocess.PIPE, bufsize=0)  # noqa: S603
+        atexit.register(process.communicate)
+    return cast(IO[bytes], process.stdin)

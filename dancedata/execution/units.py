@@ -3,19 +3,21 @@
 A unit is a call of a function with small arguments that leaves its arrays in the cache.
 """
 
-from __future__ import annotations
-
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import partial
-from typing import Any
+from pathlib import Path
+from typing import Any, TypeVar
 
-from dancedata.core.errors import DanceDataError
+from dancedata.core.errors import DanceDataError, UsageError
+from dancedata.execution.arithmetic import as_in_builds
+from dancedata.execution.cache import Cache
 from dancedata.execution.executors.base import Call, Executor, OnResult, WorkerDiedError, unit_name
 from dancedata.execution.executors.loky import LokyExecutor
 from dancedata.execution.progress import Progress
-from dancedata.execution.threads import as_in_builds
 
-#: What `run_units` takes: a number of processes on this machine, or an executor.
+R = TypeVar("R")
+#: A number of processes on this machine, or an executor.
 Jobs = int | Executor
 
 #: After how many deaths of a worker that runs nothing else a unit is named as their cause.
@@ -24,16 +26,48 @@ DEATHS_ALONE = 2
 BLIND_DEATHS = 3
 
 
+@contextmanager
+def start_workers(
+    n: int, cache: Cache, source: Path, packages: set[str], *, backend: str = "loky", scheduler: str | None = None
+) -> Iterator[Executor]:
+    """Yield the executor of a build; a cluster is connected, and its workers are checked before their first unit.
+
+    Raises
+    ------
+    UsageError
+        If Dask is not installed.
+    DanceDataError
+        If no scheduler answers at the address, or it has no worker.
+    """
+    if backend == "loky" or scheduler is None:
+        yield LokyExecutor(n)
+        return
+    from dancedata.execution.executors.dask import DaskExecutor, connected, worker_requirements
+
+    with connected(scheduler) as client, worker_requirements(cache, source, packages) as requirements:
+        yield DaskExecutor(n, client=client, requirements=requirements)
+
+
+def check_backend(backend: str, scheduler: str | None) -> None:
+    """Raise UsageError unless backend and scheduler go together."""
+    if backend not in ("loky", "dask"):
+        raise UsageError("unknown backend", found=repr(backend), allowed="loky, dask")
+    if backend == "dask" and scheduler is None:
+        raise UsageError("the backend dask needs a scheduler", fix="give its address: --scheduler tcp://HOST:8786")
+    if backend == "loky" and scheduler is not None:
+        raise UsageError("a scheduler is for the backend dask", found=scheduler, fix="add --backend dask")
+
+
 def run_units(
-    function: Callable[..., Any],
+    function: Callable[..., R],
     calls: Sequence[Call],
     *,
     jobs: Jobs,
     label: str,
     progress: Progress,
-    known: Sequence[Any] = (),
+    known: Sequence[object] = (),
     exact: bool = True,
-) -> list[Any]:
+) -> list[R]:
     """Return function(*call) for every call, in order.
 
     BLAS and OpenMP run on one thread in each worker, whatever `jobs` is: sums in another order would change
@@ -47,7 +81,7 @@ def run_units(
     label
         Name of the stage, shown as its progress and in messages.
     known
-        Results that are known already, None for each that is not; only those are computed.
+        Results of earlier runs, None for each missing one; only these are computed.
     exact
         Compute with the instructions that results are promised for, see `arithmetic`; in another process if this
         one has loaded libraries that use others.
@@ -59,11 +93,11 @@ def run_units(
     """
     if not calls:
         return []
-    results = list(known) or [None] * len(calls)
+    results: list[Any] = list(known) or [None] * len(calls)
     missing = {index: call for index, call in enumerate(calls) if results[index] is None}
     with progress.stage(label, len(calls), known=len(calls) - len(missing)) as advance:
 
-        def keep(index: int, result: Any) -> None:
+        def keep(index: int, result: R) -> None:
             results[index] = result
             advance(1)
 

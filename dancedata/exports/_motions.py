@@ -48,4 +48,4 @@ def field_name(job: ExportJob, field: str) -> str:
 def _decodable(job: ExportJob) -> dict[str, ColumnsReader]:
     """Return the readers of fields that decode; last those that only give back positions."""
     readers = {name: r for name, r in motion_readers(job.store).items() if r.representation.decodes}
-    return dict(sorted(readers.items(), key=lambda item: item[1].representation.fits))
+    return dict(sorted(readers.items(), key=lambda item: item[1].representation.positions_only))

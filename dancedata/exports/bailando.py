@@ -17,7 +17,7 @@ from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
 from dancedata.core.text import counted, listed, shown
 from dancedata.core.typing import override
-from dancedata.execution.threads import as_in_builds
+from dancedata.execution.arithmetic import as_in_builds
 from dancedata.exports._aist_names import PARTS, is_ignored, name_lacks, note_ignored
 from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Lack
 from dancedata.exports.base.needs import needs_feature, needs_field, needs_music, needs_splits, needs_track_scope

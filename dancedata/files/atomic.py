@@ -1,7 +1,5 @@
 """Files that appear whole or not at all."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -14,14 +12,14 @@ from typing import Any
 
 from dancedata.core.errors import UsageError
 
-#: How the names begin of files and folders that are dancedata's own and do not stay.
-OWN = ".dancedata-"
+#: Prefix of the names of temporary files and folders.
+PREFIX = ".dancedata-"
 _reading_umask = threading.Lock()
 _TEMPORARY = re.compile(r"\.dancedata-[a-z0-9_]{8}\.tmp")
 
 
 def is_temporary(name: str) -> bool:
-    """Tell whether a name is one that `atomic_file` gives."""
+    """Return whether a name is one that `atomic_file` gives."""
     return _TEMPORARY.fullmatch(name) is not None
 
 
@@ -31,7 +29,7 @@ def require_free(path: Path, stores: Iterable[Path], what: str, *, overwrite: bo
     Raises
     ------
     UsageError
-        If it lies inside one of the datasets, is a folder or in none, or is there and not to be replaced.
+        If it is inside one of the datasets, is a folder, its folder does not exist, or it exists and not `overwrite`.
     """
     path = path.expanduser()
     if any(path.resolve().is_relative_to(store.expanduser().resolve()) for store in stores):
@@ -50,12 +48,12 @@ def require_free(path: Path, stores: Iterable[Path], what: str, *, overwrite: bo
 
 @contextmanager
 def atomic_file(path: Path) -> Iterator[Path]:
-    """Give a temporary path in the same folder; on success it is flushed to disk and becomes `path`.
+    """Yield a temporary path in the same folder; on success it is flushed to disk and becomes `path`.
 
     On any exception the temporary file is removed and `path` is left as it was. What a killed process leaves has a
     name of `is_temporary`.
     """
-    handle, name = tempfile.mkstemp(prefix=OWN, suffix=".tmp", dir=path.parent)
+    handle, name = tempfile.mkstemp(prefix=PREFIX, suffix=".tmp", dir=path.parent)
     os.close(handle)
     temporary = Path(name)
     try:
@@ -94,7 +92,7 @@ def _umask() -> int:
         for line in status:
             if line.startswith("Umask:"):
                 return int(line.split()[1], 8)
-    # Elsewhere the mask can only be read by setting it: by one thread at a time, or one would read what another set.
+    # On other systems the mask is read by setting it: by one thread at a time, or one would read that of another.
     with _reading_umask:
         mask = os.umask(0o022)
         os.umask(mask)

@@ -4,8 +4,6 @@ So a file that no process has locked is a leftover of a killed one, on every mac
 clocks or process numbers.
 """
 
-from __future__ import annotations
-
 import errno
 import fcntl
 import os
@@ -16,7 +14,7 @@ from pathlib import Path
 from stat import S_ISREG
 
 from dancedata.core.errors import StoreError
-from dancedata.files.atomic import OWN
+from dancedata.files.atomic import PREFIX
 
 #: Where the file system has no locks: a file that was not changed for this long was left by a killed process.
 ABANDONED_S = 24 * 3600.0
@@ -54,7 +52,7 @@ def unlock(fd: int) -> None:
 
 
 def open_locked(path: Path, *, wait: bool = True) -> int | None:
-    """Open a file, made if it is missing, and lock it; returns its descriptor, which holds the lock until `unlock`.
+    """Open a file, made if it is missing, and lock it; return its descriptor, which holds the lock until `unlock`.
 
     Waits for a process that holds the lock; if not `wait`, returns None instead. Where the file system has no locks,
     every process gets it.
@@ -76,7 +74,7 @@ def open_locked(path: Path, *, wait: bool = True) -> int | None:
 
 @contextmanager
 def file_lock(path: Path, *, wait: bool = True) -> Iterator[bool]:
-    """Hold a file and its lock within the context; it is removed afterwards. Gives False if another process has it.
+    """Hold a file and its lock within the context; it is removed afterwards. Yields False if another process has it.
 
     With `wait` the context is entered once the lock is free.
     """
@@ -91,7 +89,7 @@ def file_lock(path: Path, *, wait: bool = True) -> Iterator[bool]:
 
 
 def is_abandoned(path: Path) -> bool:
-    """Tell whether a file exists that no living process has locked."""
+    """Return whether a file exists that no living process has locked."""
     try:
         fd = os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK)
     except OSError:
@@ -103,7 +101,7 @@ def is_abandoned(path: Path) -> bool:
 
 
 def lock_abandoned(fd: int) -> bool:
-    """Lock an open file if no living process has; tells whether none had. The lock is held until `fd` is closed."""
+    """Lock an open file if no living process has; return whether none had. The lock is held until `fd` is closed."""
     locked = lock_file(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
     if locked is None:
         return time.time() - os.fstat(fd).st_mtime > ABANDONED_S
@@ -120,7 +118,7 @@ def writing_lock(folder: Path, what: str, *, wait: bool = False) -> Iterator[Non
     Parameters
     ----------
     what
-        What the process that has the lock is doing, for the error: "build".
+        Activity of the process that has the lock, for the error: "build".
     wait
         Wait for it instead.
 
@@ -137,7 +135,7 @@ def writing_lock(folder: Path, what: str, *, wait: bool = False) -> Iterator[Non
     finally:
         if path is not None:
             with suppress(OSError):
-                # A file with content is not ours. Removed while it is locked: see file_lock.
+                # A file with content is not a lock. Removed while it is locked: see file_lock.
                 if not os.fstat(fd).st_size:
                     path.unlink()
         unlock(fd)
@@ -154,7 +152,7 @@ def _open_regular(path: Path) -> int:
 
 def _open_lock(folder: Path, operation: int, what: str) -> tuple[int, Path | None]:
     real = folder.resolve()
-    beside = real.parent / f"{OWN}{real.name}.lock"
+    beside = real.parent / f"{PREFIX}{real.name}.lock"
     while True:
         path: Path | None = beside
         try:

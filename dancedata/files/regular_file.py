@@ -1,6 +1,4 @@
-"""Opens untrusted paths only if they are regular files: opening a named pipe could block forever."""
-
-from __future__ import annotations
+"""Untrusted paths, opened only if they are regular files: opening a named pipe could block forever."""
 
 import errno
 import hashlib
@@ -8,8 +6,6 @@ import os
 import stat
 from io import BufferedReader
 from pathlib import Path
-
-__all__ = ["NotRegularError", "open_regular", "read_regular", "sha256_file"]
 
 _KINDS = {
     stat.S_IFIFO: "a named pipe",

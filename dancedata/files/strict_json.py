@@ -1,6 +1,4 @@
-"""Parses untrusted JSON within bounds; every failure is a ValueError."""
-
-from __future__ import annotations
+"""Untrusted JSON, parsed within bounds; every failure is a ValueError."""
 
 import json
 import math
@@ -9,8 +7,6 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from dancedata.files.regular_file import read_regular
-
-__all__ = ["MAX_DEPTH", "parse_json", "read_json"]
 
 #: Far more than the nesting of any document of dancedata. Recursive code would exhaust the stack on deeper ones.
 MAX_DEPTH = 64

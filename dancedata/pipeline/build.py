@@ -20,7 +20,7 @@ from dancedata.execution.cache_files import running, sweep
 from dancedata.execution.executors.base import Executor
 from dancedata.execution.progress import Progress
 from dancedata.execution.reference_process import expected
-from dancedata.execution.workers import check_backend, start_workers
+from dancedata.execution.units import check_backend, start_workers
 from dancedata.pipeline.audio import libsndfile_version
 from dancedata.pipeline.clips import ComputedClips, compute_clips
 from dancedata.pipeline.diff import document_differences, shaping

@@ -16,10 +16,10 @@ from dancedata.core.quality import implausible_flags, implausible_sides
 from dancedata.core.registry import DATASETS
 from dancedata.core.sides import has_sides, sampled
 from dancedata.core.text import listed
-from dancedata.execution.children import named_if_it_crashes
 from dancedata.execution.progress import Progress
+from dancedata.execution.reference_process import named_if_it_crashes
 from dancedata.execution.units import run_units
-from dancedata.files.atomic import OWN
+from dancedata.files.atomic import PREFIX
 from dancedata.pipeline.rejects import NOTED, implausible_problems, reject_of
 from dancedata.recipes.fields import MotionField
 from dancedata.recipes.parse import parse_recipe
@@ -106,7 +106,7 @@ def _sides(field: MotionField, columns: npt.NDArray[Any]) -> list[tuple[str, flo
     representation = field.representation
     if representation.decodes:
         motion = representation.decode(columns, field.grid)
-        return implausible_sides(motion.joints(), None if representation.fits else motion)
+        return implausible_sides(motion.joints(), None if representation.positions_only else motion)
     places = columns[:, representation.columns.slice("position")].reshape(len(columns), -1, 3)
     return implausible_sides(places.astype(np.float64))
 
@@ -124,15 +124,11 @@ def _field_with_body(store: Store) -> MotionField | None:
         and has_sides(motion_field.representation.skeleton.joints)
         and (motion_field.representation.decodes or "position" in motion_field.representation.columns.names)
     ]
-    return min(
-        fields,
-        key=lambda motion_field: 2 * motion_field.representation.fits + (not motion_field.representation.decodes),
-        default=None,
-    )
+    return min(fields, key=lambda f: (f.representation.positions_only, not f.representation.decodes), default=None)
 
 
 def _is_ours(name: str) -> bool:
-    return name == DATASET_FILE or is_shard_name(name) or name.startswith(OWN)
+    return name == DATASET_FILE or is_shard_name(name) or name.startswith(PREFIX)
 
 
 def scan_folder(path: Path, dataset: str | Dataset | None = None) -> tuple[Dataset, Scan]:
@@ -156,7 +152,7 @@ def scan_folder(path: Path, dataset: str | Dataset | None = None) -> tuple[Datas
         # dataset that its own reader refuses.
         if cls.generates:
             continue
-        if cls.generic:
+        if cls.explicit_only:
             failures.append(f"  - {name}: takes many layouts, so it is asked for by name: --dataset {name}")
             continue
         reader = cls()

@@ -306,7 +306,7 @@ def content_hashes(dataset: Dataset, hash_file: Callable[[Path], str]) -> dict[s
 
 def _crosses(job: MotionField | KeyMotionField, body: Skeleton | None) -> bool:
     """Return whether columns hold where a clip is on another body than its own: cf. `core.bodies.on_body`."""
-    if not isinstance(job, MotionField) or job.representation.fits:
+    if not isinstance(job, MotionField) or job.representation.positions_only:
         return False
     representation = job.representation
     if body is not None and body.joints == SMPL24.joints and representation.grounded:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -23,9 +23,10 @@ from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
 from dancedata.core.text import listed, shown
 from dancedata.datasets.files import AUDIO_SUFFIXES
+from dancedata.execution.arithmetic import as_in_builds
 from dancedata.execution.cache import Cache, default_cache
-from dancedata.execution.threads import as_in_builds
 from dancedata.files.atomic import atomic_file, write_json
+from dancedata.files.publish import new_folders
 from dancedata.files.regular_file import sha256_file
 from dancedata.files.strict_json import read_json
 from dancedata.pipeline.audio import window_samples
@@ -189,19 +190,14 @@ def _check_signals(songs: Sequence[Path], jobs: Sequence[FeatureJob]) -> None:
 @contextmanager
 def _undone_if_it_fails(out: Path) -> Iterator[set[Path]]:
     """Make the folder; on an error remove the files that the caller has added to the set, and what was made."""
-    missing = [folder for folder in (out, *out.parents) if not folder.exists()]
     new: set[Path] = set()
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        yield new
-    except BaseException as error:
-        if isinstance(error, Exception):
+    with new_folders(out):
+        try:
+            yield new
+        except Exception:
             for path in new:
                 path.unlink(missing_ok=True)
-        for folder in missing:
-            with suppress(OSError):  # it is not empty
-                folder.rmdir()
-        raise
+            raise
 
 
 def _weights_of(options: Sequence[str | Path], jobs: Sequence[FeatureJob]) -> dict[str, Path]:

@@ -14,9 +14,8 @@ from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.quality import implausible_flags
-from dancedata.core.text import counted, shown, table
+from dancedata.core.text import counted, shown, size_text, table
 from dancedata.execution.cache import Cache, default_cache
-from dancedata.execution.cache_admin import size_text
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import run_units
 from dancedata.pipeline.build import header_of, relative_to

@@ -91,8 +91,8 @@ def _fields_held(cache: Cache, motion_keys: MotionKeys, ref: ClipRef) -> list[st
         return []
     keys = motion_keys.of(ref, sha256)
     # A clip of which one thing is missing is loaded, and only that is made.
-    is_cached = cache.holds("clips", keys.info, "json")
-    return [name for name, key in keys.fields.items() if is_cached and cache.holds("motion", key)]
+    known = cache.contains("clips", keys.info, "json")
+    return [name for name, key in keys.fields.items() if known and cache.contains("motion", key)]
 
 
 def _audio(
@@ -116,7 +116,7 @@ def _audio(
             counted.add(keys.track(bpm, signal.at_speed(speed).sha256))
         else:
             counted.update(keys.window(bpm, signal.at_speed(speed), number) for number in numbers)
-    return Cached(unit, sum(cache.holds("features", key) for key in counted), len(counted) + len(unknown))
+    return Cached(unit, sum(cache.contains("features", key) for key in counted), len(counted) + len(unknown))
 
 
 def _resolved(cache: Cache, job: FeatureJob) -> FeatureJob | None:

@@ -125,7 +125,7 @@ def nothing_left(source: Path, dataset: Dataset, scan: Scan, rejects: Sequence[R
     """Return the error of a source of which no clip can be stored: why, what the reader found, what to do."""
     text = _report("no clip is left to build from", rejects, scan)
     # Only the recipe has what is declared for files of any layout.
-    reader = "--recipe RECIPE, with this recipe" if dataset.generic else f"--dataset {dataset.name}"
+    reader = "--recipe RECIPE, with this recipe" if dataset.explicit_only else f"--dataset {dataset.name}"
     fix = f"see every file: dancedata check {shlex.quote(shown(source))} {reader}"
     without_music = {clip.id for clip in scan.clips if clip.audio_path is None}
     if any(r.reason == "missing_music" and r.clip in without_music for r in rejects):

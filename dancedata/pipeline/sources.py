@@ -11,9 +11,9 @@ from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import SourceError
 from dancedata.core.hashing import json_sha256
 from dancedata.core.text import counted, is_unicode, listed, quoted
+from dancedata.execution.arithmetic import exactly
 from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
-from dancedata.execution.threads import exactly
 from dancedata.execution.units import Jobs, run_units
 from dancedata.pipeline.audio import SignalId, identify_audio, known_signal
 from dancedata.pipeline.motion import content_hashes, hash_motion, known_hash

@@ -12,8 +12,7 @@ from typing import Any
 from dancedata.audio.networks.feature import NetworkFeature
 from dancedata.core.clip import Reject, Scan
 from dancedata.core.quality import OF_CLIPS
-from dancedata.core.text import counted, shown
-from dancedata.execution.cache_admin import size_text
+from dancedata.core.text import counted, shown, size_text
 from dancedata.pipeline.clips import ComputedClips
 from dancedata.pipeline.rejects import describe_implausible, left_out_lines
 from dancedata.recipes.recipe import Recipe

@@ -23,7 +23,7 @@ from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.packages import install, load, require
 from dancedata.core.rotations import Float64Array
 from dancedata.core.text import shown
-from dancedata.execution.children import shielded
+from dancedata.execution.reference_process import shielded
 from dancedata.files import atomic
 from dancedata.files.atomic import require_free
 from dancedata.plot.frames import THEMES, Frames, Theme

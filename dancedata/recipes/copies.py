@@ -1,6 +1,4 @@
-"""Copies of train clips that a recipe asks for: which augmentation makes them, under which name."""
-
-from __future__ import annotations
+"""Copies of train clips in a recipe: their augmentation and name."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -37,7 +35,7 @@ class CopySpec:
     augmentation: CopyAugmentation
 
     def document(self) -> dict[str, Any] | Literal[True]:
-        """Return the augmentation's parameters, as a recipe gives them; True if it has none."""
+        """Return the augmentation's parameters, as in a recipe; True if it has none."""
         return document_of(self.augmentation) or True
 
     def key(self) -> list[Any]:
@@ -79,8 +77,8 @@ class CopySpec:
         UsageError
             If `change_motion` changes frames, rate or trim_start.
         """
-        made = self.augmentation.change_motion(motion, clip)
-        times = [(m.n_frames, str(m.grid), m.trim_start) for m in (made, motion)]
+        changed = self.augmentation.change_motion(motion, clip)
+        times = [(m.n_frames, str(m.grid), m.trim_start) for m in (changed, motion)]
         if times[0] != times[1]:
             raise UsageError(
                 f"the augmentation {self.name} changes frames, rate or trim_start",
@@ -90,23 +88,23 @@ class CopySpec:
             )
         speed = self.speed_of(clip)
         # The same frames in less time: resampling and contact rules then see the new instants.
-        return made if speed == 1 else replace(made, grid=FrameGrid(made.grid.rate * speed))
+        return changed if speed == 1 else replace(changed, grid=FrameGrid(changed.grid.rate * speed))
 
     def rows_of(
         self, rows: npt.NDArray[Any], columns: Columns, kind: Literal["motion", "keymotion"], clip: str
     ) -> npt.NDArray[Any]:
         """Return the rows of a clip's copy; UsageError if the augmentation changes their shape or dtype."""
-        given = rows.view()
-        given.flags.writeable = False
-        made = np.asarray(self.augmentation.change_rows(given, columns, kind=kind, clip=clip))
-        if made.shape != rows.shape or made.dtype != rows.dtype:
+        view = rows.view()
+        view.flags.writeable = False
+        changed = np.asarray(self.augmentation.change_rows(view, columns, kind=kind, clip=clip))
+        if changed.shape != rows.shape or changed.dtype != rows.dtype:
             raise UsageError(
                 f"the augmentation {self.name} changes the shape or dtype of rows",
                 where=f"clip {clip}",
-                found=f"{made.shape} {made.dtype}",
+                found=f"{changed.shape} {changed.dtype}",
                 allowed=f"{rows.shape} {rows.dtype}",
             )
-        return made
+        return changed
 
 
 def augment_document(specs: tuple[CopySpec, ...]) -> dict[str, Any]:
@@ -115,7 +113,7 @@ def augment_document(specs: tuple[CopySpec, ...]) -> dict[str, Any]:
 
 
 def is_copied(split: str) -> bool:
-    """Tell whether clips of a split are copied: those of train are."""
+    """Return whether clips of a split are copied: those of train are."""
     return split == _SPLIT
 
 
@@ -136,11 +134,11 @@ def check_ids(clips: Iterable[tuple[str, str]], specs: tuple[CopySpec, ...]) -> 
     taken = {clip for clip, _ in clips}
     for clip in (clip for clip, split in clips if is_copied(split)):
         for spec in specs:
-            made = spec.clip_id(clip)
-            if made in taken:
+            copy = spec.clip_id(clip)
+            if copy in taken:
                 raise SourceError(
                     f"the copy of clip {clip} that augment.{spec.name} makes would get the id of another clip",
-                    where=f"clip {made}",
+                    where=f"clip {copy}",
                     fix=f"rename the clip, or build without augment.{spec.name}",
                 )
-            taken.add(made)
+            taken.add(copy)

@@ -1,6 +1,4 @@
-"""What plug-ins are, as JSON: for recipes, keys of the cache and dataset.json."""
-
-from __future__ import annotations
+"""The parameters of plug-ins as JSON: for recipes, keys of the cache and dataset.json."""
 
 import dataclasses
 from functools import lru_cache
@@ -10,8 +8,8 @@ from typing import Any
 def document_of(plugin: Any, *, loading: bool = False) -> dict[str, Any]:
     """Return a plug-in's parameters as JSON, defaults included; fields marked as paths are left out.
 
-    A field is a path if its metadata contain ``{"path": True}``: what lies there is hashed with the source, and
-    where it lies shapes nothing. With `loading`, a dataset's fields marked ``{"scan": True}`` are left out
+    A field is a path if its metadata contain ``{"path": True}``: its content is hashed with the source, and
+    its place shapes nothing. With `loading`, a dataset's fields marked ``{"scan": True}`` are left out
     as well: they decide which clips there are, not what `load` makes of one, so they are not part of its key. Fields
     marked ``{"added": True}`` came with a later version of the plug-in: at their default they are left out, so that
     hashes and keys of earlier recipes hold.
@@ -24,7 +22,7 @@ def document_of(plugin: Any, *, loading: bool = False) -> dict[str, Any]:
 
 @lru_cache(maxsize=1)
 def _anything() -> Any:
-    # Here, so that worker processes, which take keys as they are, need no pydantic.
+    # Imported here: worker processes make no keys, and need no pydantic.
     from pydantic import TypeAdapter
 
     return TypeAdapter(Any)

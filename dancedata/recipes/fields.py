@@ -1,6 +1,4 @@
-"""The fields of a dataset as a recipe asks for them: made once, and all that later steps look at."""
-
-from __future__ import annotations
+"""The fields of a dataset: made once from the recipe, used by all later stages."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -43,12 +41,12 @@ class WindowSpec(WindowGrid):
 
     def document(self) -> dict[str, Any]:
         """Return all keys, defaults included."""
-        chosen = None if self.filter is None else {self.filter.name: document_of(self.filter)}
+        window_filter = None if self.filter is None else {self.filter.name: document_of(self.filter)}
         return {
             "length_frames": self.length,
             "stride_frames": self.stride,
             "order": self.order,
-            "filter": chosen,
+            "filter": window_filter,
         }
 
 
@@ -81,7 +79,7 @@ class FieldSpec(ABC):
 
     @abstractmethod
     def document(self) -> dict[str, Any]:
-        """Return all parameters, defaults included, as a recipe gives them."""
+        """Return all parameters, defaults included, as in a recipe."""
 
     def require_whole(self, windows: WindowSpec) -> None:
         """Raise UsageError unless windows begin and end at rows of the field."""

@@ -1,28 +1,228 @@
-"""Makes plug-ins from the names and parameters of a recipe."""
+"""The plug-ins of a recipe, made from their names and parameters: one slot after the other."""
 
 from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
 from dancedata.core.columns import Columns
 from dancedata.core.errors import DanceDataError, RecipeError, UsageError, did_you_mean
-from dancedata.core.plugins import CopyAugmentation, Plugin
-from dancedata.core.registry import AUGMENTATIONS, Registry
+from dancedata.core.grid import FrameGrid
+from dancedata.core.plugins import CopyAugmentation, Dataset, Plugin, WindowFilter
+from dancedata.core.registry import (
+    AUGMENTATIONS,
+    CONTACTS,
+    DATASETS,
+    FEATURES,
+    FILTERS,
+    KEYMOTIONS,
+    REPRESENTATIONS,
+    Registry,
+)
 from dancedata.core.text import shown
 from dancedata.recipes.copies import CopySpec
+from dancedata.recipes.fields import FeatureJob, FieldSpec, KeyMotionField, MotionField, WindowSpec
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
+F = TypeVar("F", bound=FieldSpec)
 P = TypeVar("P", bound=Plugin)
+R = TypeVar("R")
 T = TypeVar("T", bound="DataclassInstance")
 
+#: Registry of each slot, by its key in a recipe.
+SLOTS: dict[str, Registry[Any]] = {
+    "dataset": DATASETS,
+    "motion": REPRESENTATIONS,
+    "audio": FEATURES,
+    "keymotion": KEYMOTIONS,
+    "augment": AUGMENTATIONS,
+}
+#: Keys of a slot beside the plug-in's.
+_SLOT_KEYS = {"motion": ("contacts",), "audio": ("fps",)}
+#: Motion is resampled to a recipe's rate however slowly it was captured: a billion per second would fill any memory.
+MAX_FPS = 1000
 _LABEL = re.compile(r"[A-Za-z0-9_-]+")
+
+
+class Problems(list[str]):
+    """The problems of one document, which are reported together."""
+
+    def catch(self, make: Callable[[], R], where: str = "") -> R | None:
+        """Return the result of a call; None, and one problem more, if it raises."""
+        try:
+            return make()
+        except DanceDataError as error:
+            self.append(f"{where}{error}")
+            return None
+
+
+@dataclasses.dataclass(frozen=True)
+class Slots:
+    """The plug-ins of a recipe; None where there is a problem."""
+
+    dataset: Dataset | None
+    windows: WindowSpec | None
+    motion: tuple[MotionField, ...]
+    keymotion: tuple[KeyMotionField, ...]
+    audio: tuple[FeatureJob, ...]
+    augment: tuple[CopySpec, ...]
+
+
+def make_slots(
+    document: Mapping[str, Any],
+    grid: FrameGrid | None,
+    windows: WindowSpec | None,
+    *,
+    by_window: bool,
+    problems: Problems,
+) -> Slots:
+    """Make all plug-ins of a recipe document.
+
+    Parameters
+    ----------
+    grid, windows
+        None if they are wrong; fields are checked all the same, so that their errors come in the same message.
+    by_window
+        Whether features are computed by window.
+    """
+    any_grid = grid or FrameGrid.of(30)
+    dataset = one_of(DATASETS, "dataset", document.get("dataset"), problems)
+    motion = _motion_fields(document.get("motion"), any_grid, problems)
+    keymotion = _key_motion_fields(document.get("keymotion"), any_grid, problems)
+    columns = {field.name: field.columns for field in (*motion, *keymotion)}
+    augment = _copy_specs(document.get("augment"), columns, problems)
+    if windows is not None:
+        chosen = _window_filter(document["windows"].get("filter"), columns, problems)
+        windows = dataclasses.replace(windows, filter=chosen)
+    audio = _feature_jobs(document.get("audio"), any_grid, windows if by_window else None, problems)
+    if windows is not None:
+        for field in (*motion, *audio):
+            problems.catch(partial(field.require_whole, windows))
+    for job in audio if grid is not None else ():
+        # A rate that a feature cannot compute at is an error now, not after all music was decoded.
+        problems.catch(partial(job.feature.n_rows, 1, 48_000, job.grid), f"audio.{job.name}: ")
+    return Slots(dataset, windows, motion, keymotion, audio, augment)
+
+
+def frame_grid(fps: Any, key: str = "fps") -> FrameGrid:
+    """Return the grid of a rate in a recipe.
+
+    Raises
+    ------
+    UsageError
+        If it is not a number above 0, or above MAX_FPS.
+    """
+    try:
+        # A boolean is a number to Python.
+        grid = FrameGrid.of(repr(fps) if fps is None or isinstance(fps, bool) else fps)
+    except UsageError as error:
+        raise UsageError(f"{key}: {error}") from error
+    if grid.rate > MAX_FPS:
+        raise UsageError(
+            f"{key} is too high", found=shown(str(grid), 40), allowed=f"at most {MAX_FPS:,} frames per second"
+        )
+    return grid
+
+
+def _motion_fields(slot: Any, grid: FrameGrid, problems: Problems) -> tuple[MotionField, ...]:
+    if not isinstance(slot, (dict, str)) or not slot:
+        names = slot if isinstance(slot, list) and all(isinstance(name, str) for name in slot) else []
+        example = ", ".join(f"{shown(name)}: {{}}" for name in names or ["edge151"])
+        problems.append(f"motion: name at least one representation, such as {{{example}}}; found {shown(repr(slot))}")
+        return ()
+    fields = []
+    for name, representation, rule in _instances(REPRESENTATIONS, "motion", slot, problems):
+        if representation is None:
+            continue
+        default = representation.default_contacts
+        rule = default if rule is None else rule
+        if rule is not None and default is None:
+            problems.append(f"motion.{name}.contacts: {name} has no contact columns")
+        contacts = None if rule is None else one_of(CONTACTS, f"motion.{name}.contacts", rule, problems)
+        rate = representation.rate
+        fields.append(MotionField(name, grid if rate is None else FrameGrid(rate), representation, contacts))
+    return _by_name(fields)
+
+
+def _feature_jobs(
+    slot: Any, grid: FrameGrid, windows: WindowSpec | None, problems: Problems
+) -> tuple[FeatureJob, ...]:
+    jobs = []
+    for name, feature, fps in _instances(FEATURES, "audio", slot, problems):
+        rows = grid if fps is None else problems.catch(partial(frame_grid, fps, f"audio.{name}.fps"))
+        if feature is not None and rows is not None:
+            jobs.append(FeatureJob(name, rows, feature, windows, rows != grid))
+    return _by_name(jobs)
+
+
+def _key_motion_fields(slot: Any, grid: FrameGrid, problems: Problems) -> tuple[KeyMotionField, ...]:
+    finders = _instances(KEYMOTIONS, "keymotion", slot, problems)
+    return _by_name([KeyMotionField(name, grid, finder) for name, finder, _ in finders if finder is not None])
+
+
+def _copy_specs(slot: Any, fields: Mapping[str, Columns], problems: Problems) -> tuple[CopySpec, ...]:
+    """Make the augmentations that a recipe names: ``{NAME: {parameters}}``, or ``{NAME: true}`` for the defaults."""
+    if slot is not None and not isinstance(slot, dict | str):
+        problems.append(f"augment: must be a mapping such as {{mirror: true}}; found {shown(repr(slot))}")
+        return ()
+    specs = []
+    for key, value in ({slot: True} if isinstance(slot, str) else slot or {}).items():
+        name, parameters = str(key), {} if isinstance(value, bool) else value
+        augmentation = make_plugin(AUGMENTATIONS, "augment", name, parameters, problems, several=True)
+        if augmentation is None or value is False:
+            continue
+        if not isinstance(augmentation, CopyAugmentation):
+            problems.append(
+                f"augment.{name}: it makes no copies: it changes samples when a dataset is read; "
+                f"fix: WindowDataset(..., augment=[{augmentation.name!r}])"
+            )
+            continue
+        for field, columns in fields.items():
+            problems.catch(partial(augmentation.check, columns), f"augment.{name}: field {field}: ")
+        specs.append(CopySpec(name, augmentation))
+    return tuple(sorted(specs, key=lambda spec: spec.name))
+
+
+def _window_filter(slot: Any, fields: Mapping[str, Columns], problems: Problems) -> WindowFilter | None:
+    window_filter = None if slot is None else one_of(FILTERS, "windows.filter", slot, problems)
+    if window_filter is None:
+        return None
+    field, where = window_filter.field, f"windows.filter.{window_filter.name}"
+    if field not in fields:
+        meant = did_you_mean(field, fields)
+        default = " (the default)" if field == getattr(type(window_filter), "field", None) else ""
+        problems.append(f"{where}.field: no such field in motion or keymotion: {shown(field)}{default}; {meant}")
+        return None
+    problems.catch(partial(window_filter.check, fields[field]), f"{where}: field {field}: ")
+    return window_filter
+
+
+def _instances(
+    registry: Registry[P], slot: str, plugins: Any, problems: Problems
+) -> Iterator[tuple[str, P | None, Any]]:
+    """Yield name, plug-in (None if it is wrong) and the value of the slot's key for each entry of a slot."""
+    also = _SLOT_KEYS.get(slot, ())
+    if not isinstance(plugins, dict):
+        plugins = {str(plugins): {}} if plugins else {}
+    for key, parameters in plugins.items():
+        name = str(key)  # in YAML a key may be a number
+        value = None
+        if also and isinstance(parameters, dict):
+            parameters = dict(parameters)
+            value = parameters.pop(also[0], None)
+        yield name, make_plugin(registry, slot, name, parameters, problems, beside=plugins, several=True), value
+
+
+def _by_name(fields: Sequence[F]) -> tuple[F, ...]:
+    # The recipe's hash does not depend on the order.
+    return tuple(sorted(fields, key=lambda field: field.name))
 
 
 def make_plugin(
@@ -31,63 +231,58 @@ def make_plugin(
     name: str,
     parameters: Any,
     problems: list[str],
-    also: tuple[str, ...] = (),
+    *,
     beside: Any = None,
+    several: bool = False,
 ) -> P | None:
     """Make one plug-in. If there are problems, all of them are added to the list, and None is returned.
 
-    `also` names keys of the slot that the caller has taken out of `parameters` already; `beside` is all that the
-    slot was given: where `name` is not a plug-in, it may be a key of one that stands beside it.
+    Parameters
+    ----------
+    where
+        Key of the slot.
+    beside
+        All that the slot holds: if `name` is not a plug-in, it may be a misplaced key of one of these.
+    several
+        Whether the slot takes several of one plug-in, named PLUGIN.NAME.
     """
+    also = _SLOT_KEYS.get(where, ()) if several else ()
+    plugin, label = registry.split(name) if several else (name, None)
+    if label is not None and not _LABEL.fullmatch(label):
+        problems.append(
+            f"{where}.{shown(name)}: not a valid name for an instance of {plugin}; allowed: letters, digits, - and _ "
+            f"after the point, such as {plugin}.second"
+        )
+        return None
     try:
-        cls = registry.get(name, key_paths(registry, where, beside, also))
+        cls = registry.get(plugin, _key_paths(registry, where, beside))
     except DanceDataError as error:
         problems.append(f"{where}: {error}")
         return None
     return make_dataclass(cls, f"{where}.{name}", parameters, problems, also)
 
 
-def make_instance(
-    registry: Registry[P],
-    where: str,
-    name: str,
-    parameters: Any,
-    problems: list[str],
-    also: tuple[str, ...] = (),
-    beside: Any = None,
-) -> P | None:
-    """Make one of several plug-ins of a slot, named PLUGIN or PLUGIN.NAME; as `make_plugin`."""
-    plugin, label = registry.split(name)
-    if label is None:
-        return make_plugin(registry, where, name, parameters, problems, also, beside)
-    if not _LABEL.fullmatch(label):
+def one_of(registry: Registry[P], where: str, plugin: Any, problems: list[str]) -> P | None:
+    """Make the one plug-in of a slot, written as ``name`` or ``{name: {parameters}}``."""
+    if isinstance(plugin, str):
+        plugin = {plugin: {}}
+    strange = [name for name in plugin if name not in registry] if isinstance(plugin, dict) else []
+    if strange and len(plugin) - len(strange) == 1:
+        # "dataset.split=all" where "dataset.aist++.split=all" was meant.
+        meant = tuple(_key_paths(registry, where, plugin))
+        problems += [
+            f"{where}.{shown(name)}: unknown key; {did_you_mean(str(name), registry.names(), meant)}"
+            for name in strange
+        ]
+        return None
+    if not isinstance(plugin, dict) or len(plugin) != 1:
+        names = ", ".join(registry.names())
         problems.append(
-            f"{where}.{shown(name)}: not a valid name for an instance of {plugin}; allowed: letters, digits, - and _ "
-            f"after the point, such as {plugin}.second"
+            f"{where}: name one {registry.kind}, as in {{name: {{}}}}; known: {names}; found {shown(repr(plugin))}"
         )
         return None
-    return make_dataclass(registry.get(plugin), f"{where}.{name}", parameters, problems, also)
-
-
-def longest_key(at: Any, parts: list[str], registry: Registry[Any] | None) -> tuple[str, list[str]]:
-    """Split off the longest key that a mapping has or that is registered, or else the first part."""
-    for n in range(len(parts), 1, -1):
-        key = ".".join(parts[:n])
-        if key in at or (registry is not None and key in registry):
-            return key, parts[n:]
-    return parts[0], parts[1:]
-
-
-def key_paths(registry: Registry[P], where: str, given: Any, also: Sequence[str] = ()) -> Iterator[str]:
-    """Yield the keys of the plug-ins that a slot names, as --set takes them: "audio.librosa35.tightness"."""
-    names = [given] if isinstance(given, str) else list(given) if isinstance(given, dict) else []
-    for name in names:
-        plugin, _ = registry.split(str(name))
-        if plugin not in registry:
-            continue
-        keys = [f.name for f in dataclasses.fields(registry.get(plugin))]
-        yield f"{where}.{name}"
-        yield from (f"{where}.{name}.{key}" for key in (*keys, *also))
+    ((name, parameters),) = plugin.items()
+    return make_plugin(registry, where, str(name), parameters, problems)
 
 
 def make_named(registry: Registry[P], where: str, name: str, parameters: dict[str, Any]) -> P:
@@ -102,100 +297,51 @@ def make_named(registry: Registry[P], where: str, name: str, parameters: dict[st
     """
     registry.get(name)  # an unknown name is an error of its own, with the closest known one
     problems: list[str] = []
-    made = make_plugin(registry, where, name, parameters, problems)
-    if made is None:
+    plugin = make_plugin(registry, where, name, parameters, problems)
+    if plugin is None:
         raise RecipeError("; ".join(problems))
-    return made
-
-
-def raise_problems(problems: list[str]) -> None:
-    """Raise RecipeError if there are any."""
-    if problems:
-        raise RecipeError("; ".join(problems))
+    return plugin
 
 
 def make_dataclass(
-    cls: type[T], at: str, parameters: Any, problems: list[str], also: tuple[str, ...] = ()
+    cls: type[T], where: str, parameters: Any, problems: list[str], also: tuple[str, ...] = ()
 ) -> T | None:
     """Make an object of a frozen dataclass from the parameters of a recipe."""
     parameters = {} if parameters is None else parameters
     if not isinstance(parameters, dict):
-        problems.append(f"{at}: parameters are a mapping of keys; found {shown(repr(parameters))}")
+        problems.append(f"{where}: parameters are a mapping of keys; found {shown(repr(parameters))}")
         return None
-    known = [f.name for f in dataclasses.fields(cls)]
-    unknown = [str(key) for key in parameters if key not in known]
-    problems += [f"{at}.{shown(key)}: unknown key; {did_you_mean(key, (*known, *also))}" for key in unknown]
+    fields = {f.name: f.default for f in dataclasses.fields(cls)}
+    unknown = [str(key) for key in parameters if key not in fields]
+    problems += [f"{where}.{shown(key)}: unknown key; {did_you_mean(key, (*fields, *also))}" for key in unknown]
+    # Defaults are validated as well: a default of 100 and a value of 100.0 have to be the same recipe.
+    values = {k: v for k, v in {**fields, **parameters}.items() if k in fields and v is not dataclasses.MISSING}
     try:
-        # Defaults are validated as well: a default of 100 and a given 100.0 have to be the same recipe.
-        defaults = {f.name: f.default for f in dataclasses.fields(cls) if f.default is not dataclasses.MISSING}
-        given = {k: v for k, v in parameters.items() if k in known}
-        made = TypeAdapter(cls).validate_python({**defaults, **given})
+        plugin = TypeAdapter(cls).validate_python(values)
     except ValidationError as error:
         problems += [
-            f"{at}.{'.'.join(str(p) for p in e['loc'])}: {e['msg']}; found {shown(repr(e['input']))}"
+            f"{where}.{'.'.join(str(p) for p in e['loc'])}: {e['msg']}; found {shown(repr(e['input']))}"
             for e in error.errors()
         ]
         return None
     except DanceDataError as error:
-        problems.append(f"{at}: {error}")
+        problems.append(f"{where}: {error}")
         return None
-    return None if unknown else made
+    return None if unknown else plugin
 
 
-def one_of(registry: Registry[P], where: str, given: Any, problems: list[str]) -> P | None:
-    """Make the one plug-in of a slot, given as ``name`` or ``{name: {parameters}}``."""
-    if isinstance(given, str):
-        given = {given: {}}
-    strange = [name for name in given if name not in registry] if isinstance(given, dict) else []
-    if strange and len(given) - len(strange) == 1:
-        # "dataset.split=all" where "dataset.aist++.split=all" was meant.
-        meant = key_paths(registry, where, given)
-        problems += [
-            f"{where}.{shown(name)}: unknown key; {did_you_mean(str(name), registry.names(), meant)}"
-            for name in strange
-        ]
-        return None
-    if not isinstance(given, dict) or len(given) != 1:
-        names = ", ".join(registry.names())
-        problems.append(
-            f"{where}: name one {registry.kind}, as in {{name: {{}}}}; known: {names}; found {shown(repr(given))}"
-        )
-        return None
-    ((name, parameters),) = given.items()
-    return make_plugin(registry, where, str(name), parameters, problems)
+def slot_keys(document: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the keys of all plug-ins that a document names, as --set takes them."""
+    yield from _key_paths(AUGMENTATIONS, "augment", dict.fromkeys(AUGMENTATIONS.names()))
+    for slot, registry in SLOTS.items():
+        yield from _key_paths(registry, slot, document.get(slot))
 
 
-def copy_specs(given: Any, fields: Mapping[str, Columns], problems: list[str]) -> tuple[CopySpec, ...]:
-    """Make the augmentations that a recipe names: ``{NAME: {parameters}}``, or ``{NAME: true}`` for the defaults.
-
-    Parameters
-    ----------
-    fields
-        Columns of the recipe's motion and key motion fields.
-    problems
-        What is wrong is added to it.
-    """
-    given = {given: {}} if isinstance(given, str) else given
-    if given is not None and not isinstance(given, dict):
-        problems.append(f"augment: must be a mapping such as {{mirror: true}}; found {shown(repr(given))}")
-        return ()
-    specs = []
-    for name, parameters in (given or {}).items():
-        own = {} if isinstance(parameters, bool) else parameters
-        made = make_instance(AUGMENTATIONS, "augment", str(name), own, problems)
-        if made is None or parameters is False:
-            continue
-        if not isinstance(made, CopyAugmentation):
-            problems.append(
-                f"augment.{name}: it makes no copies: it changes samples when a dataset is read; "
-                f"fix: WindowDataset(..., augment=[{made.name!r}])"
-            )
-            continue
-        for field, columns in fields.items():
-            try:
-                made.check(columns)
-            except UsageError as error:
-                problems.append(f"augment.{name}: field {field}: {error}")
-        specs.append(CopySpec(str(name), made))
-    # By name, as the recipe's hash does not depend on the order.
-    return tuple(sorted(specs, key=lambda spec: spec.name))
+def _key_paths(registry: Registry[P], where: str, plugins: Any) -> Iterator[str]:
+    """Yield the keys of the plug-ins that a slot names, as --set takes them: "audio.librosa35.tightness"."""
+    for name in [plugins] if isinstance(plugins, str) else plugins if isinstance(plugins, dict) else ():
+        plugin, _ = registry.split(str(name))
+        if plugin in registry:
+            keys = [f.name for f in dataclasses.fields(registry.get(plugin))]
+            yield f"{where}.{name}"
+            yield from (f"{where}.{name}.{key}" for key in (*keys, *_SLOT_KEYS.get(where, ())))

@@ -1,7 +1,4 @@
-"""A checked recipe: what shapes a dataset, its plug-ins made. `recipes.parse` reads one from YAML.
-
-Every worker process imports this; what checks documents is imported by the process that reads them.
-"""
+"""A checked recipe with its plug-ins. Worker processes import this, but not `recipes.parse`, which reads YAML."""
 
 from __future__ import annotations
 
@@ -37,10 +34,9 @@ class Recipe:
     shard_mb: int
 
     def __repr__(self) -> str:
-        """Show name, dataset, rate and fields; `document` has every key."""
         fields = ", ".join(field.name for field in self.fields)
-        about = f"dataset {self.dataset.name}, {self.grid} FPS, {self.scope} scope, fields: {fields}"
-        return f"Recipe({self.name!r}, {about})"
+        summary = f"dataset {self.dataset.name}, {self.grid} FPS, {self.scope} scope, fields: {fields}"
+        return f"Recipe({self.name!r}, {summary})"
 
     @property
     def fields(self) -> tuple[FieldSpec, ...]:
@@ -59,7 +55,7 @@ class Recipe:
 
     @property
     def fps(self) -> Fraction:
-        """Frames a second of the store."""
+        """Frames per second."""
         return self.grid.rate
 
     @cached_property
@@ -93,6 +89,6 @@ def resolve(recipe: Recipe, hash_file: Callable[[Path], str]) -> Recipe:
     Parameters
     ----------
     hash_file
-        Gives the SHA-256 of a file, such as `Cache.file_sha256`.
+        Function that returns the SHA-256 of a file, such as `Cache.file_sha256`.
     """
     return replace(recipe, audio=tuple(replace(job, feature=job.feature.resolved(hash_file)) for job in recipe.audio))

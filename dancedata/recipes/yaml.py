@@ -1,7 +1,5 @@
 """YAML without surprises: plain data only, and no key twice."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -45,7 +43,7 @@ def _mapping(loader: _Loader, node: yaml.MappingNode, deep: bool = False) -> dic
             raise yaml.constructor.ConstructorError(
                 "while reading a mapping",
                 node.start_mark,
-                f"the key {quoted(key)} is there twice",
+                f"duplicate key {quoted(key)}",
                 key_node.start_mark,
             )
         seen.add(key if isinstance(key, str | int) else id(key_node))
@@ -62,7 +60,7 @@ def read_yaml(path: Path) -> Any:
 
 
 def load_yaml(text: str) -> Any:
-    """Read YAML; raises yaml.YAMLError, also for what only files made up to hurt have.
+    """Read YAML; raises yaml.YAMLError, also for what only hostile files have.
 
     That is text of more than MAX_CHARACTERS, nesting deeper than MAX_DEPTH, numbers beyond 64 bits, and aliases that
     make the document larger than MAX_NODES or endless.
@@ -106,9 +104,9 @@ def _size(value: Any, depth: int) -> int:
 
 def recipes_with(field: str) -> tuple[str, ...]:
     """Return the names of the shipped recipes that compute a field, sorted."""
-    found = []
+    names = []
     for file in resources("pipelines"):
         recipe = yaml.safe_load(resource("pipelines", file).read_text(encoding="utf-8"))
         if any(field in (recipe.get(slot) or {}) for slot in ("motion", "audio", "keymotion")):
-            found.append(recipe["name"])
-    return tuple(sorted(found))
+            names.append(recipe["name"])
+    return tuple(sorted(names))

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any, Self
 
 from dancedata.core.errors import StoreError, UsageError
-from dancedata.core.text import listed
 from dancedata.core.version import __version__
 from dancedata.exports.base.folder import ExportFolder
 from dancedata.exports.base.place import (
@@ -19,7 +18,7 @@ from dancedata.exports.base.place import (
     replaced_export,
     write_about,
 )
-from dancedata.files import atomic
+from dancedata.files import atomic, publish
 from dancedata.files.atomic import require_free
 from dancedata.report.player import Player
 
@@ -118,10 +117,11 @@ class Target:
             names = sorted(p.name for p in self.folder.iterdir())
             foreign = names if files is None else foreign_files(self.folder, files)
         if foreign:
-            raise UsageError(
-                "the folder for further clips has other files in it",
-                where=self.folder,
-                found=listed(foreign),
+            raise publish.foreign_files(
+                self.folder,
+                foreign,
+                problem="the folder for further clips has other files in it",
                 allowed="the files of a report of this name, as they were written",
-                fix="choose another --to, or move them away",
+                choose="another --to",
+                error=UsageError,
             )

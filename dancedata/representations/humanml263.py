@@ -72,7 +72,7 @@ class Humanml263(Representation):
     rate: ClassVar[Fraction | None] = Fraction(20)
     spatial: ClassVar[Spatial | None] = _SPATIAL
     grounded: ClassVar[bool] = True
-    fits: ClassVar[bool] = True
+    positions_only: ClassVar[bool] = True
 
     @property
     @override

@@ -14,7 +14,7 @@ from dancedata.core.grid import FrameGrid, as_rate
 from dancedata.core.hashing import canonical_json, json_sha256
 from dancedata.core.skeleton import Skeleton
 from dancedata.core.text import listed, quoted, shown
-from dancedata.files.atomic import OWN
+from dancedata.files.atomic import PREFIX
 from dancedata.files.regular_file import read_regular
 from dancedata.files.strict_json import parse_json
 from dancedata.store.schema import DATASET_FILE, FORMAT, Field, is_shard_name
@@ -185,7 +185,7 @@ def describe_folder(folder: Path) -> str:
     if not names:
         return "an empty folder"
     text = listed(names, 8)
-    if any(name.startswith(OWN) for name in names):
+    if any(name.startswith(PREFIX) for name in names):
         return text + " (an unfinished build)"
     return text + (" (shards without dataset.json: an unfinished build)" if any(map(is_shard_name, names)) else "")
 

@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 from dancedata.core.errors import StoreError
 from dancedata.core.text import listed, shown
-from dancedata.files.atomic import OWN
+from dancedata.files.atomic import PREFIX
 from dancedata.files.regular_file import read_regular, sha256_file
 from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.dataset import open_store
@@ -225,7 +225,7 @@ def _find_unlisted_files(folder: Path, description: Description) -> Iterator[Pro
     for path in sorted(folder.iterdir()):
         if path.name in listed:
             continue
-        if is_shard_name(path.name) or path.name.startswith(OWN) or _LEFTOVER.search(path.name):
+        if is_shard_name(path.name) or path.name.startswith(PREFIX) or _LEFTOVER.search(path.name):
             yield Problem("note", str(path), "a file that dataset.json does not list; readers ignore it")
 
 

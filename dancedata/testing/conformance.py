@@ -126,7 +126,7 @@ def check_representation(cls: type[Any]) -> None:
     if mirror is not None:
         require(np.array_equal(mirror.apply(mirror.apply(array)), array), "mirroring twice gives back the columns")
     _check_spatial(representation, motion, array)
-    if representation.decodes and representation.fits:
+    if representation.decodes and representation.positions_only:
         decoded = representation.decode(array, FPS)
         require(decoded.n_frames == 40 and decoded.grid == FPS, "decode gives as many frames, at the rate asked for")
     elif representation.decodes:

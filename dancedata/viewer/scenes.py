@@ -64,7 +64,7 @@ def drawable_fields(store: Store) -> dict[str, ColumnsReader]:
         if reader.representation.decodes or "position" in reader.representation.columns.names
     }
     # First whole motions, then positions, then motions that `decode` fits to the columns.
-    rank = {name: (r.representation.fits, not r.representation.decodes) for name, r in kept.items()}
+    rank = {name: (r.representation.positions_only, not r.representation.decodes) for name, r in kept.items()}
     return dict(sorted(kept.items(), key=lambda item: rank[item[0]]))
 
 

@@ -200,9 +200,9 @@ def test_a_careful_cache_compares_what_it_looks_up(own: Cache):
 )
 def test_an_array_comes_back(own: Cache, array: Any):
     assert own.array("features", KEY) is None
-    assert not own.holds("features", KEY)
+    assert not own.contains("features", KEY)
     own.put_array("features", KEY, array)
-    assert own.holds("features", KEY)
+    assert own.contains("features", KEY)
     found = own.array("features", KEY)
     assert found is not None
     assert found.shape == array.shape

@@ -14,6 +14,7 @@ import pytest
 from typer.testing import CliRunner
 
 from dancedata.cli.app import app
+from dancedata.cli.cache_text import describe_pruned
 from dancedata.core.errors import UsageError
 from dancedata.execution import cache_files
 from dancedata.execution.cache import Cache
@@ -53,7 +54,7 @@ def own(tmp_path: Path) -> Cache:
 
 
 def left(cache: Cache) -> list[int]:
-    return [number for number in range(1, 10) if cache.holds("features", key(number))]
+    return [number for number in range(1, 10) if cache.contains("features", key(number))]
 
 
 def test_info_sums_by_stage(own: Cache):
@@ -114,7 +115,7 @@ def test_what_a_running_build_may_be_using_stays(own: Cache):
         result = prune(own.root, max_bytes=0)
     # The entry of JSON was used by now as well.
     assert (left(own), result.in_use) == ([2], 2)
-    assert "2 of them because they are in use" in result.describe(False)
+    assert "2 of them because they are in use" in describe_pruned(result, dry=False)
     assert prune(own.root, max_bytes=0).kept == 0
 
 

@@ -21,8 +21,8 @@ from dancedata.exports.base import place
 from dancedata.exports.base.folder import ExportFolder
 from dancedata.exports.base.place import new_export, read_about, self_hash
 from dancedata.exports.npz import Npz
-from dancedata.files import staging
-from dancedata.files.staging import claim, mark
+from dancedata.files import publish
+from dancedata.files.publish import claim, mark
 
 
 def tree(folder: Path) -> dict[str, bytes]:
@@ -95,7 +95,7 @@ def test_folders_of_others_are_refused(npz, kind: str, tmp_path: Path) -> None:
         (out / {"folder": "mine", "dataset": "dataset.json", "forged": "export.json"}[kind]).write_text(
             '{"files": {}}'
         )
-    with pytest.raises(StoreError, match=r"not a folder|not an export's"):
+    with pytest.raises(StoreError, match=r"not a folder|no export wrote"):
         npz(overwrite=True)
     assert out.read_text() == "mine" if kind == "file" else len(list(out.iterdir())) == 1
 
@@ -207,7 +207,7 @@ def test_an_interrupt_while_a_folder_is_claimed(tmp_path: Path, monkeypatch: pyt
         mark(folder)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(staging, "mark", interrupted)
+    monkeypatch.setattr(publish, "mark", interrupted)
     with pytest.raises(KeyboardInterrupt), new_export(tmp_path / "out", overwrite=False):
         pass
     assert not list(tmp_path.iterdir())
@@ -229,7 +229,7 @@ def test_a_file_that_appears_meanwhile_is_not_replaced(tmp_path: Path) -> None:
             (tmp_path / "out").mkdir()
             (tmp_path / "out" / "mine").write_text("mine")
 
-    with pytest.raises(StoreError, match="not an export's"):
+    with pytest.raises(StoreError, match="no export wrote"):
         fill()
     assert [p.name for p in tmp_path.iterdir()] == ["out"]
     assert (tmp_path / "out" / "mine").read_text() == "mine"

@@ -2,7 +2,8 @@
 
     python -m pytest -m nightly tests/fault/test_every_kill.py     200 kills; prints how many of each kind there were
 
-What is there afterwards is byte-identical to an undisturbed run, or untouched; and what others put beside it stays.
+Afterwards every output is byte-identical to that of an undisturbed run, or untouched; foreign files stay. Builds and
+conversions take minutes here: by default test_kills, execution/test_foreign_files and files/test_publish kill them.
 """
 
 from __future__ import annotations
@@ -197,17 +198,17 @@ def beside(out: Path) -> set[str]:
     return {p.name for p in out.parent.iterdir()} - {Path(n).parts[0] for n in FOREIGN["outs"]} - {out.name}
 
 
-@pytest.fixture(scope="module", params=[pytest.param(5), pytest.param(200, marks=pytest.mark.nightly)])
-def kills(request: pytest.FixtureRequest) -> int:
-    """How many, all tests of this page together."""
+@pytest.fixture(params=[pytest.param(1, id="one kill"), pytest.param(20, marks=pytest.mark.nightly, id="20 kills")])
+def cache_kills(request: pytest.FixtureRequest) -> int:
+    """Number of kills of a command of the cache."""
     return int(request.param)
 
 
 @pytest.fixture
-def hunter(slow: Any, kills: int, tmp_path: Path) -> Any:
-    """A hunter whose moments depend on the number of kills alone."""
+def hunter(slow: Any, request: pytest.FixtureRequest, tmp_path: Path) -> Any:
+    """A hunter whose moments depend on the test alone."""
     slow.environment["PYTHONFAULTHANDLER"] = "1"
-    hunter = Hunter(slow.environment, random.Random(kills), tmp_path / "said")
+    hunter = Hunter(slow.environment, random.Random(request.node.name), tmp_path / "said")
     yield hunter
     # Workers that outlive their parent wait minutes for work before they end.
     for pid, start in hunter.orphans:
@@ -239,7 +240,8 @@ def command(slow: Any, corpus: Path, out: Path) -> Callable[..., list[Any]]:
     return line
 
 
-def test_builds(slow: Any, hunter: Hunter, recipes: list[Path], command: Any, out: Path, hashes: Any, kills: int):
+@pytest.mark.nightly
+def test_builds(slow: Any, hunter: Hunter, recipes: list[Path], command: Any, out: Path, hashes: Any):
     checks = [plant(slow.cache, "cache"), plant(out.parent, "outs")]
     build = command(recipes[0])
     computing = undisturbed(build, slow.environment)
@@ -260,7 +262,7 @@ def test_builds(slow: Any, hunter: Hunter, recipes: list[Path], command: Any, ou
         prune(slow.cache, max_bytes=0)
         published.clear()
 
-    while hunter.kills.total() < 0.35 * kills:
+    while hunter.kills.total() < 70:
         anew = not hunter.kills.total() % 3 or hunter.next_way(WAYS) == "worker"
         if anew:  # else all that is left to do is what was cut short, and writing
             remove_entries(slow.cache)
@@ -291,9 +293,8 @@ def leftovers(slow: Any) -> list[str]:
     return [path for path in slow.strays() if path not in foreign]
 
 
-def test_overwriting(
-    slow: Any, hunter: Hunter, recipes: list[Path], command: Any, out: Path, hashes: Any, kills: int
-):
+@pytest.mark.nightly
+def test_overwriting(slow: Any, hunter: Hunter, recipes: list[Path], command: Any, out: Path, hashes: Any):
     check = plant(out.parent, "outs")
     builds = [command(recipe, "--overwrite") for recipe in recipes]
     datasets = []
@@ -302,7 +303,7 @@ def test_overwriting(
         datasets.append(hashes(out))
     assert datasets[0] != datasets[1]
     turn = 0
-    while hunter.kills.total() < 0.3 * kills:
+    while hunter.kills.total() < 60:
         if hunter.run("overwrite", builds[turn], longest, NO_WORKERS):
             assert hashes(out) == datasets[turn]
             turn = 1 - turn
@@ -336,7 +337,7 @@ def damage(cache: Cache) -> set[Path]:
     return chosen
 
 
-def test_pruning(slow: Any, hunter: Hunter, kills: int):
+def test_pruning(slow: Any, hunter: Hunter, cache_kills: int):
     cache = Cache(slow.cache)
     check = plant(cache.root, "cache")
     prune_all = [*CACHE, "prune", "--max-size", "1B"]
@@ -344,7 +345,7 @@ def test_pruning(slow: Any, hunter: Hunter, kills: int):
     longest = undisturbed(prune_all, slow.environment)
     assert not state_of(cache)
     known = fill(cache)
-    while hunter.kills.total() < 0.1 * kills:
+    while hunter.kills.total() < cache_kills:
         ended = hunter.run("prune", prune_all, longest, NO_WORKERS)
         left = state_of(cache)
         assert left.items() <= known.items()
@@ -355,7 +356,7 @@ def test_pruning(slow: Any, hunter: Hunter, kills: int):
     assert leftovers(slow) == []
 
 
-def test_verifying(slow: Any, hunter: Hunter, kills: int):
+def test_verifying(slow: Any, hunter: Hunter, cache_kills: int):
     cache = Cache(slow.cache)
     check = plant(cache.root, "cache")
     verify = [*CACHE, "verify", "--remove"]
@@ -363,7 +364,7 @@ def test_verifying(slow: Any, hunter: Hunter, kills: int):
     longest = undisturbed(verify, slow.environment)
     damaged = damage(cache)
     known = state_of(cache)
-    while hunter.kills.total() < 0.1 * kills:
+    while hunter.kills.total() < cache_kills:
         ended = hunter.run("verify", verify, longest, NO_WORKERS, codes=(0, 1))  # 1: there were damaged ones
         left = state_of(cache)
         assert left.items() <= known.items()
@@ -377,7 +378,8 @@ def test_verifying(slow: Any, hunter: Hunter, kills: int):
     assert leftovers(slow) == []
 
 
-def test_converting(slow: Any, hunter: Hunter, tmp_path: Path, hashes: Any, kills: int):
+@pytest.mark.nightly
+def test_converting(slow: Any, hunter: Hunter, tmp_path: Path, hashes: Any):
     for package in ("torch", "accelerate", "safetensors"):
         pytest.importorskip(package)
     from dancedata.testing.jukebox import random_checkpoint
@@ -391,7 +393,7 @@ def test_converting(slow: Any, hunter: Hunter, tmp_path: Path, hashes: Any, kill
     out.mkdir()
     (out / "notes.txt").write_text("somebody's")
     notes = {"notes.txt": sha256_file(out / "notes.txt")}
-    while hunter.kills.total() < 0.15 * kills:
+    while hunter.kills.total() < 30:
         ended = hunter.run("convert", convert, longest, NO_WORKERS)
         if (out / "jukebox.json").exists():
             assert hashes(out) == wanted | notes

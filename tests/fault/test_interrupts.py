@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 
 from dancedata.cli import interrupts
-from dancedata.execution.children import shielded
+from dancedata.execution.reference_process import shielded
 
 
 def workers(group: int) -> list[int]:
@@ -44,7 +44,7 @@ def when_it_runs(process: subprocess.Popen[Any]) -> None:
         time.sleep(0.002)
 
 
-@pytest.mark.parametrize("tries", [pytest.param(3), pytest.param(40, marks=pytest.mark.nightly)])
+@pytest.mark.parametrize("tries", [pytest.param(2), pytest.param(40, marks=pytest.mark.nightly)])
 def test_ctrl_c_while_workers_start(
     slow: Any, corpus: Path, out: Path, undisturbed: dict[str, str], hashes: Any, tries: int
 ):

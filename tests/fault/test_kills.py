@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-SONG_S = 0.3
+SONG_S = 0.2
 
 
 @pytest.mark.parametrize("kills", [pytest.param(2), pytest.param(50, marks=pytest.mark.nightly)])
@@ -62,7 +62,6 @@ def test_a_build_killed_at_random_moments_ends_as_if_undisturbed(
     assert [p.name for p in out.parent.iterdir()] == ["out"]
     assert slow.strays() == []
     assert computed_after_publishing(slow.log()) == []
-    assert "nothing to do" in slow.build(corpus, out, "--jobs", 1)
 
 
 def computed_after_publishing(log: list[str]) -> list[str]:
@@ -106,8 +105,8 @@ BOTH = [(when, n) for n in range(1, 10) for when in ("before", "after")]
 @pytest.mark.parametrize(
     "moments",
     [
-        # The first four die while units are published, the others while the dataset is written.
-        pytest.param([("after", 6), ("before", 12), ("after", 14), ("before", 1), ("after", 3), ("before", 8)]),
+        # The first two die while units are published, the others while the dataset is written.
+        pytest.param([("after", 6), ("before", 12), ("before", 1), ("after", 8)]),
         pytest.param(BOTH * 2, marks=pytest.mark.nightly),
     ],
     ids=["some", "all"],
@@ -146,7 +145,7 @@ def test_every_unit_is_computed_once_by_builds_that_run_together(
 
 
 def test_two_builds_into_one_folder(slow: Any, corpus: Path, out: Path, undisturbed: dict[str, str], hashes: Any):
-    slow.sleep(0.5)
+    slow.sleep(0.2)
     pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     processes = [slow.start(corpus, out, "--jobs", 1, **pipes) for _ in range(2)]
     ends = sorted((*process.communicate(), process.returncode) for process in processes)

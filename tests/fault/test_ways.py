@@ -24,10 +24,10 @@ def test_parts_that_are_collected_give_the_same_bytes(
 ):
     clips = 0
     # In any order, and one of them twice.
-    for part in ("3/4", "1/4", "4/4", "1/4", "2/4"):
+    for part in ("2/2", "1/2", "2/2"):
         about = json.loads(slow.build(corpus, out, "--jobs", 1, "--part", part, "--json"))
         assert about["part"] == part
-        clips += about["clips"] if part != "1/4" else about["clips"] / 2
+        clips += about["clips"] if part != "2/2" else about["clips"] / 2
         assert not out.exists()
     assert clips == about["clips_in_all"] == 8
     assert sorted(slow.calls()) == sorted(songs)

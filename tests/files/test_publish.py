@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from dancedata.core.errors import StoreError
-from dancedata.files import staging
-from dancedata.files.staging import MARKER, STAGING, Layout, staged, tidy
+from dancedata.files import publish
+from dancedata.files.publish import MARKER, STAGING, Layout, staged, tidy
 
 NAMES = ["a.bin", "b.bin", "last.json"]
 LAYOUT = Layout("last.json", lambda path: path.read_text() == "last.json", lambda name: name in NAMES)
@@ -60,7 +60,7 @@ def test_killed_at_any_moment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, m
         return call
 
     with monkeypatch.context() as killed:
-        killed.setattr(staging, "discard", lambda *_: False)
+        killed.setattr(publish, "discard", lambda *_: False)
         killed.setattr(os, "rename", dying(os.rename))
         killed.setattr(Path, "write_text", dying(Path.write_text))
         if moment < 7:
@@ -87,13 +87,13 @@ def test_a_folder_of_our_name_with_files_of_others(tmp_path: Path, name: str, pr
         ours = tmp_path / proof / STAGING
         ours.parent.mkdir()
         if proof == "ours":
-            staging.claim(ours)
+            publish.claim(ours)
         (ours / name).parent.mkdir(parents=True, exist_ok=True)
         (ours / name).write_text("somebody's")
         if proof == "another":
             (ours / MARKER).write_text("mine")
         before = content(ours)
-        with pytest.raises(StoreError, match="not dancedata's") as caught:
+        with pytest.raises(StoreError, match="dancedata did not write") as caught:
             write(ours.parent)
         assert content(ours) == before
         assert name.partition("/")[0] in str(caught.value)
@@ -101,7 +101,7 @@ def test_a_folder_of_our_name_with_files_of_others(tmp_path: Path, name: str, pr
 
 def test_a_last_file_of_our_name_that_is_not_whole(tmp_path: Path) -> None:
     (tmp_path / LAYOUT.journal).write_text("somebody's")
-    with pytest.raises(StoreError, match="not dancedata's"):
+    with pytest.raises(StoreError, match="dancedata did not write"):
         write(tmp_path)
     assert (tmp_path / LAYOUT.journal).read_text() == "somebody's"
 
@@ -115,7 +115,7 @@ def test_a_file_that_would_be_replaced(tmp_path: Path, name: str) -> None:
 
 def test_a_file_that_came_after_the_last_one_was_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with monkeypatch.context() as killed:
-        killed.setattr(staging, "_finish", lambda *_: None)
+        killed.setattr(publish, "_finish", lambda *_: None)
         write(tmp_path)
     (tmp_path / "b.bin").write_text("somebody's")
     for _ in range(2):

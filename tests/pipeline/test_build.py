@@ -23,7 +23,7 @@ from dancedata.cli.text import describe_store
 from dancedata.core.errors import DataError, SourceError, StoreError
 from dancedata.datasets.aistpp import AistPP
 from dancedata.datasets.synthetic import Synthetic
-from dancedata.files import staging
+from dancedata.files import publish
 from dancedata.files.locks import writing_lock
 from dancedata.pipeline import build as build_module
 from dancedata.store import verify_store
@@ -222,9 +222,9 @@ def test_what_a_killed_build_left_is_replaced(
     out.mkdir(parents=True)
     if overwrite:
         shutil.copytree(built, out, dirs_exist_ok=True)
-    unfinished = [out.parent / ".dancedata-out.new-0123abcd"] if overwrite else [out / staging.STAGING]
+    unfinished = [out.parent / ".dancedata-out.new-0123abcd"] if overwrite else [out / publish.STAGING]
     for folder in unfinished:
-        staging.claim(folder)
+        publish.claim(folder)
         for name in ("train-00000-of-00009.h5", "README.md", "stats.json", ".dancedata-abc_1234.tmp"):
             (folder / name).write_text("half")
     if overwrite:

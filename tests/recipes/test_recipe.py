@@ -90,7 +90,7 @@ def test_all_problems_are_listed_at_once():
         ({"dataset": None}, "dataset: name one dataset"),
         ({"motion": None}, "motion: name at least one representation"),
         ({"name": None}, "name: missing"),
-        ({"recipe": 2}, "recipe: Input should be 1"),
+        ({"recipe": 2}, "recipe: must be 1; found 2"),
         ({"fps": "thirty"}, "rate is not a number; found 'thirty'"),
         ({"fps": 0}, "a frame rate must be above 0"),
         ({"fps": 1e9}, "fps is too high; found 1000000000; allowed: at most 1,000"),
@@ -129,7 +129,7 @@ def test_a_rate_that_a_feature_cannot_do_is_said_before_any_work():
 def test_a_key_that_is_there_twice_is_an_error(tmp_path: Path):
     path = tmp_path / "twice.yaml"
     path.write_text("recipe: 1\nname: one\nname: two\n")
-    with pytest.raises(RecipeError, match="the key 'name' is there twice"):
+    with pytest.raises(RecipeError, match="duplicate key 'name'"):
         load_recipe(path)
 
 

@@ -18,8 +18,10 @@ from dancedata.core.skeleton import Skeleton
 THIRTY = FrameGrid.of(30)
 NAMES = REPRESENTATIONS.names()
 #: Those that decode to the motion itself; others only to one with the same positions, on a body of their own.
-DECODED = [name for name in NAMES if REPRESENTATIONS.get(name).decodes and not REPRESENTATIONS.get(name).fits]
-ON_OWN_BODY = [name for name in NAMES if not REPRESENTATIONS.get(name).fits]
+DECODED = [
+    name for name in NAMES if REPRESENTATIONS.get(name).decodes and not REPRESENTATIONS.get(name).positions_only
+]
+ON_OWN_BODY = [name for name in NAMES if not REPRESENTATIONS.get(name).positions_only]
 FLIP = np.array([-1.0, 1.0, 1.0])
 #: Turns where axis-angle is delicate.
 TURNS = (0.0, 1e-9, 1e-5, np.pi - 1e-7, np.pi, np.pi + 1e-7, 2 * np.pi, 3 * np.pi, 4 * np.pi)
@@ -104,7 +106,7 @@ def test_mirrored_columns_on_the_mirrored_body_are_the_reflection(name: str, see
     if made.decodes:
         plain = made.decode(array, THIRTY).joints()
         mirrored = made.decode(image, THIRTY)
-        mirrored = (mirrored if made.fits else mirrored.on(made.skeleton.mirrored())).joints()
+        mirrored = (mirrored if made.positions_only else mirrored.on(made.skeleton.mirrored())).joints()
     else:
         # What cannot be decoded has to hold the positions themselves, or its mirror is proved by nothing.
         plain, mirrored = (x[:, made.columns.slice("position")].reshape(len(x), -1, 3) for x in (array, image))

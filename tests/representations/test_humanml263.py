@@ -109,7 +109,7 @@ def test_columns_do_not_depend_on_place_and_direction(by: Placement) -> None:
     np.testing.assert_array_equal(spatial.moved(wanted, MADE.columns, by), wanted)
     low, high = wanted.min(axis=0).astype(float), wanted.max(axis=0).astype(float)
     for bound, covered in zip(
-        (low, high), spatial.cover(low, high, MADE.columns, turns=True, shift_m=1), strict=True
+        (low, high), spatial.scaler_bounds(low, high, MADE.columns, turns=True, shift_m=1), strict=True
     ):
         np.testing.assert_array_equal(covered, bound)
 

@@ -16,8 +16,9 @@ from dancedata.audio.hf.model_folder import FILES, PROVENANCE, licence_of
 from dancedata.core.errors import DanceDataError, SourceError, UsageError
 from dancedata.core.packages import require
 from dancedata.core.text import listed, shown
-from dancedata.files.atomic import OWN, sync_folder, write_json
+from dancedata.files.atomic import PREFIX, sync_folder, write_json
 from dancedata.files.locks import file_lock
+from dancedata.files.publish import foreign_files
 from dancedata.files.regular_file import sha256_file
 
 if TYPE_CHECKING:
@@ -112,7 +113,7 @@ def fetch_model(
     _require_new(out)
     files = hub.files(revision)
     chosen, left_out = _chosen(name, files, pickles)
-    part = out.with_name(f"{OWN}{out.name}-{revision[:12]}")
+    part = out.with_name(f"{PREFIX}{out.name}-{revision[:12]}")
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         with file_lock(part.with_name(f"{part.name}.lock"), wait=False) as locked:
@@ -290,12 +291,8 @@ def _require_own(part: Path, names: set[str]) -> None:
     """Raise UsageError for other files in the folder beside OUT: they would become a part of the model."""
     foreign = sorted({path.name for path in part.iterdir()} - names - {_CLIENT, PROVENANCE})
     if part.is_symlink() or foreign:
-        raise UsageError(
-            "hf: the folder of an unfinished fetch holds other files",
-            where=part,
-            found=listed(foreign),
-            fix="remove it",
-        )
+        problem = "hf: the folder of an unfinished fetch holds other files"
+        raise foreign_files(part, foreign, problem=problem, choose="another --out", error=UsageError)
 
 
 def _not_a_commit(name: str, revision: str | None, commit: str) -> UsageError:

@@ -16,8 +16,8 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
 
 from dancedata.audio.jukebox.config import JukeboxConfig
@@ -41,25 +41,24 @@ from dancedata.audio.jukebox.weights.loading import Checkpoint, open_openai
 from dancedata.audio.jukebox.weights.sources import SafetensorsSource, TensorSource, require_tensors
 from dancedata.core.errors import DanceDataError, SourceError, UsageError
 from dancedata.core.packages import require
-from dancedata.core.text import listed
 from dancedata.files.atomic import atomic_file, write_json
 from dancedata.files.locks import writing_lock
+from dancedata.files.publish import Layout, foreign_files, staged, tidy, writable
 from dancedata.files.regular_file import sha256_file
-from dancedata.files.staging import Layout, staged, tidy
 from dancedata.files.strict_json import read_json
 
 _VQVAE, _TABLES = "vqvae.safetensors", "tables.safetensors"
 _FILES = re.compile(r"(vqvae|tables|block-[0-9]{3})\.safetensors|jukebox\.json")
 
 
-def _is_whole(path: Path) -> bool:
+def _is_complete(path: Path) -> bool:
     try:
         return bool(read_json(path, MAX_JSON_BYTES)["format"] == FORMAT)
     except (OSError, ValueError, KeyError, TypeError):
         return False
 
 
-_LAYOUT = Layout(DESCRIPTION_FILE, _is_whole, lambda name: _FILES.fullmatch(name) is not None)
+_LAYOUT = Layout(DESCRIPTION_FILE, _is_complete, lambda name: _FILES.fullmatch(name) is not None)
 
 
 def convert(
@@ -99,7 +98,10 @@ def convert(
         require_tensors(checkpoint.vqvae, vqvae_tensors(config))
         require_tensors(checkpoint.prior, prior_tensors(config, layer))
         source = checkpoint_sha256(folder)
-        with _folder_to_write(out):
+        with ExitStack() as stack:
+            with _writable(out):
+                out.mkdir(parents=True, exist_ok=True)
+                stack.enter_context(writing_lock(out, "conversion"))
             tidy(out, _LAYOUT)
             if (out / DESCRIPTION_FILE).exists():
                 return _finished(out, config, layer, source)
@@ -110,28 +112,12 @@ def convert(
         checkpoint.close()
 
 
-@contextmanager
-def _folder_to_write(out: Path) -> Iterator[None]:
-    """Create the output folder and lock it; a second process fails at once."""
-    with ExitStack() as stack:
-        try:
-            out.mkdir(parents=True, exist_ok=True)
-            stack.enter_context(writing_lock(out, "conversion"))
-        except OSError as error:
-            raise _unwritable(out, error) from error
-        yield
-
-
 def _refuse_others(out: Path, names: Sequence[str]) -> None:
     """Raise UsageError if the folder has files that the conversion would replace."""
     existing = [name for name in names if os.path.lexists(out / name)]
     if existing:
-        raise UsageError(
-            "jukebox: the output folder has files with the names of a conversion, but no finished conversion",
-            where=out,
-            found=listed(existing),
-            fix="choose another folder, or remove the files if they are left from an interrupted conversion",
-        )
+        problem = "jukebox: the output folder has files with the names of a conversion, but no finished conversion"
+        raise foreign_files(out, existing, problem=problem, error=UsageError)
 
 
 def write_converted(
@@ -221,20 +207,14 @@ def _write(path: Path, source: TensorSource, specs: tuple[TensorSpec, ...]) -> N
     from safetensors.torch import save_file
 
     tensors = {spec.name: source.read(spec.name, spec.rows) for spec in specs}
-    try:
-        with atomic_file(path) as temporary:
-            save_file(tensors, temporary, metadata={"format": "pt"})
-    except OSError as error:
-        raise _unwritable(path, error) from error
+    with _writable(path), atomic_file(path) as temporary:
+        save_file(tensors, temporary, metadata={"format": "pt"})
 
 
-def _unwritable(path: Path, error: OSError) -> DanceDataError:
-    return DanceDataError(
-        "jukebox: the converted checkpoint cannot be written",
-        where=path,
-        found=str(error),
-        fix="free about 9.4 GB of disk space for layer 66, and convert again",
-    )
+def _writable(path: Path) -> AbstractContextManager[None]:
+    problem = "jukebox: the converted checkpoint cannot be written"
+    fix = "free about 9.4 GB of disk space for layer 66, and convert again"
+    return writable(path, problem, fix, DanceDataError)
 
 
 def _finished(out: Path, config: JukeboxConfig, layer: int, source: Mapping[str, str]) -> Description:

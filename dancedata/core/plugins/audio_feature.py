@@ -1,7 +1,5 @@
 """AudioFeature: the base class of features of music."""
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections.abc import Callable
 from pathlib import Path
@@ -33,7 +31,7 @@ class AudioFeature(Plugin):
     uses_tempo
         Whether `start_bpm` has an effect; if not, it is not part of the cache key.
     beat_rows_late
-        How many rows after its instant a beat stands in the group "beat": whoever wants the instant subtracts them.
+        Delay of the group "beat", rows: subtract it to get the instant of a beat.
     """
 
     packages: ClassVar[tuple[str, ...]]
@@ -53,7 +51,7 @@ class AudioFeature(Plugin):
 
     @abstractmethod
     def n_rows(self, n_samples: int, sample_rate: int, grid: FrameGrid) -> int:
-        """Return how many rows `extract` gives, without computing them."""
+        """Return the number of rows of `extract`, without computing them."""
 
     @abstractmethod
     def extract(self, signal: AudioSignal, grid: FrameGrid, *, start_bpm: float | None = None) -> npt.NDArray[Any]:
@@ -166,7 +164,7 @@ class AudioFeature(Plugin):
             )
 
     def require_rows(self, available: int, n_rows: int, grid: FrameGrid) -> None:
-        """Raise DataError if windows give fewer rows than are asked for."""
+        """Raise DataError if windows have fewer rows than requested."""
         if n_rows > available:
             raise DataError(
                 f"{self.name}: the windows are too short",

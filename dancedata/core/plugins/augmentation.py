@@ -1,7 +1,5 @@
 """Base classes of plug-ins that change clips when a dataset is built, or samples when it is read."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction

@@ -1,7 +1,5 @@
 """Metric: the base class of what measures dances."""
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections.abc import Mapping
 from math import inf

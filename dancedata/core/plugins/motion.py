@@ -1,7 +1,5 @@
 """Plug-ins on motion: datasets, contact rules, representations, key motion finders, window filters."""
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections.abc import Mapping
 from fractions import Fraction
@@ -22,16 +20,16 @@ from dancedata.core.spatial import Spatial
 
 
 class Dataset(Plugin):
-    """Reads a source folder: which clips there are, and the motion of each in canonical form.
+    """Reader of a source folder: its clips, and the motion of each in canonical form.
 
     Attributes
     ----------
     licence, citation
-        Text for the dataset card of whatever is built from it.
+        Text for the cards of datasets built from it.
     generates
-        Whether `scan` writes the source where there is none.
-    generic
-        Whether it takes files of many layouts, so that `check` does not choose it by itself.
+        Whether `scan` writes a source that does not exist.
+    explicit_only
+        Whether it accepts many layouts, so that `check` takes it only by name.
     may_share_audio
         Whether the licence allows the music to be passed on, in a page or a video. False where that is unknown.
     genre_ids
@@ -42,7 +40,7 @@ class Dataset(Plugin):
     citation: ClassVar[str]
     may_share_audio: ClassVar[bool] = False
     generates: ClassVar[bool] = False
-    generic: ClassVar[bool] = False
+    explicit_only: ClassVar[bool] = False
 
     @property
     def genre_ids(self) -> Mapping[str, int]:
@@ -52,7 +50,7 @@ class Dataset(Plugin):
     def body_of(self, ref: ClipRef) -> Skeleton | None:
         """Return the body of the motion that `load` returns, without reading it; None if that is unknown.
 
-        Cache keys ask: what crosses from it to the body of a representation has keys of its own.
+        For cache keys: motion that is transferred from it to another body has separate keys.
         """
         return None
 
@@ -90,15 +88,15 @@ class Representation(Plugin):
         Whether `encode` moves the dancer up or down to the ground, so that `decode` returns the motion except for a
         constant height.
     axes, rotation_6d
-        What dataset.json says of the columns' axes and of the 6D convention.
+        Axes of the columns and 6D convention, as text for dataset.json.
     spatial
-        How the columns follow when the dancer is turned or shifted, for augmentations of samples; None: such samples
-        cannot be turned or shifted.
+        Roles of the columns when the dancer is turned or shifted, for augmentations of samples; None: samples cannot
+        be turned or shifted.
     decodes
-        Whether the class has a `decode` of its own; set by itself.
-    fits
-        Whether `decode` returns a motion with the joint positions of the columns only, on bones of their own: where
-        the dancer stood and faced, the body's bones and how they turn about themselves are lost in `encode`.
+        Whether the class defines `decode`; set automatically.
+    positions_only
+        Whether `decode` returns a motion with the joint positions of the columns only, on bones of the
+        clip: placement, facing, the body's bone lengths and twist are lost in `encode`.
     """
 
     default_contacts: ClassVar[str | None] = None
@@ -108,7 +106,7 @@ class Representation(Plugin):
     rotation_6d: ClassVar[str | None] = None
     spatial: ClassVar[Spatial | None] = None
     decodes: ClassVar[bool] = False
-    fits: ClassVar[bool] = False
+    positions_only: ClassVar[bool] = False
 
     @property
     @abstractmethod
@@ -170,7 +168,7 @@ class WindowFilter(Plugin):
     @property
     @abstractmethod
     def field(self) -> str:
-        """Name of the field that is looked at; usually a parameter."""
+        """Name of the field to inspect; usually a parameter."""
 
     @property
     def splits(self) -> tuple[str, ...]:

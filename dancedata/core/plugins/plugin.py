@@ -1,7 +1,5 @@
 """The base of all plug-ins."""
 
-from __future__ import annotations
-
 from abc import ABC
 from typing import Any, ClassVar
 
@@ -19,7 +17,7 @@ class Plugin(ABC):
     name
         What recipes call it; set by the registry.
     version
-        Raised by hand whenever the same input gives other numbers: it is part of the cache keys.
+        To be raised whenever the same input results in other numbers: it is part of the cache keys.
     """
 
     name: ClassVar[str]

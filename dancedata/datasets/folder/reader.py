@@ -77,7 +77,7 @@ class Folder(Dataset):
     keys: Mapping[str, str] | None = field(default=None, metadata={"added": True})
     people: Literal["one", "split"] = field(default="one", metadata={"scan": True, "added": True})
 
-    generic: ClassVar[bool] = True
+    explicit_only: ClassVar[bool] = True
     version: ClassVar[int] = 1
     licence: ClassVar[str] = "Your own data: state their terms yourself."
     citation: ClassVar[str] = "Your own data: cite their origin."

@@ -1,4 +1,4 @@
-"""What an engine that runs units of work has to provide."""
+"""Base of the engines that run units of work, and the engine without worker processes."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+from dancedata.execution.reference_process import ReferenceProcessError, named_if_it_crashes
 
 #: Arguments of a unit of work.
 Call = tuple[Any, ...]
@@ -32,19 +34,19 @@ class WorkerDiedError(Exception):
 
 @dataclass(frozen=True)
 class Executor(ABC):
-    """Runs units of work.
+    """Engine that runs units of work.
 
     Attributes
     ----------
     n
-        Number of worker processes; on a Dask cluster the cluster has its own.
+        Number of worker processes; a Dask cluster has others.
     """
 
     n: int = 1
 
     @abstractmethod
     def run(self, function: Callable[..., Any], calls: Mapping[int, Call], label: str, on_result: OnResult) -> None:
-        """Compute function(*call) for every call, and pass each result on as soon as it is there, in any order.
+        """Compute function(*call) for every call, and pass each result on as soon as it is complete, in any order.
 
         Parameters
         ----------
@@ -62,7 +64,7 @@ class Executor(ABC):
         """
 
     def for_calls(self, n_calls: int) -> Executor:
-        """Return the executor to use for so many calls."""
+        """Return the executor to use for this number of calls."""
         return self
 
 
@@ -81,3 +83,19 @@ def unit_name(call: Call) -> str:
         if isinstance(path, Path):
             return str(path)
     return "unit"
+
+
+@dataclass(frozen=True)
+class InlineExecutor(Executor):
+    """No worker processes: for one job, and for a single unit."""
+
+    def run(self, function: Callable[..., Any], calls: Mapping[int, Call], label: str, on_result: OnResult) -> None:
+        """See `Executor.run`. Where this process dies, another one prints which unit it was running."""
+        for index, call in calls.items():
+            with named_if_it_crashes(f"{label}, {unit_name(call)}"):
+                try:
+                    result = function(*call)
+                except ReferenceProcessError as error:
+                    error.where = unit_name(call)
+                    raise
+            on_result(index, result)

@@ -1,4 +1,4 @@
-"""Runs units of work on the workers of a Dask cluster, and checks what they share with the build."""
+"""Engine of a Dask cluster, whose workers are checked before their first unit."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class DaskExecutor(Executor):
         """
         from distributed import KilledWorker, as_completed
 
-        # Dask looks for its own futures and keys in tuples and texts: it sees one object a unit instead.
+        # partial() hides arguments from Dask's key traversal.
         units = [partial(function, *call) for call in calls.values()]
         try:
             futures = self.client.map(partial(_run_checked, self.requirements), units, key=label, pure=False)
@@ -84,17 +84,17 @@ def _run_checked(requirements: WorkerRequirements, unit: Callable[[], Any]) -> A
 
 
 def _lost(label: str, error: object) -> DanceDataError:
-    found = f"{type(error).__name__}: {first_line(error)}" if isinstance(error, BaseException) else str(error)
+    cause = f"{type(error).__name__}: {first_line(error)}" if isinstance(error, BaseException) else str(error)
     return DanceDataError(
         f"the Dask cluster was lost during {label}",
-        found=found,
+        found=cause,
         fix="check that the scheduler runs, then run the same command again to resume",
     )
 
 
 @contextmanager
 def connected(scheduler: str) -> Iterator[Client]:
-    """Give a client of the cluster whose scheduler has this address.
+    """Yield a client of the cluster whose scheduler has this address.
 
     Raises
     ------
@@ -131,7 +131,7 @@ def connected(scheduler: str) -> Iterator[Client]:
 
 def _close(client: Client) -> None:
     """Close a client without messages about units that are still running."""
-    # distributed gives several of its loggers levels of their own.
+    # distributed sets levels on several of its loggers.
     names = [name for name in logging.root.manager.loggerDict if name.split(".")[0] == "distributed"]
     loggers = [logging.getLogger(name) for name in ("tornado.application", *names)]
     levels = [logger.level for logger in loggers]
@@ -146,7 +146,7 @@ def _close(client: Client) -> None:
 
 @dataclass(frozen=True)
 class WorkerRequirements:
-    """What a worker is checked for.
+    """Requirements of a worker.
 
     Attributes
     ----------
@@ -167,7 +167,7 @@ class WorkerRequirements:
 
 @contextmanager
 def worker_requirements(cache: Cache, source: Path, packages: set[str]) -> Iterator[WorkerRequirements]:
-    """Give the requirements of a build that reads `source` and computes with `packages`; they hold in the context."""
+    """Yield the requirements of a build that reads `source` and computes with `packages`."""
     text = temporary_name()
     with locked_file(cache.root / TEMPORARY, f"{text}.token") as token:
         token.write_text(text, encoding="utf-8")
@@ -228,22 +228,22 @@ def _check_source(where: str, required: WorkerRequirements) -> None:
 
 
 def _check_versions(where: str, required: dict[str, str]) -> None:
-    found = dict(_versions(set(required) - {"Python", "dancedata", "arithmetic"}))
-    other = [f"{name} {found[name]}, not {v}" for name, v in required.items() if found[name] != v]
-    if other:
+    versions = dict(_versions(set(required) - {"Python", "dancedata", "arithmetic"}))
+    differences = [f"{name} {versions[name]}, not {v}" for name, v in required.items() if versions[name] != v]
+    if differences:
         raise DanceDataError(
-            "a worker has other versions, which would give other numbers",
+            "package versions differ on a worker, so results would differ",
             where=where,
-            found="; ".join(other),
-            fix="give all workers the environment of the machine that builds",
+            found="; ".join(differences),
+            fix="use on all workers the environment of the machine that builds",
         )
 
 
 def _versions(packages: set[str]) -> tuple[tuple[str, str], ...]:
     python = f"{sys.version_info.major}.{sys.version_info.minor}"
     names = sorted({"numpy", "scipy", *packages})
-    own = (("Python", python), ("dancedata", __version__), ("arithmetic", expected()))
-    return (*own, *((name, package_version(name)) for name in names))
+    base = (("Python", python), ("dancedata", __version__), ("arithmetic", expected()))
+    return (*base, *((name, package_version(name)) for name in names))
 
 
 def _names_sha256(folder: Path) -> str:

@@ -1,11 +1,9 @@
-"""Runs units of work in processes of this machine, by the library loky.
+"""Engine of worker processes of this machine, by the library loky.
 
 loky and not multiprocessing or concurrent.futures: its workers do not import the user's main module again, so that
 `dancedata.build` works in a script without ``if __name__ == "__main__"`` and in a notebook, and one pool serves all
 stages of a build.
 """
-
-from __future__ import annotations
 
 import multiprocessing
 import os
@@ -17,16 +15,15 @@ from weakref import WeakSet
 from dancedata.core.errors import DanceDataError
 from dancedata.core.text import shown
 from dancedata.execution.arithmetic import adopted_by_children
-from dancedata.execution.children import shielded
-from dancedata.execution.executors.base import Call, Executor, OnResult, WorkerDiedError, first_line
-from dancedata.execution.executors.inline import InlineExecutor
+from dancedata.execution.executors.base import Call, Executor, InlineExecutor, OnResult, WorkerDiedError, first_line
+from dancedata.execution.reference_process import shielded
 
 #: Seconds after which an idle worker ends: the next stage, or the next build in a notebook, finds it running.
 IDLE_S = 300
 #: Units run on one thread. BLAS libraries would start a thread for each core of the machine in every worker.
 _ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "BLIS")}
-#: Workers keep memory that is free, at most so many bytes: else glibc gives it back after each array, and a fifth of
-#: the time of encoding motion is spent in clearing it again. Larger arrays than the first number are given back.
+#: Most bytes of free memory that workers keep: otherwise glibc returns it after each array, and a fifth of
+#: the time of encoding motion is spent in clearing it again. Larger arrays than the first number are returned.
 _KEEPS_MEMORY = {"MALLOC_MMAP_THRESHOLD_": str(1 << 25), "MALLOC_TRIM_THRESHOLD_": str(1 << 27)}
 #: Pools of this process: one for each thread that builds.
 _pools: WeakSet[Any] = WeakSet()
@@ -56,7 +53,7 @@ class LokyExecutor(Executor):
         with adopted_by_children():
             _start_resource_tracker()
             try:
-                with shielded():  # an interrupt meanwhile is raised at its end
+                with shielded():  # an interrupt during the start is raised at its end
                     pool = get_reusable_executor(min(self.n, len(calls)), timeout=IDLE_S, env=_environment())
                     _pools.add(pool)
                     try:

@@ -1,17 +1,10 @@
-"""Where an export is written: locked, looked at, filled beside its place and renamed; nothing of others is touched.
+"""The folder of an export: written beside its place and renamed (`files.publish`); foreign files are never touched.
 
-Beside DIR there may be, of an export that is running or was killed::
-
-    .dancedata-NAME.lock                     held by the export that is writing
-    .dancedata-NAME.export-new-<8 digits>    the folder that will be DIR, with a marker that says that it is ours
-    .dancedata-NAME.export-old-<8 digits>    the export that is replaced
-
-A finished export is known by its export.json, which lists its files.
+A finished export is recognised by its export.json, which lists its files.
 """
 
 from __future__ import annotations
 
-import logging
 import os
 import shutil
 from collections.abc import Iterator, Mapping
@@ -23,21 +16,19 @@ from typing import Any
 
 from dancedata.core.errors import StoreError, unwritable_name
 from dancedata.core.hashing import json_sha256
-from dancedata.core.text import listed
 from dancedata.exports.base.folder import ExportFolder
+from dancedata.files import publish
 from dancedata.files.atomic import write_json
 from dancedata.files.locks import writing_lock
+from dancedata.files.publish import MARKER, Layout, discard, is_claimed, mark, new_folders, swapped, writable
 from dancedata.files.regular_file import sha256_file
-from dancedata.files.staging import MARKER, Layout, discard, is_claimed, mark
 from dancedata.files.strict_json import read_json
-from dancedata.files.swap import Swap
 
 #: The file of a finished export that says what it is.
 ABOUT = "export.json"
 README = "README.md"
 #: Largest export.json, bytes: some 250 a file.
 MAX_BYTES = 1 << 30
-_log = logging.getLogger(__name__)
 
 
 def self_hash(record: Mapping[str, Any]) -> str:
@@ -66,7 +57,7 @@ def write_about(folder: ExportFolder, record: Mapping[str, Any]) -> None:
 
 @contextmanager
 def new_export(out: Path, *, overwrite: bool) -> Iterator[Path]:
-    """Give a folder to fill; on success it becomes `out`. On any exception it is removed, and `out` stays as it was.
+    """Yield a folder to fill; on success it becomes `out`. On any exception it is removed, and `out` stays as it was.
 
     Raises
     ------
@@ -74,35 +65,23 @@ def new_export(out: Path, *, overwrite: bool) -> Iterator[Path]:
         If `out` holds anything but an export that may be replaced, another export is writing there, or nothing can
         be written.
     """
-    created = [folder for folder in (out.parent, *out.parent.parents) if not folder.exists()]
+    problem = "the folder of the export cannot be written"
+    fix = "choose an --out that is a folder of your own, on a disk with room; nothing was left there"
     try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        with replaced_export(out, overwrite=overwrite) as new:
+        with writable(out, problem, fix), new_folders(out.parent), replaced_export(out, overwrite=overwrite) as new:
             yield new
-        created = []
     except UnicodeEncodeError as error:
         raise unwritable_name(error) from error
-    except OSError as error:
-        raise StoreError(
-            "the folder of the export cannot be written",
-            where=out,
-            found=str(error),
-            fix="choose an --out that is a folder of your own, on a disk with room; nothing was left there",
-        ) from error
-    finally:
-        for folder in created:
-            with suppress(OSError):
-                folder.rmdir()
 
 
 @contextmanager
 def replaced_export(out: Path, *, overwrite: bool) -> Iterator[Path]:
-    """Give a folder to fill as `new_export` does, but raise OSError where nothing can be written."""
+    """Yield a folder to fill as `new_export` does, but raise OSError where nothing can be written."""
     with writing_lock(out, "export"):
-        _SWAP.put_right(out)
+        publish.recover(out, _LAYOUT)
         _check(out, overwrite)
-        _SWAP.tidy(out)
-        with _SWAP.swapped(out, partial(_check, out, overwrite)) as new:
+        publish.tidy(out, _LAYOUT)
+        with swapped(out, _LAYOUT, partial(_check, out, overwrite)) as new:
             yield new
 
 
@@ -113,23 +92,23 @@ def _check(out: Path, overwrite: bool) -> None:
         raise StoreError("the place of the export is not a folder", where=out, fix="choose another --out")
     if not any(out.iterdir()):
         return
-    record = read_about(out)
-    what, changed = "that are not an export's", sorted(p.name for p in out.iterdir())
-    if record is not None:
-        what, changed = "that were added or changed since it was exported", foreign_files(out, record["files"])
-    if changed:
-        raise StoreError(
-            f"the folder of the export holds files {what}",
-            where=out,
-            found=listed(changed),
+    about = read_about(out)
+    what, foreign = "no export wrote", sorted(p.name for p in out.iterdir())
+    if about is not None:
+        what, foreign = "were added or changed since it was exported", foreign_files(out, about["files"])
+    if foreign:
+        raise publish.foreign_files(
+            out,
+            foreign,
+            problem=f"the output folder contains files that {what}",
             allowed="an empty folder, a new one, or with --overwrite an export made before",
-            fix="choose another --out, or move them away; nothing was written",
+            choose="another --out",
         )
-    if record is not None and not overwrite:
+    if about is not None and not overwrite:
         raise StoreError(
             "the folder holds an export already",
             where=out,
-            found=f"{record.get('target')} of {record.get('name')}",
+            found=f"{about.get('target')} of {about.get('name')}",
             fix="choose another --out, or replace it with --overwrite; nothing was written",
         )
 
@@ -155,35 +134,26 @@ def foreign_files(folder: Path, files: Mapping[str, Any]) -> list[str]:
     return sorted(foreign)
 
 
-def _is_whole(folder: Path) -> bool:
-    """Tell whether a folder is a finished export, and not one that is being removed."""
-    return read_about(folder) is not None and not is_claimed(folder)
-
-
 def remove_export(folder: Path) -> None:
-    """Remove what is proved to be ours: an unfinished folder, or the listed files of an export."""
-    record = read_about(folder)
-    if is_claimed(folder) or (record is not None and not foreign_files(folder, record["files"])):
-        with suppress(OSError):
-            _erase(folder)
-    else:
-        discard(folder, _JUST_MADE)
-    if os.path.lexists(folder):
-        _log.warning("%s is left: it holds something that is not of an export, or is in use", folder)
+    """Remove an unfinished folder, or the listed files of an export; log a warning if something stays."""
+    _LAYOUT.remove(folder)
 
 
 def _erase(folder: Path) -> None:
     """Remove a folder; its proof goes last, so that the next export removes what a killed process leaves of it."""
-    with suppress(OSError):  # on a full disk, export.json alone is the proof
-        mark(folder)
-    for path in sorted(folder.iterdir(), key=lambda path: (path.name == MARKER, path.name == ABOUT)):
-        if path.is_dir() and not path.is_symlink():
-            shutil.rmtree(path)
-        else:
-            path.unlink()
-    folder.rmdir()
+    about = read_about(folder)
+    if not is_claimed(folder) and (about is None or foreign_files(folder, about["files"])):
+        discard(folder, _LAYOUT)
+        return
+    with suppress(OSError):
+        with suppress(OSError):  # on a full disk, export.json alone is the proof
+            mark(folder)
+        for path in sorted(folder.iterdir(), key=lambda path: (path.name == MARKER, path.name == ABOUT)):
+            if path.is_dir() and not path.is_symlink():
+                shutil.rmtree(path)
+            else:
+                path.unlink()
+        folder.rmdir()
 
 
-#: A folder in which a killed process had not yet said that it is ours: nothing in it, or a temporary file.
-_JUST_MADE = Layout(ABOUT, lambda _: False, lambda _: False)
-_SWAP = Swap("export-", _is_whole, remove_export)
+_LAYOUT = Layout(ABOUT, lambda path: read_about(path.parent) is not None, lambda _: False, _erase, "export-")

@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from dancedata.core.errors import StoreError, UsageError
-from dancedata.core.text import counted, listed, quoted, shown
+from dancedata.core.text import counted, listed, quoted, shown, size_text
 from dancedata.core.version import __version__
-from dancedata.execution.cache_admin import size_text
 from dancedata.execution.progress import Progress
 from dancedata.exports.base.folder import ExportFolder
 from dancedata.exports.base.job import Export, ExportJob, Lack

@@ -17,7 +17,7 @@ from typing import Any
 from dancedata.audio.jukebox.weights.folder import LICENCE, PRIOR_FILE, VQVAE_FILE
 from dancedata.core.errors import DanceDataError, SourceError, UsageError
 from dancedata.core.text import quoted, shown
-from dancedata.files.atomic import OWN, atomic_file
+from dancedata.files.atomic import PREFIX, atomic_file
 from dancedata.files.locks import file_lock
 from dancedata.files.regular_file import sha256_file
 
@@ -124,7 +124,7 @@ def fetch(
         path = out / file.name
         paths.append(path)
         try:
-            with file_lock(out / f"{OWN}{file.name}.lock", wait=False) as locked:
+            with file_lock(out / f"{PREFIX}{file.name}.lock", wait=False) as locked:
                 if not locked:
                     raise UsageError("jukebox: another program is fetching this file", where=path)
                 if path.exists():
@@ -149,9 +149,9 @@ class _Download:
     def __init__(self, url: str, path: Path, file: RemoteFile, report: Progress) -> None:
         self._url = url
         self._path = path
-        self._part = path.with_name(f"{OWN}{path.name}.part")
+        self._part = path.with_name(f"{PREFIX}{path.name}.part")
         # The version of the file that the part belongs to, by the server's ETag.
-        self._tag = path.with_name(f"{OWN}{path.name}.part-etag")
+        self._tag = path.with_name(f"{PREFIX}{path.name}.part-etag")
         self._file = file
         self._report = report
 
