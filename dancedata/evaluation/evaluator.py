@@ -387,15 +387,15 @@ class Evaluator:
             reason = next(iter(self._left_out.values()), "no batch was given to update")
             raise UsageError("no sample could be measured", found=reason)
         clips = [self._measured[name] for name in sorted(self._measured)]
-        report = report_of(
-            self.protocol, clips, self.pool, role="generated", source="samples of a model", draws=bootstrap
-        )
-        heard = any(trace.beats is not None for trace in self._traces.values())
-        warnings = (*(self._about_music if heard else self._unheard()), *report.warnings)
-        return replace(report, warnings=warnings, left_out=tuple(sorted(self._left_out.items())))
+        with_music = any(trace.beats is not None for trace in self._traces.values())
+        return report_of(
+            self.protocol, clips, self.pool, role="generated", source="samples of a model", draws=bootstrap,
+            warnings=self._about_music if with_music else self._without_music(),
+            left_out=sorted(self._left_out.items()),
+        )  # fmt: skip
 
-    def _unheard(self) -> list[str]:
-        """Warn of samples that are all without music, where the protocol takes it."""
+    def _without_music(self) -> list[str]:
+        """Return a warning if all samples are without music, and the protocol takes it."""
         if not any(measure.metric.needs_music for measure in self.protocol.measures):
             return []
         field = self._music_field

@@ -1,11 +1,11 @@
-"""Measures clips, one unit of work each; numbers are cached by metric, for all protocols that share them."""
+"""Measurement of clips, one unit of work each; numbers are cached by metric, for all protocols that share them."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24
 from dancedata.evaluation.clip_music import ClipMusic
-from dancedata.evaluation.inputs.clip import ClipInput
+from dancedata.evaluation.inputs.clip import ClipInput, ClipSet
 from dancedata.evaluation.pose import Pose, in_axes, interpolated
 from dancedata.evaluation.protocol import Measure, Protocol, Role
 from dancedata.execution.cache import Cache, package_version
@@ -28,14 +28,30 @@ from dancedata.metrics.root import STEADY_FPS, steady
 from dancedata.pipeline.rejects import reject_of
 from dancedata.recipes.documents import document_of
 
-__all__ = ["MeasuredClip", "Outcome", "measure_clips", "measure_pose"]
-
 #: Raised by hand when a stage here gives other numbers for the same input.
 EVALUATE_STAGE = 1
 _STAGE = "evaluate"
 
 #: Numbers of one piece, or the name of the outcome that a metric has instead.
 Outcome = tuple[float, ...] | str
+
+
+class Measurement(NamedTuple):
+    """One measure of a clip, as the cache holds it: a JSON array."""
+
+    fps: str
+    cuts: list[list[int]]
+    notes: list[str]
+    outcomes: list[list[float] | str]
+
+
+@dataclass(frozen=True, eq=False)
+class Resources:
+    """Cache, workers and progress of an evaluation."""
+
+    cache: Cache
+    jobs: Jobs
+    progress: Progress
 
 
 @dataclass(frozen=True)
@@ -76,28 +92,29 @@ class MeasuredClip:
         return float(FrameGrid.of(self.fps).seconds(max(ends))) if ends else 0.0
 
     @classmethod
-    def of(cls, clip: ClipInput, found: Mapping[int, list[Any] | None]) -> MeasuredClip:
-        """Join what `measure_pose` has found, or the cache has kept, by measure."""
+    def of(cls, clip: ClipInput, results: Mapping[int, Measurement | None]) -> MeasuredClip:
+        """Join the measurements of a clip, by measure."""
         rows: dict[int, tuple[Outcome, ...] | None] = {}
-        fps, cuts, notes = "", [], []
-        for number, result in found.items():
+        last = Measurement("", [], [], [])
+        for number, result in results.items():
             if result is None:
                 rows[number] = None
                 continue
-            fps, cuts, notes, outcomes = result
-            rows[number] = tuple(piece if isinstance(piece, str) else tuple(piece) for piece in outcomes)
-        return cls(clip.id, clip.clip, str(fps), tuple((start, length) for start, length in cuts), rows, tuple(notes))
+            last = Measurement(*result)  # of the cache it is a list
+            rows[number] = tuple(piece if isinstance(piece, str) else tuple(piece) for piece in last.outcomes)
+        cuts = tuple((start, length) for start, length in last.cuts)
+        return cls(clip.id, clip.clip, str(last.fps), cuts, rows, tuple(last.notes))
 
 
 def measure_pose(
     protocol: Protocol, role: Role, numbers: Sequence[int], pose: Pose, music: ClipMusic | None
-) -> dict[int, list[Any] | None]:
-    """Measure a pose: return [rate, cuts, notes, outcomes] by measure, as the cache keeps it.
+) -> dict[int, Measurement | None]:
+    """Measure a pose; return the result by the number of the measure.
 
     Parameters
     ----------
     numbers
-        Which of the protocol's measures; those that need music are None without it.
+        Measures of the protocol; the result of those that need music is None without it.
 
     Raises
     ------
@@ -107,15 +124,15 @@ def measure_pose(
     placed, notes = pose.conformed(protocol.motion)
     joints = in_axes(placed.joints, protocol.motion)
     cuts = protocol.pieces(role).of(len(joints), placed.grid)
-    heard = [number for number in numbers if music is not None or not protocol.measures[number].metric.needs_music]
-    outcomes: dict[int, list[list[float] | str]] = {number: [] for number in heard}
+    computable = [n for n in numbers if music is not None or not protocol.measures[n].metric.needs_music]
+    outcomes: dict[int, list[list[float] | str]] = {number: [] for number in computable}
     for start, length in cuts:
         piece = _Piece(joints[start : start + length], placed.grid)
         beats = None if music is None else music.after(start, placed.grid)
-        for number in heard:
+        for number in computable:
             outcomes[number].append(_outcome(protocol.measures[number], role, piece, beats))
-    about = [str(placed.grid), [list(cut) for cut in cuts], list(notes)]
-    return {number: [*about, outcomes[number]] if number in outcomes else None for number in numbers}
+    measured = Measurement(str(placed.grid), [list(cut) for cut in cuts], list(notes), [])
+    return {n: measured._replace(outcomes=outcomes[n]) if n in outcomes else None for n in numbers}
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,60 +163,71 @@ def _outcome(measure: Measure, role: Role, piece: _Piece, beats: MusicBeats | No
 
 
 def measure_clips(
-    cache: Cache,
+    resources: Resources,
     protocol: Protocol,
-    role: Role,
+    clip_set: ClipSet,
     numbers: Sequence[int],
-    clips: Sequence[ClipInput],
     music: Mapping[str, ClipMusic],
-    *,
-    jobs: Jobs,
-    progress: Progress,
-    label: str = "measuring",
 ) -> tuple[list[MeasuredClip], list[Reject]]:
     """Measure clips; those that cannot be measured are rejects.
 
     Parameters
     ----------
     numbers
-        Which of the protocol's measures.
+        Measures of the protocol.
     music
         Beats by the id of a clip.
+
+    Raises
+    ------
+    DataError
+        "nothing_left", if no clip can be measured.
+    StoreError
+        If a dataset has other bytes than the build wrote.
     """
+    cache, role = resources.cache, clip_set.role
+    if clip_set.store is not None:
+        clip_set.store.require_intact({clip.clip for clip in clip_set.clips}, sha256=cache.file_sha256)
     common = {number: _common_key(protocol, role, protocol.measures[number]) for number in numbers}
-    ready, rejects, calls, known = [], [], [], []
-    for clip in clips:
+    readable, rejects, calls, cached = [], [], [], []
+    for clip in clip_set.clips:
         beats = music.get(clip.id)
         try:
             keys = _keys(cache, protocol, common, clip, beats)
         except (OSError, DataError) as error:
             rejects.append(Reject("broken_file", clip=clip.id, detail=str(error)))
             continue
-        ready.append(clip)
+        readable.append(clip)
         calls.append((cache, keys, clip, protocol, role, beats))
-        kept = {number: cache.json(_STAGE, key) for number, key in keys.items()}
-        known.append(kept if None not in kept.values() else None)
-    found = run_units(measure_clip, calls, known=known, jobs=jobs, label=label, progress=progress)
+        entries = {number: cache.json(_STAGE, key) for number, key in keys.items()}
+        cached.append(entries if None not in entries.values() else None)
+    results = run_units(
+        measure_clip, calls, known=cached, jobs=resources.jobs, label="measuring", progress=resources.progress
+    )
     measured = []
-    for clip, result in zip(ready, found, strict=True):
+    for clip, result in zip(readable, results, strict=True):
         if isinstance(result, Reject):
             rejects.append(result)
         else:
             measured.append(MeasuredClip.of(clip, {number: result.get(number) for number in numbers}))
+    if not measured and rejects:
+        raise DataError(
+            "no clip can be measured", reason="nothing_left", where=clip_set.source, found=rejects[0].detail
+        )
     return measured, rejects
 
 
 def measure_clip(
     cache: Cache, keys: Mapping[int, str], clip: ClipInput, protocol: Protocol, role: Role, music: ClipMusic | None
-) -> dict[int, Any] | Reject:
+) -> dict[int, Measurement | None] | Reject:
     """Load and measure one clip, and publish the numbers: a unit of work."""
     try:
-        found = measure_pose(protocol, role, list(keys), clip.load(), music)
+        results = measure_pose(protocol, role, list(keys), clip.load(), music)
     except DataError as error:
         return reject_of(error, clip=clip.id)
-    for number, result in found.items():
+    for number, result in results.items():
         cache.put_json(_STAGE, keys[number], result)
-    return found
+    return results
 
 
 def _common_key(protocol: Protocol, role: Role, measure: Measure) -> str:

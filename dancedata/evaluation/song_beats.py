@@ -1,8 +1,8 @@
-"""Beats of music files: each song is decoded and analysed once, as in a build and in its cache."""
+"""Beats of music files: each song is decoded and analysed once, by the units and the cache of builds."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,10 +20,9 @@ from dancedata.datasets.files import AUDIO_SUFFIXES, best_audio, group_by_stem
 from dancedata.datasets.folder import MUSIC_FOLDERS
 from dancedata.evaluation.clip_music import ClipMusic, field_beats
 from dancedata.evaluation.inputs.clip import ClipInput
+from dancedata.evaluation.measuring import Resources
 from dancedata.evaluation.protocol import MusicRule, Protocol, Role
-from dancedata.execution.cache import Cache
-from dancedata.execution.progress import Progress
-from dancedata.execution.units import Jobs, run_units
+from dancedata.execution.units import run_units
 from dancedata.pipeline.audio import (
     FeatureKeys,
     SignalId,
@@ -37,14 +36,12 @@ from dancedata.pipeline.audio import (
 from dancedata.recipes.fields import FeatureJob, WindowSpec
 from dancedata.recipes.plugins import make_named
 
-__all__ = ["song_beats", "song_files"]
-
 #: Rate of beats where neither the protocol nor a store states one.
 _DEFAULT = FrameGrid.of(30)
 
 
 def song_files(folder: Path) -> dict[str, Path]:
-    """Return the music files of a folder, or else of its folder of music, by their names without suffix.
+    """Return the music files of a folder, or of its folder of music, by their names without suffix.
 
     Raises
     ------
@@ -62,21 +59,14 @@ def song_files(folder: Path) -> dict[str, Path]:
 
 
 def song_beats(
-    cache: Cache,
+    resources: Resources,
     protocol: Protocol,
+    rule: MusicRule,
     role: Role,
     clips: Sequence[ClipInput],
     files: Mapping[str, Path],
-    *,
-    jobs: Jobs,
-    progress: Progress,
 ) -> tuple[dict[str, ClipMusic], list[str]]:
     """Compute the beats of the songs of clips; those without a file of their song's name are not in the result.
-
-    Parameters
-    ----------
-    files
-        Music files by name.
 
     Returns
     -------
@@ -88,25 +78,24 @@ def song_beats(
     UsageError
         If the feature of the protocol is not installed.
     """
-    rule = protocol.music
-    if rule is None:
-        return {}, []
     job = _job(protocol, rule, role)
-    asked = [clip for clip in clips if clip.music in files]
+    clips_with_file = [clip for clip in clips if clip.music in files]
     missing = sorted({clip.music for clip in clips} - set(files))
     problems = [f"no music file for {listed(missing)}"] if missing else []
-    paths = sorted({files[clip.music] for clip in asked})
-    calls = [(cache, path) for path in paths]
-    found = run_units(identify_audio, calls, jobs=jobs, label="decoding music", progress=progress)
-    signals = dict(zip(paths, found, strict=True))
+    paths = sorted({files[clip.music] for clip in clips_with_file})
+    calls = [(resources.cache, path) for path in paths]
+    identified = run_units(
+        identify_audio, calls, jobs=resources.jobs, label="decoding music", progress=resources.progress
+    )
+    signals = dict(zip(paths, identified, strict=True))
     songs = {
         clip.id: _Song(signal, clip.tempo_bpm if rule.tempo else None)
-        for clip in asked
+        for clip in clips_with_file
         if isinstance(signal := signals[files[clip.music]], SignalId)
     }
-    compute = _windows if job.windows is not None else _tracks
-    beats, failed = compute(cache, job, list(dict.fromkeys(songs.values())), jobs=jobs, progress=progress)
-    problems += [r.detail for r in (*signals.values(), *failed) if isinstance(r, Reject)]
+    compute = _tracks if job.windows is None else _windows
+    beats, rejects = compute(resources, job, list(dict.fromkeys(songs.values())))
+    problems += [reject.detail for reject in (*signals.values(), *rejects) if isinstance(reject, Reject)]
     return {clip: beats[song] for clip, song in songs.items() if song in beats}, problems
 
 
@@ -141,44 +130,47 @@ def _feature(protocol: Protocol, rule: MusicRule) -> AudioFeature:
     return make_named(FEATURES, "audio", name, {})
 
 
-Found = tuple[dict[_Song, ClipMusic], list[Any]]
+_Beats = tuple[dict[_Song, ClipMusic], list[Reject]]
 
 
-def _tracks(cache: Cache, job: FeatureJob, songs: Sequence[_Song], *, jobs: Jobs, progress: Progress) -> Found:
-    every = FeatureKeys(job)
-    keys = [every.track(song.bpm, song.signal.sha256) for song in songs]
-    calls = [(cache, job, song.signal, song.bpm, key) for song, key in zip(songs, keys, strict=True)]
-    known = [cache.array("features", key) for key in keys]
-    rows = run_units(
-        extract_track, calls, known=known, jobs=jobs, label=f"beats, {job.name}", progress=progress,
-        exact=job.feature.exact,
-    )  # fmt: skip
+def _tracks(resources: Resources, job: FeatureJob, songs: Sequence[_Song]) -> _Beats:
+    feature_keys = FeatureKeys(job)
+    keys = [feature_keys.track(song.bpm, song.signal.sha256) for song in songs]
+    calls = [(resources.cache, job, song.signal, song.bpm, key) for song, key in zip(songs, keys, strict=True)]
+    results = _run(resources, job, extract_track, calls, [resources.cache.array("features", key) for key in keys])
     beats = {
-        song: ClipMusic.of_rows(found, job)
-        for song, found in zip(songs, rows, strict=True)
-        if not isinstance(found, Reject)
+        song: ClipMusic.of_rows(rows, job)
+        for song, rows in zip(songs, results, strict=True)
+        if not isinstance(rows, Reject)
     }
-    return beats, rows
+    return beats, [result for result in results if isinstance(result, Reject)]
 
 
-def _windows(cache: Cache, job: FeatureJob, songs: Sequence[_Song], *, jobs: Jobs, progress: Progress) -> Found:
-    every = FeatureKeys(job)
+def _windows(resources: Resources, job: FeatureJob, songs: Sequence[_Song]) -> _Beats:
+    feature_keys = FeatureKeys(job)
     units: list[tuple[_Song, dict[int, str]]] = []
     for song in songs:
         count = len(window_samples(job, song.signal.n_samples, song.signal.sample_rate)[0])
-        keys = {number: every.window(song.bpm, song.signal, number) for number in range(count)}
+        keys = {number: feature_keys.window(song.bpm, song.signal, number) for number in range(count)}
         units += [(song, unit) for unit in window_units(keys)] if keys else []
-    calls = [(cache, job, song.signal, song.bpm, unit) for song, unit in units]
-    known = [known_windows(cache, unit) for _, unit in units]
-    rows = run_units(
-        extract_windows, calls, known=known, jobs=jobs, label=f"beats, {job.name}", progress=progress,
+    calls = [(resources.cache, job, song.signal, song.bpm, unit) for song, unit in units]
+    cached = [known_windows(resources.cache, unit) for _, unit in units]
+    results = _run(resources, job, extract_windows, calls, cached)
+    pieces: dict[_Song, dict[int, MusicBeats]] = {}
+    for (song, _), windows in zip(units, results, strict=True):
+        if not isinstance(windows, Reject):
+            by_piece = pieces.setdefault(song, {})
+            for number, rows in windows.items():
+                by_piece[job.window_spec.start(number)] = field_beats(np.asarray(rows), job)
+    nothing = MusicBeats.of([], job.grid)
+    beats = {song: ClipMusic(nothing, by_piece=by_piece) for song, by_piece in pieces.items()}
+    return beats, [result for result in results if isinstance(result, Reject)]
+
+
+def _run(
+    resources: Resources, job: FeatureJob, unit: Callable[..., Any], calls: Sequence[Any], cached: Sequence[Any]
+) -> list[Any]:
+    return run_units(
+        unit, calls, known=cached, jobs=resources.jobs, label=f"beats, {job.name}", progress=resources.progress,
         exact=job.feature.exact,
     )  # fmt: skip
-    pieces: dict[_Song, dict[int, MusicBeats]] = {}
-    for (song, _), found in zip(units, rows, strict=True):
-        if not isinstance(found, Reject):
-            own = pieces.setdefault(song, {})
-            for number, window in found.items():
-                own[job.window_spec.start(number)] = field_beats(np.asarray(window), job)
-    nothing = MusicBeats.of([], job.grid)
-    return {song: ClipMusic(nothing, by_piece=own) for song, own in pieces.items()}, rows

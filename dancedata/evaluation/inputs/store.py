@@ -15,6 +15,7 @@ from dancedata.core.clip import Window
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.hashing import sha256_bytes
 from dancedata.core.skeleton import Skeleton
+from dancedata.core.typing import override
 from dancedata.evaluation.inputs.clip import ClipInput
 from dancedata.evaluation.inputs.columns import ColumnsReader, reader_for
 from dancedata.evaluation.pose import Pose
@@ -22,8 +23,6 @@ from dancedata.evaluation.protocol import Protocol, Role
 from dancedata.execution.cache import Cache
 from dancedata.store import Store
 from dancedata.store.dataset import reopen
-
-__all__ = ["StoreClip", "chosen_splits", "store_clips"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -46,27 +45,27 @@ class StoreClip(ClipInput):
     window: Window | None = None
 
     @property
+    @override
     def clip(self) -> str:
-        """See `ClipInput.clip`."""
         return self.id if self.window is None else self.window.clip
 
     @property
-    def path(self) -> Path:
-        """The store, for messages."""
+    @override
+    def file(self) -> Path:
         return Path(self.reference[0])
 
+    @override
     def crosses(self, target: Skeleton) -> bool:
-        """See `ClipInput.crosses`."""
         representation = self.reader.representation
         return representation.decodes and crosses(representation.skeleton, target)
 
+    @override
     def identity(self, cache: Cache) -> Any:
-        """See `ClipInput.identity`."""
-        rows = sha256_bytes(self._rows().tobytes())  # not only what dataset.json says of them
+        rows = sha256_bytes(self._rows().tobytes())  # not the hash that dataset.json states
         return ["store", self.reference[1], self.id, self.field, self.reader.identity(), rows]
 
+    @override
     def load(self) -> Pose:
-        """See `ClipInput.load`."""
         return self.reader.pose(self._rows())
 
     def _rows(self) -> npt.NDArray[Any]:
@@ -137,13 +136,8 @@ def _windows(
     kept = [w for w in windows if not records[w.clip].source and (stride is None or w.start % stride == 0)]
     return tuple(
         StoreClip(
-            id=f"{w.clip}@{w.start}",
-            music=records[w.clip].music,
-            tempo_bpm=records[w.clip].tempo_bpm,
-            reference=store.reference,
-            field=name,
-            reader=reader,
-            window=w,
+            id=f"{w.clip}@{w.start}", music=records[w.clip].music, tempo_bpm=records[w.clip].tempo_bpm,
+            reference=store.reference, field=name, reader=reader, window=w,
         )
         for w in kept
-    )
+    )  # fmt: skip
