@@ -18,7 +18,7 @@ from dancedata.core.registry import REPRESENTATIONS
 from dancedata.files import atomic
 from dancedata.formats.arrays import ArrayFile, open_arrays
 from dancedata.formats.motion_files import MOTION_FILES, motion_file
-from dancedata.recipes.plugins import make_named, split_instance
+from dancedata.recipes.plugins import make_named
 
 if TYPE_CHECKING:
     from dancedata.store import Store
@@ -104,7 +104,7 @@ def decode(
     >>> dancedata.decode(ds.read(window, "edge151"), "edge151", fps=ds.fps)
     Motion(150 frames at 30 FPS, 5.00 s, skeleton smpl24)
     """
-    name, _ = split_instance(REPRESENTATIONS, representation)
+    name, _ = REPRESENTATIONS.split(representation)
     plugin = make_named(REPRESENTATIONS, "motion", name, parameters)
     return _decoded(array, representation, plugin, fps, _Statement(like, normalized, scaler, clip))
 
@@ -206,7 +206,7 @@ def decode_file(
     path, out = Path(path).expanduser(), Path(out).expanduser()
     if to not in MOTION_FILES:
         raise UsageError(f"unknown format {to!r}", fix=did_you_mean(to, MOTION_FILES))
-    name, _ = split_instance(REPRESENTATIONS, representation)
+    name, _ = REPRESENTATIONS.split(representation)
     plugin = make_named(REPRESENTATIONS, "motion", name, parameters)
     from dancedata.datasets.folder import stated_grid
     from dancedata.store.scaling import stated_in

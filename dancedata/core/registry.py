@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib
 import os
 import pkgutil
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from functools import lru_cache
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
@@ -119,6 +120,34 @@ class Registry(Generic[P]):
         if found is None:
             raise UsageError(f"unknown {self.kind} {name!r}", fix=did_you_mean(name, self.names(), also))
         return found
+
+    def split(self, name: str) -> tuple[str, str | None]:
+        """Split PLUGIN.NAME at the longest registered name; the second is None without a name after it."""
+        parts = name.split(".")
+        for n in range(len(parts) - 1, 0, -1):
+            plugin = ".".join(parts[:n])
+            if name not in self and plugin in self:
+                return plugin, ".".join(parts[n:])
+        return name, None
+
+    def make(self, name: str, parameters: Mapping[str, Any]) -> P:
+        """Make a plug-in without the packages that recipes are checked with.
+
+        Raises
+        ------
+        UsageError
+            For an unknown name or parameter, and as the plug-in itself.
+        """
+        cls: type[Any] = self.get(name)
+        keys = [field.name for field in dataclasses.fields(cls)]
+        unknown = sorted(set(map(str, parameters)) - set(keys))
+        if unknown:
+            raise UsageError(
+                f"the {self.kind} {name} has no parameter {unknown[0]!r}", fix=did_you_mean(unknown[0], keys)
+            )
+        # Lists, as JSON and YAML have them, are tuples in plug-ins.
+        plugin: P = cls(**{key: tuple(v) if isinstance(v, list) else v for key, v in parameters.items()})
+        return plugin
 
     def _find(self, name: object) -> type[P] | None:
         if not isinstance(name, str):

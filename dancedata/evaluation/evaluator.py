@@ -20,13 +20,14 @@ from dancedata.core.text import counted, listed
 from dancedata.evaluation.clip_music import BEAT, ClipMusic, field_beats
 from dancedata.evaluation.evaluate import pool_for, report_of
 from dancedata.evaluation.inputs.clip import MemoryClip
-from dancedata.evaluation.inputs.columns import ColumnsReader, reader_for, sample_lengths
+from dancedata.evaluation.inputs.columns import columns_problem, reader_for, sample_lengths
 from dancedata.evaluation.measuring import MeasuredClip, measure_pose
 from dancedata.evaluation.music import about_windows, beat_field
 from dancedata.evaluation.pool import Pool
 from dancedata.evaluation.protocol import Protocol
 from dancedata.evaluation.report import Report
 from dancedata.evaluation.request import Request, protocol_named
+from dancedata.representations.stored import ColumnsReader
 from dancedata.store import Store
 from dancedata.store.normalize import MinMax
 from dancedata.store.scaling import Reader, Scaling, opened, store_of
@@ -121,7 +122,7 @@ class Evaluator:
         self.pool = pool
         self._music_field = music_field
         self._about_music: tuple[str, ...] = ()
-        problem = reader.problem(self.protocol.motion)
+        problem = columns_problem(reader, self.protocol.motion)
         if problem:
             raise UsageError(f"{self.protocol.name} cannot be computed from these columns", found=problem)
         if pool is not None:

@@ -18,7 +18,7 @@ from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24
 from dancedata.evaluation.clip_music import ClipMusic
 from dancedata.evaluation.inputs.clip import ClipInput, ClipSet
-from dancedata.evaluation.pose import Pose, in_axes, interpolated
+from dancedata.evaluation.pose import conformed, in_axes, interpolated
 from dancedata.evaluation.protocol import Measure, Protocol, Role
 from dancedata.execution.cache import Cache, package_version
 from dancedata.execution.progress import Progress
@@ -27,6 +27,7 @@ from dancedata.execution.units import Jobs, run_units
 from dancedata.metrics.root import STEADY_FPS, steady
 from dancedata.pipeline.rejects import reject_of
 from dancedata.recipes.documents import document_of
+from dancedata.representations.stored import Pose
 
 #: Raised by hand when a stage here gives other numbers for the same input.
 EVALUATE_STAGE = 1
@@ -121,7 +122,7 @@ def measure_pose(
     DataError
         If the protocol cannot measure this motion: other joints, another rate.
     """
-    placed, notes = pose.conformed(protocol.motion)
+    placed, notes = conformed(pose, protocol.motion)
     joints = in_axes(placed.joints, protocol.motion)
     cuts = protocol.pieces(role).of(len(joints), placed.grid)
     computable = [n for n in numbers if music is not None or not protocol.measures[n].metric.needs_music]

@@ -19,7 +19,7 @@ from dancedata.core.plugins import Representation
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.text import listed, quoted, shown
 from dancedata.evaluation.inputs.clip import ClipInput, ClipSet, MemoryClip
-from dancedata.evaluation.inputs.columns import ColumnsReader, field_readers
+from dancedata.evaluation.inputs.columns import named_reader
 from dancedata.evaluation.inputs.files import FileClip, FileFormat, folder_clips
 from dancedata.evaluation.inputs.store import store_clips
 from dancedata.evaluation.music import MusicSources, named_songs
@@ -29,6 +29,7 @@ from dancedata.evaluation.report import LABELS
 from dancedata.evaluation.song_beats import song_files
 from dancedata.metrics.intervals import MIN_CLIPS
 from dancedata.recipes.plugins import make_named
+from dancedata.representations.stored import ColumnsReader, motion_readers
 from dancedata.store import Store, open_store
 from dancedata.store.normalize import MinMax
 from dancedata.store.scaling import Reader, Scaling
@@ -195,16 +196,10 @@ class Request:
     def _columns(self) -> ColumnsReader | None:
         """Return the reader of two-dimensional arrays; None if no option states one."""
         if self.like is not None:
-            readers = field_readers(self.like)
-            name = self.field or next(iter(readers), None)
-            if name is None or name not in readers:
-                raise UsageError(
-                    f"no motion field named {shown(name)!r}", where=str(self.like.path),
-                    fix=did_you_mean(str(name), readers),
-                )  # fmt: skip
-            representation = readers[name].representation
-            grid = readers[name].grid if self.fps is None else FrameGrid.of(self.fps)
-            return ColumnsReader(representation, grid, self._scaling(name, representation))
+            name = self.field or next(iter(motion_readers(self.like)), "")
+            stored = named_reader(self.like, name)
+            grid = stored.grid if self.fps is None else FrameGrid.of(self.fps)
+            return ColumnsReader(stored.representation, grid, self._scaling(name, stored.representation))
         if self.representation is None:
             return None
         if self.fps is None:

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from dancedata.core.grid import FrameGrid
-from dancedata.core.registry import REPRESENTATIONS
 from dancedata.exports.base.job import ExportJob, Lack
 from dancedata.exports.base.needs import needs_field, needs_track_scope
+from dancedata.representations.stored import ColumnsReader, motion_readers
 
 if TYPE_CHECKING:
     from dancedata.core.motion import Motion
-    from dancedata.core.plugins import Representation
     from dancedata.store import ClipView
 
 
@@ -37,9 +35,9 @@ def _no_motion(job: ExportJob) -> Lack:
 def decoded(job: ExportJob, field: str) -> Iterator[tuple[ClipView, Motion]]:
     """Yield clips and their motions, from `field`, or from the first field that decodes to the motion itself."""
     name = field_name(job, field)
-    grid, plugin = FrameGrid(job.store.field(name).rate), _decodable(job)[name]()
+    reader = _decodable(job)[name]
     for clip in job.each("clips", job.clips()):
-        yield clip, plugin.decode(clip.read(name), grid)
+        yield clip, reader.representation.decode(clip.read(name), reader.grid)
 
 
 def field_name(job: ExportJob, field: str) -> str:
@@ -47,16 +45,7 @@ def field_name(job: ExportJob, field: str) -> str:
     return field or next(iter(_decodable(job)))
 
 
-def _decodable(job: ExportJob) -> dict[str, type[Representation]]:
-    """Return the representations of fields that decode; last those that only give back positions."""
-    names = [name for name in job.store.fields if job.store.field(name).kind == "motion"]
-    known = {name: plugin for name in names if (plugin := _representation(name)) is not None and plugin.decodes}
-    return dict(sorted(known.items(), key=lambda item: item[1].fits))
-
-
-def _representation(name: str) -> type[Representation] | None:
-    """Return the representation of a field, None where no plug-in has its name."""
-    from dancedata.recipes.plugins import split_instance
-
-    plugin, _ = split_instance(REPRESENTATIONS, name)
-    return REPRESENTATIONS.get(plugin) if plugin in REPRESENTATIONS else None
+def _decodable(job: ExportJob) -> dict[str, ColumnsReader]:
+    """Return the readers of fields that decode; last those that only give back positions."""
+    readers = {name: r for name, r in motion_readers(job.store).items() if r.representation.decodes}
+    return dict(sorted(readers.items(), key=lambda item: item[1].representation.fits))

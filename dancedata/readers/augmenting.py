@@ -15,7 +15,6 @@ from dancedata.core.errors import UsageError
 from dancedata.core.plugins import Augmentation, SampleAugmentation, SampleField
 from dancedata.core.registry import AUGMENTATIONS
 from dancedata.readers.arguments import probability
-from dancedata.readers.named_plugins import named_plugin
 from dancedata.readers.sample_fields import sample_fields
 from dancedata.store.dataset import Store
 from dancedata.store.normalize import MinMax
@@ -234,7 +233,7 @@ def _named(name: str, given: Any) -> _Step:
     chance = 1.0
     if "p" not in {f.name for f in fields(cls)}:
         chance = probability(f"augment: {name}: p", parameters.pop("p", 1.0))
-    return _step(str(name), named_plugin(AUGMENTATIONS, plugin, parameters), chance)
+    return _step(str(name), AUGMENTATIONS.make(plugin, parameters), chance)
 
 
 def _step(name: str, augmentation: Augmentation, chance: float) -> _Step:

@@ -15,7 +15,6 @@ from dancedata.core.plugins import WindowFilter
 from dancedata.core.registry import FILTERS
 from dancedata.core.text import counted
 from dancedata.readers.music_beats import StartAt, windows_at
-from dancedata.readers.named_plugins import named_plugin
 from dancedata.store.clip_view import ClipView
 from dancedata.store.dataset import Store
 from dancedata.store.window_list import WindowList
@@ -211,4 +210,4 @@ def window_filter(given: GivenFilter) -> WindowFilter | None:
     if not isinstance(given, Mapping) or len(given) != 1:
         raise UsageError("filter must name one window filter", found=given, allowed='{"movement": {"min_std": 0.07}}')
     ((name, parameters),) = given.items()
-    return named_plugin(FILTERS, name, parameters or {})
+    return FILTERS.make(name, parameters or {})

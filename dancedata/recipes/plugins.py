@@ -57,7 +57,7 @@ def make_instance(
     beside: Any = None,
 ) -> P | None:
     """Make one of several plug-ins of a slot, named PLUGIN or PLUGIN.NAME; as `make_plugin`."""
-    plugin, label = split_instance(registry, name)
+    plugin, label = registry.split(name)
     if label is None:
         return make_plugin(registry, where, name, parameters, problems, also, beside)
     if not _LABEL.fullmatch(label):
@@ -67,16 +67,6 @@ def make_instance(
         )
         return None
     return make_dataclass(registry.get(plugin), f"{where}.{name}", parameters, problems, also)
-
-
-def split_instance(registry: Registry[P], name: str) -> tuple[str, str | None]:
-    """Split PLUGIN.NAME at the longest registered name; the second is None without a name after it."""
-    parts = name.split(".")
-    for n in range(len(parts) - 1, 0, -1):
-        plugin = ".".join(parts[:n])
-        if name not in registry and plugin in registry:
-            return plugin, ".".join(parts[n:])
-    return name, None
 
 
 def longest_key(at: Any, parts: list[str], registry: Registry[Any] | None) -> tuple[str, list[str]]:
@@ -92,7 +82,7 @@ def key_paths(registry: Registry[P], where: str, given: Any, also: Sequence[str]
     """Yield the keys of the plug-ins that a slot names, as --set takes them: "audio.librosa35.tightness"."""
     names = [given] if isinstance(given, str) else list(given) if isinstance(given, dict) else []
     for name in names:
-        plugin, _ = split_instance(registry, str(name))
+        plugin, _ = registry.split(str(name))
         if plugin not in registry:
             continue
         keys = [f.name for f in dataclasses.fields(registry.get(plugin))]

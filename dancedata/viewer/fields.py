@@ -6,12 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dancedata.core.errors import DanceDataError, UsageError, did_you_mean
-from dancedata.core.registry import FEATURES, REPRESENTATIONS, beat_rows_late
+from dancedata.core.errors import UsageError, did_you_mean
+from dancedata.core.registry import FEATURES, beat_rows_late
 from dancedata.core.rotations import Float64Array
 from dancedata.evaluation.clip_music import BEAT, field_beats
-from dancedata.evaluation.inputs.columns import ColumnsReader, field_readers
-from dancedata.recipes.plugins import make_named, split_instance
+from dancedata.representations.stored import ColumnsReader, motion_reader, motion_readers
 from dancedata.store import Store
 
 __all__ = ["Rhythm", "drawable_fields", "field_to_draw", "rhythm_fields"]
@@ -49,16 +48,11 @@ class Rhythm:
 def drawable_fields(store: Store) -> dict[str, ColumnsReader]:
     """Return the motion fields that have joint positions, those first that give back the motion as it was.
 
-    Where the recipe of the dataset cannot be read, such as one with a plug-in that is not installed, the fields are
-    read by their names, with the representations' default parameters.
+    A field whose plug-in is not installed is left out: `field_to_draw` names the reason.
     """
-    try:
-        readers = field_readers(store)
-    except DanceDataError:
-        readers = _by_name(store)
     kept = {
         name: reader
-        for name, reader in readers.items()
+        for name, reader in motion_readers(store).items()
         if reader.representation.decodes or "position" in reader.representation.columns.names
     }
     # First whole motions, then positions, then motions that `decode` fits to the columns.
@@ -78,6 +72,8 @@ def field_to_draw(store: Store, name: str | None) -> str | None:
     if name is None:
         return next(iter(fields), None)
     if name not in fields:
+        if name in store.fields and store.field(name).kind == "motion":
+            motion_reader(store, name)
         raise UsageError(
             "this field cannot be drawn", where=str(store.path), found=name, fix=did_you_mean(name, list(fields))
         )
@@ -91,7 +87,7 @@ def rhythm_fields(store: Store) -> tuple[str, ...]:
 
 
 def _is_not_librosa35(name: str) -> bool:
-    return split_instance(FEATURES, name)[0] != "librosa35"
+    return FEATURES.split(name)[0] != "librosa35"
 
 
 def rhythm_of(rows: Float64Array, store: Store, name: str) -> Rhythm:
@@ -104,16 +100,3 @@ def rhythm_of(rows: Float64Array, store: Store, name: str) -> Rhythm:
     onset = np.nan_to_num(onset, posinf=0.0, neginf=0.0)
     top = float(onset.max(initial=0.0))
     return Rhythm(beats, np.clip(onset / top, 0, 1) if top > 0 else onset * 0, rate, name)
-
-
-def _by_name(store: Store) -> dict[str, ColumnsReader]:
-    readers = {}
-    for name in store.fields:
-        plugin, _ = split_instance(REPRESENTATIONS, name)
-        field = store.field(name)
-        if field.kind != "motion" or plugin not in REPRESENTATIONS:
-            continue
-        representation = make_named(REPRESENTATIONS, "motion", plugin, {})
-        if representation.columns == field.columns:
-            readers[name] = ColumnsReader(representation, field.grid)
-    return readers

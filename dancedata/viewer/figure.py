@@ -14,8 +14,8 @@ from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import Skeleton
-from dancedata.evaluation.inputs.columns import ColumnsReader
 from dancedata.keymotion.minima import KeyMotion, key_motion
+from dancedata.representations.stored import ColumnsReader
 
 __all__ = ["Figure", "Movement", "bones_of"]
 

@@ -17,9 +17,9 @@ from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.skeleton import Skeleton
 from dancedata.core.text import listed
 from dancedata.datasets.files import MOTION_SUFFIXES
-from dancedata.evaluation.inputs.columns import ColumnsReader
 from dancedata.evaluation.inputs.files import FileClip, FileFormat
-from dancedata.recipes.plugins import make_named, split_instance
+from dancedata.recipes.plugins import make_named
+from dancedata.representations.stored import ColumnsReader
 from dancedata.store import Store, open_store
 from dancedata.store.normalize import MinMax
 from dancedata.store.scaling import Scaling
@@ -152,7 +152,7 @@ def file_format(
     grid = store.grid if fps is None else FrameGrid.of(fps)
     if representation is None:
         return FileFormat(fps=str(grid), up=up, unit=unit)
-    name, _ = split_instance(REPRESENTATIONS, representation)
+    name, _ = REPRESENTATIONS.split(representation)
     plugin = make_named(REPRESENTATIONS, "motion", name, {})
     if representation in store.fields:
         grid = store.field(representation).grid if fps is None else grid

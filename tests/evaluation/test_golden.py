@@ -12,11 +12,11 @@ import dancedata
 from dancedata.core.grid import FrameGrid
 from dancedata.core.registry import METRICS
 from dancedata.evaluation.measuring import measure_pose
-from dancedata.evaluation.pose import Pose
 from dancedata.evaluation.protocol import PROTOCOLS
 from dancedata.evaluation.report import Report
 from dancedata.metrics import MusicBeats
 from dancedata.metrics.set_statistics import STATISTICS
+from dancedata.representations.stored import Pose
 
 # Relative; the README of the golden set gives these.
 BAS, BAS_FLOAT32, PFC, FEATURES, SETS = 1e-9, 1e-6, 1e-6, 1e-6, 1e-5

@@ -19,11 +19,11 @@ from dancedata.core.grid import FrameGrid
 from dancedata.datasets.aistpp.load import load_motion
 from dancedata.evaluation.clip_music import ClipMusic, beats_after, field_beats
 from dancedata.evaluation.measuring import measure_pose
-from dancedata.evaluation.pose import Pose
 from dancedata.evaluation.protocol import PROTOCOLS
 from dancedata.metrics import motion_beat_times, motion_beats
 from dancedata.metrics.beats import BeatAlignment
 from dancedata.metrics.set_statistics import STATISTICS, frechet
+from dancedata.representations.stored import Pose
 from dancedata.store.schema import Field
 
 RATES = (20, 24, 30, 60)

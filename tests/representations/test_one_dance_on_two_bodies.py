@@ -20,11 +20,12 @@ from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.datasets.aistpp import AistPP
 from dancedata.datasets.folder import Folder
 from dancedata.evaluation.measuring import measure_pose
-from dancedata.evaluation.pose import Pose
+from dancedata.evaluation.pose import conformed
 from dancedata.evaluation.protocol import MotionRule
 from dancedata.formats.motion_files import amass_arrays, smplx_arrays
 from dancedata.pipeline.motion import MotionKeys
 from dancedata.recipes.parse import parse_recipe
+from dancedata.representations.stored import Pose
 from dancedata.synthetic import synthesise_motion
 
 THIRTY = FrameGrid.of(30)
@@ -141,7 +142,7 @@ def test_a_protocol_measures_the_same_positions(dances: list[dict[str, Motion]],
     for body in ("smpl24", "smplx24"):
         rule = MotionRule(body, None, pelvis=pelvis)
         for dance in dances:
-            amass, smplx = (Pose.of_motion(dance[kind]).conformed(rule)[0].joints for kind in ("amass", "smplx"))
+            amass, smplx = (conformed(Pose.of_motion(dance[kind]), rule)[0].joints for kind in ("amass", "smplx"))
             np.testing.assert_allclose(amass, smplx, atol=1e-9)
         rest = SMPL24.offsets[0] if pelvis == "translation" and body == "smpl24" else 0
         if body == "smpl24":

@@ -166,7 +166,7 @@ def test_a_dataset_without_joints_says_so(tmp_path: Path) -> None:
     assert scene.movement is None
     assert "pose holds neither rotations nor joint positions" in scene.notes[0]
     assert scene_payload(scene)["figure"] is None
-    with pytest.raises(UsageError, match="this field cannot be drawn"):
+    with pytest.raises(UsageError, match="the columns of pose cannot be read"):
         every.scene(every.items[0], "pose")
 
 

@@ -19,11 +19,11 @@ from dancedata.core.motion import Motion
 from dancedata.core.plugins import Dataset
 from dancedata.core.skeleton import Skeleton
 from dancedata.core.typing import override
-from dancedata.evaluation.pose import Pose
 from dancedata.evaluation.protocol import Role
 from dancedata.execution.cache import Cache
 from dancedata.pipeline.motion import content_hashes
 from dancedata.recipes.documents import document_of
+from dancedata.representations.stored import Pose
 from dancedata.store import Store
 
 

@@ -19,11 +19,11 @@ from dancedata.core.typing import override
 from dancedata.datasets.files import MOTION_SUFFIXES
 from dancedata.datasets.folder import RATE_KEYS, UNITS, UPRIGHT, Folder, metres, same_rate, stated_grid
 from dancedata.evaluation.inputs.clip import ClipInput
-from dancedata.evaluation.inputs.columns import ColumnsReader
-from dancedata.evaluation.pose import Pose
+from dancedata.evaluation.inputs.columns import columns_identity
 from dancedata.execution.cache import Cache
 from dancedata.formats.arrays import ArrayFile, open_arrays
 from dancedata.recipes.documents import document_of
+from dancedata.representations.stored import ColumnsReader, Pose
 from dancedata.store.scaling import stated_in
 
 #: Names of arrays (T, J, 3) that are taken as positions; "" is the only array of a file.
@@ -68,7 +68,13 @@ class FileFormat:
 
     def identity(self) -> list[Any]:
         """Return JSON data for cache keys."""
-        return [self.fps, self.up, self.unit, self.body, None if self.columns is None else self.columns.identity()]
+        return [
+            self.fps,
+            self.up,
+            self.unit,
+            self.body,
+            None if self.columns is None else columns_identity(self.columns),
+        ]
 
     @property
     def folder(self) -> Folder:

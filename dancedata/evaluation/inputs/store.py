@@ -17,10 +17,10 @@ from dancedata.core.hashing import sha256_bytes
 from dancedata.core.skeleton import Skeleton
 from dancedata.core.typing import override
 from dancedata.evaluation.inputs.clip import ClipInput
-from dancedata.evaluation.inputs.columns import ColumnsReader, reader_for
-from dancedata.evaluation.pose import Pose
+from dancedata.evaluation.inputs.columns import columns_identity, reader_for
 from dancedata.evaluation.protocol import Protocol, Role
 from dancedata.execution.cache import Cache
+from dancedata.representations.stored import ColumnsReader, Pose
 from dancedata.store import Store
 from dancedata.store.dataset import reopen
 
@@ -62,7 +62,7 @@ class StoreClip(ClipInput):
     @override
     def identity(self, cache: Cache) -> Any:
         rows = sha256_bytes(self._rows().tobytes())  # not the hash that dataset.json states
-        return ["store", self.reference[1], self.id, self.field, self.reader.identity(), rows]
+        return ["store", self.reference[1], self.id, self.field, columns_identity(self.reader), rows]
 
     @override
     def load(self) -> Pose:

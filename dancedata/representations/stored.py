@@ -1,0 +1,220 @@
+"""Columns of a dataset's motion fields back to poses, by the plug-ins that made them.
+
+The recipe that a dataset records names the plug-in and the parameters of each field. This is the one place that reads
+them: evaluation, drawing, exports and augmentations of samples all see stored columns through it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.bodies import BODY_JOINTS, SMPLX52, SMPLX55
+from dancedata.core.columns import Columns
+from dancedata.core.dance import checked_joints
+from dancedata.core.errors import DanceDataError, DataError, UsageError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.motion import Motion
+from dancedata.core.plugins import ContactRule, Representation
+from dancedata.core.registry import CONTACTS, REPRESENTATIONS
+from dancedata.core.rotations import Float64Array
+from dancedata.core.skeleton import SMPL24
+from dancedata.store.dataset import Store
+from dancedata.store.scaling import Scaling
+
+_POSITION = "position"
+_AS_STORED = Scaling()
+
+#: Names of the joints of arrays (T, J, 3), by what they are called, and whether the pelvis is the body's own.
+BODIES: dict[str, tuple[tuple[str, ...], bool]] = {
+    "smpl24": (SMPL24.joints, True),
+    "smpl24-edge": (SMPL24.joints, False),
+    "smplx22": (BODY_JOINTS, True),
+    "smplx24": (SMPLX55.joints[:24], True),
+    "smplx52": (SMPLX52.joints, True),
+    "smplx55": (SMPLX55.joints, True),
+}
+#: What an array is taken for by its number of joints where nothing is declared. Of 24 joints the pelvis is unknown.
+BODY_OF = {22: "smplx22", 24: "smpl24-edge", 52: "smplx52", 55: "smplx55"}
+
+
+@dataclass(frozen=True, eq=False)
+class StoredMotion:
+    """The plug-ins that made a motion field.
+
+    Attributes
+    ----------
+    representation
+        Plug-in of the columns, with the parameters of the dataset's recipe.
+    contacts
+        Rule of the contact columns; None where the recipe names none, or none that is installed.
+    """
+
+    representation: Representation
+    contacts: ContactRule | None = None
+
+
+def stored_motion(recipe: object, field: str, columns: Columns) -> StoredMotion:
+    """Return the plug-ins that made a motion field.
+
+    Parameters
+    ----------
+    recipe
+        JSON data of the recipe that the dataset records. Without an entry for the field, the plug-in of the field's
+        name is taken with its default parameters.
+    field
+        Name of the field, PLUGIN or PLUGIN.NAME.
+    columns
+        Columns that are stored: a dataset may come from elsewhere, and what it names has to have made them.
+
+    Raises
+    ------
+    UsageError
+        If no installed plug-in makes these columns, with the reason.
+    """
+    motion = recipe.get("motion") if isinstance(recipe, Mapping) else None
+    entry = motion.get(field) if isinstance(motion, Mapping) else None
+    parameters = dict(entry) if isinstance(entry, Mapping) else {}
+    rules = parameters.pop("contacts", None)
+    plugin, _ = REPRESENTATIONS.split(field)
+    try:
+        representation = REPRESENTATIONS.make(plugin, parameters)
+        if representation.columns.to_json() != columns.to_json():
+            raise UsageError(f"the installed {plugin} makes other columns")
+    except (DanceDataError, TypeError, ValueError, LookupError, ArithmeticError, AttributeError) as error:
+        raise UsageError(
+            f"the columns of {field} cannot be read", found=str(error),
+            fix="install the version of the plug-in that the dataset was built with",
+        ) from error  # fmt: skip
+    return StoredMotion(representation, _contact_rule(rules))
+
+
+def _contact_rule(rules: object) -> ContactRule | None:
+    if not isinstance(rules, Mapping) or len(rules) != 1:
+        return None
+    ((name, parameters),) = rules.items()
+    try:
+        return CONTACTS.make(str(name), parameters) if isinstance(parameters, Mapping) else None
+    except (DanceDataError, TypeError, ValueError):
+        return None
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """One clip in canonical axes: metres, +Y up.
+
+    Attributes
+    ----------
+    joints
+        (T, J, 3) float64.
+    names
+        Names of the J joints.
+    grid
+        Rate of the frames.
+    true_pelvis
+        Whether the pelvis lies where the body has it.
+    motion
+        Root and rotations, where they are known.
+    """
+
+    joints: Float64Array
+    names: tuple[str, ...]
+    grid: FrameGrid
+    true_pelvis: bool = True
+    motion: Motion | None = None
+
+    @property
+    def rest(self) -> Float64Array:
+        """Rest position of the pelvis, (3,): of the motion's body, else of SMPL's."""
+        skeleton = SMPL24 if self.motion is None else self.motion.skeleton
+        return np.asarray(skeleton.offsets[0], dtype=np.float64)
+
+    @classmethod
+    def of_motion(cls, motion: Motion) -> Pose:
+        """Make the pose of a motion, on its own bones."""
+        return cls(motion.joints(), motion.skeleton.joints, motion.grid, motion=motion)
+
+    @classmethod
+    def of_joints(cls, joints: npt.ArrayLike, grid: FrameGrid, body: str | None = None) -> Pose:
+        """Make the pose of joint positions (T, J, 3), metres, +Y up.
+
+        Raises
+        ------
+        DataError
+            "bad_shape", "empty", "nan" or "missing_joints".
+        """
+        positions = checked_joints(joints)
+        name = body or BODY_OF.get(positions.shape[1], "")
+        known = BODIES.get(name)
+        if known is None or len(known[0]) != positions.shape[1]:
+            wanted = ", ".join(f"{k} ({len(v[0])} joints)" for k, v in BODIES.items())
+            raise DataError(
+                "the joints of an array are unknown",
+                reason="missing_joints",
+                found=f"{positions.shape[1]} joints" + (f", declared as {body}" if body else ""),
+                allowed=wanted,
+                fix="declare the body: --body NAME",
+            )
+        return cls(positions, known[0], grid, known[1])
+
+
+@dataclass(frozen=True, eq=False)
+class ColumnsReader:
+    """Turns (T, D) columns into a pose.
+
+    Attributes
+    ----------
+    representation
+        Plug-in of the columns.
+    grid
+        Rate of the rows.
+    scaling
+        Whether columns are normalised, and by which scaler.
+    """
+
+    representation: Representation
+    grid: FrameGrid
+    scaling: Scaling = _AS_STORED
+
+    def pose(self, columns: npt.NDArray[Any], *, file: bool | None = None, where: object = None) -> Pose:
+        """Return the pose of (T, D) columns; DataError "nan", "bad_rotation" or "bad_shape".
+
+        `file` is what their file states of normalising; UsageError as `Scaling.undo`.
+        """
+        plugin = self.representation
+        rows = np.asarray(columns)
+        if rows.ndim != 2 or rows.shape[1] != plugin.columns.width:
+            raise DataError(
+                f"these are not columns of {plugin.name}",
+                reason="bad_shape",
+                found=f"shape {rows.shape}",
+                allowed=f"(T, {plugin.columns.width})",
+            )
+        rows = self.scaling.undo(rows, plugin, file=file, where=where)
+        if plugin.decodes:
+            return Pose.of_motion(plugin.decode(rows, self.grid))
+        positions = rows[:, plugin.columns.slice(_POSITION)].reshape(len(rows), -1, 3).astype(np.float64)
+        return Pose(positions, plugin.skeleton.joints, self.grid, bool(plugin.skeleton.offsets[0].any()))
+
+
+def motion_reader(store: Store, name: str) -> ColumnsReader:
+    """Return the reader of a motion field; UsageError as `stored_motion`."""
+    field = store.field(name)
+    return ColumnsReader(stored_motion(store.meta.get("recipe"), name, field.columns).representation, field.grid)
+
+
+def motion_readers(store: Store) -> dict[str, ColumnsReader]:
+    """Return a reader of each motion field whose plug-in is installed, in the order of the dataset."""
+    readers = {}
+    for name in store.fields:
+        if store.field(name).kind != "motion":
+            continue
+        try:
+            readers[name] = motion_reader(store, name)
+        except UsageError:
+            continue  # whoever asks for this field by name gets the reason
+    return readers
