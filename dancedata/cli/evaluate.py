@@ -146,6 +146,6 @@ def _csv_line(cells: Sequence[object]) -> str:
 
 
 def _list(as_json: bool) -> None:
-    from dancedata.evaluation.describe import describe_protocols, protocols_json
+    from dancedata.evaluation.report import describe_protocols, protocols_json
 
     typer.echo(json_text(protocols_json()) if as_json else describe_protocols())

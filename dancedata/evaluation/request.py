@@ -19,14 +19,12 @@ from dancedata.core.plugins import Representation
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.text import listed, quoted, shown
 from dancedata.evaluation.inputs.clip import ClipInput, ClipSet, MemoryClip
-from dancedata.evaluation.inputs.columns import named_reader
 from dancedata.evaluation.inputs.files import FileClip, FileFormat, folder_clips
-from dancedata.evaluation.inputs.store import store_clips
-from dancedata.evaluation.music import MusicSources, named_songs
+from dancedata.evaluation.inputs.store import named_reader, store_clips
+from dancedata.evaluation.music import MusicSources, named_songs, song_files
 from dancedata.evaluation.pool import Pool, load_pool
 from dancedata.evaluation.protocol import PROTOCOLS, ROLES, Protocol, Role
 from dancedata.evaluation.report import LABELS
-from dancedata.evaluation.song_beats import song_files
 from dancedata.metrics.intervals import MIN_CLIPS
 from dancedata.recipes.plugins import make_named
 from dancedata.representations.stored import ColumnsReader, motion_readers

@@ -19,7 +19,7 @@ from dancedata.core.typing import override
 from dancedata.datasets.files import MOTION_SUFFIXES
 from dancedata.datasets.folder import RATE_KEYS, UNITS, UPRIGHT, Folder, metres, same_rate, stated_grid
 from dancedata.evaluation.inputs.clip import ClipInput
-from dancedata.evaluation.inputs.columns import columns_identity
+from dancedata.evaluation.inputs.store import columns_identity
 from dancedata.execution.cache import Cache
 from dancedata.formats.arrays import ArrayFile, open_arrays
 from dancedata.recipes.documents import document_of
