@@ -60,7 +60,6 @@ class FeatureCache:
         self._features: dict[str, AudioFeature] = {}
 
     def __repr__(self) -> str:
-        """Say where it is."""
         return f"FeatureCache({str(self.root)!r})"
 
     def get(

@@ -23,8 +23,7 @@ from dancedata.core.errors import DanceDataError
 from dancedata.core.rotations import slerp
 from dancedata.keymotion import primitives
 from dancedata.readers import WindowDataset
-from dancedata.readers.torch_kinematics import Poses, decode
-from dancedata.readers.torch_rotations import matrix_from_rotvec
+from dancedata.readers.torch_kinematics import Poses, decode, matrix_from_rotvec
 
 FIELD, CUE, CONTEXT = "lodge139", 8, 32
 

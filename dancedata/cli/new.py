@@ -111,7 +111,6 @@ class NewPlugin:
         return {"name": self.name, "group": group, "module": str(self.module), "test": str(self.test)}
 
     def __str__(self) -> str:
-        """Return what was written and what to do next."""
         group = self.kind.registry.package
         return _NEXT.format(
             module=quote(str(self.module)),

@@ -11,9 +11,7 @@ from dancedata.core.clip import Reject
 from dancedata.core.quality import OF_CLIPS
 from dancedata.core.text import counted, shown, table
 from dancedata.execution.cache_admin import size_text
-from dancedata.pipeline.implausible import describe_implausible
-from dancedata.pipeline.left_out import left_out_lines
-from dancedata.pipeline.rejects import NOTED
+from dancedata.pipeline.rejects import NOTED, describe_implausible, left_out_lines
 from dancedata.store import Problem, Store, open_store
 from dancedata.store.clip_columns import CLIP_COLUMNS
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import json
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from shlex import quote
@@ -14,17 +15,70 @@ import numpy.typing as npt
 from dancedata.core.grid import FrameGrid
 from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
-from dancedata.core.text import counted, listed
+from dancedata.core.text import counted, listed, shown
+from dancedata.core.typing import override
 from dancedata.execution.threads import as_in_builds
 from dancedata.exports._aist_names import PARTS, is_ignored, name_lacks, note_ignored
-from dancedata.exports._json_rows import json_of
-from dancedata.exports._songs import find_songs
 from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Lack
 from dancedata.exports.base.needs import needs_feature, needs_field, needs_music, needs_splits, needs_track_scope
 
 if TYPE_CHECKING:
+    from dancedata.core.audio_signal import AudioSignal
     from dancedata.exports.base.folder import ExportFolder
     from dancedata.store import ClipView
+
+
+def find_songs(job: ExportJob, clips: list[ClipView]) -> tuple[dict[str, ClipView], list[Lack]]:
+    """Return the clip with the longest signal of each music id, and ids with signals that are different music.
+
+    Datasets that hold the music of each sequence by itself have several files for one id, of which loaders read one:
+    that is right where the shorter ones are the beginning of the longest.
+    """
+    found: dict[str, ClipView] = {}
+    lacks: list[Lack] = []
+    for music, mine in sorted(_by_music(clips).items()):
+        different = list(
+            {job.music.hashes.get(clip.id, str(job.music.files[clip.id])): clip for clip in mine}.values()
+        )
+        signals = [job.music.load(clip) for clip in different] if len(different) > 1 else []
+        longest = max(range(len(different)), key=lambda k: signals[k].n_samples) if signals else 0
+        found[music] = different[longest]
+        other = [different[k] for k, s in enumerate(signals) if not _begins(s, signals[longest])]
+        if other:
+            problem = (
+                f"one file per song is read, and the music {shown(music)} of {shown(other[0].id)} is not the "
+                f"beginning of that of {shown(found[music].id)}"
+            )
+            lacks.append(Lack(problem, "a source with one audio file per song, as the official AIST++ has"))
+    return found, lacks
+
+
+def _by_music(clips: list[ClipView]) -> Mapping[str, list[ClipView]]:
+    found: dict[str, list[ClipView]] = {}
+    for clip in clips:
+        found.setdefault(clip.music, []).append(clip)
+    return found
+
+
+def _begins(part: AudioSignal, whole: AudioSignal) -> bool:
+    return part.sample_rate == whole.sample_rate and np.array_equal(part.samples, whole.samples[: part.n_samples])
+
+
+def json_of(name: str, arrays: Mapping[str, npt.NDArray[np.float32]]) -> bytes:
+    """Return ``{"id": name, KEY: rows, ...}``: nine digits, which give back every float32."""
+    parts = [f'"id": {json.dumps(name)}', *(f'"{key}": {"".join(_rows(rows))}' for key, rows in arrays.items())]
+    return f"{{{', '.join(parts)}}}\n".encode()
+
+
+def _rows(rows: npt.NDArray[np.float32]) -> Iterator[str]:
+    # Whole numbers alone would be read as an array of integers.
+    digits = "%.1f" if np.array_equal(rows, np.trunc(rows)) else "%.9g"
+    line = f"[{','.join([digits] * rows.shape[1])}]"
+    yield "["
+    for number, row in enumerate(rows.tolist()):
+        yield f",\n{line % tuple(row)}" if number else line % tuple(row)
+    yield "]"
+
 
 _MOTION, _ROTATIONS, _FEATURE, _RATE = "bailando72", "fact219", "bailando438", 60
 _SLOW = FrameGrid(Fraction(15, 2))
@@ -84,8 +138,8 @@ class Bailando(Export):
     feature: str = _FEATURE
     keep_ignored: bool = False
 
+    @override
     def lacks(self, job: ExportJob) -> list[Lack]:
-        """Return missing fields, rates, splits and music, songs of two kinds, and names that are read wrongly."""
         lacks = needs_track_scope(job) + needs_field(job, _MOTION, kind="motion", width=72, rate=_RATE)
         lacks += needs_feature(_FEATURE) + needs_field(job, self.feature, kind="audio", width=438, rate=_RATE)
         lacks += needs_splits(job, "train", "test")
@@ -98,8 +152,8 @@ class Bailando(Export):
             lacks.append(Lack(f"no sequence of train has {_LEAST} frames: loaders stop without one", "longer clips"))
         return lacks + find_songs(job, clips)[1]
 
+    @override
     def write(self, job: ExportJob, folder: ExportFolder) -> None:
-        """Write the folders of sequences and songs."""
         if not self.keep_ignored:
             note_ignored(folder, job.clips())
         for part in PARTS:
@@ -124,8 +178,8 @@ class Bailando(Export):
         if _ROTATIONS not in job.store.fields:
             folder.note(f"without Bailando++'s rotations: they need motion: {{{_ROTATIONS}: {{}}}}")
 
+    @override
     def guide(self, job: ExportJob) -> str:
-        """Return Bailando's commands and its stops."""
         ignored = (
             "Clips of the ignore list are kept, as in the paper's training set."
             if self.keep_ignored

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
+from dancedata.core.typing import override
 from dancedata.exports._motions import decoded, field_name, motion_lacks
 from dancedata.exports.base.folder import ExportFolder
 from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Lack
@@ -31,17 +32,17 @@ class BvhFiles(Export):
     unit: Literal["m", "cm"] = "m"
     field: str = ""
 
+    @override
     def lacks(self, job: ExportJob) -> list[Lack]:
-        """Return what is missing for clips to be decoded."""
         return motion_lacks(job, self.field)
 
+    @override
     def write(self, job: ExportJob, folder: ExportFolder) -> None:
-        """Write bvh_<unit>/<clip>.bvh."""
         for clip, motion in decoded(job, self.field):
             folder.write_text(f"bvh_{self.unit}/{clip.id}.bvh", motion_bvh(motion, self.unit))
 
+    @override
     def guide(self, job: ExportJob) -> str:
-        """Return how Blender opens the files."""
         name = field_name(job, self.field)
         scale = "1" if self.unit == "m" else "0.01"
         return (

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from dancedata.core.text import counted
+from dancedata.core.typing import override
 from dancedata.exports import _slices as slices
-from dancedata.exports._slice_files import SliceExport, SliceWriter
+from dancedata.exports._slices import SliceExport, SliceWriter
 from dancedata.exports.base.folder import ExportFolder
 from dancedata.exports.base.job import EXPORTS, ExportJob, Lack
 
@@ -51,13 +52,13 @@ class Edge(SliceExport):
 
     val_as_test: bool = False
 
+    @override
     def lacks(self, job: ExportJob) -> list[Lack]:
-        """Return missing fields, rates, widths, splits, windows and music."""
         splits = [split for part in self._splits.values() for split in part]
         return slices.slice_lacks(job, self.feature, splits, sound=self.sound == "cut")
 
+    @override
     def write(self, job: ExportJob, folder: ExportFolder) -> None:
-        """Write train/, test/ and cache/."""
         if "val" in job.store.splits and not self.val_as_test:
             n = counted(len(job.clips("val")), "clip")
             folder.note(f"the split val ({n}) is not exported: --set val_as_test=true adds it to test")

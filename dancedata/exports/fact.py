@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import lru_cache
 from shlex import quote
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -13,14 +15,110 @@ import numpy.typing as npt
 
 from dancedata.core.errors import UsageError
 from dancedata.core.text import counted, listed
+from dancedata.core.typing import override
 from dancedata.exports._aist_names import PARTS, is_ignored, name_lacks, note_ignored
-from dancedata.exports._tfrecord import example, record
 from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Lack
 from dancedata.exports.base.needs import needs_field, needs_splits, needs_track_scope
 
 if TYPE_CHECKING:
     from dancedata.exports.base.folder import ExportFolder
     from dancedata.store import ClipView
+
+
+#: Castagnoli's polynomial, bits reversed.
+_POLYNOMIAL = 0x82F63B78
+#: Bytes that are taken one after another; pieces of so many bytes are taken side by side.
+_PIECE = 256
+_UInt32Array = npt.NDArray[np.uint32]
+Feature = bytes | npt.NDArray[np.float32] | tuple[int, ...]
+
+
+def record(payload: bytes) -> bytes:
+    """Return the record of a payload."""
+    length = struct.pack("<Q", len(payload))
+    return b"".join((length, _masked(crc32c(length)), payload, _masked(crc32c(payload))))
+
+
+def example(features: Mapping[str, Feature]) -> bytes:
+    """Return a serialised tf.train.Example: bytes as one value, arrays flat as float32, tuples as int64."""
+    entries = b"".join(
+        _field(1, _field(1, name.encode()) + _field(2, _feature(value))) for name, value in sorted(features.items())
+    )
+    return _field(1, entries)
+
+
+def crc32c(data: bytes) -> int:
+    """Return the CRC-32C (Castagnoli) of data."""
+    n_pieces = 1
+    while n_pieces * _PIECE < len(data):
+        n_pieces *= 2
+    padded = np.zeros(n_pieces * _PIECE, np.uint8)  # zeros in front do not change a remainder
+    padded[len(padded) - len(data) :] = np.frombuffer(data, np.uint8)
+    table = _table()
+    state = np.zeros(n_pieces, np.uint32)
+    for column in np.ascontiguousarray(padded.reshape(n_pieces, _PIECE).T):
+        state = table[(state ^ column) & 0xFF] ^ (state >> np.uint32(8))
+    operator = _zeros_operator(_PIECE)
+    while len(state) > 1:  # the remainder of two neighbours: that of the first, moved on by the length of the second
+        state = _apply(operator, state[0::2]) ^ state[1::2]
+        operator = _apply(operator, operator)
+    start = _apply(_zeros_operator(len(data)), np.array([0xFFFFFFFF], np.uint32))
+    return int(state[0] ^ start[0]) ^ 0xFFFFFFFF
+
+
+@lru_cache(maxsize=1)
+def _table() -> _UInt32Array:
+    table = np.arange(256, dtype=np.uint32)
+    for _ in range(8):
+        table = np.where(table & 1, (table >> np.uint32(1)) ^ np.uint32(_POLYNOMIAL), table >> np.uint32(1))
+    return table
+
+
+def _zeros_operator(n_bytes: int) -> _UInt32Array:
+    """Return the linear map, as the images of 32 bits, that moves a remainder on by zero bytes."""
+    bits = np.uint32(1) << np.arange(32, dtype=np.uint32)
+    found, power = bits, _table()[bits & 0xFF] ^ (bits >> np.uint32(8))
+    while n_bytes:
+        if n_bytes & 1:
+            found = _apply(power, found)
+        power = _apply(power, power)
+        n_bytes >>= 1
+    return found
+
+
+def _apply(operator: _UInt32Array, state: _UInt32Array) -> _UInt32Array:
+    """Apply a linear map over bits to each of a number of remainders."""
+    found = np.zeros_like(state)
+    for bit in range(32):
+        found ^= np.where(state >> np.uint32(bit) & 1, operator[bit], np.uint32(0))
+    return found
+
+
+def _masked(crc: int) -> bytes:
+    rotated = (crc >> 15 | crc << 17) & 0xFFFFFFFF
+    return struct.pack("<I", (rotated + 0xA282EAD8) & 0xFFFFFFFF)
+
+
+def _feature(value: Feature) -> bytes:
+    if isinstance(value, bytes):
+        return _field(1, _field(1, value))
+    if isinstance(value, tuple):
+        return _field(3, _field(1, b"".join(map(_varint, value))))
+    return _field(2, _field(1, np.ascontiguousarray(value, "<f4").tobytes()))
+
+
+def _field(number: int, content: bytes) -> bytes:
+    """Return a length-delimited field (wire type 2)."""
+    return _varint(number << 3 | 2) + _varint(len(content)) + content
+
+
+def _varint(value: int) -> bytes:
+    found = bytearray()
+    while value > 0x7F:
+        found.append(value & 0x7F | 0x80)
+        value >>= 7
+    return bytes([*found, value])
+
 
 _MOTION, _RATE = "fact219", 60
 #: Frames of a training example: the loader cuts so many frames of music from a random place in the motion.
@@ -71,12 +169,11 @@ class Fact(Export):
     unpaired: int = 0
 
     def __post_init__(self) -> None:
-        """Check the parameters."""
         if self.unpaired < 0:
             raise UsageError("unpaired is a number of copies", found=self.unpaired, allowed="0 and above")
 
+    @override
     def lacks(self, job: ExportJob) -> list[Lack]:
-        """Return missing fields, rates and splits, names that would be read wrongly, and a part without sequences."""
         lacks = needs_track_scope(job) + needs_field(job, _MOTION, kind="motion", width=219, rate=_RATE)
         lacks += needs_field(job, self.feature, kind="audio", width=35, rate=_RATE)
         lacks += needs_splits(job, "train", "test") + name_lacks(job, _clips(job, "train") + _clips(job, "test"))
@@ -92,8 +189,8 @@ class Fact(Export):
                 lacks.append(Lack(found, "several songs in test for unpaired motion, or unpaired=0"))
         return lacks
 
+    @override
     def write(self, job: ExportJob, folder: ExportFolder) -> None:
-        """Write data/aist_tfrecord-{train,testval}-00000-of-00020 and so on."""
         note_ignored(folder, job.clips())
         for part, name in (("train", "train"), ("test", "testval")):
             clips = _clips(job, part)
@@ -120,8 +217,8 @@ class Fact(Export):
             for clip, x in zip(clips, row, strict=True)
         ]
 
+    @override
     def guide(self, job: ExportJob) -> str:
-        """Return FACT's command and its stops."""
         return _GUIDE.format(out=quote(str(job.out)))
 
     def _length(self, clip: ClipView) -> int:

@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from dancedata.core.typing import override
 from dancedata.datasets.finedance.facts import facts
 from dancedata.exports._finedance import note_missing, track_lacks
 from dancedata.exports.base.folder import ExportFolder
@@ -53,18 +54,18 @@ class FineDance(Export):
 
     feature: str = "librosa35"
 
+    @override
     def lacks(self, job: ExportJob) -> list[Lack]:
-        """Return missing fields and rates, and names that are not FineDance's."""
         return track_lacks(job, _MOTION, self.feature)
 
+    @override
     def write(self, job: ExportJob, folder: ExportFolder) -> None:
-        """Write the tracks."""
         for clip in job.each("tracks", job.clips()):
             folder.write_npy(f"finedance/motion_fea319/{clip.id}.npy", clip.read(_MOTION))
             folder.write_npy(f"finedance/music_npy/{clip.id}.npy", clip.read(self.feature).astype(np.float32))
         lists = facts().ignore_lists
         note_missing(job, folder, lists["ignored"].ids | lists["ignored.finenet"].ids, "FineDance's loader")
 
+    @override
     def guide(self, job: ExportJob) -> str:
-        """Return the trainer's command and its stops."""
         return _GUIDE.format(out=quote(str(job.out)))

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.text import listed
+from dancedata.core.typing import override
 from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Lack
 from dancedata.exports.base.needs import needs_field, needs_track_scope
 from dancedata.representations.humanml263 import Humanml263
@@ -48,15 +49,15 @@ class HumanML3D(Export):
 
     scaler: Literal["all", "train"] = "all"
 
+    @override
     def lacks(self, job: ExportJob) -> list[Lack]:
-        """Return a missing field or scope, and clips too short for a row."""
         lacks = needs_track_scope(job) + needs_field(job, FIELD, kind="motion", width=263, rate=20)
         if self.scaler == "train" and "train" not in job.store.splits:
             lacks.append(Lack("the dataset has no split train to fit mean and deviation on", "--scaler all"))
         return lacks or _short(job)
 
+    @override
     def write(self, job: ExportJob, folder: ExportFolder) -> None:
-        """Write vectors and joints of every clip, mean, deviation and lists."""
         made = Humanml263()
         for clip in job.each("clips", job.clips()):
             rows = vectors(clip)
@@ -75,8 +76,8 @@ class HumanML3D(Export):
                 folder.note(f"{split}.txt is empty: the dataset has no clips in {split}")
         folder.write_text("all.txt", "".join(f"{clip.id}\n" for clip in job.clips()))
 
+    @override
     def guide(self, job: ExportJob) -> str:
-        """Return where the files go, and what text-to-motion loaders need besides."""
         over = "all splits, test included, as HumanML3D's are" if self.scaler == "all" else "train alone"
         return (
             "Put the folder, or a link to it, where the trainer looks for `HumanML3D/`: T2M, MDM and MLD read "

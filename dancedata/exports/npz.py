@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from dancedata.core.errors import did_you_mean
+from dancedata.core.typing import override
 from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Lack
 from dancedata.exports.base.needs import needs_music
 
@@ -38,16 +39,16 @@ class Npz(Export):
 
     fields: tuple[str, ...] = ()
 
+    @override
     def lacks(self, job: ExportJob) -> list[Lack]:
-        """Return fields that the dataset does not have, and missing music where a source is given."""
         known = job.store.fields
         absent = [
             Lack(f"the dataset has no field {f!r}", did_you_mean(f, known)) for f in self.fields if f not in known
         ]
         return absent + (needs_music(job, job.clips()) if job.source is not None else [])
 
+    @override
     def write(self, job: ExportJob, folder: ExportFolder) -> None:
-        """Write clips/<id>.npz, index.json and, with a source, music/."""
         from dancedata.store import windows_by_clip  # `dancedata list` imports exports, and loads no HDF5
 
         windows = windows_by_clip(job.store) if job.store.scope == "window" else {}
@@ -60,8 +61,8 @@ class Npz(Export):
                 clips[clip]["music_file"] = name
         folder.write_json("index.json", self._index(job, clips))
 
+    @override
     def guide(self, job: ExportJob) -> str:
-        """Return how a script reads it."""
         clip, field = job.clips()[0].id, self._names(job)[0]
         shape = "(T, D)" if job.store.scope == "track" else "(windows, L, D)"
         return (

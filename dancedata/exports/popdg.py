@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
+from dancedata.core.typing import override
 from dancedata.exports import _slices as slices
-from dancedata.exports._slice_files import SliceExport, SliceWriter
+from dancedata.exports._slices import SliceExport, SliceWriter
 from dancedata.exports.base.folder import ExportFolder
 from dancedata.exports.base.job import EXPORTS, ExportJob, Lack
 
@@ -39,12 +40,12 @@ class Popdg(SliceExport):
     reference: ClassVar[str] = "Luke-Luo1/POPDG, commit ec57d87, dataset/load_popdanceset.py"
     guide_text: ClassVar[str] = _GUIDE
 
+    @override
     def lacks(self, job: ExportJob) -> list[Lack]:
-        """Return missing fields, rates, widths, splits, windows and music."""
         return slices.slice_lacks(job, self.feature, ("train", "test"), sound=self.sound == "cut")
 
+    @override
     def write(self, job: ExportJob, folder: ExportFolder) -> None:
-        """Write train/ and test/, the lists of clips and an empty high_quality_dataset."""
         writer = SliceWriter(job, folder, self.feature, self.sound, repeat=1, batch=_BATCH)
         for part in ("train", "test"):
             writer.write(part, (part,))

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
+from dancedata.core.typing import override
 from dancedata.exports._motions import decoded, field_name, motion_lacks
 from dancedata.exports.base.folder import ExportFolder
 from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Lack
@@ -47,17 +48,17 @@ class SmplFiles(Export):
     gender: Literal["neutral", "male", "female"] = "neutral"
     field: str = ""
 
+    @override
     def lacks(self, job: ExportJob) -> list[Lack]:
-        """Return what is missing for clips to be decoded."""
         return motion_lacks(job, self.field)
 
+    @override
     def write(self, job: ExportJob, folder: ExportFolder) -> None:
-        """Write both files of every clip."""
         for clip, motion in decoded(job, self.field):
             folder.write_npz(f"amass/{clip.id}.npz", amass_arrays(motion, self.gender))
             folder.write_npz(f"smplx/{clip.id}.npz", smplx_arrays(motion, self.gender))
 
+    @override
     def guide(self, job: ExportJob) -> str:
-        """Return what reads the files, and what they leave out."""
         name = field_name(job, self.field)
         return _GUIDE.format(name=name, rate=job.store.field(name).rate)

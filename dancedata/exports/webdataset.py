@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.errors import UsageError, did_you_mean
+from dancedata.core.typing import override
 from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Lack
 from dancedata.exports.base.needs import needs_names, needs_track_scope
 
@@ -57,8 +58,8 @@ class WebDataset(Export):
                 "webdataset: invalid value for shard_mb", found=self.shard_mb, allowed="MiB above 0, up to 1048576"
             )
 
+    @override
     def lacks(self, job: ExportJob) -> list[Lack]:
-        """Return fields that the dataset does not have, whole clips of window scope, and names with a point."""
         known = job.store.fields
         lacks = [
             Lack(f"the dataset has no field {f!r}", did_you_mean(f, known)) for f in self.fields if f not in known
@@ -69,16 +70,16 @@ class WebDataset(Export):
             job.clips(), lambda name: "." not in name, "without points: a key ends at the first"
         )
 
+    @override
     def write(self, job: ExportJob, folder: ExportFolder) -> None:
-        """Write the shards of every split, and index.json with their samples."""
         index: dict[str, int] = {}
         for split in job.store.splits:
             samples = self._clips(job, split) if self.samples == "clips" else self._windows(job, split)
             index |= self._shards(job, folder, split, samples)
         folder.write_json("index.json", {"shards": index, "fields": self._about(job)})
 
+    @override
     def guide(self, job: ExportJob) -> str:
-        """Return how webdataset and plain Python read the shards."""
         name = self._names(job)[0]
         split = job.store.splits[0]
         return (

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from dancedata.core.errors import DataError
 from dancedata.core.text import listed, quoted, shown
+from dancedata.core.typing import override
 from dancedata.files.regular_file import open_regular
 from dancedata.formats.safe_pickle import BOMB_BYTES, BOMB_RATIO, MAX_PICKLE_BYTES, as_array, load_pickle
 from dancedata.formats.torch_file import TORCH_HEAD, load_torch
@@ -166,16 +167,19 @@ class _Npy(ArrayFile):
     def __init__(self, path: Path) -> None:
         super().__init__(path, ("",))
 
+    @override
     def shape(self, name: str) -> tuple[int, ...]:
         with _named(self.path), open_regular(self.path) as file:
             return self._header(file).shape
 
+    @override
     def read(self, name: str) -> NDArray[np.float64]:
         with _named(self.path), open_regular(self.path) as file:
             self._header(file)
             file.seek(0)
             return as_numbers(np.lib.format.read_array(file, allow_pickle=False))
 
+    @override
     def text(self, name: str) -> str:
         return ""
 
@@ -193,10 +197,12 @@ class _Npz(ArrayFile):
         self._members = {info.filename.removesuffix(".npy"): info for info in members}
         super().__init__(path, tuple(self._members))
 
+    @override
     def shape(self, name: str) -> tuple[int, ...]:
         with _named(self.path), self._open(name) as file:
             return self._header(name, file).shape
 
+    @override
     def read(self, name: str) -> NDArray[np.float64]:
         with _named(self.path), self._open(name) as file:
             header = self._header(name, file)
@@ -205,6 +211,7 @@ class _Npz(ArrayFile):
             raise broken(self.path, f"{name} has two different headers")
         return as_numbers(array)
 
+    @override
     def text(self, name: str) -> str:
         size = self._members[name].file_size
         if size > MAX_TEXT_BYTES:
@@ -375,16 +382,16 @@ class ValueArrays(ArrayFile):
         self._content = {name: value for name, value in content.items() if isinstance(name, str)}
         super().__init__(path, tuple(self._content))
 
+    @override
     def shape(self, name: str) -> tuple[int, ...]:
-        """Return the shape of an array of numbers."""
         return self._array(name).shape
 
+    @override
     def read(self, name: str) -> NDArray[np.float64]:
-        """Return an array of numbers as float64."""
         return as_numbers(self._array(name))
 
+    @override
     def text(self, name: str) -> str:
-        """See `ArrayFile.text`."""
         value = self._content[name]
         if isinstance(value, bytes):
             return value[:20].decode("latin1")

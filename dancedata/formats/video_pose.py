@@ -73,7 +73,6 @@ class PersonArrays(ValueArrays):
         return values.astype(np.int64)
 
     def __str__(self) -> str:
-        """Show the person and the number of its frames, for messages."""
         names = [name for name in _FRAMES if name in self.names]
         try:
             return f"{shown(self.person, 40)} ({counted(self.shape(names[0])[0], 'frame')})" if names else self.person

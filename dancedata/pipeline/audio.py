@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -20,10 +21,44 @@ from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid, WindowGrid
 from dancedata.execution.cache import Cache, CachedArray, package_version
 from dancedata.execution.reference_process import expected
-from dancedata.pipeline.read_ahead import decoded, read_ahead
 from dancedata.pipeline.rejects import BUILD_AGAIN, CHANGED, reject_of
 from dancedata.recipes.documents import document_of
 from dancedata.recipes.fields import FeatureJob
+
+_threads: list[ThreadPoolExecutor] = []
+_ahead: dict[Path, Future[AudioSignal]] = {}
+
+
+def read_ahead(path: Path) -> None:
+    """Begin to decode a file in another thread; forgets files that were begun and not asked for."""
+    if not _threads:
+        _threads.append(ThreadPoolExecutor(max_workers=1, thread_name_prefix="read-ahead"))
+    if path not in _ahead:
+        _ahead.clear()
+        from dancedata.audio.signal import load_audio
+
+        _ahead[path] = _threads[0].submit(load_audio, path)
+
+
+def decoded(path: Path) -> AudioSignal:
+    """Return a file's signal, decoded now or ahead.
+
+    Raises
+    ------
+    DataError
+        As `load_audio`.
+    """
+    from dancedata.audio.signal import load_audio
+
+    begun = _ahead.pop(path, None)
+    if begun is None:
+        return load_audio(path)
+    try:
+        return begun.result()
+    except (DataError, OSError):
+        # Said by the unit that needs the file, in the file's present state.
+        return load_audio(path)
+
 
 #: Raised by hand when a stage here gives other numbers for the same input.
 SIGNAL_STAGE, FEATURE_STAGE = 4, 3

@@ -22,15 +22,13 @@ from dancedata.execution.progress import Progress
 from dancedata.execution.reference_process import expected
 from dancedata.execution.workers import check_backend, start_workers
 from dancedata.pipeline.audio import libsndfile_version
-from dancedata.pipeline.card import dataset_card
 from dancedata.pipeline.clips import ComputedClips, compute_clips
 from dancedata.pipeline.diff import document_differences, shaping
-from dancedata.pipeline.implausible import stop_if_implausible
-from dancedata.pipeline.left_out import nothing_left, stop_if_strict
 from dancedata.pipeline.out_folder import check_out, locked, new_dataset
+from dancedata.pipeline.rejects import nothing_left, stop_if_implausible, stop_if_strict
 from dancedata.pipeline.source_record import SourceRecord, source_differences
 from dancedata.pipeline.sources import Sources, identify, scan_source
-from dancedata.pipeline.summary import BuildResult
+from dancedata.pipeline.summary import BuildResult, dataset_card
 from dancedata.recipes.recipe import Recipe, resolve
 from dancedata.store import Field, StoreHeader, open_store, write_store
 from dancedata.store.schema import DATASET_FILE

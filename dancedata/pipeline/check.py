@@ -20,8 +20,7 @@ from dancedata.execution.children import named_if_it_crashes
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import run_units
 from dancedata.files.atomic import OWN
-from dancedata.pipeline.implausible import implausible_problems
-from dancedata.pipeline.rejects import NOTED, reject_of
+from dancedata.pipeline.rejects import NOTED, implausible_problems, reject_of
 from dancedata.recipes.fields import MotionField
 from dancedata.recipes.parse import parse_recipe
 from dancedata.store import Problem, Store, open_store, verify_store, windows_by_clip

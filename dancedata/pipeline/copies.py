@@ -165,6 +165,5 @@ class _CopiedArray:
         return tuple(self.array.shape)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> npt.NDArray[Any]:
-        """Load the clip's rows and change them."""
         rows = self.spec.rows_of(np.asarray(self.array), self.field.columns, self.field.kind, self.clip)
         return np.array(rows, dtype=dtype)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,11 +15,82 @@ import numpy.typing as npt
 
 from dancedata.core.errors import UsageError
 from dancedata.core.text import counted, listed, shown
-from dancedata.pipeline.diff_rows import is_same_number, unmatched
 from dancedata.pipeline.source_record import SourceRecord, source_differences
 from dancedata.store import Store, open_store, windows_by_clip
 from dancedata.store.clip_columns import CLIP_COLUMNS
 from dancedata.store.clip_view import ClipView
+
+Row = Mapping[str, Any]
+
+
+def is_same_number(a: Any, b: Any, atol: float | None) -> bool:
+    """Whether two values are equal, floating-point numbers within the tolerance."""
+    if atol is not None and isinstance(a, float) and isinstance(b, float):
+        return abs(a - b) <= atol
+    return bool(a == b)
+
+
+def unmatched(one: Sequence[Row], two: Sequence[Row], atol: float | None) -> tuple[list[Row], list[Row]]:
+    """Return the rows of each side without an equal row on the other side, in order.
+
+    Rows are equal if floating-point numbers are equal within the tolerance, and all other values exactly.
+    """
+    sides = _by_text(one), _by_text(two)
+    left: tuple[dict[int, Row], dict[int, Row]] = ({}, {})
+    for text in {**sides[0], **sides[1]}:
+        mine, other = (sorted(side.get(text, ()), key=lambda entry: entry[0]) for side in sides)
+        for a, b in _pairs(mine, other, atol):
+            if a is not None:
+                left[0][a[1]] = one[a[1]]
+            if b is not None:
+                left[1][b[1]] = two[b[1]]
+    return [left[0][k] for k in sorted(left[0])], [left[1][k] for k in sorted(left[1])]
+
+
+_Entry = tuple[tuple[float, ...], int]
+
+
+def _by_text(rows: Sequence[Row]) -> dict[str, list[_Entry]]:
+    """Return floating-point numbers and index of each row, by the rest of the row; equal rows count once."""
+    found: dict[str, dict[tuple[float, ...], int]] = defaultdict(dict)
+    for index, row in enumerate(rows):
+        numbers: list[float] = []
+        text = json.dumps(_without_floats(row, numbers), sort_keys=True)
+        found[text].setdefault(tuple(numbers), index)
+    return {text: list(entries.items()) for text, entries in found.items()}
+
+
+def _without_floats(value: Any, numbers: list[float]) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _without_floats(value[key], numbers) for key in sorted(value)}
+    if isinstance(value, list):
+        return [_without_floats(item, numbers) for item in value]
+    if isinstance(value, float):
+        numbers.append(value)
+        return "a number"
+    return value
+
+
+def _pairs(
+    mine: list[_Entry], other: list[_Entry], atol: float | None
+) -> Iterator[tuple[_Entry | None, _Entry | None]]:
+    """Yield entries without an equal one; both lists are sorted by their numbers."""
+    i = j = 0
+    while i < len(mine) and j < len(other):
+        a, b = mine[i], other[j]
+        if all(is_same_number(x, y, atol) for x, y in zip(a[0], b[0], strict=True)):
+            i, j = i + 1, j + 1
+        elif a[0] < b[0]:
+            yield a, None
+            i += 1
+        else:
+            yield None, b
+            j += 1
+    for a in mine[i:]:
+        yield a, None
+    for b in other[j:]:
+        yield None, b
+
 
 #: Most names, and characters of a message, in a line; JSON has all of them.
 _SHOWN, _MESSAGE = 5, 600
@@ -57,7 +129,6 @@ class Difference:
         }
 
     def __str__(self) -> str:
-        """Show the kind, the message and the first names."""
         names = f": {listed(self.names, _SHOWN)}" if self.names else ""
         return f"{self.kind}: {shown(self.message, _MESSAGE)}{names}"
 

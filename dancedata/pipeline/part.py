@@ -16,8 +16,7 @@ from dancedata.execution.cache import Cache, default_cache, with_lost_entries
 from dancedata.execution.progress import Progress
 from dancedata.pipeline.build import workers_for
 from dancedata.pipeline.clips import ComputedClips, compute_clips
-from dancedata.pipeline.implausible import stop_if_implausible
-from dancedata.pipeline.left_out import stop_if_strict
+from dancedata.pipeline.rejects import stop_if_implausible, stop_if_strict
 from dancedata.pipeline.sources import Sources, identify, scan_source
 from dancedata.recipes.recipe import Recipe, resolve
 
@@ -38,7 +37,6 @@ class Part:
         return cls(int(found[1]), int(found[2]))
 
     def __str__(self) -> str:
-        """Show as on the command line."""
         return f"{self.number}/{self.count}"
 
     def of(self, clips: Sequence[ClipRef]) -> tuple[ClipRef, ...]:
@@ -82,7 +80,6 @@ class PartResult:
         }
 
     def __str__(self) -> str:
-        """Say what was done."""
         text = f"part {self.part}: {self.clips} of {self.clips_in_all} clips, {self.songs} songs, all in the cache"
         return text + "".join(f"\n  will be left out: {reason}: {n}" for reason, n in self.left_out.items())
 

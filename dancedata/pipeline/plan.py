@@ -20,11 +20,17 @@ from dancedata.execution.cache_admin import size_text
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import run_units
 from dancedata.pipeline.build import header_of, relative_to
-from dancedata.pipeline.implausible import describe_implausible
-from dancedata.pipeline.left_out import left_out_lines, nothing_left
 from dancedata.pipeline.motion import motion_window_count
 from dancedata.pipeline.plan_cached import Cached, cached_units, not_ready
-from dancedata.pipeline.rejects import missing_music, reject_of, short_audio, too_short
+from dancedata.pipeline.rejects import (
+    describe_implausible,
+    left_out_lines,
+    missing_music,
+    nothing_left,
+    reject_of,
+    short_audio,
+    too_short,
+)
 from dancedata.pipeline.sources import scan_source
 from dancedata.pipeline.windows import audio_window_count
 from dancedata.recipes.copies import copies_per_clip, is_copied
@@ -78,7 +84,6 @@ class Plan:
     cached: Mapping[str, Cached]
 
     def __repr__(self) -> str:
-        """Show how much would be built; `summary` and `to_json` have the rest."""
         windows = sum(c.n_windows for c in self.clips)
         return f"Plan({self.recipe.name!r}, {sum(c.n_windows > 0 for c in self.clips)} clips, {windows} windows)"
 

@@ -2,14 +2,192 @@
 
 from __future__ import annotations
 
+import shlex
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
-from dancedata.core.clip import ClipRef, Reject
-from dancedata.core.errors import DataError
+from dancedata.core.clip import ClipRef, Reject, Scan
+from dancedata.core.errors import DataError, StoreError
 from dancedata.core.grid import FrameGrid
-from dancedata.core.quality import OF_CLIPS
+from dancedata.core.plugins import Dataset
+from dancedata.core.quality import IMPLAUSIBLE, OF_CLIPS, PLAUSIBLE_BODY_M, PLAUSIBLE_ROOT
+from dancedata.core.text import counted, listed, shown
 from dancedata.recipes.recipe import Recipe
+
+_IMPLAUSIBLE_NAMED = 3
+_UNIT = ("an implausible unit", "correct the unit that was declared")
+_SIDES = ("left and right in question", "correct the names of its joints, joint_map, or what mirrored it")
+_UP = ("an implausible up axis", "correct the up axis that was declared")
+#: What is said of clips with a flag of a kind, and what to do.
+_CURES = {
+    "implausible_body": _UNIT,
+    "implausible_root": _UNIT,
+    "implausible_sides": _SIDES,
+    "implausible_legs": _SIDES,
+    "implausible_arms": _SIDES,
+    "implausible_elbows": _SIDES,
+    "implausible_up": _UP,
+    "crossed_legs": ("crossed legs", "look at it in the viewer: left and right of the legs may be swapped"),
+    "stretched_bone": ("bones that stretch", "export with fixed bone lengths (rotations only) for exact positions"),
+}
+
+
+def implausible_problems(quality: Iterable[Mapping[str, Any]]) -> list[Reject]:
+    """Return one problem for each row of quality.jsonl that concerns a whole clip; `reason` is the row's kind."""
+    rows = [row for row in quality if row.get("kind") in OF_CLIPS and isinstance(row.get("value"), int | float)]
+    return [Reject(str(row["kind"]), clip=str(row.get("clip", "")), detail=_found(row)) for row in rows]
+
+
+def _found(row: Mapping[str, Any]) -> str:
+    value, (low, high), (least, most) = float(row["value"]), PLAUSIBLE_BODY_M, PLAUSIBLE_ROOT
+    return {
+        "implausible_body": f"a skeleton of {value:.3g} m, where {low:g} to {high:g} m is plausible; its unit is "
+        "probably wrong",
+        "implausible_root": f"the root rises and falls {value:.3g} times as far as the pose asks for, where "
+        f"{least:g} to {most:g} is plausible; the unit of its translation is probably wrong",
+        "implausible_sides": f"toes or knees point against the front of hips and shoulders (cosine {value:.2f}); "
+        "left and right are swapped, or the motion is mirrored",
+        "implausible_legs": f"toes or knees point against the front of the hips (cosine {value:.2f}), not of the "
+        "shoulders; left and right of the legs are swapped",
+        "implausible_arms": f"the shoulders' left is the hips' right (cosine {value:.2f}); left and right of the "
+        "arms are swapped",
+        "implausible_elbows": f"the elbows bend backwards ({value:.2f}, where 0.4 to 0.9 is usual); left and right "
+        "of the arms or of the whole motion are swapped, or it is mirrored",
+        "implausible_up": f"the body does not stand along +Y (cosine {value:.2f}), and the floor lies along another "
+        "axis; the up axis is probably wrong",
+        "crossed_legs": f"the left ankle is {value:.2f} widths of the hips to the left of the right one, where 0.6 "
+        "to 4 is usual",
+        "stretched_bone": f"position channels stretch bones by up to {100 * value:.1f} cm; the motion's bones are "
+        "rigid, with their median length",
+    }[row["kind"]]
+
+
+def describe_implausible(quality: Iterable[Mapping[str, Any]]) -> list[str]:
+    """Return the lines of a summary: how many clips, and the first of them, by what there is to do."""
+    groups: dict[tuple[str, str], list[Reject]] = {}
+    for problem in implausible_problems(quality):
+        groups.setdefault(_CURES[problem.reason], []).append(problem)
+    lines = []
+    for (what, cure), problems in groups.items():
+        clips, more = counted(len({p.clip for p in problems}), "clip"), len(problems) - _IMPLAUSIBLE_NAMED
+        lines.append(f"  {'implausible' if what == _UNIT[0] else what}: {clips}; {cure}:")
+        lines += [f"    {p.clip}: {p.reason}: {p.detail}" for p in problems[:_IMPLAUSIBLE_NAMED]]
+        lines += [f"    ... {more} more"] if more > 0 else []
+    return lines
+
+
+def stop_if_implausible(strict: bool, quality: Sequence[Mapping[str, Any]]) -> None:
+    """Raise DataError for the first clip that is implausible, if the build is strict."""
+    problems = [p for p in implausible_problems(quality) if p.reason in IMPLAUSIBLE]
+    if strict and problems:
+        first = problems[0]
+        what, cure = _CURES[first.reason]
+        clips = counted(len({p.clip for p in problems if _CURES[p.reason][0] == what}), "clip")
+        raise DataError(
+            f"{clips} with {what} in a strict build, the first: {first.detail}",
+            reason=first.reason,
+            where=first.clip,
+            fix=f"{cure}, or build without --strict to keep the clip, with a flag",
+        )
+
+
+#: Names that a line shows; reasons that a list shows.
+_NAMED, _REASONS = 3, 8
+#: Left out by choice comes after what is broken; what was never there comes last.
+_FIRST, _LAST = ("missing_music",), ("unassigned", "ignored", "unused_music", "extra_file", "missing_motion")
+
+
+def left_out_lines(rejects: Sequence[Reject], *, details: bool = False) -> list[str]:
+    """Return a line for each reason, with lines of two spaces more below it.
+
+    What is broken is shown with what exactly was found, of the first file or clip.
+
+    Parameters
+    ----------
+    details
+        Show that also of what is left out by choice.
+    """
+    by_reason: dict[str, list[Reject]] = {}
+    for reject in rejects:
+        by_reason.setdefault(reject.reason, []).append(reject)
+    ordered = sorted(by_reason, key=lambda reason: _rank(reason, len(by_reason[reason])))
+    lines = []
+    for reason in ordered[:_REASONS]:
+        lines += _reason(reason, by_reason[reason], details or reason not in BY_CHOICE)
+    rest = sum(len(by_reason[reason]) for reason in ordered[_REASONS:])
+    return [*lines, f"{len(ordered) - _REASONS} more reasons: {rest}"] if rest else lines
+
+
+def nothing_left(source: Path, dataset: Dataset, scan: Scan, rejects: Sequence[Reject]) -> StoreError:
+    """Return the error of a source of which no clip can be stored: why, what the reader found, what to do."""
+    text = _report("no clip is left to build from", rejects, scan)
+    # Only the recipe has what is declared for files of any layout.
+    reader = "--recipe RECIPE, with this recipe" if dataset.generic else f"--dataset {dataset.name}"
+    fix = f"see every file: dancedata check {shlex.quote(shown(source))} {reader}"
+    without_music = {clip.id for clip in scan.clips if clip.audio_path is None}
+    if any(r.reason == "missing_music" and r.clip in without_music for r in rejects):
+        fix = f"audio features need music; to build motion alone: --set 'audio={{}}'. {fix[0].upper()}{fix[1:]}"
+    return StoreError(text, where=source, fix=fix)
+
+
+def stop_if_strict(strict: bool, rejects: Sequence[Reject], scan: Scan) -> None:
+    """Raise DataError for the broken clips, if the build is strict."""
+    broken = [r for r in rejects if r.reason not in BY_CHOICE]
+    if strict and broken:
+        text = _report(f"{counted(len(broken), 'broken clip')} in a strict build", broken, scan)
+        fix = "repair or remove the broken files, or build without --strict to leave their clips out"
+        raise DataError(text, reason=broken[0].reason, fix=fix)
+
+
+def _report(problem: str, rejects: Sequence[Reject], scan: Scan) -> str:
+    left_out = left_out_lines(rejects, details=True)
+    lines = [f"  {line}" if line.startswith(" ") else f"  - {line}" for line in left_out]
+    notes = [f"  - {note}" for note in scan.notes]
+    return "\n".join([problem, *lines, "what was found in the source", *notes]) + "\n"
+
+
+def _rank(reason: str, n: int) -> tuple[int, int, str]:
+    if reason in _FIRST:
+        return 0, 0, reason
+    if reason in _LAST:
+        return 3, _LAST.index(reason), reason
+    return (2 if reason in BY_CHOICE else 1), -n, reason
+
+
+def _reason(reason: str, rejects: Sequence[Reject], details: bool) -> list[str]:
+    songs = Counter(r.music for r in rejects if r.music)
+    if songs:
+        return [f"{reason}: {counted(len(rejects), 'clip')}", *_songs(songs, rejects)]
+    names = list(dict.fromkeys(r.clip or r.file for r in rejects))
+    # A clip may lose windows and stay.
+    number = counted(len(rejects), "window") if reason == "short_field" else str(len(rejects))
+    line = f"{reason}: {number} ({listed(names, _NAMED)})"
+    if details and rejects[0].detail:
+        line += f": {rejects[0].detail}"
+    fixes = dict.fromkeys(r.fix for r in rejects if r.fix)
+    return [line, *(f"  {fix}" for fix in list(fixes)[:_NAMED])]
+
+
+def _songs(songs: Counter[str], rejects: Sequence[Reject]) -> list[str]:
+    """Say which songs are missing, those that most clips need first; a song that may be there before them."""
+    fixes = {r.music: r.fix for r in rejects if r.fix}
+    ordered = sorted(songs, key=lambda song: (song not in fixes, -songs[song], song))
+    lines = []
+    for song in ordered[:_NAMED]:
+        fix = f"; {fixes[song]}" if song in fixes else ""
+        lines.append(f"  song {song} is missing: {counted(songs[song], 'clip')}{fix}")
+    rest = ordered[_NAMED:]
+    if rest:
+        clips = counted(sum(songs[song] for song in rest), "clip")
+        lines.append(f"  {counted(len(rest), 'song')} more: {clips} ({listed(rest, _NAMED)})")
+    nameless = [r.clip for r in rejects if not r.music]
+    if nameless:
+        lines.append(f"  no song is named: {counted(len(nameless), 'clip')} ({listed(nameless, _NAMED)})")
+    return lines
+
 
 CHANGED = "the file changed while the build was running"
 BUILD_AGAIN = "run the build again once the source no longer changes"

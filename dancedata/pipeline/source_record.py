@@ -88,7 +88,6 @@ class SourceDifference:
     names: tuple[str, ...]
 
     def __str__(self) -> str:
-        """Show the first names."""
         message = shown(self.message, _MESSAGE)
         if not self.names:
             return message

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.pipeline.audio import window_samples
@@ -11,8 +13,39 @@ from dancedata.pipeline.encode import EncodedClip
 from dancedata.pipeline.motion import MotionResult, motion_window_count
 from dancedata.pipeline.rejects import short_audio, too_short
 from dancedata.pipeline.sources import SourceClip
-from dancedata.pipeline.window_filter import filtered_windows
 from dancedata.recipes.recipe import Recipe
+
+
+def filtered_windows(
+    recipe: Recipe, ref: ClipRef, motion: MotionResult, starts: tuple[int, ...]
+) -> tuple[tuple[int, ...], list[Reject]]:
+    """Split a clip's window starts into those that the recipe's filter keeps and a reject for each of the others.
+
+    If it keeps none, the last reject is that of the clip. Without a filter for the clip's split, all are kept.
+    """
+    chosen = recipe.windows.filter
+    if chosen is None or ref.split not in chosen.splits or not starts:
+        return starts, []
+    rows = np.asarray(motion.arrays[chosen.field])
+    field = next(own for own in recipe.clip_fields if own.name == chosen.field)
+    length = recipe.grid.rows(recipe.windows.length, of=field.grid)
+    kept, rejects = [], []
+    for start in starts:
+        if recipe.scope == "window":
+            window = rows[recipe.windows.number(start)]
+        else:
+            first = recipe.grid.rows(start, of=field.grid)
+            window = rows[first : first + length]
+        window.flags.writeable = False
+        reject = chosen.reject(window, field.columns, field.grid)
+        if reject is None:
+            kept.append(start)
+        else:
+            rejects.append(replace(reject, clip=ref.id, window=start))
+    if not kept:
+        detail = f"none of the {len(starts)} windows of clip {ref.id} passes the {chosen.name} filter"
+        rejects.append(Reject(chosen.reason, ref.id, str(ref.motion_path), detail=detail))
+    return tuple(kept), rejects
 
 
 @dataclass(frozen=True)

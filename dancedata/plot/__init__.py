@@ -9,14 +9,13 @@ from dancedata.core.lazy import lazy_names
 __all__ = ["features", "motion", "write_video"]
 
 if TYPE_CHECKING:
-    from dancedata.plot.feature_axes import features
-    from dancedata.plot.motion_axes import motion
+    from dancedata.plot.motion_axes import features, motion
     from dancedata.plot.video import write_video
 else:
     __getattr__, __dir__ = lazy_names(
         __name__,
         {
-            "features": "dancedata.plot.feature_axes",
+            "features": "dancedata.plot.motion_axes",
             "motion": "dancedata.plot.motion_axes",
             "write_video": "dancedata.plot.video",
         },

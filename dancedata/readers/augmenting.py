@@ -15,11 +15,29 @@ from dancedata.core.errors import UsageError
 from dancedata.core.plugins import Augmentation, SampleAugmentation, SampleField
 from dancedata.core.registry import AUGMENTATIONS
 from dancedata.readers.arguments import probability
-from dancedata.readers.sample_fields import sample_fields
+from dancedata.representations.stored import stored_motion
 from dancedata.store.dataset import Store
 from dancedata.store.normalize import MinMax
 
-__all__ = ["Augment", "Augmenter", "Chance"]
+
+def sample_fields(store: Store, names: Sequence[str]) -> tuple[SampleField, ...]:
+    """Return fields with the plug-ins that made them, where the dataset's recipe names installed ones."""
+    return tuple(_sample_field(store, name) for name in names)
+
+
+def _sample_field(store: Store, name: str) -> SampleField:
+    field = store.field(name)
+    plain = SampleField(name, field.kind, field.columns, field.grid)
+    if field.kind != "motion":
+        return plain
+    try:
+        stored = stored_motion(store.meta.get("recipe"), name, field.columns)
+    except UsageError:
+        return plain
+    if stored.representation.default_contacts is not None and stored.contacts is None:
+        return plain
+    return SampleField(name, field.kind, field.columns, field.grid, stored.representation, stored.contacts)
+
 
 #: Keeps these streams apart from those of order, mirroring and primitives, which may have the same seed.
 _AUGMENT_STREAM = 4
@@ -41,7 +59,6 @@ class Chance:
     p: float
 
     def __post_init__(self) -> None:
-        """Check the probability."""
         probability("p", self.p)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.errors import UsageError, did_you_mean
+from dancedata.core.typing import override
 from dancedata.readers.arguments import whole
 from dancedata.readers.sampler import EpochSampler, permutation
 from dancedata.store.dataset import Store
@@ -86,8 +87,8 @@ class BalancedSampler(EpochSampler):
         super().__init__(wanted, seed=seed, rank=rank, world_size=world_size, drop_last=drop_last)
         self._source = data_source
 
+    @override
     def order_of_all(self, epoch: int) -> npt.NDArray[np.int64]:
-        """Return the indices of one epoch, (n_samples,) int64, before they are dealt to the ranks one by one."""
         share, rest = divmod(self.n_samples, len(self._members))
         more = set(permutation(len(self._members), self.seed, _GROUP_STREAM, epoch)[:rest].tolist())
         drawn = [self._drawn(number, epoch, share + (number in more)) for number in range(len(self._members))]

@@ -17,8 +17,7 @@ from torch.utils.data import BatchSampler, SequentialSampler, default_collate
 
 from dancedata.core.errors import UsageError
 from dancedata.readers.arguments import whole
-from dancedata.readers.batch_memory import MemoryPool
-from dancedata.readers.batch_reader import BatchReader, Request
+from dancedata.readers.batch_reader import BatchReader, MemoryPool, Request
 from dancedata.readers.sampler import EpochSampler
 from dancedata.readers.windows import WindowDataset
 
@@ -130,18 +129,15 @@ class BatchLoader:
         self._pool = self._new_pool()
 
     def __len__(self) -> int:
-        """Return the number of batches of a whole epoch, independent of the sampler's position."""
         return len(self._batches())
 
     def __repr__(self) -> str:
-        """Show dataset, batch size and threads."""
         return (
             f"BatchLoader({self.dataset!r}, batch_size={self.batch_size}, drop_last={self.drop_last}, "
             f"threads={self.threads}, prefetch={self.prefetch}, pinned={self.pinned})"
         )
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
-        """Iterate over one epoch, from the sampler's position on."""
         previous = self._iteration() if self._iteration is not None else None
         if previous is not None:
             previous.close()
@@ -153,7 +149,6 @@ class BatchLoader:
         return iteration
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave memory and threads out."""
         return {**self.__dict__, "_iteration": None, "_pool": self._new_pool()}
 
     def _new_pool(self) -> MemoryPool:

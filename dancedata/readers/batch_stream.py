@@ -145,7 +145,6 @@ class BatchStream(IterableDataset[Any]):
         return self.collate(self.dataset.samples(indices.tolist(), epoch))
 
     def __iter__(self) -> Iterator[Any]:
-        """Yield the batches of this worker's steps."""
         worker = get_worker_info()
         first, every = (worker.id, worker.num_workers) if worker is not None else (0, 1)
         step, stop = self.start_step + first, None if self.n_steps is None else self.start_step + self.n_steps
@@ -154,7 +153,6 @@ class BatchStream(IterableDataset[Any]):
             step += every
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave the order of the epoch out."""
         return {**self.__dict__, "_order": None}
 
 
@@ -174,11 +172,9 @@ class EpochLoader:
         self.step = stream.start_step
 
     def __len__(self) -> int:
-        """Return the number of batches of a whole epoch."""
         return self._stream.steps_per_epoch
 
     def __iter__(self) -> Iterator[Any]:
-        """Yield the batches from `step` to the end of its epoch."""
         stream, first = self._stream, self.step
         stream.start_step, stream.n_steps = first, len(self) - first % len(self)
         for step, batch in enumerate(DataLoader(stream, batch_size=None, **self._options), start=first + 1):

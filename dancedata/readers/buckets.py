@@ -12,8 +12,7 @@ from torch.utils.data import Sampler
 from dancedata.core.errors import UsageError
 from dancedata.core.text import counted
 from dancedata.readers.arguments import whole
-from dancedata.readers.sampler import EpochSampler, permutation
-from dancedata.readers.shared_epoch import set_epoch_of
+from dancedata.readers.sampler import EpochSampler, permutation, set_epoch_of
 
 #: Apart from the stream of orders, which shuffles the batches.
 _BUCKET_STREAM = 7
@@ -103,11 +102,9 @@ class BucketSampler(Sampler[list[int]]):
         )
 
     def __len__(self) -> int:
-        """Return this rank's batches in an epoch."""
         return len(self.order_of_batches)
 
     def __repr__(self) -> str:
-        """Say how many batches it has, and where it stands."""
         number = counted(sum(map(len, self._buckets)), "sample")
         return f"BucketSampler({number}, batches: {self.order_of_batches!r})"
 
@@ -127,7 +124,6 @@ class BucketSampler(Sampler[list[int]]):
         return [batches[number] for number in self.order_of_batches.order(epoch).tolist()]
 
     def __iter__(self) -> Iterator[list[int]]:
-        """Yield the rest of the current epoch's batches, then move on to the next epoch."""
         epoch = self.order_of_batches.epoch
         set_epoch_of(self._source, epoch)
         batches = self.batches(epoch)

@@ -13,15 +13,15 @@ import torch
 
 from dancedata.core.clip import Reject, Window
 from dancedata.core.errors import UsageError
+from dancedata.core.typing import override
 from dancedata.readers.arguments import whole
 from dancedata.readers.augmenting import Augment
 from dancedata.readers.batch_reader import Request
 from dancedata.readers.clip_collate import pack_clips, pad_clips
-from dancedata.readers.epoch_random import crop_choices, mirrored_samples
 from dancedata.readers.music_beats import StartAt, beat_labels, beat_starts, no_start, require_start_at
 from dancedata.readers.scalers import ScalerLike
 from dancedata.readers.selection import GivenFilter, no_window_error
-from dancedata.readers.split_dataset import Changes, SplitDataset
+from dancedata.readers.split_dataset import Changes, SplitDataset, crop_choices, mirrored_samples
 from dancedata.store.dataset import Store
 from dancedata.store.window_list import WindowList
 
@@ -143,11 +143,10 @@ class ClipDataset(SplitDataset):
         return np.full(len(self), self.crop_frames, dtype=np.int64)
 
     def __getitem__(self, index: int) -> dict[str, Any]:
-        """Return one sample; negative indices count from the end."""
         return self.samples([index])[0]
 
+    @override
     def samples(self, indices: Sequence[int], epoch: int | None = None) -> list[dict[str, Any]]:
-        """Return samples as of an epoch, or of the current one."""
         epoch = self._drawn_epoch(epoch)
         places = [self._place(index) for index in indices]
         mirrored = mirrored_samples(self.seed, epoch, places, self.mirror)
@@ -163,7 +162,6 @@ class ClipDataset(SplitDataset):
         ]
 
     def __repr__(self) -> str:
-        """Show store, split, number of samples and fields."""
         what = "whole clips" if self.crop_frames is None else f"crops of {self.crop_frames} frames"
         return (
             f"ClipDataset({str(self.store.path)!r}, split={self.split!r}, {len(self):,} {what}, "

@@ -3,15 +3,50 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sized
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import torch
 from torch import distributed
 from torch.utils.data import Sampler
 
 from dancedata.core.errors import UsageError
 from dancedata.readers.arguments import whole
-from dancedata.readers.shared_epoch import set_epoch_of
+
+
+def shared_number(value: int) -> torch.Tensor:
+    """Return a tensor (1,) int64 in memory that this process and its workers share."""
+    number = torch.tensor([value], dtype=torch.int64)
+    number.share_memory_()  # type: ignore[no-untyped-call]
+    return number
+
+
+def set_epoch_of(source: object, epoch: int) -> None:
+    """Set the epoch of a dataset; of one without `set_epoch`, that of the datasets among its attributes.
+
+    So the parts of torch's ConcatDataset, Subset (random_split) and StackDataset are reached, and what other wrappers
+    hold, in lists and dicts as well.
+    """
+    pending, seen = [source], {id(source)}
+    while pending:
+        held: Any = pending.pop()
+        set_epoch = getattr(held, "set_epoch", None)
+        if callable(set_epoch):
+            set_epoch(epoch)
+            continue
+        slots = [getattr(held, name, None) for kind in type(held).__mro__ for name in getattr(kind, "__slots__", ())]
+        parts = held if isinstance(held, list | tuple) else [*getattr(held, "__dict__", {}).values(), *slots]
+        for part in held.values() if isinstance(held, dict) else parts:
+            if _holds(part) and id(part) not in seen:
+                seen.add(id(part))
+                pending.append(part)
+
+
+def _holds(part: object) -> bool:
+    """Return whether an object may be a dataset, or a collection of them."""
+    return hasattr(type(part), "__getitem__") and not isinstance(part, str | bytes | np.ndarray | torch.Tensor)
+
 
 #: Indices turned into Python ints at a time: a list of a million ints would take 36 MB.
 _CHUNK = 4096
@@ -117,11 +152,9 @@ class EpochSampler(Sampler[int]):
         return self._position
 
     def __len__(self) -> int:
-        """Return this rank's samples in a whole epoch, wherever the sampler stands."""
         return self._length
 
     def __repr__(self) -> str:
-        """Say what it orders, and where it stands."""
         return (
             f"EpochSampler({self.n_samples} samples, seed={self.seed}, rank={self.rank}, "
             f"world_size={self.world_size}, shuffle={self.shuffle}, drop_last={self.drop_last}, "
@@ -143,7 +176,6 @@ class EpochSampler(Sampler[int]):
         return np.arange(self.n_samples, dtype=np.int64)
 
     def __iter__(self) -> Iterator[int]:
-        """Yield the rest of the current epoch's indices, then move on to the next epoch."""
         self._turn += 1
         turn, epoch, position = self._turn, self._epoch, self._position
         set_epoch_of(self._source, epoch)

@@ -12,17 +12,15 @@ import torch
 from torch.utils.data import get_worker_info
 
 from dancedata.core.errors import UsageError
+from dancedata.core.typing import override
 from dancedata.readers.augmenting import Augment
-from dancedata.readers.batch_memory import MemoryPool, shared_tensor
-from dancedata.readers.batch_reader import BatchReader, FieldReader, Request
-from dancedata.readers.collate import Batch, Sample, collate
-from dancedata.readers.epoch_random import mirrored_samples, primitive_shift
+from dancedata.readers.batch_reader import BatchReader, FieldReader, MemoryPool, Request, shared_tensor
+from dancedata.readers.clip_collate import Batch, Sample, collate
 from dancedata.readers.music_beats import StartAt, beat_labels, require_start_at
-from dancedata.readers.presets import given_or_preset, preset_windows
-from dancedata.readers.primitives import PrimitiveSpec, primitive_spec
+from dancedata.readers.presets import PrimitiveSpec, given_or_preset, preset_windows, primitive_spec
 from dancedata.readers.scalers import ScalerLike, root_columns
 from dancedata.readers.selection import GivenFilter, no_window_error
-from dancedata.readers.split_dataset import Changes, SplitDataset
+from dancedata.readers.split_dataset import Changes, SplitDataset, mirrored_samples, primitive_shift
 from dancedata.store.dataset import Store
 
 _log = logging.getLogger(__name__)
@@ -243,6 +241,7 @@ class WindowDataset(SplitDataset):
         tensors = {name: torch.from_numpy(array[0]) for name, array in arrays.items()}
         return tensors | {name: values[0] for name, values in self._metadata(request).items()}
 
+    @override
     def samples(self, indices: Sequence[int], epoch: int | None = None) -> list[dict[str, Any]]:
         """Return many windows, as of an epoch that is given here instead of by `set_epoch`.
 
@@ -262,7 +261,6 @@ class WindowDataset(SplitDataset):
         ]
 
     def __repr__(self) -> str:
-        """Show store, split, number of windows and fields."""
         normalized = ", ".join(self._normalizers) or "nothing"
         steps = [(step.name, getattr(step.augmentation, "p", step.p)) for step in self._augmenter.steps]
         augment = "".join(f"; augment: {name}, p={p:g}" for name, p in steps)
@@ -272,7 +270,6 @@ class WindowDataset(SplitDataset):
         )
 
     def __getstate__(self) -> dict[str, Any]:
-        """As `SplitDataset` does; memory that was given out stays here."""
         return {**super().__getstate__(), "_cached_reader": None, "_pool": MemoryPool()}
 
     @property

@@ -2,20 +2,231 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
-from dancedata.report.contents import contents, total_windows
-from dancedata.report.fields import fields
-from dancedata.report.left_out import flags, left_out, ranking
-from dancedata.report.measure import Measured
-from dancedata.report.movement import movement, music
-from dancedata.report.scales import Scales
-from dancedata.report.sharing import splits
-from dancedata.store import Store
-from dancedata.store.songs import songs_of
+import numpy as np
 
-__all__ = ["SCHEMA", "Document", "document"]
+from dancedata.report.left_out import flags, left_out, ranking
+from dancedata.report.measure import PROMINENT, SLIDE_M_S, STILL_M_S, ClipNumbers, Measured
+from dancedata.report.scales import Scales, music_gaps
+from dancedata.report.tally import Histogram, Tally, five_numbers
+from dancedata.store import ClipView, Store
+from dancedata.store.songs import AlikeSongs, alike_songs, songs_of, sound_field
+
+_QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+
+
+def movement(found: Measured, scales: Scales) -> dict[str, Any]:
+    """Return the section of the document."""
+    reader = found.reader
+    contact = {
+        name: (int(on) / int(frames) if frames else None)
+        for name, (on, frames) in zip(found.feet, found.contact.tolist(), strict=True)
+    }
+    return {
+        "field": reader.motion.name if reader.motion is not None else None,
+        "joints": len(found.joints),
+        "speed_m_s": Histogram.of_tally(found.speed, scales.speed).to_json(),
+        "joint_speed_m_s": {name: _quantiles(tally) for name, tally in found.joint_speed.items()},
+        "still": {"below_m_s": STILL_M_S, **_over_clips(found, lambda n: n.still)},
+        "root_extent_m": _of_clips(found, scales.root_extent_m, lambda n: n.root_extent_m),
+        "floor_m": _of_clips(found, scales.floor_m, lambda n: n.floor_m),
+        "lowest_m": _over_clips(found, lambda n: n.low_m),
+        "highest_m": _over_clips(found, lambda n: n.high_m),
+        "turns": _of_clips(found, scales.turns, lambda n: n.turns),
+        "contact": contact,
+        "sliding_m_s": {
+            **Histogram.of_tally(found.sliding, scales.sliding).to_json(),
+            "above_m_s": SLIDE_M_S,
+            "share_above": found.sliding.share_above(SLIDE_M_S),
+        },
+        "paths_m": {clip: [list(p) for p in numbers.path] for clip, numbers in found.clips.items() if numbers.path},
+    }
+
+
+def music(found: Measured, scales: Scales) -> dict[str, Any]:
+    """Return the section of the document: key motions beside beats, and beside beats moved by half a period."""
+    reader = found.reader
+    numbers = found.clips.values()
+    tempos = [
+        {"clip": c.id, "stated": c.tempo_bpm, "found": tempo}
+        for c in found.store.clips
+        if not c.source and c.tempo_bpm is not None and (tempo := found.clips[c.id].tempo_found) is not None
+    ]
+    return {
+        "beats_from": reader.music.name if reader.music is not None else None,
+        "key_motions_from": reader.keymotion.name if reader.keymotion is not None else None,
+        "prominence_share": PROMINENT,
+        "key_motions": sum(n.key_motions for n in numbers),
+        "offset_ms": Histogram.of_tally(found.offset_ms, scales.offset_ms).to_json(),
+        "shifted_ms": Histogram.of_tally(found.shifted_ms, scales.offset_ms).to_json(),
+        "mean_distance_ms": _weighted(found, lambda n: n.key_beat_ms),
+        "mean_distance_shifted_ms": _weighted(found, lambda n: n.key_shifted_ms),
+        "bas": _mean(found, lambda n: n.bas),
+        "bas_chance": _mean(found, lambda n: n.bas_chance),
+        "tempo_bpm": tempos,
+    }
+
+
+def _quantiles(tally: Tally) -> dict[str, float | None]:
+    return {f"p{round(100 * q)}": tally.quantile(q) for q in _QUANTILES}
+
+
+def _values(found: Measured, value: Callable[[ClipNumbers], float | None]) -> list[float]:
+    return [v for v in map(value, found.clips.values()) if v is not None]
+
+
+def _over_clips(found: Measured, value: Callable[[ClipNumbers], float | None]) -> dict[str, float | None]:
+    return five_numbers(_values(found, value))
+
+
+def _of_clips(
+    found: Measured, edges: tuple[float, ...], value: Callable[[ClipNumbers], float | None]
+) -> dict[str, Any]:
+    return Histogram.of_values({"all": _values(found, value)}, edges).to_json()
+
+
+def _mean(found: Measured, value: Callable[[ClipNumbers], float | None]) -> float | None:
+    values = _values(found, value)
+    return float(np.mean(values)) if values else None
+
+
+def _weighted(found: Measured, value: Callable[[ClipNumbers], float | None]) -> float | None:
+    """Return the mean over key motions of a number that is a mean over those of a clip."""
+    pairs = [(v, n.key_motions) for n in found.clips.values() if (v := value(n)) is not None]
+    weight = sum(k for _, k in pairs)
+    return sum(v * k for v, k in pairs) / weight if weight else None
+
+
+def splits(store: Store) -> dict[str, Any]:
+    """Return the section of the document: for each two splits how much both have, and the names of it.
+
+    A song or a clip that train shares with another split is a leak; val and test may share songs, as in AIST++.
+    Songs are one by their name, by their samples, or by their sound.
+    """
+    origin = {c.id: c.source or c.id for c in store.clips}
+    songs = songs_of(store.clips, store.meta)
+    alike = None if sound_field(store) is None else alike_songs(store, songs)
+    return {
+        "compared_by_sound": alike is not None,
+        "songs": _shared(store, lambda c: songs.get(c.id, ""), alike or ()),
+        "dancers": _shared(store, lambda c: c.dancer),
+        "clips": _shared(store, lambda c: origin[c.id]),
+    }
+
+
+def _shared(store: Store, key: Callable[[ClipView], str], alike: Sequence[AlikeSongs] = ()) -> dict[str, Any]:
+    names = {split: {key(c) for c in store.clips if c.split == split and key(c)} for split in store.splits}
+    both = {(a, b): sorted(names[a] & names[b]) for a in store.splits for b in store.splits}
+    for pair in alike:
+        for a, b in both:
+            if a != b and any(a in one and b in other for one, other in (pair.splits, pair.splits[::-1])):
+                both[a, b].append(f"{pair.songs[0]} (sounds as {pair.songs[1]}, likeness {pair.likeness:.2f})")
+    counts = {a: {b: len(both[a, b]) for b in store.splits} for a in store.splits}
+    later = [(a, b) for i, a in enumerate(store.splits) for b in store.splits[i + 1 :]]
+    return {"counts": counts, "names": {f"{a} and {b}": both[a, b] for a, b in later if both[a, b]}}
+
+
+#: Smaller ranges are those of a column that does not change.
+_CONSTANT = 1e-6
+_STRIP = ("min", "p5", "p25", "p50", "p75", "p95", "max")
+
+
+def fields(store: Store) -> dict[str, Any]:
+    """Return the section of the document, from stats.json: numbers over the rows that train windows cover."""
+    stats: Mapping[str, Any] = store.stats["fields"]
+    return {name: _field(store, name, stats.get(name)) for name in store.fields}
+
+
+def _field(store: Store, name: str, stats: Mapping[str, Any] | None) -> dict[str, Any]:
+    field = store.field(name)
+    about = {
+        "kind": field.kind,
+        "width": field.columns.width,
+        "rate": str(field.rate),
+        "dtype": field.dtype,
+        "axes": store.meta.get("axes", {}).get(name),
+        "groups": [{"name": g.name, "width": g.width, "unit": g.unit} for g in field.columns.groups],
+    }
+    if stats is None:
+        return {**about, "rows": 0, "constant": [], "columns": []}
+    strips = [_strip(stats, j) for j in range(field.columns.width)]
+    pairs = list(zip(field.columns.labels, strips, strict=True))
+    labelled = [{"label": label, **strip} for label, strip in pairs]
+    constant = [label for label, strip in pairs if strip["max"] - strip["min"] < _CONSTANT]
+    return {**about, "rows": stats["n"], "constant": constant, "columns": labelled}
+
+
+def _strip(stats: Mapping[str, Any], column: int) -> dict[str, float]:
+    quantiles = stats["quantiles"]
+    values: Sequence[Sequence[float]] = (
+        stats["min"], *(quantiles[q] for q in ("0.05", "0.25", "0.5", "0.75", "0.95")), stats["max"]
+    )  # fmt: skip
+    return {name: float(own[column]) for name, own in zip(_STRIP, values, strict=True)}
+
+
+#: Stands for a genre, dancer or song that the dataset does not name.
+UNKNOWN = "unknown"
+
+
+def total_windows(found: Measured) -> int:
+    """Return the number of windows of all splits."""
+    return sum(found.windows.values())
+
+
+def contents(found: Measured, scales: Scales) -> dict[str, Any]:
+    """Return the section of the document."""
+    store = found.store
+    originals = [c for c in store.clips if not c.source]
+    songs = songs_of(store.clips, store.meta)
+    tempos = {s: [c.tempo_bpm for c in originals if c.split == s and c.tempo_bpm is not None] for s in store.splits}
+    lengths = {s: [float(store.grid.seconds(c.n_frames)) for c in originals if c.split == s] for s in store.splits}
+    genres = _windows_by(found, lambda c: c.genre)
+    return {
+        "splits": list(store.splits),
+        "by_split": {split: dict(store.meta["counts"].get(split, {})) for split in store.splits},
+        "windows_by_split": _windows_by(found, lambda c: c.split),
+        "windows_by_genre": genres,
+        "windows_by_dancer": _windows_by(found, lambda c: c.dancer),
+        "windows_by_song": _windows_by(found, lambda c: songs.get(c.id, "")),
+        "alike": [list(names) for names in _alike(genres)],
+        "length_s": Histogram.of_values(lengths, scales.length_s).to_json(),
+        "tempo_bpm": Histogram.of_values(tempos, scales.tempo_bpm).to_json(),
+        "source_rates": dict(sorted(Counter(c.source_rate or UNKNOWN for c in originals).items())),
+        "music_minus_motion_s": _gaps(found, scales),
+    }
+
+
+def _gaps(found: Measured, scales: Scales) -> dict[str, Any]:
+    gaps = music_gaps(found)
+    shorter = sorted(clip for clip, gap in gaps.items() if gap < 0)
+    numbers = Histogram.of_values({"all": list(gaps.values())}, scales.music_minus_motion_s).to_json()
+    return {**numbers, "shorter": shorter}
+
+
+def _windows_by(found: Measured, key: Callable[[ClipView], str]) -> dict[str, dict[str, int]]:
+    """Count the windows by a name of their clip, then by split; copies count, as a trainer draws them too."""
+    counts: dict[str, Counter[str]] = {}
+    for clip in found.store.clips:
+        counts.setdefault(key(clip) or UNKNOWN, Counter())[clip.split] += found.windows.get(clip.id, 0)
+    splits = found.store.splits
+    ordered = sorted(counts, key=lambda name: (name == UNKNOWN, name not in splits, _place(name, splits), name))
+    return {name: {split: counts[name][split] for split in splits} for name in ordered}
+
+
+def _place(name: str, splits: tuple[str, ...]) -> int:
+    return splits.index(name) if name in splits else 0
+
+
+def _alike(names: Iterable[str]) -> list[tuple[str, ...]]:
+    """Return names that differ only in case, spaces or punctuation: "Jazz" and "jazz"."""
+    by_letters: dict[str, list[str]] = {}
+    for name in names:
+        by_letters.setdefault("".join(filter(str.isalnum, name.casefold())), []).append(name)
+    return [tuple(sorted(own)) for own in by_letters.values() if len(own) > 1]
+
 
 #: Raised whenever a key of the document is removed or means something else.
 SCHEMA = 1

@@ -5,18 +5,170 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
+from typing import Any
 
 from dancedata.core.columns import Columns
-from dancedata.core.text import counted
+from dancedata.core.text import counted, listed
 from dancedata.report.document import Document
-from dancedata.report.figures import Drawing
+from dancedata.report.figures import (
+    Drawing,
+    contents_figures,
+    movement_figures,
+    music_figures,
+    split_figures,
+)
 from dancedata.report.findings import findings
-from dancedata.report.markup import Figure, escaped, number
+from dancedata.report.markup import Figure, Markup, escaped, number, table
+from dancedata.report.pictures import strips
 from dancedata.report.player import NO_PLAYER, Player
-from dancedata.report.sections import sections, tiles
+from dancedata.report.svg import bars
 from dancedata.viewer.payload import link
 
-__all__ = ["PageParts", "page"]
+#: Rows of the list of clips to look at, and names of clips that were left out for a reason.
+_LOOK, _NAMED = 20, 12
+#: How values of the ranking are shown.
+_WHY = {"flags": "flags per second", "sliding": "sliding feet", "still": "standing still"}
+
+Section = tuple[str, str, str]
+
+
+def sections(
+    d: Drawing, chosen: Sequence[str], columns: Mapping[str, Columns], heat_maps: Mapping[str, Figure]
+) -> list[Section]:
+    """Return (id, title, HTML) of the sections, without those that are empty.
+
+    Parameters
+    ----------
+    chosen
+        Clips whose paths are drawn.
+    columns
+        Columns of each field.
+    heat_maps
+        The heat map of each field that has one.
+    """
+    parts = [
+        ("look", "Look at these first", _look(d)),
+        ("contents", "What is in it", _grid(contents_figures(d))),
+        ("movement", "How it moves", _grid(movement_figures(d, chosen))),
+        ("music", "Music and dance", _grid(music_figures(d))),
+        ("splits", "Splits", _grid(split_figures(d))),
+        ("columns", "Columns", _grid(_field_figures(d, columns, heat_maps))),
+        ("left-out", "Left out and flagged", _grid(_left_out(d))),
+    ]
+    return [part for part in parts if part[2]]
+
+
+def _grid(figures: Sequence[Figure]) -> str:
+    return f'<div class="grid">{"".join(f.to_html() for f in figures)}</div>' if figures else ""
+
+
+def _look(d: Drawing) -> str:
+    ranking = d.own["ranking"][:_LOOK]
+    if not ranking:
+        return ""
+    clips = {row["clip"]: row for row in d.own["clips"]}
+    rows = []
+    for entry in ranking:
+        clip = clips[entry["clip"]]
+        shares = (_percent(clip["sliding"]), _percent(clip["still"]))
+        rows.append((d.link(clip["clip"]), Markup(_WHY[entry["why"]]), clip["split"], clip["flags"], *shares,
+                     clip["speed"], clip["seconds"]))  # fmt: skip
+    head = ("clip", "because of", "split", "flags", "sliding", "still", "speed m/s", "seconds")
+    left = len(d.own["ranking"]) - len(ranking)
+    more = f"; {left:,} more in the numbers (--json)" if left > 0 else ""
+    note = f"most flags per second, most sliding in contact, longest standing still take turns{more}"
+    body = f'<div class="scroll">{table(head, rows, "list")}</div>'
+    return Figure("look", "Clips in the order of suspicion", note, body, kind="wide").to_html()
+
+
+def _percent(share: float | None) -> Markup:
+    return Markup("–" if share is None else f"{100 * share:.0f} %")
+
+
+def _field_figures(d: Drawing, columns: Mapping[str, Columns], heat_maps: Mapping[str, Figure]) -> list[Figure]:
+    figures = []
+    for name, own in d.own["fields"].items():
+        if own["columns"]:
+            figures.append(_field(d, name, own, columns[name]))
+        if name in heat_maps:
+            figures.append(heat_maps[name])
+    return figures
+
+
+def _field(d: Drawing, name: str, own: Mapping[str, Any], columns: Columns) -> Figure:
+    constant = (
+        f"{len(own['constant'])} never change (crosses): {listed(own['constant'], 8)}"
+        if own["constant"]
+        else ("no column is constant")
+    )
+    about = (
+        f"{own['width']} columns, {own['rate']} per second, over {own['rows']:,} rows of train windows; {constant}; "
+        "line: range, box: 25 to 75 %, mark: median"
+    )
+    other = None if d.other is None else d.other["fields"].get(name)
+    beside = {} if other is None else {row["label"]: row for row in other["columns"]}
+    names = ("min", "p5", "p25", "p50", "p75", "p95", "max")
+    extra = ("min, other", "p50, other", "max, other") if beside else ()
+    rows = tuple(
+        (row["label"], *(row[q] for q in names),
+         *((beside.get(row["label"], {}).get(q) for q in ("min", "p50", "max")) if beside else ()))
+        for row in own["columns"]
+    )  # fmt: skip
+    return Figure(f"columns_{name}", f"Ranges of {name}", about, strips(columns, own["columns"], beside),
+                  ("column", *names, *extra), rows, other=d.other_name if beside else "", kind="wide")  # fmt: skip
+
+
+def _left_out(d: Drawing) -> list[Figure]:
+    own = d.own
+    figures = []
+    if own["left_out"]:
+        rows = [
+            (reason, entry["n"], Markup(f'<div class="text">{escaped(listed(entry["names"], _NAMED), 2000)}</div>'),
+             Markup(f'<div class="text">{escaped(entry["detail"], 300)}</div>'))
+            for reason, entry in own["left_out"].items()
+        ]  # fmt: skip
+        head = ("reason", "number", "names", "message of the first")
+        body = f'<div class="scroll">{table(head, rows, "list texts")}</div>'
+        figures.append(Figure("left_out", "Left out, by reason", "all names are in rejects.jsonl", body, kind="wide"))
+    return figures + _flags(d)
+
+
+def _flags(d: Drawing) -> list[Figure]:
+    figures = []
+    for key, title in (("by_kind", "Flags by kind"), ("by_joint", "Flags by joint")):
+        own, other = d.find("flags", key)
+        names = [*own, *(name for name in other or {} if name not in own)]
+        if not names:
+            continue
+        counts = {name.replace("_", " "): {"": own.get(name, 0)} for name in names}
+        beside = None if other is None else {name.replace("_", " "): n for name, n in other.items()}
+        rows = tuple(
+            (name, value[""], *([beside.get(name, 0)] if beside is not None else []))
+            for name, value in counts.items()
+        )
+        head = ("", "flags", *([d.other["about"]["name"]] if d.other is not None else []))
+        body = bars(dict(list(counts.items())[:24]), title, other=beside)
+        figures.append(Figure("flags" if key == "by_kind" else "flags_joint", title, "marked, not repaired", body,
+                              head, rows, other=d.other_name))  # fmt: skip
+    return figures
+
+
+def tiles(d: Drawing) -> str:
+    """Return the numbers at the top of the page."""
+    own = d.own["totals"]
+    other = None if d.other is None else d.other["totals"]
+    names = {"clips": "clips", "copies": "copies", "windows": "windows", "minutes": "minutes", "songs": "songs",
+             "dancers": "dancers", "genres": "genres", "left_out": "left out",
+             "flagged_clips": "flagged clips"}  # fmt: skip
+    cells = ""
+    for key, name in names.items():
+        if key in ("copies", "dancers", "genres") and not own[key] and not (other and other[key]):
+            continue
+        value = f"{own[key]:.1f}" if key == "minutes" else number(own[key])
+        beside = "" if other is None else f" ({other[key]:.1f})" if key == "minutes" else f" ({number(other[key])})"
+        cells += f"<div><dt>{name}</dt><dd>{value}<small>{beside}</small></dd></div>"
+    return f'<dl class="tiles">{cells}</dl>'
+
 
 _LABELS = {"bad": "error", "look": "look", "note": "note"}
 #: Most differences that the page lists.

@@ -15,8 +15,8 @@ from dancedata.keymotion.minima import SIGMA_FRAMES, KeyMotion, key_motion
 from dancedata.representations.stored import ColumnsReader
 from dancedata.store import ClipView, Store
 from dancedata.store.schema import Field
-from dancedata.viewer.fields import drawable_fields, rhythm_fields
 from dancedata.viewer.figure import Figure
+from dancedata.viewer.scenes import drawable_fields, rhythm_fields
 
 __all__ = ["ClipReader", "Piece"]
 

@@ -52,7 +52,6 @@ class Report:
     path: Path | None = None
 
     def __repr__(self) -> str:
-        """Show the dataset and the page."""
         about, totals = self.document["about"], self.document["totals"]
         page_of = "" if self.path is None else f", {str(self.path)!r}"
         return f"Report({shown(about['name'])}: {totals['clips']} clips, {totals['windows']} windows{page_of})"

@@ -24,6 +24,7 @@ from dancedata.core.rotations import (
 )
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.spatial import Role, Spatial
+from dancedata.core.typing import override
 from dancedata.representations import _columns as parts
 
 #: The 6D convention in dataset.json (Zhou et al. 2019, by rows as in pytorch3d).
@@ -123,10 +124,11 @@ class SmplX6D(Representation):
     spatial: ClassVar[Spatial | None] = Spatial("y", ROLES)
 
     @property
+    @override
     def columns(self) -> Columns:
-        """The columns and their mirror."""
         return self.layout.columns
 
+    @override
     def encode(self, motion: Motion, contacts: ContactRule | None = None) -> npt.NDArray[np.float32]:
         """Encode a motion on the layout's own bones, those on which `decode` stands.
 
@@ -154,10 +156,11 @@ class SmplX6D(Representation):
         placed = on_body(motion, self.skeleton, keep="translation" if is_smpl else "pelvis")
         return self.encode_again(grounded(placed), contacts)
 
+    @override
     def encode_again(self, motion: Motion, contacts: ContactRule | None = None) -> npt.NDArray[np.float32]:
-        """Encode a motion on the layout's joints at the height that it has, without grounding it."""
         return self.layout.encode(motion, parts.required_rule(contacts, self.layout.name))
 
+    @override
     def decode(self, array: npt.NDArray[Any], grid: FrameGrid) -> Motion:
         """Decode columns (T, D), not normalised, into a motion at the rate of `grid`.
 

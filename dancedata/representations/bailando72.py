@@ -16,6 +16,7 @@ from dancedata.core.plugins import ContactRule, Representation
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.spatial import Spatial
+from dancedata.core.typing import override
 from dancedata.representations import _columns as parts
 
 
@@ -38,10 +39,11 @@ class Bailando72(Representation):
     spatial: ClassVar[Spatial | None] = Spatial("y", {"position": "place"})
 
     @property
+    @override
     def columns(self) -> Columns:
-        """The 72 columns."""
         return parts.columns_of(parts.positions(SMPL24))
 
+    @override
     def encode(self, motion: Motion, contacts: ContactRule | None = None) -> npt.NDArray[np.float32]:
         """Encode a motion at its own rate.
 

@@ -18,6 +18,7 @@ from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.rotations import rotation_6d, rotvec_from_matrix
 from dancedata.core.skeleton import SMPL24, SMPL24_EDGE, Skeleton
 from dancedata.core.spatial import Spatial
+from dancedata.core.typing import override
 from dancedata.representations._columns import required_rule
 from dancedata.representations._six_d import CONVENTION, ROLES, SixD
 
@@ -46,10 +47,11 @@ class Edge151(Representation):
     spatial: ClassVar[Spatial | None] = Spatial("z", ROLES)
 
     @property
+    @override
     def columns(self) -> Columns:
-        """The 151 columns."""
         return _LAYOUT.columns
 
+    @override
     def encode(self, motion: Motion, contacts: ContactRule | None = None) -> npt.NDArray[np.float32]:
         """Encode a motion.
 
@@ -78,6 +80,7 @@ class Edge151(Representation):
         packed[:, 7:13] = rotation_6d(_Z_UP @ matrices[:, 0])
         return packed
 
+    @override
     def decode(self, array: npt.NDArray[Any], grid: FrameGrid) -> Motion:
         """Decode columns (T, 151), not normalised, into a motion at the rate of `grid`, +Y up.
 

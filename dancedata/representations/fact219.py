@@ -18,6 +18,7 @@ from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.rotations import rotvec_from_matrix
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.spatial import Spatial
+from dancedata.core.typing import override
 from dancedata.representations import _columns as parts
 
 _WIDTH = 3 + 9 * SMPL24.n_joints
@@ -44,10 +45,11 @@ class Fact219(Representation):
     spatial: ClassVar[Spatial | None] = Spatial("y", {"translation": "place", "rotation_matrix": "root_rotation"})
 
     @property
+    @override
     def columns(self) -> Columns:
-        """The 219 columns."""
         return parts.columns_of(parts.translation(), parts.rotations(SMPL24, n_rows=3))
 
+    @override
     def encode(self, motion: Motion, contacts: ContactRule | None = None) -> npt.NDArray[np.float32]:
         """Encode a motion at its own rate.
 
@@ -74,6 +76,7 @@ class Fact219(Representation):
         out[:, 3:] = motion.matrices.reshape(motion.n_frames, -1)
         return out
 
+    @override
     def decode(self, array: npt.NDArray[Any], grid: FrameGrid) -> Motion:
         """Decode columns (T, 219), not normalised, into a motion at the rate of `grid`.
 

@@ -19,6 +19,7 @@ from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.rotations import Float64Array, rotvec_from_matrix, shortest_rotation
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.spatial import Spatial
+from dancedata.core.typing import override
 from dancedata.representations import _columns as parts
 from dancedata.representations import _humanml as humanml
 from dancedata.representations._columns import Part
@@ -74,10 +75,11 @@ class Humanml263(Representation):
     fits: ClassVar[bool] = True
 
     @property
+    @override
     def columns(self) -> Columns:
-        """The 263 columns."""
         return parts.columns_of(*_root(), _local_positions(), _rotations(), _velocities(), _contacts())
 
+    @override
     def encode(self, motion: Motion, contacts: ContactRule | None = None) -> npt.NDArray[np.float32]:
         """Encode a motion at its own rate; contacts and velocities are per frame, so 20 per second are HumanML3D's.
 
@@ -120,6 +122,7 @@ class Humanml263(Representation):
         """
         return humanml.joints_of(parts.checked(array, _WIDTH, "humanml263"))
 
+    @override
     def decode(self, array: npt.NDArray[Any], grid: FrameGrid) -> Motion:
         """Decode columns (T, 263), not normalised, into a motion with the positions that they hold.
 

@@ -18,6 +18,7 @@ from dancedata.core.plugins import ContactRule, Representation
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.skeleton import Skeleton
 from dancedata.core.spatial import Spatial
+from dancedata.core.typing import override
 from dancedata.representations import _columns as parts
 
 
@@ -47,20 +48,20 @@ class Joints(Representation):
     body: str | Mapping[str, Any] = "smpl24"
 
     def __post_init__(self) -> None:
-        """Check the skeleton and its pairs."""
         object.__setattr__(self, "_skeleton", _skeleton(self.body))
 
     @property
+    @override
     def skeleton(self) -> Skeleton:
-        """The skeleton whose joints are encoded."""
         found: Skeleton = self.__dict__["_skeleton"]
         return found
 
     @property
+    @override
     def columns(self) -> Columns:
-        """Three columns per joint."""
         return parts.columns_of(parts.positions(self.skeleton))
 
+    @override
     def encode(self, motion: Motion, contacts: ContactRule | None = None) -> npt.NDArray[np.float32]:
         """Encode a motion at its own rate.
 

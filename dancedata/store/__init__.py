@@ -3,10 +3,10 @@
 from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.clip_view import Clips, ClipView
 from dancedata.store.dataset import Store, open_store
-from dancedata.store.problem import Problem
 from dancedata.store.schema import Field, StoreHeader
 from dancedata.store.stored_clip import AudioBlock, LazyArray, StoredClip
 from dancedata.store.verify import verify_store
+from dancedata.store.verify_shard import Problem
 from dancedata.store.window_list import WindowList
 from dancedata.store.windowing import windows_by_clip
 from dancedata.store.writer import write_store

@@ -95,7 +95,6 @@ class ClipView(ClipRecord):
         return html
 
     def __repr__(self) -> str:
-        """Show id, length, music and genre."""
         length = f"{self.n_frames} frames, {float(self.store.grid.seconds(self.n_frames)):.2f} s"
         about = {"music": self.music, "genre": self.genre}
         known = "".join(f", {name} {shown(value)}" for name, value in about.items() if value)
@@ -110,7 +109,6 @@ class Clips(Sequence[ClipView]):
         self._records = records
 
     def __len__(self) -> int:
-        """Return the number of clips."""
         return len(self._records)
 
     @overload
@@ -120,7 +118,6 @@ class Clips(Sequence[ClipView]):
     def __getitem__(self, item: slice) -> Clips: ...
 
     def __getitem__(self, item: int | slice) -> ClipView | Clips:
-        """Return one clip, or a list of some, by position; `Store.clip` finds a clip by its id."""
         if isinstance(item, str):
             raise UsageError("clips are counted from 0", found=item, fix="get a clip by its id with ds.clip(ID)")
         if isinstance(item, slice):
@@ -128,7 +125,6 @@ class Clips(Sequence[ClipView]):
         return ClipView.of(self._store, self._records[item])
 
     def __eq__(self, other: object) -> bool:
-        """Whether both are the same clips of one store."""
         if not isinstance(other, Clips):
             return NotImplemented
         return self._store is other._store and self._records == other._records
@@ -136,6 +132,5 @@ class Clips(Sequence[ClipView]):
     __hash__ = None  # type: ignore[assignment]
 
     def __repr__(self) -> str:
-        """Show the number of clips, and the first ids."""
         names = [repr(record.id) for record in self._records[:_SHOWN]]
         return f"Clips({len(self)}: {', '.join([*names, *['...'] * (len(self) > _SHOWN)])})"

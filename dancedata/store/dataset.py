@@ -21,14 +21,12 @@ from dancedata.files.regular_file import sha256_file
 from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.clip_view import Clips, ClipView
 from dancedata.store.dataset_json import Description, stated_weights
-from dancedata.store.listed_file import FileHash, ListedFile, open_listed, rebuilt_error
+from dancedata.store.listed_file import FileHash, ListedFile, SideFiles, open_listed, rebuilt_error
 from dancedata.store.locate import RowSpan, locate_stored, locate_view, locate_windows
 from dancedata.store.normalize import MinMax
 from dancedata.store.schema import Field, sort_splits
-from dancedata.store.shard_reader import ShardReader
-from dancedata.store.side_files import SideFiles
+from dancedata.store.shard_reader import ShardReader, WindowRows
 from dancedata.store.window_list import WindowList
-from dancedata.store.window_rows import WindowRows
 from dancedata.store.windowing import (
     cut_windows,
     requested_windows,
@@ -119,7 +117,6 @@ class Store:
         self._places: dict[str, dict[str, tuple[ShardReader, int]]] = {}
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle as a path: the other process opens the dataset again, and refuses one that was rebuilt since."""
         return reopen, self.reference
 
     @cached_property
@@ -128,17 +125,14 @@ class Store:
         return str(self.path), self._description.self_sha256
 
     def __repr__(self) -> str:
-        """Show path, splits, fields and frame rate."""
         return f"Store({str(self.path)!r}, splits={self.splits}, fields={tuple(self.fields)}, fps={self.fps})"
 
     def __enter__(self) -> Self:
-        """Use as a context manager that closes the files at the end."""
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Close the files."""
         self.close()
 
     def close(self) -> None:

@@ -89,7 +89,6 @@ class MinMax:
         return np.asarray(self.data_range < least)
 
     def __repr__(self) -> str:
-        """Show the number of columns, and of those constant in training."""
         return f"MinMax({self.width} columns, {int(self._constant.sum())} of them constant)"
 
     def normalize(self, x: Any, clip: bool = False) -> Any:

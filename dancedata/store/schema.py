@@ -150,7 +150,6 @@ class StoreHeader:
         return FrameGrid(self.fps)
 
     def __repr__(self) -> str:
-        """Show scope, windows and fields."""
         windows = f"windows of {self.length} frames every {self.stride}"
         fields = ", ".join(f.name for f in self.fields)
         return f"StoreHeader({self.scope} scope, {self.fps} FPS, {windows}, fields: {fields})"

@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.errors import StoreError
-from dancedata.store.clip_check import check_clip
 from dancedata.store.schema import (
     Field,
     StoreHeader,
@@ -19,8 +18,8 @@ from dancedata.store.schema import (
     slice_name,
     sort_splits,
 )
-from dancedata.store.stored_clip import AudioBlock, LazyArray, StoredClip
-from dancedata.store.window_order import window_order
+from dancedata.store.stored_clip import AudioBlock, LazyArray, StoredClip, check_clip
+from dancedata.store.window_list import window_order
 
 IntArray = npt.NDArray[np.int64]
 
@@ -60,7 +59,6 @@ class ShardPlan:
     blocks: dict[str, dict[str, tuple[int, LazyArray]]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Start with no rows in any field."""
         for f in self.header.fields:
             self.rows[f.name] = 0
             if f.per_clip:

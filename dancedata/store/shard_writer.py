@@ -20,10 +20,10 @@ from dancedata.core.errors import StoreError
 from dancedata.files.atomic import atomic_file
 from dancedata.store import hdf5
 from dancedata.store.clip_columns import CLIP_COLUMNS
+from dancedata.store.hdf5 import SparseFile
 from dancedata.store.overlaps import BoolArray, SameColumns, same_columns
 from dancedata.store.schema import FORMAT, Field
 from dancedata.store.shard_plan import ShardPlan
-from dancedata.store.sparse_file import SparseFile
 from dancedata.store.stored_clip import LazyArray
 
 #: Values converted and checked at a time.

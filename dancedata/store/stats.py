@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import os
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -13,13 +14,28 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.store.column_stats import QUANTILES, ColumnStats, Float32Array, Workspace, column_stats
-from dancedata.store.counted_rows import CountedRows, Counts
+from dancedata.store.column_stats import (
+    QUANTILES,
+    ColumnStats,
+    CountedRows,
+    Counts,
+    Float32Array,
+    Workspace,
+    column_stats,
+)
 from dancedata.store.normalize import MinMax
 from dancedata.store.overlaps import SameColumns, rows_once
 from dancedata.store.schema import Field, StoreHeader
 from dancedata.store.shard_plan import ShardPlan
-from dancedata.store.threads import n_threads
+
+#: Memory and the disk are shared: more threads do not write faster.
+_MOST = 4
+
+
+def n_threads() -> int:
+    """Return the number of threads for work that runs outside the interpreter's lock: one per core, at most 4."""
+    return min(_MOST, len(os.sched_getaffinity(0)))
+
 
 #: Values (float32) of a block of columns in memory; a field with more rows is read in several passes.
 _BLOCK_VALUES = 1 << 24

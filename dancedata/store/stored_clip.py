@@ -2,13 +2,130 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any, Protocol, runtime_checkable
 
 import numpy.typing as npt
 
-from dancedata.store.clip_columns import ClipRecord
+from dancedata.core.errors import StoreError
+from dancedata.core.text import quoted, shown
+from dancedata.store.clip_columns import CLIP_COLUMNS, ClipRecord
+from dancedata.store.schema import Field, StoreHeader
+
+
+def check_clip(header: StoreHeader, clip: StoredClip) -> None:
+    """Raise StoreError, naming clip and field, for a clip that does not fit the header. Loads no array."""
+    _check_attributes(clip)
+    _check_windows(header, clip)
+    motion = [f for f in header.fields if f.per_clip]
+    audio = [f for f in header.fields if f.kind == "audio"]
+    _check_names(clip, "motion", motion, clip.motion)
+    _check_names(clip, "audio", audio, clip.audio)
+    for f in motion:
+        _check_motion(header, clip, f, clip.motion[f.name])
+    for f in audio:
+        _check_audio(header, clip, f, clip.audio[f.name])
+
+
+def _check_attributes(clip: StoredClip) -> None:
+    for column in CLIP_COLUMNS:
+        value = getattr(clip, column.name)
+        problem = column.type.problem(value)
+        if problem:
+            where = f"clip {quoted(clip.id)} of split {shown(clip.split)}, {column.name}"
+            raise StoreError(f"an attribute of a clip cannot be stored: {problem}", where=where, found=quoted(value))
+
+
+def _check_windows(header: StoreHeader, clip: StoredClip) -> None:
+    starts = clip.starts
+    if any(b <= a for a, b in pairwise(starts)) or (starts and starts[0] < 0):
+        raise StoreError("window starts are not ascending from 0 on", where=f"clip {clip.id}", found=str(starts[:20]))
+    if starts and starts[-1] + header.length > clip.n_frames:
+        raise StoreError(
+            "a window ends after its clip",
+            where=f"clip {clip.id}, window {len(starts) - 1}",
+            found=f"frames {starts[-1]} to {starts[-1] + header.length} of {clip.n_frames}",
+        )
+
+
+def _check_names(clip: StoredClip, kind: str, fields: list[Field], given: Iterable[str]) -> None:
+    needed, found = {f.name for f in fields}, set(given)
+    if needed != found:
+        raise StoreError(
+            f"a clip's {kind} fields are not those of the store",
+            where=f"clip {clip.id}",
+            found=", ".join(sorted(found)) or "none",
+            allowed=", ".join(sorted(needed)) or "none",
+        )
+
+
+def _check_motion(header: StoreHeader, clip: StoredClip, f: Field, array: LazyArray) -> None:
+    where = f"clip {clip.id}, field {f.name}"
+    shape = tuple(array.shape)
+    if header.scope == "window":
+        needed = (len(clip.starts), header.grid.rows(header.length, of=f.grid), f.columns.width)
+        if shape != needed:
+            raise StoreError("wrong shape", where=where, found=shape, allowed=f"{needed} (windows, rows, columns)")
+        return
+    _check_columns(where, shape, f)
+    # A clip at another rate ends within the last frame: less than one frame, or one row, of difference.
+    frames, rows = header.grid.common_period(f.grid)
+    if abs(shape[0] * frames - clip.n_frames * rows) >= max(frames, rows):
+        raise StoreError(
+            "rows and frames do not match",
+            where=where,
+            found=f"{shape[0]} rows at {f.rate} per second for {clip.n_frames} frames at {header.fps} per second",
+        )
+    _check_end(header, clip, f, shape[0], where)
+
+
+def _check_audio(header: StoreHeader, clip: StoredClip, f: Field, blocks: tuple[AudioBlock, ...]) -> None:
+    where = f"clip {clip.id}, field {f.name}"
+    needed = 1 if header.scope == "track" else len(clip.starts)
+    if len(blocks) != needed:
+        each = "one per clip in track scope" if header.scope == "track" else "one per window in window scope"
+        raise StoreError("wrong number of audio blocks", where=where, found=len(blocks), allowed=f"{needed}: {each}")
+    rows = header.grid.rows(header.length, of=f.grid)
+    for block in blocks:
+        shape = tuple(block.array.shape)
+        _check_columns(where, shape, f)
+        if block.offset < 0:
+            raise StoreError("an audio offset is negative", where=where, found=block.offset)
+        if header.scope == "window" and block.offset + rows > shape[0]:
+            raise StoreError(
+                "an audio block is shorter than a window",
+                where=where,
+                found=shape[0],
+                allowed=block.offset + rows,
+            )
+    if header.scope == "track":
+        _check_end(header, clip, f, blocks[0].array.shape[0] - blocks[0].offset, where)
+
+
+def _check_columns(where: str, shape: tuple[int, ...], f: Field) -> None:
+    if len(shape) != 2 or shape[1] != f.columns.width:
+        raise StoreError("wrong shape", where=where, found=shape, allowed=f"(rows, {f.columns.width})")
+
+
+def _check_end(header: StoreHeader, clip: StoredClip, f: Field, available: int, where: str) -> None:
+    """Check that every window begins at a whole row and ends within the available rows."""
+    for k, start in enumerate(clip.starts):
+        if not header.grid.is_whole(start, of=f.grid):
+            raise StoreError(
+                "a window begins between two rows",
+                where=f"{where}, window {k}",
+                found=f"frame {start} at {header.fps} per second, rows at {f.rate} per second",
+                fix="choose a stride that is a multiple of both periods",
+            )
+    end = header.grid.rows(clip.starts[-1] + header.length, of=f.grid) if clip.starts else 0
+    if end > available:
+        raise StoreError(
+            "a window ends after the last row",
+            where=f"{where}, window {len(clip.starts) - 1}",
+            found=f"row {end} of {available}",
+        )
 
 
 @runtime_checkable
@@ -20,9 +137,7 @@ class LazyArray(Protocol):
         """Shape of the array, known without loading it."""
         ...
 
-    def __array__(self) -> npt.NDArray[Any]:
-        """Load the array."""
-        ...
+    def __array__(self) -> npt.NDArray[Any]: ...
 
 
 @dataclass(frozen=True)
@@ -45,7 +160,6 @@ class AudioBlock:
     offset: int = 0
 
     def __repr__(self) -> str:
-        """Show the key's beginning and the array's shape."""
         return f"AudioBlock({self.key[:12]!r}, {' x '.join(str(n) for n in self.array.shape)}, offset={self.offset})"
 
 
@@ -68,6 +182,5 @@ class StoredClip(ClipRecord):
     audio: Mapping[str, tuple[AudioBlock, ...]] = field(default_factory=dict)
 
     def __repr__(self) -> str:
-        """Show id, split and the amount of data."""
         fields = ", ".join([*self.motion, *self.audio])
         return f"StoredClip({self.id!r}, {self.split}, {self.n_frames} frames, {len(self.starts)} windows, {fields})"

@@ -22,7 +22,6 @@ from dancedata.store.dataset_json import (
     load_description,
     require_sealed,
 )
-from dancedata.store.problem import Problem
 from dancedata.store.schema import (
     CARD_FILE,
     DATASET_FILE,
@@ -33,7 +32,7 @@ from dancedata.store.schema import (
     shard_name,
 )
 from dancedata.store.songs import MAX_PAIRS, alike_songs, songs_of
-from dancedata.store.verify_shard import verify_shard
+from dancedata.store.verify_shard import Problem, verify_shard
 
 _SIDE_FILES = (STATS_FILE, REJECTS_FILE, QUALITY_FILE, CARD_FILE)
 _LEFTOVER = re.compile(r"\.tmp$|\.part$|~$")

@@ -4,21 +4,48 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from dancedata.core.errors import StoreError
-from dancedata.core.text import listed
+from dancedata.core.text import listed, shown
 from dancedata.store import hdf5
 from dancedata.store.clip_columns import CLIP_COLUMNS, ClipRecord
 from dancedata.store.dataset_json import Description, ShardEntry
 from dancedata.store.listed_file import ListedFile
-from dancedata.store.problem import Problem
 from dancedata.store.schema import ALIGNMENT, FORMAT, Field
 from dancedata.store.shard_reader import ShardReader
 from dancedata.store.shard_tables import ClipTable, StoredWindows
+
+#: Most characters of a path and of a message.
+_MAX_WHERE, _MAX_MESSAGE = 4400, 3000
+
+
+@dataclass(frozen=True)
+class Problem:
+    """An error or a note, and the file or place it is about.
+
+    Its texts come from foreign files: they are cut, and characters that do not print become backslash sequences.
+    """
+
+    severity: Literal["error", "note"]
+    where: str
+    message: str
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "where", shown(self.where, _MAX_WHERE))
+        object.__setattr__(self, "message", shown(self.message, _MAX_MESSAGE))
+
+    def __str__(self) -> str:
+        return f"{self.severity}: {self.where}: {self.message}"
+
+    def to_json(self) -> dict[str, str]:
+        """Return it as JSON."""
+        return {"severity": self.severity, "where": self.where, "message": self.message}
+
 
 #: Values checked at a time.
 _CHUNK_VALUES = 1 << 20

@@ -10,6 +10,34 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.clip import Window
+from dancedata.store.schema import slice_name
+
+
+def window_order(
+    clip_ids: Sequence[str], clip: npt.NDArray[np.int64], index: npt.NDArray[np.int64], order: str
+) -> npt.NDArray[np.int64]:
+    """Return the positions that sort windows into the store's order.
+
+    Parameters
+    ----------
+    clip_ids
+        Ids by clip number.
+    clip, index
+        (W,) clip number of each window and its number in its clip; clip by clip, ascending.
+    order
+        "time" keeps their order. "name" is EDGE's: a plain string sort of ``<clip>_slice<k>``, so slice10 before
+        slice2.
+
+    Returns
+    -------
+    ndarray
+        (W,) int64.
+    """
+    if order == "time":
+        return np.arange(len(clip), dtype=np.int64)
+    names = [slice_name(clip_ids[c], k) for c, k in zip(clip.tolist(), index.tolist(), strict=True)]
+    return np.asarray(sorted(range(len(names)), key=names.__getitem__), dtype=np.int64)
+
 
 IntArray = npt.NDArray[np.int64]
 
@@ -51,7 +79,6 @@ class WindowList(Sequence[Window]):
         return cls(split, ids, clip, start, length, number)
 
     def __len__(self) -> int:
-        """Return the number of windows."""
         return len(self.clip)
 
     @overload
@@ -61,7 +88,6 @@ class WindowList(Sequence[Window]):
     def __getitem__(self, item: slice) -> WindowList: ...
 
     def __getitem__(self, item: int | slice) -> Window | WindowList:
-        """Return one window, or a list of some."""
         if isinstance(item, slice):
             return self.take(np.arange(len(self))[item])
         return Window(self.clip_ids[self.clip[item]], int(self.start[item]), int(self.length[item]))
@@ -81,7 +107,6 @@ class WindowList(Sequence[Window]):
         )
 
     def __eq__(self, other: object) -> bool:
-        """Whether both hold the same windows in the same order."""
         if not isinstance(other, WindowList):
             return NotImplemented
         return self.split == other.split and list(self) == list(other)
@@ -89,5 +114,4 @@ class WindowList(Sequence[Window]):
     __hash__ = None  # type: ignore[assignment]
 
     def __repr__(self) -> str:
-        """Show the number of windows and clips."""
         return f"WindowList({len(self)} windows of {len(self.clip_ids)} clips, split {self.split!r})"

@@ -16,8 +16,7 @@ from dancedata.store.dataset_json import Description
 from dancedata.store.schema import Field
 from dancedata.store.shard_reader import ShardReader
 from dancedata.store.shard_tables import ClipTable
-from dancedata.store.window_list import IntArray, WindowList
-from dancedata.store.window_order import window_order
+from dancedata.store.window_list import IntArray, WindowList, window_order
 
 if TYPE_CHECKING:
     from dancedata.store.dataset import Store

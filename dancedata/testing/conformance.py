@@ -55,10 +55,16 @@ from dancedata.testing.examples import (
     random_signal,
 )
 from dancedata.testing.export_checks import check_export
-from dancedata.testing.metric_checks import check_metric
-from dancedata.testing.plugin_checks import check_plugin, registry_of
-from dancedata.testing.require import raises, require
-from dancedata.testing.sample_checks import check_drops, check_samples, check_starts
+from dancedata.testing.plugin_checks import (
+    check_drops,
+    check_metric,
+    check_plugin,
+    check_samples,
+    check_starts,
+    raises,
+    registry_of,
+    require,
+)
 
 #: Radians and metres: what float32 columns may lose.
 ANGLE_TOLERANCE = 1e-4

@@ -6,11 +6,131 @@ import dataclasses
 import inspect
 import json
 import re
+from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.columns import Columns, Group
+from dancedata.core.dance import OUTCOMES, Dance, Undefined
+from dancedata.core.draw import Draw
+from dancedata.core.errors import UsageError
+from dancedata.core.plugins import Metric, SampleAugmentation, SampleField
 from dancedata.core.registry import REGISTRIES, Registry
 from dancedata.exports.base.job import EXPORTS
-from dancedata.testing.require import require
+from dancedata.testing.examples import FPS, ExampleField, example_dances, example_fields
+
+
+def check_samples(made: SampleAugmentation) -> None:
+    """Check `change_sample` on every field that `check_sample` accepts, and that refusals say why."""
+    accepted = 0
+    for field in example_fields():
+        try:
+            made.check_sample(field.sample_field)
+        except UsageError as error:
+            require(bool(str(error)), f"{field.name}: a refusal says why")
+            continue
+        accepted += field.kind == "motion"
+        _check_sample(made, field)
+    require(bool(accepted), "`check_sample` accepts a representation")
+
+
+def _check_sample(made: SampleAugmentation, field: ExampleField) -> None:
+    own, rows = field.sample_field, field.rows.copy()
+    rows.setflags(write=False)
+    low, high = rows.min(axis=0).astype(np.float64), rows.max(axis=0).astype(np.float64)
+    for given in (rows, rows[:1]):
+        for index in range(4):
+            first, second = (made.change_sample(given, own, Draw(0, index)) for _ in range(2))
+            require(
+                first.shape == given.shape and first.dtype == given.dtype, f"{field.name}: shape and dtype are kept"
+            )
+            require(bool(np.isfinite(first).all()), f"{field.name}: samples are finite")
+            require(np.array_equal(first, second), f"{field.name}: equal numbers give equal samples")
+            below, above = made.scaler_bounds(low, high, own)
+            if field.kind == "motion" and (below is not low or above is not high):
+                inside = bool((first >= below - 1e-5).all() and (first <= above + 1e-5).all())
+                require(inside, f"{field.name}: `scaler_bounds` holds for what change_sample returns")
+
+
+def check_starts(made: SampleAugmentation) -> None:
+    """Check `choose_start`; a window is kept unless the class declares that it chooses others."""
+    if not made.chooses_windows:
+        require(made.choose_start(10, range(4, 60, 2), 15, Draw(0)) == 10, "choose_start needs chooses_windows")
+        return
+    starts = range(4, 60, 2)
+    for index in range(20):
+        first, second = (made.choose_start(10, starts, 15, Draw(0, index)) for _ in range(2))
+        require(first in starts, "choose_start returns one of starts")
+        require(first == second, "equal numbers give equal windows")
+    require(made.choose_start(4, range(4, 5), 15, Draw(0)) == 4, "a clip of one window has that window")
+
+
+def check_drops(made: SampleAugmentation) -> None:
+    """Check `droppable` and `dropped`."""
+    music = SampleField("music", "audio", Columns((Group("level", 1, "1"),)), FPS)
+    fields = [music, *(field.sample_field for field in example_fields())]
+    names = made.droppable(fields)
+    require(set(names) <= {field.name for field in fields}, "droppable names fields of the sample")
+    for index in range(20):
+        first, second = (made.dropped(fields, Draw(0, index)) for _ in range(2))
+        require(
+            set(first) <= set(names) and first == second, "dropped names some of them, the same for equal numbers"
+        )
+
+
+def check_metric(cls: type[Metric]) -> None:
+    """Check a metric: finite numbers or a named outcome, equal dances get equal numbers, scores, order of clips."""
+    check_plugin(cls)
+    made = cls()
+    width = len(made.columns)
+    require(bool(cls.source), "source says where the definition is from")
+    require(width > 0 and len(set(made.columns)) == width, "every number of a clip has a name of its own")
+    rows = [row for row in (_measured(made, dance) for dance in example_dances()) if row is not None]
+    require(len(rows) >= 2, "ordinary dances have values")
+    table = np.array(rows)
+    before = table.copy()
+    scores = made.summarise(table, table if cls.needs_pool else None)
+    require(np.array_equal(table, before), "summarise does not write into the rows")
+    require(bool(scores) and all(np.isfinite(value) for value in scores.values()), "scores are finite numbers")
+    require(set(cls.better) <= scores.keys(), f"better names scores: {', '.join(scores)}")
+    require(bool(cls.better), "better says what is better for a score")
+    turned = made.summarise(table[::-1], table[::-1] if cls.needs_pool else None)
+    close = scores.keys() == turned.keys() and all(np.isclose(turned[k], scores[k], atol=1e-9) for k in scores)
+    require(close, "scores do not depend on the order of clips")
+    if cls.needs_pool:
+        raises(UsageError, lambda: made.summarise(table), "a metric that needs a pool asks for it")
+    raises(Undefined, lambda: made.summarise(table[:0], table), "a set without clips is Undefined")
+
+
+def _measured(made: Metric, dance: Dance) -> npt.NDArray[np.float64] | None:
+    """Return the numbers of a dance, or None where they are undefined."""
+    try:
+        row = made.measure(dance)
+    except Undefined as outcome:
+        require(outcome.reason in OUTCOMES, f"outcomes are one of {', '.join(OUTCOMES)}")
+        return None
+    require(row.shape == (len(made.columns),), f"measure gives ({len(made.columns)},), not {row.shape}")
+    require(row.dtype == np.float64, f"measure gives float64, not {row.dtype}")
+    require(bool(np.isfinite(row).all()), "numbers are finite; where there is no value, measure raises Undefined")
+    require(np.array_equal(made.measure(dance), row), "equal dances give equal numbers")
+    return row
+
+
+def require(condition: bool, expected: str) -> None:
+    """Raise AssertionError with what was expected, if it is not so."""
+    if not condition:
+        raise AssertionError(f"expected: {expected}")
+
+
+def raises(kind: type[Exception], call: Callable[[], object], expected: str) -> str:
+    """Return the text of the error that a call ends with; AssertionError if it ends without one of that kind."""
+    try:
+        call()
+    except kind as error:
+        return str(error)
+    raise AssertionError(f"expected: {expected}")
 
 
 def check_plugin(cls: type[Any]) -> None:

@@ -195,7 +195,6 @@ class Figure:
         return distance
 
     def __repr__(self) -> str:
-        """Show the size."""
         return f"Figure({self.n_frames} frames at {self.grid} per second, {self.skeleton.n_joints} joints)"
 
 

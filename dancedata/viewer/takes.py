@@ -16,6 +16,7 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.skeleton import Skeleton
 from dancedata.core.text import listed
+from dancedata.core.typing import override
 from dancedata.datasets.files import MOTION_SUFFIXES
 from dancedata.evaluation.inputs.files import FileClip, FileFormat
 from dancedata.recipes.plugins import make_named
@@ -58,8 +59,8 @@ class OriginalTake(Take):
     source: ClipSource
     name: str = "original"
 
+    @override
     def figure(self, scene: Scene) -> Figure:
-        """See `Take.figure`."""
         return self.source.original(scene, scene.item)
 
 
@@ -69,8 +70,8 @@ class StoreTake(Take):
 
     scenes: Scenes
 
+    @override
     def figure(self, scene: Scene) -> Figure:
-        """See `Take.figure`."""
         item = scene.item
         try:
             other = self.scenes.find(item.clip.id, item.start)
@@ -94,8 +95,8 @@ class FilesTake(Take):
     form: FileFormat
     body: Skeleton
 
+    @override
     def figure(self, scene: Scene) -> Figure:
-        """See `Take.figure`."""
         item = scene.item
         own = self.paths.get(item.id)
         path = own or self.paths.get(item.clip.id) or self.any_clip

@@ -230,7 +230,7 @@ def test_near_ties_are_decided_as_librosa_does(monkeypatch: pytest.MonkeyPatch) 
         decided.append(chroma.copy())
         return np.ones(chroma.shape[:2], dtype=np.bool_)
 
-    monkeypatch.setattr("dancedata.audio.librosa35.ties.near_ties", all_near)
+    monkeypatch.setattr("dancedata.audio.librosa35.fast.near_ties", all_near)
     replaced = []
     decide = fast.decide_near_ties
 

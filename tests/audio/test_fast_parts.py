@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 from dancedata.audio.librosa35.arrays import one_blas_thread
 from dancedata.audio.librosa35.beats import window_beats, window_tempos
 from dancedata.audio.librosa35.chroma import cens
+from dancedata.audio.librosa35.fast import librosa_envelope, librosa_tuning
 from dancedata.audio.librosa35.filters import filter_bank, has_one_bank
-from dancedata.audio.librosa35.onset import onset_margins, onset_peaks
 from dancedata.audio.librosa35.resample import halved, resampled
-from dancedata.audio.librosa35.spectra import mel_filters
-from dancedata.audio.librosa35.ties import librosa_envelope, librosa_tuning
+from dancedata.audio.librosa35.spectra import mel_filters, onset_margins, onset_peaks
 from dancedata.audio.librosa35.windows import resampled_windows, shortest
 from dancedata.audio.signal import resample
 

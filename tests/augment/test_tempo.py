@@ -26,7 +26,7 @@ from dancedata.pipeline.part import Part, build_part
 from dancedata.pipeline.plan import make_plan
 from dancedata.recipes.copies import CopySpec
 from dancedata.recipes.parse import parse_recipe
-from dancedata.report.sharing import splits
+from dancedata.report.document import splits
 from dancedata.store import verify_store
 from dancedata.store.songs import songs_of
 from dancedata.testing.examples import FPS

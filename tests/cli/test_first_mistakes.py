@@ -23,7 +23,7 @@ from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.registry import DATASETS
 from dancedata.files.regular_file import sha256_file
-from dancedata.pipeline.left_out import left_out_lines
+from dancedata.pipeline.rejects import left_out_lines
 from dancedata.store.dataset_json import self_hash
 
 

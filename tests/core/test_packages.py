@@ -24,8 +24,8 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.packages import MODULES, MissingPackageError, install, require
 from dancedata.execution.executors.dask import connected
 from dancedata.files.regular_file import sha256_file
-from dancedata.plot.mux import find_ffmpeg
-from dancedata.plot.optional import axes_or_new
+from dancedata.plot.motion_axes import axes_or_new
+from dancedata.plot.video import find_ffmpeg
 
 ROOT = Path(__file__).resolve().parents[2]
 SIGNAL = AudioSignal(np.zeros(22050, np.float32), 22050)

@@ -16,10 +16,9 @@ from dancedata.core.errors import DataError, RecipeError, SourceError
 from dancedata.core.text import listed
 from dancedata.datasets.aistpp.load import load_motion as load_aist
 from dancedata.datasets.files import read_names
-from dancedata.datasets.finedance.labels import read_label
-from dancedata.datasets.finedance.lengths import length_note
+from dancedata.datasets.finedance.layout import read_label
+from dancedata.datasets.finedance.load import length_note, motion_length
 from dancedata.datasets.finedance.load import load_motion as load_finedance
-from dancedata.datasets.finedance.load import motion_length
 from dancedata.datasets.folder import Folder
 from dancedata.datasets.folder.manifest import read_manifest
 from dancedata.formats.arrays import open_arrays

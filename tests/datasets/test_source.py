@@ -20,7 +20,7 @@ PACKAGE = Path(dancedata.__file__).parent
 @pytest.mark.parametrize("name", ["aistpp", "finedance", "folder"])
 def test_all_readers_have_the_same_files(name: str) -> None:
     there = {path.stem for path in (PACKAGE / "datasets" / name).glob("*.py")}
-    assert {"__init__", "reader", "layout", "load", "facts", "notes", "example"} <= there
+    assert {"__init__", "reader", "layout", "load", "facts"} <= there
     text = (PACKAGE / "datasets" / name / "__init__.py").read_text()
     assert ".. code-block:: text" in text
     assert "    SOURCE/\n" in text

@@ -14,9 +14,9 @@ import pytest
 
 import dancedata
 from dancedata.core.errors import DataError, StoreError
-from dancedata.exports import _songs
-from dancedata.exports._json_rows import json_of
-from dancedata.exports._tfrecord import crc32c, example, record
+from dancedata.exports import bailando as songs
+from dancedata.exports.bailando import json_of
+from dancedata.exports.fact import crc32c, example, record
 from tests.exports.conftest import RECIPES
 
 
@@ -73,7 +73,7 @@ def test_songs_that_are_not_the_beginning_of_another_are_refused(built, tmp_path
     made = built("sixty")
     store = made.store
     loads = iter(range(100))
-    monkeypatch.setattr(_songs, "_begins", lambda part, whole: next(loads) < 0)
+    monkeypatch.setattr(songs, "_begins", lambda part, whole: next(loads) < 0)
     monkeypatch.setattr("dancedata.pipeline.source_music.DIGITS", 0)
     from dancedata.exports.base.job import ExportJob
 
@@ -82,7 +82,7 @@ def test_songs_that_are_not_the_beginning_of_another_are_refused(built, tmp_path
     assert len(clips) == 2
     object.__setattr__(job.music, "hashes", {clip.id: clip.id for clip in clips})
     monkeypatch.setattr(type(job.music), "load", lambda self, clip: _signal(self, clip))
-    _, lacks = _songs.find_songs(job, clips)
+    _, lacks = songs.find_songs(job, clips)
     assert "is not the beginning of that of" in lacks[0].problem
 
 

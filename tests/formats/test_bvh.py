@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from dancedata.core.errors import DataError
-from dancedata.datasets.folder.rates import exact_rate, rate_of_period, rate_of_text
+from dancedata.datasets.folder.facts import exact_rate, rate_of_period, rate_of_text
 from dancedata.formats.bvh import parse as _bvh
 from dancedata.formats.bvh.kinematics import world
 from dancedata.formats.bvh.parse import read_bvh, read_bvh_header

@@ -135,7 +135,7 @@ def _read_audio(path: Path) -> None:
 
 
 def _read_label(path: Path) -> None:
-    from dancedata.datasets.finedance.labels import read_label
+    from dancedata.datasets.finedance.layout import read_label
 
     label = read_label(path, path.stem)
     _require(bool(label.genre) != bool(label.reason), "neither a genre nor a reason")

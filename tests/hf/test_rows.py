@@ -18,7 +18,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from dancedata.audio.hf import HuggingFace, HuggingFaceEncoder
-from dancedata.audio.hf.chunks import Chunk, Timing, chunks_of
+from dancedata.audio.hf.families.base import Chunk, Timing, chunks_of
 from dancedata.audio.hf.random_models import KINDS
 from dancedata.audio.hf.rows import RowSum, area_overlaps, frames_of, method_of, row_map
 from dancedata.core.audio_signal import AudioSignal

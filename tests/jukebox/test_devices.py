@@ -27,7 +27,7 @@ from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.execution.executors.loky import LokyExecutor
 from dancedata.files.regular_file import sha256_file
-from dancedata.pipeline import read_ahead
+from dancedata.pipeline import audio as read_ahead
 from dancedata.pipeline.audio import FeatureKeys, SignalId
 from dancedata.pipeline.features import _jobs_for, _next_songs
 from dancedata.recipes.fields import FeatureJob, WindowSpec

@@ -21,8 +21,7 @@ from dancedata.audio.jukebox.clips import n_frames, resampling_matrix
 from dancedata.audio.jukebox.encoder import JukeboxOverflowError
 from dancedata.audio.jukebox.network.tensors import CODEBOOK
 from dancedata.audio.jukebox.network.transformer import COLUMN, PREVIOUS_ROW, ROW, factored_attention
-from dancedata.audio.jukebox.network.vqvae import VqEncoder
-from dancedata.audio.jukebox.weights.loading import empty_block
+from dancedata.audio.jukebox.weights.loading import VqEncoder, empty_block
 from dancedata.audio.networks.devices import exact_float32
 from dancedata.testing.jukebox import TINY
 

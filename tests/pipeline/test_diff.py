@@ -12,8 +12,7 @@ from typer.testing import CliRunner
 
 from dancedata.core.errors import StoreError
 from dancedata.files.regular_file import sha256_file
-from dancedata.pipeline.diff import Difference, diff
-from dancedata.pipeline.diff_rows import unmatched
+from dancedata.pipeline.diff import Difference, diff, unmatched
 from dancedata.store.dataset_json import self_hash
 
 TRAIN = "gHO_sBM_cAll_d19_mHO3_ch03"

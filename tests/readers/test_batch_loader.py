@@ -22,7 +22,7 @@ from torch.utils.data import DataLoader
 
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.readers import BatchLoader, EpochSampler, WindowDataset
-from dancedata.readers import batch_memory as memory
+from dancedata.readers import batch_reader as memory
 from dancedata.store.dataset import Store
 
 FIELDS = ("lodge139", "fast", "librosa35", "half")

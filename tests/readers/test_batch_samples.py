@@ -20,8 +20,8 @@ import torch
 from torch.utils.data import DataLoader, Subset, default_collate
 
 from dancedata.readers import BatchLoader, ClipDataset, WindowDataset
-from dancedata.readers.batch_memory import MemoryPool, shared_tensor
-from dancedata.readers.collate import collate
+from dancedata.readers.batch_reader import MemoryPool, shared_tensor
+from dancedata.readers.clip_collate import collate
 from dancedata.store.dataset import Store
 
 FIELDS = ("lodge139", "fast", "librosa35", "half")

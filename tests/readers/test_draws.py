@@ -20,7 +20,7 @@ from torch.utils.data import ConcatDataset, DataLoader, Subset, random_split
 
 from dancedata.core.errors import UsageError
 from dancedata.readers import BatchLoader, BatchStream, BucketSampler, ClipDataset, EpochSampler, WindowDataset
-from dancedata.readers.epoch_random import mirrored_samples
+from dancedata.readers.split_dataset import mirrored_samples
 from dancedata.store.dataset import Store
 
 PAGE = Path(__file__).parents[2] / "docs" / "reading.md"

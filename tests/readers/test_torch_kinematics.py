@@ -22,8 +22,14 @@ from dancedata.core.motion import Motion
 from dancedata.core.plugins import ContactRule, Representation
 from dancedata.core.registry import CONTACTS, REPRESENTATIONS
 from dancedata.core.skeleton import SMPL24, SMPL24_EDGE, Skeleton
-from dancedata.readers.torch_kinematics import decode, forward_kinematics, joints
-from dancedata.readers.torch_rotations import matrix_from_6d, matrix_from_rotvec, rotvec_from_matrix
+from dancedata.readers.torch_kinematics import (
+    decode,
+    forward_kinematics,
+    joints,
+    matrix_from_6d,
+    matrix_from_rotvec,
+    rotvec_from_matrix,
+)
 from dancedata.representations.joints import Joints
 
 WITH_ROTATIONS = [

@@ -12,7 +12,7 @@ import pytest
 
 from dancedata.core.errors import UsageError
 from dancedata.report import write_report
-from dancedata.report.ogg import without_serial
+from dancedata.report.player import without_serial
 
 AIST = {"dataset": "aist++", "licence": "research use, <b>no redistribution</b>"}
 

@@ -16,9 +16,9 @@ import dancedata
 from dancedata import plot
 from dancedata.cli import interrupts
 from dancedata.core.errors import StoreError, UsageError
-from dancedata.plot import mux
+from dancedata.plot import video as mux
 from dancedata.plot.frames import Frames
-from dancedata.plot.mux import find_ffmpeg
+from dancedata.plot.video import find_ffmpeg
 from dancedata.viewer import Scenes
 
 pytest.importorskip("PIL")

@@ -18,7 +18,7 @@ from dancedata.audio.librosa35 import Librosa35
 from dancedata.audio.signal import load_audio
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.grid import FrameGrid
-from dancedata.report.sharing import splits
+from dancedata.report.document import splits
 from dancedata.store import AudioBlock, Field, open_store, verify_store, write_store
 from dancedata.store.songs import LIKENESS, alike_songs, songs_of
 from dancedata.synthetic import synthesise_song

@@ -8,7 +8,7 @@ from pathlib import Path
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dancedata.store.sparse_file import SparseFile
+from dancedata.store.hdf5 import SparseFile
 
 
 @settings(max_examples=60, deadline=None)

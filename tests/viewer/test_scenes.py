@@ -19,8 +19,8 @@ from dancedata.core.skeleton import SMPL24
 from dancedata.store.schema import Field
 from dancedata.testing.stores import random_columns, write_random_store
 from dancedata.viewer import Figure, Scenes
-from dancedata.viewer.fields import rhythm_fields
 from dancedata.viewer.payload import curve, figure_payload, link, scene_payload
+from dancedata.viewer.scenes import rhythm_fields
 from dancedata.viewer.source import ClipSource, cut, flac
 from dancedata.viewer.takes import file_format, take_of, take_payload
 

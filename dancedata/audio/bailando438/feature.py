@@ -26,6 +26,7 @@ from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
+from dancedata.core.typing import override
 
 #: That of 7.5 rows per second, the lowest of Bailando's two; the five octaves of chroma need about 1 kHz.
 MIN_SAMPLE_RATE = 3840
@@ -78,14 +79,15 @@ class Bailando438(AudioFeature):
             )
 
     @property
+    @override
     def columns(self) -> Columns:
-        """Names, widths and units of the 438 columns; music has no mirror image."""
         return Columns(_GROUPS, None)
 
+    @override
     def n_rows(self, n_samples: int, sample_rate: int, grid: FrameGrid) -> int:
-        """Return how many rows `extract` gives for `n_samples`: 1 + floor(resampled length / 512)."""
         return 1 + resampled_length(n_samples, sample_rate, _feature_rate(grid)) // HOP
 
+    @override
     def extract(self, signal: AudioSignal, grid: FrameGrid, *, start_bpm: float | None = None) -> NDArray[np.float32]:
         """Features of a whole song, as Bailando computes them.
 
@@ -125,8 +127,8 @@ class Bailando438(AudioFeature):
         fmax = ERA_FMAX if self.onset_fmax == "era" else rate / 2
         return track_features(resample(signal.samples, signal.sample_rate, rate), rate, fmax)
 
+    @override
     def window(self, signal: AudioSignal, start: int, n_samples: int) -> AudioSignal:
-        """Return a window as its own 16-bit wav has it, as librosa35 takes it; Bailando computes whole songs only."""
         return AudioSignal(pcm16(signal.samples[start : start + n_samples]), signal.sample_rate)
 
 

@@ -22,6 +22,7 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.packages import require
 from dancedata.core.registry import FEATURES
 from dancedata.core.text import shown
+from dancedata.core.typing import override
 
 #: Names the file of the network's weights unless a recipe does.
 ENVIRONMENT = "DANCEDATA_BEAT_THIS"
@@ -67,7 +68,6 @@ class Beats(NetworkFeature):
     device: str = field(default="auto", metadata={"path": True})
 
     def __post_init__(self) -> None:
-        """Check the values that do not depend on the weights."""
         if self.source not in _SOURCES:
             raise UsageError("beats: unknown source", found=self.source, allowed=", ".join(_SOURCES))
         if self.source == "librosa" and (self.weights is not None or self.weights_sha256):
@@ -77,15 +77,16 @@ class Beats(NetworkFeature):
             )  # fmt: skip
 
     @property
+    @override
     def columns(self) -> Columns:
-        """The four columns; music has no mirror image."""
         names = {"beat": "0/1", "downbeat": "0/1", "phase": "bars", "tempo": "1/min"}
         return Columns(tuple(Group(name, 1, unit) for name, unit in names.items()))
 
+    @override
     def with_weights(self, folder: Path) -> Beats:
-        """Return the feature with the weights in a file; one with the source librosa stays as it is."""
         return replace(self, weights=folder) if self.source == "beat_this" else self
 
+    @override
     def resolved(self, hash_file: Callable[[Path], str]) -> Beats:
         """Return the feature with the hash of the weights resolved.
 
@@ -105,15 +106,15 @@ class Beats(NetworkFeature):
         return replace(self, weights=path, weights_sha256=sha256)
 
     @property
-    def windows_a_call(self) -> None:
-        """All of a song: its beats take a second."""
+    @override
+    def windows_a_call(self) -> None: ...
 
+    @override
     def workers(self, jobs: int) -> int:
-        """Return the number of processes: one per card if the network runs on cards."""
         return (len(self.cards()) if self.source == "beat_this" else 0) or jobs
 
+    @override
     def weights_path(self) -> Path:
-        """Return the file of the weights."""
         named = os.environ.get(ENVIRONMENT)
         path = self.weights or (Path(named) if named else None)
         if path is None:
@@ -124,8 +125,8 @@ class Beats(NetworkFeature):
             )
         return path.absolute()
 
+    @override
     def weights_hash(self, hash_file: Callable[[Path], str]) -> str:
-        """Return the hash of the file; SourceError if it cannot be read."""
         path = self.weights_path()
         try:
             return hash_file(path)
@@ -138,12 +139,12 @@ class Beats(NetworkFeature):
                 fix="set weights to final0.ckpt or small0.ckpt of Beat This!, or take source: librosa",
             ) from error
 
+    @override
     def n_rows(self, n_samples: int, sample_rate: int, grid: FrameGrid) -> int:
-        """Return how many rows `extract` gives: instants 0, 1 / fps, ... within the signal."""
         return FrameGrid.of(sample_rate).resampled_length(n_samples, grid)
 
+    @override
     def estimated_bpm(self, signal: AudioSignal, grid: FrameGrid) -> float | None:
-        """Return the tempo that librosa starts from if none is given; None for the network, which needs none."""
         if self.source != "librosa":
             return None
         self.require_samples(signal)
@@ -151,10 +152,10 @@ class Beats(NetworkFeature):
 
         return estimated_bpm(signal.samples, signal.sample_rate)
 
+    @override
     def estimated_window_bpms(
         self, signal: AudioSignal, starts: NDArray[np.int64], n_samples: int, grid: FrameGrid
     ) -> list[float] | None:
-        """Return the tempos that librosa starts from if none is given, one per window; None for the network."""
         if self.source != "librosa":
             return None
         self.require_windows(signal, starts, n_samples)
@@ -163,6 +164,7 @@ class Beats(NetworkFeature):
         windows = (signal.samples[start : start + n_samples] for start in starts.tolist())
         return [estimated_bpm(window, signal.sample_rate) for window in windows]
 
+    @override
     def extract(self, signal: AudioSignal, grid: FrameGrid, *, start_bpm: float | None = None) -> NDArray[np.float32]:
         """Beats of a whole song (scope: track).
 

@@ -13,8 +13,7 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from dancedata.audio.hf.chunks import Chunk, chunks_of
-from dancedata.audio.hf.families.base import Prepared
+from dancedata.audio.hf.families.base import Chunk, Prepared, chunks_of
 from dancedata.audio.hf.loading import load_network, place
 from dancedata.audio.hf.rows import RowMap, RowSum, frames_of, method_of, row_map
 from dancedata.audio.hf.settings import Settings
@@ -86,7 +85,6 @@ class HuggingFaceEncoder:
         self._batches = Batches(_SMALLER)
 
     def __repr__(self) -> str:
-        """Show model, layers and device."""
         return f"HuggingFaceEncoder({Path(self.settings.folder.source).name!r}, {self.precision} on {self.device})"
 
     def frames(self, samples: npt.NDArray[np.float32], sample_rate: int) -> FramesOfSignal:

@@ -19,6 +19,7 @@ from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.packages import require
 from dancedata.core.registry import FEATURES
+from dancedata.core.typing import override
 from dancedata.files.regular_file import sha256_file
 
 if TYPE_CHECKING:
@@ -98,7 +99,6 @@ class HuggingFace(NetworkFeature):
     batch_size: int = field(default=0, metadata={"path": True})
 
     def __post_init__(self) -> None:
-        """Check the values that do not depend on the model."""
         if isinstance(self.layers, list):
             object.__setattr__(self, "layers", tuple(self.layers))
         if self.batch_size < 0:
@@ -109,31 +109,31 @@ class HuggingFace(NetworkFeature):
             raise UsageError("hf: invalid value", found=", ".join(wrong), allowed="seconds, 0 or more")
 
     @classmethod
+    @override
     def make_example(cls, folder: Path) -> HuggingFace:
-        """Write a tiny random model in MERT's published layout, and return the feature that uses it. For tests."""
         require("hf", what="the audio feature hf")
         from dancedata.audio.hf.random_models import write_random_model
 
         write_random_model("mert", folder)
         return cls(model=str(folder), layers=(2,), device="cpu").resolved(sha256_file)
 
+    @override
     def with_weights(self, folder: Path) -> HuggingFace:
-        """Return the feature with the model in a folder."""
         return replace(self, model=str(folder), revision=None)
 
     @property
+    @override
     def columns(self) -> Columns:
-        """One column per unit of a layer; a group for each layer."""
         return self._settings().columns
 
     @property
+    @override
     def dtype(self) -> Literal["float32", "float16"]:
-        """The key `store`."""
         return self.store
 
     @property
+    @override
     def about(self) -> Mapping[str, Any]:
-        """The model's source, commit, hash, family, the rate and first stamp of its frames, its licence."""
         settings = self._settings()
         folder, timing = settings.folder, settings.family.timing
         return {
@@ -146,6 +146,7 @@ class HuggingFace(NetworkFeature):
             "licence": licence_of(folder.path),
         }
 
+    @override
     def resolved(self, hash_file: Callable[[Path], str]) -> HuggingFace:
         """Return the feature with output, chunks, precision and the hash of the model resolved.
 
@@ -172,18 +173,19 @@ class HuggingFace(NetworkFeature):
             precision=self._precision(device),
         )
 
+    @override
     def weights_path(self) -> Path:
-        """Return the folder of the model."""
         return self._folder().path
 
+    @override
     def weights_hash(self, hash_file: Callable[[Path], str]) -> str:
-        """Return the hash of weights and config."""
         return self._folder().sha256(hash_file)
 
+    @override
     def n_rows(self, n_samples: int, sample_rate: int, grid: FrameGrid) -> int:
-        """Return the number of rows of a song: instants 0, 1 / fps, ... within the signal."""
         return FrameGrid.of(sample_rate).resampled_length(n_samples, grid)
 
+    @override
     def extract(self, signal: AudioSignal, grid: FrameGrid, *, start_bpm: float | None = None) -> npt.NDArray[Any]:
         """Embed a whole song (scope: track).
 
@@ -206,6 +208,7 @@ class HuggingFace(NetworkFeature):
         n_rows = self.n_rows(signal.n_samples, signal.sample_rate, grid)
         return self._rows([signal.samples], signal.sample_rate, grid, n_rows)[0]
 
+    @override
     def extract_windows(
         self,
         signal: AudioSignal,
@@ -216,7 +219,6 @@ class HuggingFace(NetworkFeature):
         *,
         start_bpm: float | None = None,
     ) -> npt.NDArray[Any]:
-        """Embed windows, each by itself (scope: window); see `AudioFeature.extract_windows`."""
         self.require_samples(signal)
         self.require_windows(signal, starts, n_samples)
         self.require_rows(self.n_rows(n_samples, signal.sample_rate, grid), n_rows, grid)

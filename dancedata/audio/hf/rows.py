@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import sparse
 
-from dancedata.audio.hf.chunks import Chunk, Timing
+from dancedata.audio.hf.families.base import Chunk, Timing
 from dancedata.core.grid import FrameGrid
 
 Method = Literal["area", "linear", "nearest"]

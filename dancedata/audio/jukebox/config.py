@@ -66,7 +66,6 @@ class JukeboxConfig:
     sample_rate: int = 44100
 
     def __post_init__(self) -> None:
-        """Check that the sizes agree with each other."""
         # JSON has lists; a config is a cache key and must be hashable.
         object.__setattr__(self, "downs", tuple(self.downs))
         for field in fields(self):

@@ -89,7 +89,6 @@ class JukeboxEncoder:
         self._matrices: dict[tuple[int, int], torch.Tensor] = {}
 
     def __repr__(self) -> str:
-        """Show layers, precision and device."""
         return f"JukeboxEncoder(layers={self.layers}, {self.precision} on {self.device})"
 
     @classmethod

@@ -24,6 +24,7 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import json_sha256
 from dancedata.core.packages import require
 from dancedata.core.registry import FEATURES
+from dancedata.core.typing import override
 from dancedata.files.regular_file import sha256_file
 
 if TYPE_CHECKING:
@@ -78,7 +79,6 @@ class Jukebox(NetworkFeature):
     batch_size: int = field(default=0, metadata={"path": True})
 
     def __post_init__(self) -> None:
-        """Check the values that do not depend on the weights."""
         if self.layer < 1 or self.batch_size < 0:
             raise UsageError(
                 "jukebox: invalid value for layer or batch_size",
@@ -87,28 +87,29 @@ class Jukebox(NetworkFeature):
             )
 
     @classmethod
+    @override
     def make_example(cls, folder: Path) -> Jukebox:
-        """Write a tiny random checkpoint in the real layout, and return the feature that uses it. For tests."""
         require("jukebox", what="the audio feature jukebox")
         from dancedata.audio.jukebox.weights.random_weights import random_checkpoint
 
         random_checkpoint(folder)
         return cls(weights=folder, layer=6, device="cpu").resolved(sha256_file)
 
+    @override
     def with_weights(self, folder: Path) -> Jukebox:
-        """Return the feature with the weights in a folder."""
         return replace(self, weights=folder)
 
     @property
+    @override
     def columns(self) -> Columns:
-        """One column per unit of the residual stream: 4800."""
         return Columns((Group(f"layer{self.layer}", self._config.width, "1"),))
 
     @property
+    @override
     def dtype(self) -> Literal["float32", "float16"]:
-        """Half precision: as exact as the network in fp16, in half the space."""
         return "float16"
 
+    @override
     def resolved(self, hash_file: Callable[[Path], str]) -> Jukebox:
         """Return the feature with the precision and the hash of the weights resolved.
 
@@ -129,8 +130,8 @@ class Jukebox(NetworkFeature):
         precision: Any = resolve_precision(self.precision, device)
         return replace(self, weights=folder, weights_sha256=sha256, precision=precision)
 
+    @override
     def weights_path(self) -> Path:
-        """Return the folder of the weights."""
         folder = self.weights or _named_folder()
         if folder is None:
             raise UsageError(
@@ -142,18 +143,19 @@ class Jukebox(NetworkFeature):
             raise SourceError("the folder of Jukebox's weights does not exist", where=folder)
         return folder.absolute()
 
+    @override
     def weights_hash(self, hash_file: Callable[[Path], str]) -> str:
-        """Return the hash of the files and the config."""
         folder = self.weights_path()
         return json_sha256({"files": checkpoint_sha256(folder, hash_file), "config": config_of(folder).to_json()})
 
+    @override
     def n_rows(self, n_samples: int, sample_rate: int, grid: FrameGrid) -> int:
-        """Return the number of rows of a song: one for every frame that begins before its last code ends."""
         config = self._config
         contexts_of(1, n_ctx=config.n_ctx, code_rate=config.code_rate, fps=grid.rate, overlap_s=self._overlap)
         codes = resampled_length(n_samples, sample_rate, config.sample_rate) // config.hop
         return n_frames(codes, grid.rate, config.code_rate)
 
+    @override
     def extract(self, signal: AudioSignal, grid: FrameGrid, *, start_bpm: float | None = None) -> npt.NDArray[Any]:
         """Embed a whole song (scope: track).
 
@@ -185,6 +187,7 @@ class Jukebox(NetworkFeature):
         rows = [one[self.layer][p.keep_from : p.keep_to] for p, one in zip(parts, found, strict=True)]
         return self._stored(np.concatenate(rows))
 
+    @override
     def extract_windows(
         self,
         signal: AudioSignal,

@@ -29,6 +29,7 @@ from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
+from dancedata.core.typing import override
 
 _log = logging.getLogger(__name__)
 
@@ -80,14 +81,15 @@ class Librosa35(AudioFeature):
             raise UsageError("librosa35: unknown method", found=str(self.method), allowed="fast, librosa")
 
     @property
+    @override
     def columns(self) -> Columns:
-        """Names, widths and units of the 35 columns; music has no mirror image."""
         return Columns(_GROUPS, None)
 
+    @override
     def n_rows(self, n_samples: int, sample_rate: int, grid: FrameGrid) -> int:
-        """Return how many rows `extract` gives for `n_samples`: 1 + floor(resampled length / 512)."""
         return 1 + resampled_length(n_samples, sample_rate, _feature_rate(grid)) // HOP
 
+    @override
     def extract(self, signal: AudioSignal, grid: FrameGrid, *, start_bpm: float | None = None) -> NDArray[np.float32]:
         """Features of a whole track, as Lodge, FineDance and FACT compute them.
 
@@ -123,8 +125,8 @@ class Librosa35(AudioFeature):
         compute = fast.track_features if is_fast else reference.track_features
         return compute(signal.samples, Settings(signal.sample_rate, rate, start_bpm, self.tightness))
 
+    @override
     def estimated_bpm(self, signal: AudioSignal, grid: FrameGrid) -> float:
-        """Return the tempo that `extract` starts from if none is given, in beats per minute."""
         rate = _feature_rate(grid)
         self.require_samples(signal)
         from dancedata.audio.librosa35 import fast, reference
@@ -133,10 +135,10 @@ class Librosa35(AudioFeature):
         estimate = fast.estimated_bpm if is_fast else reference.estimated_bpm
         return estimate(signal.samples, signal.sample_rate)
 
+    @override
     def estimated_window_bpms(
         self, signal: AudioSignal, starts: NDArray[np.int64], n_samples: int, grid: FrameGrid
     ) -> list[float]:
-        """Return the tempos that `extract_windows` starts from if none is given, one per window."""
         rate = _feature_rate(grid)
         self.require_samples(signal)
         self.require_windows(signal, starts, n_samples)
@@ -147,6 +149,7 @@ class Librosa35(AudioFeature):
         windows = (pcm16(signal.samples[int(start) : int(start) + n_samples]) for start in starts)
         return [estimate(window, signal.sample_rate) for window in windows]
 
+    @override
     def extract_windows(
         self,
         signal: AudioSignal,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import ClassVar, Literal
@@ -13,8 +13,11 @@ from dancedata.core.motion import Motion
 from dancedata.core.plugins import Dataset
 from dancedata.core.registry import DATASETS
 from dancedata.core.skeleton import SMPL24, Skeleton
+from dancedata.core.text import counted, listed
+from dancedata.core.typing import override
 from dancedata.datasets.aistpp.facts import SequenceName, facts, parse_name, tempo_bpm
 from dancedata.datasets.aistpp.layout import (
+    MUSIC_FOLDERS,
     Folders,
     MusicFiles,
     find_folders,
@@ -22,10 +25,10 @@ from dancedata.datasets.aistpp.layout import (
     list_motions,
     list_music,
     music_expected,
+    music_in_use,
     near_music,
     unused_music,
 )
-from dancedata.datasets.aistpp.notes import clip_notes, count_notes, ignored_notes, layout_notes
 from dancedata.datasets.aistpp.splits import (
     Ignored,
     Splits,
@@ -33,9 +36,82 @@ from dancedata.datasets.aistpp.splits import (
     find_splits,
     missing_motion,
 )
-from dancedata.datasets.files import ALL, Files, relative, require_choice
+from dancedata.datasets.files import ALL, SPLITS, Files, clips_note, relative, require_choice
 
-__all__ = ["AistPP"]
+
+def layout_notes(folders: Folders, motions: Files, music: MusicFiles) -> list[str]:
+    """Return the layout and the files it was recognised by."""
+    at = relative(folders.motions, folders.source)
+    own, songs = music_in_use(motions, music)
+    where = listed(_folder(relative(folder, folders.source)) for folder in music.folders)
+    files, of_songs = counted(len(own), "file"), counted(len(songs), "song")
+    if not own and not songs:
+        looked = ", ".join(f"{name}/" for name in MUSIC_FOLDERS)
+        text = (
+            f"Layout: official AIST++, by {at}/*.pkl; but no sequence has music. "
+            f"Searched {looked} and the folder itself for files named as a sequence or a song (mBR2.wav). "
+            f"The music is a separate download: {facts().get_music}."
+        )
+    elif not songs:
+        text = f"Layout: EDGE's, by {at}/*.pkl and one audio file per sequence in {where} ({files})."
+    elif not own:
+        text = f"Layout: official AIST++, by {at}/*.pkl and one audio file per song in {where} ({of_songs})."
+    else:
+        text = (
+            f"Layout: mixed, by {at}/*.pkl and audio files per sequence and per song in {where}. {files} of a "
+            f"sequence, which is preferred; {of_songs} for the other sequences."
+        )
+    return [text, *folders.notes, *music.notes]
+
+
+def _folder(name: str) -> str:
+    return "the source folder" if name == "." else f"{name}/"
+
+
+def count_notes(folders: Folders, motions: Files, missing: int) -> list[str]:
+    """Return the number of motion files against the sequences of AIST++."""
+    n = len(motions.files)
+    if (folders.root / "synthetic.json").is_file():
+        return [f"Motion: {n:,} files of a synthetic corpus."]
+    copies = facts().copies
+    others = [f"{count:,}" for count in copies if count != facts().sequences]
+    text = f"Motion: {counted(n, 'file')} found; AIST++ has {facts().sequences:,} sequences"
+    if n in copies:
+        text += f". A copy with {n:,} files is known: {copies[n]}."
+    else:
+        text += f", and copies with {', '.join(others)} files are in circulation."
+    if missing:
+        text += f" {missing:,} of the listed sequences have no file (missing_motion)."
+    return [text]
+
+
+def ignored_notes(motions: Files, ignored: Ignored) -> list[str]:
+    """Return the ignore list in use, and how many files it concerns."""
+    here = len(ignored.names & set(motions.files))
+    parts = list(ignored.notes)
+    if ignored.where:
+        parts.append(f"{counted(len(ignored.names), 'name')}, {here:,} of them among the motion files found")
+    return [f"Ignore list: {'; '.join(parts)}."]
+
+
+def clip_notes(clips: Sequence[ClipRef], left_out: Sequence[Reject], splits: Splits) -> list[str]:
+    """Return the numbers of clips by split and left out, unknown tempos, and clips without music."""
+    names = (ALL,) if splits.name == ALL else SPLITS
+    notes = [clips_note(clips, left_out, names)]
+    unknown = sorted({clip.music for clip in clips if clip.tempo_bpm is None})
+    if unknown:
+        notes.append(f"Tempo: no rule for {listed(unknown)}; it must be estimated from the audio.")
+    silent = sum(clip.audio_path is None for clip in clips)
+    if silent:
+        notes.append(f"Music: {counted(silent, 'clip')} kept without music, as requested.")
+    return notes
+
+
+def write_example(folder: Path) -> None:
+    """Write four synthetic clips of six seconds to two songs."""
+    from dancedata.synthetic import write_synthetic
+
+    write_synthetic(folder, seed=0, songs=2, clips_per_song=2, clip_s=6.0)
 
 
 @DATASETS.register("aist++")
@@ -89,14 +165,15 @@ class AistPP(Dataset):
             )
 
     @property
+    @override
     def genre_ids(self) -> Mapping[str, int]:
-        """Lodge's number of each genre, by its name in clips: ``gBR`` is 0."""
         return facts().genre_ids
 
+    @override
     def body_of(self, ref: ClipRef) -> Skeleton:
-        """Return SMPL's 24 joints."""
         return SMPL24
 
+    @override
     def scan(self, source: Path) -> Scan:
         """List the clips; reads lists of names, but neither motion nor music.
 
@@ -138,6 +215,7 @@ class AistPP(Dataset):
         )
         return Scan(layout=layout_name(motions, music), clips=tuple(clips), rejects=rejects, notes=notes)
 
+    @override
     def load(self, ref: ClipRef) -> Motion:
         """Read the motion of one clip: 60 FPS, metres, radians, +Y up, skeleton SMPL24.
 
@@ -150,9 +228,8 @@ class AistPP(Dataset):
 
         return load_motion(ref.motion_path, facts().frame_rate)
 
+    @override
     def make_example(self, folder: Path) -> None:
-        """Write four synthetic clips of six seconds in the official layout."""
-        from dancedata.datasets.aistpp.example import write_example
 
         write_example(Path(folder))
 

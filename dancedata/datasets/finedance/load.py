@@ -12,10 +12,40 @@ from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.skeleton import Skeleton
+from dancedata.files.regular_file import open_regular
 from dancedata.formats.arrays import ArrayFile, open_arrays
 from dancedata.formats.six_d import check_rows, rotations_of
 
-__all__ = ["load_motion", "motion_length"]
+#: Largest difference between motion and music in the published files, in frames, as reported by users.
+MAX_DIFFERENCE = 2
+
+
+def length_note(motion: Path, music: Path, frame_rate: int) -> str:
+    """Return both lengths if they differ by more than `MAX_DIFFERENCE` frames; "" if not, or if one is unknown.
+
+    The length of an unreadable file is unknown; loading it reports the error.
+    """
+    frames, (n_samples, sample_rate) = motion_length(motion), _music_length(music)
+    if frames is None or not n_samples:
+        return ""
+    # The rows of audio features: one for every frame that begins within the audio.
+    rows = FrameGrid.of(sample_rate).rows_up(n_samples, of=FrameGrid.of(frame_rate))
+    if abs(frames - rows) <= MAX_DIFFERENCE:
+        return ""
+    return f"motion {frames / frame_rate:.2f} s, music {n_samples / sample_rate:.2f} s"
+
+
+def _music_length(path: Path) -> tuple[int, int]:
+    """Return samples and sample rate in the header; 0 samples if the length is unknown."""
+    import soundfile
+
+    try:
+        with open_regular(path) as file:
+            info = soundfile.info(file)
+    except (soundfile.SoundFileError, OSError, ValueError, TypeError):
+        return 0, 1
+    return max(int(info.frames), 0), max(int(info.samplerate), 1)
+
 
 JOINTS = SMPLX52.n_joints
 COLUMNS = 3 + 6 * JOINTS

@@ -29,10 +29,10 @@ from dancedata.datasets.folder.facts import (
     decide,
     decide_rate,
     metres,
+    rate_of_period,
     undeclared,
 )
 from dancedata.datasets.folder.people import on_video_frames, open_person
-from dancedata.datasets.folder.rates import rate_of_period
 from dancedata.formats.arrays import ArrayFile
 from dancedata.formats.body_model import GENDERS, body_model_skeleton, find_model, gender_of
 from dancedata.formats.bvh.joint_names import JointMap, map_joints
@@ -111,7 +111,6 @@ class FileFacts:
     metres: float
 
     def __str__(self) -> str:
-        """Show the facts as in notes."""
         rotated = ", rotated to +Y" if self.up.value != "y" else ""
         axis = self.up.value.upper() if self.up.value.startswith("-") else f"+{self.up.value.upper()}"
         unit = self.unit.value if self.unit.value in UNITS else f"1 unit = {self.metres:.7g} m"

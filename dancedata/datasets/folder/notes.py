@@ -11,10 +11,9 @@ from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DataError
 from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import counted
-from dancedata.datasets.folder.facts import IN_MANIFEST, IN_RECIPE
+from dancedata.datasets.folder.facts import IN_MANIFEST, IN_RECIPE, drift_note
 from dancedata.datasets.folder.load import FileFacts, Reading, array_facts, bvh_facts, recognised
 from dancedata.datasets.folder.people import open_person, seen_in
-from dancedata.datasets.folder.rates import drift_note
 from dancedata.formats.bvh.parse import read_bvh_header
 
 __all__ = ["describe", "file_notes", "split_note"]

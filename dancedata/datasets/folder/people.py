@@ -114,7 +114,6 @@ class Seen:
     missing: int
 
     def __str__(self) -> str:
-        """Show what is unusual, for notes; "" where the person is seen in every frame from the first one on."""
         parts = [f"first seen in frame {self.first} of the video, still until then (trim_start)"] * (self.first > 0)
         parts += [f"{counted(self.missing, 'frame')} of {self.stop - self.first} interpolated"] * (self.missing > 0)
         return "; ".join(parts)

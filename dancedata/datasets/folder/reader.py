@@ -17,6 +17,7 @@ from dancedata.core.plugins import Dataset
 from dancedata.core.registry import DATASETS
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import counted
+from dancedata.core.typing import override
 from dancedata.datasets._near_music import NearMusic
 from dancedata.datasets._split_rule import SplitRule, same_songs
 from dancedata.datasets.files import AUDIO_SUFFIXES, MOTION_SUFFIXES, relative, require_folder
@@ -107,6 +108,7 @@ class Folder(Dataset):
         else:
             object.__setattr__(self, "split", SplitRule.of(self.split).document())
 
+    @override
     def scan(self, source: Path) -> Scan:
         """List the clips; reads the headers of motion files for the notes (pickles completely: they have no header).
 
@@ -143,10 +145,11 @@ class Folder(Dataset):
         notes += [*splits, *files]
         return Scan(layout, tuple(clips), tuple(rejects), tuple(notes))
 
+    @override
     def body_of(self, ref: ClipRef) -> Skeleton | None:
-        """Return the body that the scan has seen in the file's header; None for that of a body model."""
         return next((body for body in (SMPL24, SMPLH52, SMPLX55) if body.name == ref.body), None)
 
+    @override
     def load(self, ref: ClipRef) -> Motion:
         """Read the motion of one clip: metres, +Y up, radians; on SMPL's, SMPL-H's or SMPL-X's joints.
 
@@ -159,8 +162,8 @@ class Folder(Dataset):
         """
         return load_motion(ref.motion_path, self._reading(ref))
 
+    @override
     def make_example(self, folder: Path) -> None:
-        """Write three clips of six seconds with a manifest: AMASS and SMPL arrays and a BVH, two songs."""
         from dancedata.datasets.folder.example import write_example
 
         write_example(Path(folder))

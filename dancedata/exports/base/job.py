@@ -37,7 +37,6 @@ class Lack:
     fix: str
 
     def __str__(self) -> str:
-        """Return both, on one line."""
         return f"{self.problem}; {self.fix}"
 
 

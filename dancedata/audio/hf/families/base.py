@@ -4,20 +4,149 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from fractions import Fraction
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
+import torch
 
-from dancedata.audio.hf.chunks import Timing
 from dancedata.core.errors import SourceError
 from dancedata.core.text import quoted
+from dancedata.core.typing import override
 
 if TYPE_CHECKING:
     import torch
+
+
+@dataclass(frozen=True)
+class Timing:
+    """When the frames of an encoder are, in samples at its own rate.
+
+    Attributes
+    ----------
+    sample_rate
+        In Hz.
+    hop
+        Samples from one frame to the next.
+    first_centre
+        Centre of the first frame, counted from the first sample that the encoder is given.
+    """
+
+    sample_rate: int
+    hop: Fraction
+    first_centre: Fraction
+
+    @property
+    def rate(self) -> Fraction:
+        """Frames per second."""
+        return self.sample_rate / self.hop
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """A part of a signal that the encoder processes at once.
+
+    Attributes
+    ----------
+    start, n_samples
+        Samples of the signal.
+    keep_from, keep_to
+        Between these times, in samples of the signal, the chunk's frames count; None: no limit.
+    """
+
+    start: int
+    n_samples: int
+    keep_from: Fraction | None
+    keep_to: Fraction | None
+
+
+def chunks_of(n_samples: int, *, length: int, overlap: int, unit: int, timing: Timing) -> list[Chunk]:
+    """Cut a signal into chunks of `length` samples that overlap by at least `overlap`.
+
+    All begin at a multiple of `unit` samples. The last one ends with the signal and has as much before it as the
+    others, so that all of its frames see enough of their past; it is up to `unit` - 1 samples shorter. In the
+    middle of an overlap the earlier chunk's frames end and the later one's begin, at the border of two frames.
+
+    Parameters
+    ----------
+    n_samples
+        Samples of the signal, at the encoder's rate.
+    length, overlap, unit
+        In samples; `length` and `overlap` are multiples of `unit`, `overlap` is less than `length`.
+    """
+    if n_samples <= length:
+        return [Chunk(0, n_samples, None, None)]
+    last = -(-(n_samples - length) // unit) * unit
+    starts = [*range(0, last, length - overlap), last]
+    borders = [_border(timing, later, Fraction(later + earlier + length, 2)) for earlier, later in pairwise(starts)]
+    return [
+        Chunk(start, min(length, n_samples - start), keep_from, keep_to)
+        for start, keep_from, keep_to in zip(starts, [None, *borders], [*borders, None], strict=True)
+    ]
+
+
+def _border(timing: Timing, start: int, near: Fraction) -> Fraction:
+    """Return the border of two frames of a chunk that is nearest to a time."""
+    first = start + timing.first_centre - timing.hop / 2
+    return first + round((near - first) / timing.hop) * timing.hop
+
+
+def last_hidden_state(network: Any, inputs: torch.Tensor) -> Callable[[], torch.Tensor]:
+    """Return what runs a network of transformers over a batch, for `hidden_states`."""
+
+    def run() -> torch.Tensor:
+        last: torch.Tensor = network(inputs).last_hidden_state
+        return last
+
+    return run
+
+
+def hidden_states(
+    run: Callable[[], torch.Tensor], blocks: Sequence[torch.nn.Module], layers: Sequence[int], n_layers: int
+) -> dict[int, torch.Tensor]:
+    """Run a network, and return the layers that are asked for.
+
+    Layer 0 is what enters the first block, layer k what leaves block k, and layer `n_layers` what `run` returns: the
+    network's last hidden state, after a final norm where it has one.
+
+    Parameters
+    ----------
+    run
+        Calls the network.
+    blocks
+        Its blocks up to the highest layer.
+
+    Notes
+    -----
+    Captured here, as what ``output_hidden_states`` returns last differs between versions of transformers.
+    """
+    found: dict[int, torch.Tensor] = {}
+
+    def before(_module: Any, args: tuple[Any, ...], kwargs: dict[str, Any]) -> None:
+        found[0] = args[0] if args else kwargs["hidden_states"]
+
+    def after(layer: int) -> Callable[..., None]:
+        def keep(_module: Any, _args: Any, output: Any) -> None:
+            found[layer] = output[0] if isinstance(output, tuple) else output
+
+        return keep
+
+    with ExitStack() as hooks:
+        for layer in set(layers) - {n_layers}:
+            if layer == 0:
+                hooks.callback(blocks[0].register_forward_pre_hook(before, with_kwargs=True).remove)
+            else:
+                hooks.callback(blocks[layer - 1].register_forward_hook(after(layer)).remove)
+        last = run()
+    if n_layers in layers:
+        found[n_layers] = last
+    return found
+
 
 #: Larger sizes and more blocks than any model has: a config of a few bytes could take all memory.
 MAX_SIZE, MAX_BLOCKS = 1 << 20, 1000
@@ -68,8 +197,8 @@ class Waveform(Prepared):
 
     samples: Samples
 
+    @override
     def inputs(self, start: int, n_samples: int) -> npt.NDArray[np.float32]:
-        """Return samples of a chunk."""
         return self.samples[..., start : start + n_samples]
 
 

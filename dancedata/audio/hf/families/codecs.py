@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.audio.hf.chunks import Timing
-from dancedata.audio.hf.families.base import Family, NetworkSpec, Output, Prepared, Samples, Waveform, uniform
+from dancedata.audio.hf.families.base import Family, NetworkSpec, Output, Prepared, Samples, Timing, Waveform, uniform
 from dancedata.core.errors import SourceError
 from dancedata.core.text import quoted
+from dancedata.core.typing import override
 
 if TYPE_CHECKING:
     import torch
@@ -29,8 +29,8 @@ class _Codec(Family):
     classes: ClassVar[tuple[str, str]]
 
     @property
+    @override
     def sample_rate(self) -> int:
-        """Of the config."""
         return self.number("sampling_rate", default=24_000)
 
     @property
@@ -39,27 +39,27 @@ class _Codec(Family):
         raise NotImplementedError
 
     @property
+    @override
     def timing(self) -> Timing:
-        """The middles of hops."""
         return uniform(self.sample_rate, self.hop, Fraction(self.hop, 2))
 
     @property
+    @override
     def n_layers(self) -> int:
-        """None: a codec offers its last frames only."""
         return 0
 
+    @override
     def n_frames(self, n_samples: int) -> int:
-        """Count hops, the last of which may be cut off."""
         return -(-n_samples // self.hop)
 
+    @override
     def network(self, top: int) -> NetworkSpec:
-        """Name the model class; the decoder's weights may lack."""
         rest = {k: v for k, v in self.config.items() if k != "model_type"}
         model, config = self.classes
         return NetworkSpec(model, (config, rest), missing=(r"decoder\..*",))
 
+    @override
     def slimmed(self, network: Any, output: Output) -> Any:
-        """Drop the decoder."""
         network.decoder = None
         return network
 
@@ -72,8 +72,8 @@ class _Scaled(Prepared):
     channels: int
     scale: bool
 
+    @override
     def inputs(self, start: int, n_samples: int) -> npt.NDArray[np.float32]:
-        """Return (channels, n)."""
         part = self.samples[start : start + n_samples]
         if self.scale:
             part = part / (np.sqrt(np.mean(part * part, dtype=np.float32)) + np.float32(1e-8))
@@ -89,32 +89,32 @@ class Encodec(_Codec):
     classes: ClassVar[tuple[str, str]] = ("EncodecModel", "EncodecConfig")
 
     @property
+    @override
     def hop(self) -> int:
-        """Samples of a frame: 320 at 24 and 48 kHz, 640 at 32 kHz."""
         return math.prod(self.sizes("upsampling_ratios", (8, 5, 4, 2)))
 
     @property
+    @override
     def max_chunk(self) -> int | None:
-        """At 48 kHz 1 s: what it normalises over."""
         seconds = self.config.get("chunk_length_s")
         return None if not isinstance(seconds, int | float) else int(seconds * self.sample_rate)
 
+    @override
     def width(self, output: Output) -> int:
-        """Return 128, or the number of codebooks at the highest bandwidth."""
         if output == "embedding":
             return self.number("hidden_size", default=128)
         bits = math.ceil(math.log2(self.number("codebook_size", default=1024)))
         return int(1000 * self._bandwidth // (math.ceil(self.sample_rate / self.hop) * bits))
 
+    @override
     def prepared(self, samples: Samples, *, normalize: bool) -> Prepared:
-        """Give mono music to all channels; where the config says so, each chunk is divided by its level."""
         scale = normalize and bool(self.config.get("normalize", False))
         return _Scaled(samples, self.number("audio_channels", default=1), scale)
 
+    @override
     def frames(
         self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]
     ) -> dict[int, torch.Tensor]:
-        """Encode (B, channels, n)."""
         embedding = network.encoder(inputs)
         if output == "embedding":
             return {0: embedding.transpose(1, 2)}
@@ -135,30 +135,30 @@ class Dac(_Codec):
     classes: ClassVar[tuple[str, str]] = ("DacModel", "DacConfig")
 
     @property
+    @override
     def sample_rate(self) -> int:
-        """Of the config: 44,100, 24,000 or 16,000."""
         return self.number("sampling_rate", default=16_000)
 
     @property
+    @override
     def hop(self) -> int:
-        """Samples of a frame: 512 at 44.1 kHz."""
         return math.prod(self.sizes("downsampling_ratios", (2, 4, 8, 8)))
 
+    @override
     def width(self, output: Output) -> int:
-        """Return the width of the encoder's last convolution, 1024, or the number of codebooks."""
         if output == "codes":
             return self.number("n_codebooks", default=9)
         blocks = len(self.sizes("downsampling_ratios", (2, 4, 8, 8)))
         return self.number("hidden_size", default=self.number("encoder_hidden_size", default=64) * 2**blocks)
 
+    @override
     def prepared(self, samples: Samples, *, normalize: bool) -> Prepared:
-        """Fill the last hop with zeros, as the extractor does."""
         return Waveform(np.pad(samples, (0, -len(samples) % self.hop)))
 
+    @override
     def frames(
         self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]
     ) -> dict[int, torch.Tensor]:
-        """Encode (B, n)."""
         from torch.nn.functional import pad
 
         filled = pad(inputs, (0, -inputs.shape[-1] % self.hop))
@@ -176,8 +176,8 @@ class Mimi(_Codec):
     classes: ClassVar[tuple[str, str]] = ("MimiModel", "MimiConfig")
 
     @property
+    @override
     def hop(self) -> int:
-        """Samples of a frame: 1,920."""
         stride = 2 * math.prod(self.sizes("upsampling_ratios", (8, 6, 5, 4)))
         rate = self.config.get("frame_rate") or self.config.get("_frame_rate")
         if isinstance(rate, int | float) and rate * stride != self.sample_rate:
@@ -188,28 +188,28 @@ class Mimi(_Codec):
             )
         return stride
 
+    @override
     def width(self, output: Output) -> int:
-        """Return the hidden size, 512, or the number of codebooks."""
         if output == "codes":
             return self.number("num_quantizers", default=32)
         return self.number("hidden_size", default=512)
 
+    @override
     def slimmed(self, network: Any, output: Output) -> Any:
-        """Drop the decoder, under the names that it has in versions of transformers."""
         for part in ("decoder", "decoder_transformer", "upsample"):
             if part in network._modules:
                 setattr(network, part, None)
         return network
 
+    @override
     def network(self, top: int) -> NetworkSpec:
-        """Name the model class; the decoder's weights may lack."""
         spec = super().network(top)
         return NetworkSpec(spec.model, spec.config, missing=(r"(decoder|decoder_transformer|upsample)\..*",))
 
+    @override
     def frames(
         self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]
     ) -> dict[int, torch.Tensor]:
-        """Encode (B, n); the embedding is what the quantiser is given."""
         found = []
         quantizer = network.quantizer
         plain = quantizer.encode

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from dancedata.audio.hf.chunks import Timing
-from dancedata.audio.hf.families.base import MAX_BLOCKS, Family, NetworkSpec, Output, uniform
+from dancedata.audio.hf.families.base import MAX_BLOCKS, Family, NetworkSpec, Output, Timing, uniform
+from dancedata.core.typing import override
 
 if TYPE_CHECKING:
     import torch
@@ -27,8 +27,8 @@ class MuQ(Family):
     model_types: ClassVar[tuple[str, ...]] = ("muq",)
 
     @property
+    @override
     def sample_rate(self) -> int:
-        """24,000: its config does not state it."""
         return SAMPLE_RATE
 
     @property
@@ -37,8 +37,8 @@ class MuQ(Family):
         return self.number("hop_length", default=240)
 
     @property
+    @override
     def max_rate(self) -> Fraction:
-        """Log-mel frames per second."""
         return Fraction(SAMPLE_RATE, self.mel_hop)
 
     @property
@@ -47,34 +47,34 @@ class MuQ(Family):
         return (2, 2) if self.number("label_rate", default=25) <= 25 else (2, 1)
 
     @property
+    @override
     def timing(self) -> Timing:
-        """Frame k is centred on its sample."""
         first, second = self.strides
         return uniform(SAMPLE_RATE, self.mel_hop * first * second, 0)
 
     @property
+    @override
     def n_layers(self) -> int:
-        """Number of conformer blocks."""
         return self.number("encoder_depth", default=12, most=MAX_BLOCKS)
 
     @property
+    @override
     def min_samples(self) -> int:
-        """More than half a Fourier transform, which is mirrored at the ends."""
         return max(N_FFT // 2 + 1, int(self.timing.hop))
 
+    @override
     def n_frames(self, n_samples: int) -> int:
-        """Count log-mel frames, halved and rounded up by each convolutional module."""
         n = n_samples // self.mel_hop
         for stride in self.strides:
             n = -(-n // stride)
         return n
 
+    @override
     def width(self, output: Output) -> int:
-        """Return the conformer's width."""
         return self.number("encoder_dim", default=1024)
 
+    @override
     def network(self, top: int) -> NetworkSpec:
-        """Name the class of `muq_network`, which is not one of transformers."""
         parts = r"(linear|cls_token|recon_proj|rvq|quantizer_\w+|preprocessor_\w+)\b.*"
         cut = tuple(rf"conformer\.layers\.{k}\..*" for k in range(max(top, 1), self.n_layers))
         return NetworkSpec(
@@ -84,11 +84,11 @@ class MuQ(Family):
             renamed={r"^model\.": ""},
         )
 
+    @override
     def frames(
         self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]
     ) -> dict[int, torch.Tensor]:
-        """Run the network over samples (B, n)."""
-        from dancedata.audio.hf.families.hidden import hidden_states
+        from dancedata.audio.hf.families.base import hidden_states
 
         def run() -> torch.Tensor:
             last: torch.Tensor = network(inputs)

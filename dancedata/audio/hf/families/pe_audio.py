@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from dancedata.audio.hf.chunks import Timing
 from dancedata.audio.hf.families.base import (
     MAX_BLOCKS,
     Family,
@@ -18,9 +17,11 @@ from dancedata.audio.hf.families.base import (
     Output,
     Prepared,
     Samples,
+    Timing,
     Waveform,
     uniform,
 )
+from dancedata.core.typing import override
 
 if TYPE_CHECKING:
     import torch
@@ -39,8 +40,8 @@ class PeAudio(Family):
         return inner if isinstance(inner, Mapping) else self.config
 
     @property
+    @override
     def sample_rate(self) -> int:
-        """Of the extractor: 48,000."""
         return self.rate_of_extractor()
 
     @property
@@ -50,29 +51,29 @@ class PeAudio(Family):
         return math.prod(ratios or (2, 8, 10, 12))
 
     @property
+    @override
     def timing(self) -> Timing:
-        """The middles of hops."""
         return uniform(self.sample_rate, self._hop, Fraction(self._hop, 2))
 
     @property
+    @override
     def n_layers(self) -> int:
-        """Number of transformer blocks."""
         return self.number("num_hidden_layers", of=self._audio, default=6, most=MAX_BLOCKS)
 
+    @override
     def n_frames(self, n_samples: int) -> int:
-        """Count hops, the last of which may be cut off."""
         return -(-n_samples // self._hop)
 
+    @override
     def width(self, output: Output) -> int:
-        """Return the hidden size."""
         return self.number("hidden_size", of=self._audio, default=1792)
 
+    @override
     def prepared(self, samples: Samples, *, normalize: bool) -> Prepared:
-        """Fill the last hop with the mirrored signal, as the extractor does."""
         return Waveform(np.pad(samples, (0, -len(samples) % self._hop), "reflect"))
 
+    @override
     def network(self, top: int) -> NetworkSpec:
-        """Load the audio encoder of a whole model, or one alone."""
         rest = {k: v for k, v in self._audio.items() if k != "model_type"}
         rest["num_hidden_layers"] = max(top, 1)
         cut = tuple(rf"(\w+\.)?layers\.{k}\..*" for k in range(max(top, 1), self.n_layers))
@@ -84,13 +85,13 @@ class PeAudio(Family):
             renamed={r"^audio_encoder\.": ""},
         )
 
+    @override
     def frames(
         self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]
     ) -> dict[int, torch.Tensor]:
-        """Run the encoder over (B, n)."""
         import torch
 
-        from dancedata.audio.hf.families.hidden import hidden_states, last_hidden_state
+        from dancedata.audio.hf.families.base import hidden_states, last_hidden_state
 
         missing = -inputs.shape[-1] % self._hop
         if missing:

@@ -9,8 +9,17 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.audio.hf.chunks import Timing
-from dancedata.audio.hf.families.base import MAX_BLOCKS, Family, NetworkSpec, Output, Prepared, Samples, uniform
+from dancedata.audio.hf.families.base import (
+    MAX_BLOCKS,
+    Family,
+    NetworkSpec,
+    Output,
+    Prepared,
+    Samples,
+    Timing,
+    uniform,
+)
+from dancedata.core.typing import override
 
 if TYPE_CHECKING:
     import torch
@@ -24,8 +33,8 @@ class _Windows(Prepared):
     family: SpectrogramEncoder = field(repr=False)
     normalize: bool = True
 
+    @override
     def inputs(self, start: int, n_samples: int) -> npt.NDArray[np.float32]:
-        """Return the spectrogram of a window; a short one is padded as the extractor pads it."""
         return self.family.spectrogram(self.samples[start : start + n_samples], normalize=self.normalize)
 
 
@@ -36,8 +45,8 @@ class SpectrogramEncoder(Family):
     overlap_s: ClassVar[float] = 2.0
 
     @property
+    @override
     def sample_rate(self) -> int:
-        """Of the extractor."""
         return self.rate_of_extractor()
 
     @property
@@ -46,13 +55,13 @@ class SpectrogramEncoder(Family):
         return 160
 
     @property
+    @override
     def max_rate(self) -> Fraction:
-        """Log-mel frames per second."""
         return Fraction(self.sample_rate, self.mel_hop)
 
     @property
+    @override
     def fixed_chunk(self) -> int | None:
-        """Samples of a window."""
         return self.window
 
     @property
@@ -64,8 +73,8 @@ class SpectrogramEncoder(Family):
         """Return what the network is given of at most `window` samples."""
         raise NotImplementedError
 
+    @override
     def prepared(self, samples: Samples, *, normalize: bool) -> Prepared:
-        """Keep the samples: each window is normalised by itself."""
         return _Windows(samples, self, normalize)
 
 
@@ -77,35 +86,35 @@ class Whisper(SpectrogramEncoder):
     model_types: ClassVar[tuple[str, ...]] = ("whisper",)
 
     @property
+    @override
     def mel_hop(self) -> int:
-        """Of the extractor."""
         return self.number("hop_length", of=self.extractor, default=160)
 
     @property
+    @override
     def window(self) -> int:
-        """Two log-mel frames for each position of the encoder."""
         return 2 * self.mel_hop * self.number("max_source_positions", default=1500)
 
     @property
+    @override
     def timing(self) -> Timing:
-        """Frame k is centred on log-mel frame 2k, which is centred on its sample."""
         return uniform(self.sample_rate, 2 * self.mel_hop, 0)
 
     @property
+    @override
     def n_layers(self) -> int:
-        """Number of the encoder's blocks."""
         return self.number("encoder_layers", default=4, most=MAX_BLOCKS)
 
+    @override
     def n_frames(self, n_samples: int) -> int:
-        """Return the positions of the encoder."""
         return self.number("max_source_positions", default=1500)
 
+    @override
     def width(self, output: Output) -> int:
-        """Return the encoder's width."""
         return self.number("d_model", default=384)
 
+    @override
     def spectrogram(self, samples: Samples, *, normalize: bool) -> npt.NDArray[np.float32]:
-        """Compute (bins, frames) with the extractor of transformers; a short window is padded with zeros."""
         from transformers import WhisperFeatureExtractor
 
         n_fft = self.number("n_fft", of=self.extractor, default=400)
@@ -124,8 +133,8 @@ class Whisper(SpectrogramEncoder):
         )  # fmt: skip
         return np.asarray(found.input_features[0], dtype=np.float32)
 
+    @override
     def network(self, top: int) -> NetworkSpec:
-        """Load the encoder, and of the decoder no block."""
         rest = {k: v for k, v in self.config.items() if k != "model_type"}
         rest |= {"encoder_layers": max(top, 1), "decoder_layers": 0}
         cut = tuple(rf"(\w+\.)?encoder\.layers\.{k}\..*" for k in range(max(top, 1), self.n_layers))
@@ -135,15 +144,15 @@ class Whisper(SpectrogramEncoder):
             "WhisperModel", ("WhisperConfig", rest), missing=(decoder,), unexpected=(decoder, heads, *cut)
         )
 
+    @override
     def slimmed(self, network: Any, output: Output) -> Any:
-        """Keep the encoder."""
         return network.encoder
 
+    @override
     def frames(
         self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]
     ) -> dict[int, torch.Tensor]:
-        """Run the encoder over (B, bins, frames)."""
-        from dancedata.audio.hf.families.hidden import hidden_states, last_hidden_state
+        from dancedata.audio.hf.families.base import hidden_states, last_hidden_state
 
         return hidden_states(last_hidden_state(network, inputs), network.layers, layers, self.n_layers)
 
@@ -171,31 +180,31 @@ class Ast(SpectrogramEncoder):
         return self.number("max_length", default=1024)
 
     @property
+    @override
     def window(self) -> int:
-        """The samples of max_length log-mel frames."""
         return (self._mel_frames - 1) * self.mel_hop + 400
 
     @property
+    @override
     def timing(self) -> Timing:
-        """A patch is stamped with the middle of the samples that it sees."""
         seen = (self._patch - 1) * self.mel_hop + 400
         return uniform(self.sample_rate, self._step * self.mel_hop, Fraction(seen, 2))
 
     @property
+    @override
     def n_layers(self) -> int:
-        """Number of transformer blocks."""
         return self.number("num_hidden_layers", default=12, most=MAX_BLOCKS)
 
+    @override
     def n_frames(self, n_samples: int) -> int:
-        """Return the patches along time."""
         return (self._mel_frames - self._patch) // self._step + 1
 
+    @override
     def width(self, output: Output) -> int:
-        """Return the hidden size."""
         return self.number("hidden_size", default=768)
 
+    @override
     def spectrogram(self, samples: Samples, *, normalize: bool) -> npt.NDArray[np.float32]:
-        """Compute (frames, bins) as the extractor does without torchaudio: padded with zeros, then normalised."""
         from dancedata.audio.hf.mel import kaldi_log_mel
 
         bins = self.number("num_mel_bins", default=128)
@@ -207,18 +216,18 @@ class Ast(SpectrogramEncoder):
             mel = (mel - np.float32(mean)) / np.float32(2 * std)
         return mel
 
+    @override
     def network(self, top: int) -> NetworkSpec:
-        """Name the model class without a head."""
         rest = {k: v for k, v in self.config.items() if k != "model_type"}
         rest["num_hidden_layers"] = max(top, 1)
         cut = tuple(rf"(\w+\.)?(encoder\.)?layers?\.{k}\..*" for k in range(max(top, 1), self.n_layers))
         return NetworkSpec("ASTModel", ("ASTConfig", rest), unexpected=(r"classifier\..*", *cut))
 
+    @override
     def frames(
         self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]
     ) -> dict[int, torch.Tensor]:
-        """Run the network over (B, frames, bins)."""
-        from dancedata.audio.hf.families.hidden import hidden_states, last_hidden_state
+        from dancedata.audio.hf.families.base import hidden_states, last_hidden_state
 
         # transformers 4 has them in an encoder.
         blocks = network.layers if hasattr(network, "layers") else network.encoder.layer
@@ -244,8 +253,8 @@ class Clap(SpectrogramEncoder):
         return {**inner} if isinstance(inner, dict) else dict(self.config)
 
     @property
+    @override
     def mel_hop(self) -> int:
-        """Of the extractor."""
         return self.number("hop_length", of=self.extractor, default=480)
 
     @property
@@ -262,40 +271,40 @@ class Clap(SpectrogramEncoder):
         return size * ratio, step * 2 ** (self._stages - 1)
 
     @property
+    @override
     def window(self) -> int:
-        """Samples of max_length_s."""
         return self.number("max_length_s", of=self.extractor, default=10) * self.sample_rate
 
     @property
+    @override
     def timing(self) -> Timing:
-        """Frames of the image, which is the spectrogram stretched from its first to its last frame."""
         width, span = self._image
         n_mel = self.window // self.mel_hop + 1
         scale = Fraction((n_mel - 1) * self.mel_hop, width - 1) if n_mel < width else Fraction(self.mel_hop)
         return Timing(self.sample_rate, span * scale, Fraction(span - 1, 2) * scale)
 
     @property
+    @override
     def n_layers(self) -> int:
-        """Number of stages."""
         return self._stages
 
     @property
+    @override
     def layers(self) -> range:
-        """The last stage."""
         return range(self._stages, self._stages + 1)
 
+    @override
     def n_frames(self, n_samples: int) -> int:
-        """Return the frames of the last stage."""
         width, span = self._image
         return width // span
 
+    @override
     def width(self, output: Output) -> int:
-        """Return the channels of the last stage."""
         first = self.number("patch_embeds_hidden_size", of=self._audio, default=96)
         return int(first * 2 ** (self._stages - 1))
 
+    @override
     def spectrogram(self, samples: Samples, *, normalize: bool) -> npt.NDArray[np.float32]:
-        """Compute (channels, frames, bins) with the extractor of transformers, which repeats shorter music."""
         from transformers import ClapFeatureExtractor
 
         own = {k: v for k, v in self.extractor.items() if k in _CLAP_KEYS}
@@ -303,8 +312,8 @@ class Clap(SpectrogramEncoder):
         found = made(samples, sampling_rate=self.sample_rate, return_tensors="np")
         return np.asarray(found["input_features"][0], dtype=np.float32)
 
+    @override
     def network(self, top: int) -> NetworkSpec:
-        """Load the audio tower."""
         rest = {k: v for k, v in self._audio.items() if k != "model_type"}
         other = r"(text_model|text_projection|logit_scale_a|logit_scale_t|audio_projection)\b.*"
         # Buffers of batch normalisation in training, and of attention: integers that are computed.
@@ -316,14 +325,14 @@ class Clap(SpectrogramEncoder):
             unexpected=(other, counted),
         )
 
+    @override
     def slimmed(self, network: Any, output: Output) -> Any:
-        """Keep the audio tower."""
         return network.audio_model
 
+    @override
     def frames(
         self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]
     ) -> dict[int, torch.Tensor]:
-        """Run the tower over (B, channels, frames, bins)."""
         import torch
 
         # The extractor marks a single song as longer than a window in every case.

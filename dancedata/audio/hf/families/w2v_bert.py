@@ -8,8 +8,17 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.audio.hf.chunks import Timing
-from dancedata.audio.hf.families.base import MAX_BLOCKS, Family, NetworkSpec, Output, Prepared, Samples, uniform
+from dancedata.audio.hf.families.base import (
+    MAX_BLOCKS,
+    Family,
+    NetworkSpec,
+    Output,
+    Prepared,
+    Samples,
+    Timing,
+    uniform,
+)
+from dancedata.core.typing import override
 
 if TYPE_CHECKING:
     import torch
@@ -26,8 +35,8 @@ class _MelPairs(Prepared):
     mel: npt.NDArray[np.float32]
     stride: int
 
+    @override
     def inputs(self, start: int, n_samples: int) -> npt.NDArray[np.float32]:
-        """Return (K, stride * bins): `stride` frames side by side."""
         first = start // _MEL_HOP
         n_mel = (n_samples - _MEL_FIELD) // _MEL_HOP + 1
         n_frames = n_mel // self.stride
@@ -42,8 +51,8 @@ class W2vBert(Family):
     model_types: ClassVar[tuple[str, ...]] = ("wav2vec2-bert",)
 
     @property
+    @override
     def sample_rate(self) -> int:
-        """Of the extractor: 16,000."""
         return self.rate_of_extractor()
 
     @property
@@ -51,31 +60,31 @@ class W2vBert(Family):
         return self.number("stride", of=self.extractor, default=2)
 
     @property
+    @override
     def timing(self) -> Timing:
-        """A frame is stamped with the middle of the samples that its log-mel frames see: 280 of 560."""
         field = (self._stride - 1) * _MEL_HOP + _MEL_FIELD
         return uniform(self.sample_rate, self._stride * _MEL_HOP, field // 2)
 
     @property
+    @override
     def n_layers(self) -> int:
-        """Number of conformer blocks."""
         return self.number("num_hidden_layers", default=24, most=MAX_BLOCKS)
 
     @property
+    @override
     def min_samples(self) -> int:
-        """The samples that one frame sees."""
         return (self._stride - 1) * _MEL_HOP + _MEL_FIELD
 
+    @override
     def n_frames(self, n_samples: int) -> int:
-        """Count whole groups of log-mel frames; the extractor would fill an odd one with zeros and mask it."""
         return max(0, (n_samples - _MEL_FIELD) // _MEL_HOP + 1) // self._stride
 
+    @override
     def width(self, output: Output) -> int:
-        """Return the hidden size."""
         return self.number("hidden_size", default=1024)
 
+    @override
     def prepared(self, samples: Samples, *, normalize: bool) -> Prepared:
-        """Compute log-mel frames, and normalise each bin over the signal."""
         from dancedata.audio.hf.mel import kaldi_log_mel
 
         mel = kaldi_log_mel(
@@ -90,8 +99,8 @@ class W2vBert(Family):
             mel = (mel - mel.mean(axis=0)) / np.sqrt(mel.var(axis=0, ddof=1) + np.float32(1e-7))
         return _MelPairs(np.ascontiguousarray(mel), self._stride)
 
+    @override
     def network(self, top: int) -> NetworkSpec:
-        """Name the model class without a head or adapter."""
         rest = {k: v for k, v in self.config.items() if k != "model_type"}
         rest |= {
             "num_hidden_layers": max(top, 1),
@@ -104,10 +113,10 @@ class W2vBert(Family):
         heads = r"(\w+\.)?(lm_head|classifier|projector|adapter|intermediate_ffn|masked_spec_embed)\b.*"
         return NetworkSpec("Wav2Vec2BertModel", ("Wav2Vec2BertConfig", rest), unexpected=(heads, *cut))
 
+    @override
     def frames(
         self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]
     ) -> dict[int, torch.Tensor]:
-        """Run the network over (B, K, stride * bins)."""
-        from dancedata.audio.hf.families.hidden import hidden_states, last_hidden_state
+        from dancedata.audio.hf.families.base import hidden_states, last_hidden_state
 
         return hidden_states(last_hidden_state(network, inputs), network.encoder.layers, layers, self.n_layers)

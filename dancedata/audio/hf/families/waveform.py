@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from dancedata.audio.hf.chunks import Timing
 from dancedata.audio.hf.families.base import (
     MAX_BLOCKS,
     Family,
@@ -17,6 +16,7 @@ from dancedata.audio.hf.families.base import (
     Output,
     Prepared,
     Samples,
+    Timing,
     Waveform,
     conv_field,
     conv_length,
@@ -24,6 +24,7 @@ from dancedata.audio.hf.families.base import (
 )
 from dancedata.core.errors import SourceError
 from dancedata.core.text import quoted
+from dancedata.core.typing import override
 
 if TYPE_CHECKING:
     import torch
@@ -56,42 +57,42 @@ class WaveformEncoder(Family):
     model_types: ClassVar[tuple[str, ...]] = tuple(_STEMS)
 
     @property
+    @override
     def sample_rate(self) -> int:
-        """Of the extractor: 16,000, of MERT v1 24,000."""
         return self.rate_of_extractor()
 
     @property
+    @override
     def timing(self) -> Timing:
-        """Each frame is stamped with the middle of the samples that its convolutions see: 199.5 of 400."""
         field, hop = conv_field(self._kernels, self._strides)
         return uniform(self.sample_rate, hop, Fraction(field - 1, 2))
 
     @property
+    @override
     def n_layers(self) -> int:
-        """Number of transformer blocks."""
         return self.number("num_hidden_layers", default=12, most=MAX_BLOCKS)
 
     @property
+    @override
     def min_samples(self) -> int:
-        """The samples that one frame sees."""
         return conv_field(self._kernels, self._strides)[0]
 
+    @override
     def n_frames(self, n_samples: int) -> int:
-        """Count the positions of the convolutions."""
         return conv_length(n_samples, self._kernels, self._strides)
 
+    @override
     def width(self, output: Output) -> int:
-        """Return the hidden size."""
         return self.number("hidden_size", default=768)
 
+    @override
     def prepared(self, samples: Samples, *, normalize: bool) -> Prepared:
-        """Normalise to zero mean and unit variance, if the extractor says so."""
         if normalize and self.extractor.get("do_normalize", True):
             samples = (samples - samples.mean()) / np.sqrt(samples.var() + np.float32(1e-7))
         return Waveform(samples.astype(np.float32, copy=False))
 
+    @override
     def network(self, top: int) -> NetworkSpec:
-        """Name the model class without a head; MERT's is HuBERT's."""
         kind = str(self.config["model_type"])
         rest = dict(self.config)
         if kind == "mert_model":
@@ -105,16 +106,15 @@ class WaveformEncoder(Family):
         prefix = tuple(rf"(\w+\.)?{head}" for head in _HEADS)
         return NetworkSpec(f"{stem}Model", (f"{stem}Config", rest), unexpected=(*prefix, *cut))
 
+    @override
     def frames(
         self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]
     ) -> dict[int, torch.Tensor]:
-        """Run the network over samples (B, n)."""
-        from dancedata.audio.hf.families.hidden import hidden_states, last_hidden_state
+        from dancedata.audio.hf.families.base import hidden_states, last_hidden_state
 
         return hidden_states(last_hidden_state(network, inputs), network.encoder.layers, layers, self.n_layers)
 
     def __post_init__(self) -> None:
-        """Refuse configs of other networks than the native one."""
         on = [key for key in _MERT_OFF if self.config.get(key)]
         if self.config.get("model_type") == "mert_model" and on:
             raise SourceError(

@@ -21,6 +21,7 @@ from typing import Any, ClassVar
 
 from dancedata.core.errors import DataError, SourceError
 from dancedata.core.text import quoted, shown
+from dancedata.core.typing import override
 from dancedata.formats.checked_unpickler import UnsafePickleError, invalid, ordered_dict
 from dancedata.formats.safe_pickle import ArrayUnpickler, Names
 from dancedata.formats.torch_file import STORAGE_NAMES, require_layout, storage_of
@@ -135,6 +136,7 @@ class _Unpickler(ArrayUnpickler):
         super().__init__(data, _NAMES, len(data))
         self.storages: dict[str, tuple[int, int]] = {}  # item bytes and element count by key
 
+    @override
     def find_class(self, module: str, name: str) -> Callable[..., Any]:
         # A class of OpenAI's package, by its name alone: the package is not imported.
         return _ignored if module.split(".")[0] == "jukebox" else super().find_class(module, name)

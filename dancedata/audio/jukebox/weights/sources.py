@@ -13,6 +13,7 @@ from dancedata.audio.jukebox.network.tensors import TensorSpec
 from dancedata.audio.jukebox.weights.legacy_file import LegacyFile, LegacyTensor
 from dancedata.core.errors import SourceError
 from dancedata.core.text import listed, shown
+from dancedata.core.typing import override
 
 _FLOATING = (torch.float16, torch.bfloat16, torch.float32)
 
@@ -84,8 +85,8 @@ class LegacySource(_Closing):
         shape = (rows, *stored.shape[1:])
         return tensor.as_strided(shape, stored.stride).contiguous()
 
+    @override
     def close(self) -> None:
-        """Close what is open."""
         self._file.close()
 
 
@@ -120,8 +121,8 @@ class ZipSource(_Closing):
         """Read the leading rows into memory of their own, in the stored type."""
         return self._tensors[name][:rows].clone(memory_format=torch.contiguous_format)
 
+    @override
     def close(self) -> None:
-        """Close what is open."""
         self._tensors = {}
 
 
@@ -166,8 +167,8 @@ class SafetensorsSource(_Closing):
         # A slice may be a view of the mapped file.
         return part.clone()
 
+    @override
     def close(self) -> None:
-        """Close what is open."""
         self._open_file, self._open_name = None, ""
 
     def _opened(self, file: str) -> Any:
