@@ -67,7 +67,7 @@ class MeasuredClip:
     clip
         Id that resampling draws by; several windows may share one.
     fps
-        Rate that was measured; "" where only metrics that need music were asked for, and there is none.
+        Rate that was measured; "" if only metrics of music are computed, and the clip has none.
     cuts
         First frame and length of each piece.
     rows
@@ -91,7 +91,7 @@ class MeasuredClip:
 
     @property
     def end_s(self) -> float:
-        """Where the last piece ends, from the first frame of the clip; 0 without pieces."""
+        """End of the last piece, seconds from the first frame of the clip; 0 without pieces."""
         ends = [start + length for start, length in self.cuts]
         return float(FrameGrid.of(self.fps).seconds(max(ends))) if ends else 0.0
 
@@ -266,7 +266,7 @@ def _keys(
     return keys
 
 
-_WANTED = {"smpl24": SMPL24.joints, "smplx24": SMPLX55.joints[:24], "body22": BODY_JOINTS}
+_JOINTS = {"smpl24": SMPL24.joints, "smplx24": SMPLX55.joints[:24], "body22": BODY_JOINTS}
 
 
 def conformed(pose: Pose, rule: MotionRule) -> tuple[Pose, tuple[str, ...]]:
@@ -307,16 +307,16 @@ def conformed(pose: Pose, rule: MotionRule) -> tuple[Pose, tuple[str, ...]]:
 
 
 def _on(pose: Pose, rule: MotionRule) -> tuple[Pose, tuple[str, ...]]:
-    wanted = _WANTED[rule.body]
+    joints = _JOINTS[rule.body]
     if rule.body == "smplx24" and pose.motion is not None:
         return _on_smplx(pose)
     if rule.body == "smpl24" and pose.motion is not None and has_body(pose.motion.skeleton):
         placed = carried_over(pose.motion, SMPL24)
         note = () if placed is pose.motion else (f"{pose.motion.skeleton.name}: carried over to SMPL's 24 joints",)
         return Pose.of_motion(placed), note
-    if pose.names[: len(wanted)] != wanted:
+    if pose.names[: len(joints)] != joints:
         raise _missing(pose, rule)
-    return replace(pose, joints=pose.joints[:, : len(wanted)], names=wanted, motion=None), ()
+    return replace(pose, joints=pose.joints[:, : len(joints)], names=joints, motion=None), ()
 
 
 def _on_smplx(pose: Pose) -> tuple[Pose, tuple[str, ...]]:
@@ -324,18 +324,18 @@ def _on_smplx(pose: Pose) -> tuple[Pose, tuple[str, ...]]:
     motion = pose.motion
     if motion is None or motion.skeleton.joints == SMPL24.joints or not has_body(motion.skeleton):
         raise _missing(pose, MotionRule("smplx24", None))
-    own = carried_over(motion, SMPLX55)
-    return Pose(own.joints()[:, :24], own.skeleton.joints[:24], own.grid), ()
+    placed = carried_over(motion, SMPLX55)
+    return Pose(placed.joints()[:, :24], placed.skeleton.joints[:24], placed.grid), ()
 
 
 def _missing(pose: Pose, rule: MotionRule) -> DataError:
-    wanted = _WANTED[rule.body]
-    lacking = [joint for joint in wanted if joint not in pose.names]
+    joints = _JOINTS[rule.body]
+    lacking = [joint for joint in joints if joint not in pose.names]
     return DataError(
         "the protocol measures joints that this motion does not have",
         reason="missing_joints",
         found=f"{len(pose.names)} joints, without {listed(lacking) or 'the same order'}",
-        allowed=f"{rule.body}: {listed(wanted, 4)}",
+        allowed=f"{rule.body}: {listed(joints, 4)}",
         fix="evaluate motion on that body: SMPL-X for Lodge's protocol, SMPL's 24 joints for those of AIST++",
     )
 
@@ -353,8 +353,8 @@ def interpolated(joints: Float64Array, grid: FrameGrid, target: FrameGrid) -> Fl
     """Return positions (T, J, 3) at another rate, linearly interpolated, from the same first frame."""
     if grid == target:
         return joints
-    own, new = grid.common_period(target)
-    frames = np.arange(grid.resampled_length(len(joints), target), dtype=np.float64) * own / new
+    period, target_period = grid.common_period(target)
+    frames = np.arange(grid.resampled_length(len(joints), target), dtype=np.float64) * period / target_period
     lower = np.minimum(frames.astype(np.int64), max(len(joints) - 2, 0))
     upper = np.minimum(lower + 1, len(joints) - 1)
     share = (frames - lower)[:, None, None]

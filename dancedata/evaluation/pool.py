@@ -28,7 +28,7 @@ from dancedata.recipes.documents import document_of
 #: Layout of pool files. 2: with the hash of what numbers depend on.
 POOL_FORMAT = 2
 _AGAIN = "make a pool of this protocol: --pool STORE --save-pool FILE.npz"
-_ABOUT, _IDS, _ROWS = "about", "clips", "rows_"
+_HEADER, _IDS, _ROWS = "about", "clips", "rows_"
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,12 +164,12 @@ def save_pool(path: Path, protocol: Protocol, pool: Pool) -> None:
         If it cannot be written.
     """
     check_target(path, protocol)
-    about = {"pool": POOL_FORMAT, "protocol": pool.protocol, "version": pool.version, "fps": pool.fps}
-    about["measured"] = _measured_by(protocol)
-    about |= {"dancedata": __version__, "undefined": dict(pool.undefined)}
-    about |= {"scaler": pool.scaler} if pool.scaler else {}
+    header = {"pool": POOL_FORMAT, "protocol": pool.protocol, "version": pool.version, "fps": pool.fps}
+    header["measured"] = _measured_by(protocol)
+    header |= {"dancedata": __version__, "undefined": dict(pool.undefined)}
+    header |= {"scaler": pool.scaler} if pool.scaler else {}
     arrays: dict[str, Any] = {
-        _ABOUT: _as_bytes(json.dumps(about, sort_keys=True)),
+        _HEADER: _as_bytes(json.dumps(header, sort_keys=True)),
         _IDS: _as_bytes("\n".join(json.dumps(i) for i in pool.ids)),
     }
     arrays |= {f"{_ROWS}{number}": rows for number, rows in pool.rows.items()}
@@ -191,14 +191,14 @@ def load_pool(path: Path, protocol: Protocol) -> Pool:
     """
     try:
         with open_arrays(path) as arrays:
-            about = parse_json(_text(arrays.read(_ABOUT)) if _ABOUT in arrays.names else "null")
-            layout, measured = about["pool"], about.get("measured")
+            header = parse_json(_text(arrays.read(_HEADER)) if _HEADER in arrays.names else "null")
+            layout, measured = header["pool"], header.get("measured")
             ids = [str(parse_json(line)) for line in _text(arrays.read(_IDS)).split("\n") if line]
             names = [name for name in arrays.names if name.startswith(_ROWS)]
             rows = {int(name.removeprefix(_ROWS)): checked_rows(arrays.read(name)) for name in names}
         pool = Pool(
-            str(about["protocol"]), int(about["version"]), str(about["fps"]), tuple(ids), rows, str(path),
-            {str(k): int(v) for k, v in about["undefined"].items()}, str(about.get("scaler", "")),
+            str(header["protocol"]), int(header["version"]), str(header["fps"]), tuple(ids), rows, str(path),
+            {str(k): int(v) for k, v in header["undefined"].items()}, str(header.get("scaler", "")),
         )  # fmt: skip
     except (DataError, LookupError, TypeError, ValueError, AttributeError) as error:
         raise UsageError(
@@ -210,7 +210,7 @@ def load_pool(path: Path, protocol: Protocol) -> Pool:
     if measured != _measured_by(protocol):
         raise UsageError(
             "the pool was measured by other metrics, or by other parameters of them", where=path,
-            found=f"{protocol.label}, of dancedata {shown(about.get('dancedata'))}", fix=_AGAIN,
+            found=f"{protocol.label}, of dancedata {shown(header.get('dancedata'))}", fix=_AGAIN,
         )  # fmt: skip
     for number, measure in enumerate(protocol.measures):
         width = len(measure.metric.columns)

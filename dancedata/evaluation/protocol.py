@@ -1,7 +1,7 @@
 """Protocols as data: joints, rate, pieces, metrics, music and published figures.
 
 A published number means something only together with all of these. A protocol derives from `Protocol`, has no
-parameters and is registered under a name, in a file of its own (docs/plug-ins.md).
+parameters and is registered under a name, in one file (docs/plug-ins.md).
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ class Pieces:
     shorter
         Whether a clip shorter than `length` is one piece.
     multiple
-        Pieces are shortened to a multiple of so many frames.
+        Pieces are shortened to a multiple of this number of frames.
     """
 
     skip: int = 0
@@ -146,7 +146,7 @@ class Measure:
         Instead, they are taken at 120 frames per second by `dancedata.metrics.root.steady`, so that numbers do not
         depend on the clip's rate.
     first, first_generated
-        Then at most so many frames of a piece are measured: of every piece, and of generated motion; None: all.
+        Largest number of frames of a piece that are measured: of every piece, and of generated motion; None: all.
     """
 
     metric: Metric

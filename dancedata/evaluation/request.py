@@ -114,14 +114,14 @@ class Request:
         """
         names = [{measure.metric.name, *measure.metric.better} for measure in self.protocol.measures]
         printed = {label: name for name, label in LABELS.items()}
-        wanted = {printed.get(metric, metric) for metric in self.metrics}
+        chosen = {printed.get(metric, metric) for metric in self.metrics}
         allowed = set().union(*names)
-        for metric in sorted(wanted - allowed):
+        for metric in sorted(chosen - allowed):
             raise UsageError(
                 f"the protocol has no metric {quoted(metric)}", where=f"protocol {self.protocol.name}",
                 fix=did_you_mean(metric, sorted(allowed)),
             )  # fmt: skip
-        return [k for k, of_measure in enumerate(names) if not wanted or of_measure & wanted]
+        return [k for k, of_measure in enumerate(names) if not chosen or of_measure & chosen]
 
     def inputs(self, *, whole_pool: bool = False) -> Inputs:
         """Return the clips, the pool and the music.

@@ -17,7 +17,7 @@ from dancedata.core.text import shown
 if TYPE_CHECKING:
     from torch import Tensor
 
-#: How far the trace of a sample that is generated again may be off: the same network in batches of other sizes.
+#: Tolerance of traces of a sample that is generated again: the same network in batches of another size.
 _SAME = 1e-4
 
 
@@ -48,12 +48,12 @@ class Trace:
             motion = np.concatenate([weights @ rows, weights[:1] @ rows**2])
         return cls(motion, len(rows), None if beats is None else tuple(beats.frames.tolist()))
 
-    def same(self, other: Trace) -> bool:
-        """Whether the other trace is of the same sample."""
+    def same(self, trace: Trace) -> bool:
+        """Whether a trace is of the same sample."""
         return (
-            (self.frames, self.beats) == (other.frames, other.beats)
-            and self.motion.shape == other.motion.shape
-            and bool(np.allclose(self.motion, other.motion, rtol=_SAME, atol=_SAME, equal_nan=True))
+            (self.frames, self.beats) == (trace.frames, trace.beats)
+            and self.motion.shape == trace.motion.shape
+            and bool(np.allclose(self.motion, trace.motion, rtol=_SAME, atol=_SAME, equal_nan=True))
         )
 
 

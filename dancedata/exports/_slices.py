@@ -92,9 +92,7 @@ class SliceWriter:
     repeat: int
     batch: int
 
-    def write(
-        self, part: str, splits: Sequence[str]
-    ) -> tuple[list[Slice], dict[str, npt.NDArray[np.float32]]]:
+    def write(self, part: str, splits: Sequence[str]) -> tuple[list[Slice], dict[str, npt.NDArray[np.float32]]]:
         """Write the folders of a part, "train" or "test"; returns its slices and their motion at 30 per second."""
         found = [item for split in splits for item in slices_of(self.job, split, self.feature)]
         found.sort(key=lambda item: sort_key(item.name))

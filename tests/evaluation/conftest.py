@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -47,8 +47,8 @@ def motions(store: Store) -> dict[str, Motion]:
     return {c.id: dancedata.decode(c.read("edge151"), "edge151", fps=30) for c in store.clips}
 
 
-@pytest.fixture(scope="session", autouse=True)
-def _quick_bailando438() -> Iterator[None]:
+@pytest.fixture(scope="session")
+def bailando438_rows() -> Callable[..., Any]:
     """Rows of bailando438 without librosa, whose kernels take seconds to compile: tests/audio has the feature."""
 
     def extract(self: Bailando438, signal: AudioSignal, grid: FrameGrid, *, start_bpm: float | None = None) -> Any:
@@ -58,11 +58,10 @@ def _quick_bailando438() -> Iterator[None]:
         rows[:, self.columns.slice("beat")] = (np.arange(n_rows) % period == 5)[:, None]
         return rows
 
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Bailando438, "extract", extract)
-        yield
+    return extract
 
 
 @pytest.fixture(autouse=True)
-def _cache(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def _quick(folder: Path, bailando438_rows: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Bailando438, "extract", bailando438_rows)
     monkeypatch.setenv("DANCEDATA_CACHE", str(folder / "cache"))

@@ -157,9 +157,7 @@ def test_padding_is_not_measured(store: Store, evaluator: Evaluator, batch: Any)
     evaluator.update(junk, ids=ids[:4], music=heard, lengths=sizes)
     assert values(evaluator.compute()) == alone
     evaluator.reset()
-    with pytest.raises(
-        UsageError, match=r"a sample is padded.*found 10 rows of 0. Give their len.*lengths=batch"
-    ):
+    with pytest.raises(UsageError, match=r"a sample is padded.*found 10 rows of 0. Give their len.*lengths=batch"):
         evaluator.update(padded, ids=ids[:4], music=heard)
     for wrong in ([1, 2], [1, 2, 3, 0], [1, 2, 3, 161], [1.5, 2, 3, 4], {"edge151": sizes}):
         with pytest.raises(UsageError, match=r"lengths are not the rows .* 4 whole numbers from 1 to 160"):
@@ -173,9 +171,7 @@ def test_music_of_another_length_or_rate(store: Store, evaluator: Evaluator, bat
     ids, columns, music = batch
     evaluator.reset()
     for wrong in (music[:, ::2], music.repeat(2, axis=1), music[:, :100], music[:, ::2, 34]):
-        with pytest.raises(
-            UsageError, match=r"in length; found \d+ rows of music, 150 of motion; allowed: 150"
-        ):
+        with pytest.raises(UsageError, match=r"in length; found \d+ rows of music, 150 of motion; allowed: 150"):
             evaluator.update(columns, ids=ids, music=wrong)
     with pytest.raises(UsageError, match="found 75 rows of music, 150 of motion"):
         evaluator.update(columns, ids=ids, music=music[:, ::2], lengths=[LENGTH] * len(ids))

@@ -47,7 +47,7 @@ class ClipInput(ABC):
 
     @property
     def clip(self) -> str:
-        """Id of the clip that this one is a window of, else its own: resampling takes clips as a whole."""
+        """Id of the clip that this one is a window of, or its own id: resampling takes clips as a whole."""
         return self.id
 
     @property
@@ -86,10 +86,10 @@ class MemoryClip(ClipInput):
         arrays: tuple[npt.NDArray[np.float64], ...]
         if self.motion is not None:
             skeleton, arrays = self.motion.skeleton, (self.motion.translation, self.motion.rotations)
-            about: Any = [skeleton.name, list(skeleton.joints), skeleton.offsets.tolist(), str(self.motion.grid)]
+            body: Any = [skeleton.name, list(skeleton.joints), skeleton.offsets.tolist(), str(self.motion.grid)]
         else:
-            arrays, about = (np.asarray(self.joints, dtype=np.float64),), [self.body, str(self.grid)]
-        return ["memory", about, [[list(a.shape), sha256_bytes(np.ascontiguousarray(a).tobytes())] for a in arrays]]
+            arrays, body = (np.asarray(self.joints, dtype=np.float64),), [self.body, str(self.grid)]
+        return ["memory", body, [[list(a.shape), sha256_bytes(np.ascontiguousarray(a).tobytes())] for a in arrays]]
 
     @override
     def load(self) -> Pose:
@@ -121,8 +121,8 @@ class DatasetClip(ClipInput):
         dataset, ref = self.dataset, self.ref
         content = content_hashes(dataset, cache.file_sha256)
         file = cache.file_sha256(ref.motion_path)
-        about = [dataset.name, dataset.version, document_of(dataset, loading=True), content]
-        return ["dataset", about, ref.id, [list(pair) for pair in ref.declared], file]
+        reader = [dataset.name, dataset.version, document_of(dataset, loading=True), content]
+        return ["dataset", reader, ref.id, [list(pair) for pair in ref.declared], file]
 
     @override
     def load(self) -> Pose:

@@ -68,13 +68,8 @@ class FileFormat:
 
     def identity(self) -> list[Any]:
         """Return JSON data for cache keys."""
-        return [
-            self.fps,
-            self.up,
-            self.unit,
-            self.body,
-            None if self.columns is None else columns_identity(self.columns),
-        ]
+        columns = None if self.columns is None else columns_identity(self.columns)
+        return [self.fps, self.up, self.unit, self.body, columns]
 
     @property
     def folder(self) -> Folder:
@@ -102,10 +97,10 @@ class FileClip(ClipInput):
     @override
     def identity(self, cache: Cache) -> Any:
         folder = self.format.folder
-        about = [self.format.identity(), folder.version, document_of(folder, loading=True)]
+        declared = [self.format.identity(), folder.version, document_of(folder, loading=True)]
         if self.path.suffix.lower() != ".bvh":
-            about.append(RATE_KEYS)
-        return ["file", about, self.path.suffix.lower(), cache.file_sha256(self.path)]
+            declared.append(RATE_KEYS)
+        return ["file", declared, self.path.suffix.lower(), cache.file_sha256(self.path)]
 
     @override
     def load(self) -> Pose:

@@ -1,4 +1,4 @@
-"""Clips of a built dataset, or its windows where it stores nothing else, in columns that a protocol can measure."""
+"""Clips of a built dataset, or its windows where it has window scope, in columns that a protocol can measure."""
 
 from __future__ import annotations
 
@@ -180,12 +180,12 @@ def named_reader(store: Store, name: str) -> ColumnsReader:
 
 
 def reader_for(store: Store, rule: MotionRule, field: str | None) -> tuple[str, ColumnsReader]:
-    """Choose the motion field of a store to evaluate: the given one, else the first that fits the protocol.
+    """Choose the motion field of a store to evaluate: `field`, or the first that fits the protocol.
 
     Raises
     ------
     UsageError
-        If there is none, or the given one does not fit, with the reason for each.
+        If none fits, with the reason for each.
     """
     candidates = motion_readers(store) if field is None else {field: named_reader(store, field)}
     problems = {name: columns_problem(reader, rule) for name, reader in candidates.items()}
