@@ -69,7 +69,7 @@ def evaluate(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Evaluate dances by a named protocol: dancedata evaluate WHAT --protocol NAME."""
-    from dancedata.api import evaluation
+    from dancedata.evaluation import run as evaluation
     from dancedata.evaluation.report import TABLES
 
     if table is not None and table not in TABLES:
