@@ -42,16 +42,16 @@ __all__ = [
 
 if TYPE_CHECKING:
     from dancedata import cache, keymotion, metrics, plot, readers, report, store, synthetic
-    from dancedata.api.arrays import encode, extract
-    from dancedata.api.commands import build, check, plan
-    from dancedata.api.decoding import decode, decode_file
-    from dancedata.api.evaluation import evaluate
-    from dancedata.api.export import export
     from dancedata.cache import FeatureCache
     from dancedata.core.audio_signal import AudioSignal
     from dancedata.core.motion import Motion
     from dancedata.core.skeleton import Skeleton
     from dancedata.evaluation.evaluator import Evaluator
+    from dancedata.evaluation.run import evaluate
+    from dancedata.exports.base.export import export
+    from dancedata.pipeline.arrays import encode, extract
+    from dancedata.pipeline.commands import build, check, plan
+    from dancedata.pipeline.decoding import decode, decode_file
     from dancedata.pipeline.diff import diff
     from dancedata.store.dataset import open_store as open
 else:  # type checkers take the imports above, and so find misspelt names
@@ -63,17 +63,17 @@ else:  # type checkers take the imports above, and so find misspelt names
             "FeatureCache": "dancedata.cache",
             "Motion": "dancedata.core.motion",
             "Skeleton": "dancedata.core.skeleton",
-            "build": "dancedata.api.commands",
-            "check": "dancedata.api.commands",
-            "decode": "dancedata.api.decoding",
-            "decode_file": "dancedata.api.decoding",
+            "build": "dancedata.pipeline.commands",
+            "check": "dancedata.pipeline.commands",
+            "decode": "dancedata.pipeline.decoding",
+            "decode_file": "dancedata.pipeline.decoding",
             "diff": "dancedata.pipeline.diff",
-            "encode": "dancedata.api.arrays",
-            "evaluate": "dancedata.api.evaluation",
-            "export": "dancedata.api.export",
-            "extract": "dancedata.api.arrays",
+            "encode": "dancedata.pipeline.arrays",
+            "evaluate": "dancedata.evaluation.run",
+            "export": "dancedata.exports.base.export",
+            "extract": "dancedata.pipeline.arrays",
             "open": "dancedata.store.dataset:open_store",
-            "plan": "dancedata.api.commands",
+            "plan": "dancedata.pipeline.commands",
         },
         modules=("cache", "keymotion", "metrics", "plot", "readers", "report", "store", "synthetic"),
     )

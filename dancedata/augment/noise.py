@@ -80,7 +80,7 @@ class JointNoise(CopyAugmentation, SampleAugmentation):
     def scaler_bounds(
         self, low: Float64Array, high: Float64Array, field: SampleField
     ) -> tuple[Float64Array, Float64Array]:
-        """Return bounds that hold for any angles of the joints but the root, and any contacts; of nothing else."""
+        """Return bounds that hold for any angles of the joints except the root, and for any contacts, only."""
         low, high = low.copy(), high.copy()
         for name in field.columns.names if self.std_degrees else ():
             part = field.columns.slice(name)

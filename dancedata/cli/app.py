@@ -106,7 +106,7 @@ def build(
     as_json: AsJson = False,
 ) -> None:
     """Build a dataset: dancedata build aist++ --source DIR --out DIR."""
-    from dancedata.api import commands
+    from dancedata.pipeline import commands
 
     options: dict[str, Any] = {
         "overrides": overrides or (), "jobs": jobs, "strict": strict, "cache": cache,
@@ -143,16 +143,16 @@ def plan(
     as_json: AsJson = False,
 ) -> None:
     """Show what a build would make; reads lengths only and writes nothing under OUT."""
-    from dancedata.api import commands
+    from dancedata.pipeline import commands
 
-    result = commands.plan(
+    planned = commands.plan(
         recipe, source, out, overrides=overrides or (), jobs=jobs, cache=cache, progress=not (quiet or as_json)
     )
     if as_json:
-        _print_json(result.to_json())
-    result.require_clips()
+        _print_json(planned.to_json())
+    planned.require_clips()
     if not as_json:
-        typer.echo(result.describe(out or Path("data") / result.recipe.name))
+        typer.echo(planned.describe(out or Path("data") / planned.recipe.name))
 
 
 @app.command()
@@ -167,8 +167,8 @@ def check(
     as_json: AsJson = False,
 ) -> None:
     """Check a built dataset or a source folder; exit code 1 if something is wrong."""
-    from dancedata.api import commands
     from dancedata.cli.text import describe_problems
+    from dancedata.pipeline import commands
 
     problems = commands.check(
         path, dataset=dataset, recipe=recipe, overrides=overrides or (), jobs=jobs,
@@ -200,7 +200,7 @@ def decode(
     as_json: AsJson = False,
 ) -> None:
     """Write generated motion as BVH, SMPL or npz: dancedata decode FILE --as edge151 --to bvh --out DIR."""
-    from dancedata.api.decoding import decode_file
+    from dancedata.pipeline.decoding import decode_file
 
     kind: Any = to  # checked there
     files = decode_file(
@@ -230,7 +230,7 @@ def export(
     as_json: AsJson = False,
 ) -> None:
     """Write a dataset as the files of another trainer or program: dancedata export STORE --to edge --out DIR."""
-    from dancedata.api.export import export as run_export
+    from dancedata.exports.base.export import export as run_export
     from dancedata.recipes.parse import apply_override
 
     parameters: dict[str, Any] = {}

@@ -69,7 +69,7 @@ def evaluate(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Evaluate dances by a named protocol: dancedata evaluate WHAT --protocol NAME."""
-    from dancedata.api import evaluation
+    from dancedata.evaluation import run as evaluation
     from dancedata.evaluation.report import TABLES
 
     if table is not None and table not in TABLES:
@@ -146,6 +146,6 @@ def _csv_line(cells: Sequence[object]) -> str:
 
 
 def _list(as_json: bool) -> None:
-    from dancedata.evaluation.describe import describe_protocols, protocols_json
+    from dancedata.evaluation.report import describe_protocols, protocols_json
 
     typer.echo(json_text(protocols_json()) if as_json else describe_protocols())

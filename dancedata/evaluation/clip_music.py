@@ -1,4 +1,4 @@
-"""Beats of a clip's music, as clips are measured with them."""
+"""Beats of the music of a clip."""
 
 from __future__ import annotations
 
@@ -16,8 +16,6 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.registry import beat_rows_late
 from dancedata.recipes.fields import FeatureJob
 from dancedata.store.schema import Field
-
-__all__ = ["BEAT", "ClipMusic", "beats_after", "field_beats"]
 
 #: Group of the beats in an audio feature.
 BEAT = "beat"
@@ -76,8 +74,8 @@ def beats_after(beats: MusicBeats, start: int, grid: FrameGrid) -> MusicBeats:
     if grid.is_whole(start, of=beats.grid):
         frames, rate = beats.frames - grid.rows(start, of=beats.grid), beats.grid
     else:
-        own, clip = beats.grid.rate, grid.rate
-        rate = FrameGrid(Fraction(own.numerator * clip.numerator))
-        frames = beats.frames * (own.denominator * clip.numerator) - start * clip.denominator * own.numerator
+        music, clip = beats.grid.rate, grid.rate
+        rate = FrameGrid(Fraction(music.numerator * clip.numerator))
+        frames = beats.frames * (music.denominator * clip.numerator) - start * clip.denominator * music.numerator
     instants = None if beats.instants is None else beats.instants[frames >= 0] - float(grid.seconds(start))
     return MusicBeats(frames[frames >= 0], rate, instants)

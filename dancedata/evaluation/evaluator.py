@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import re
-import sys
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import count, islice
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
-import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.dance import MusicBeats
@@ -20,67 +18,31 @@ from dancedata.core.text import counted, listed
 from dancedata.evaluation.clip_music import BEAT, ClipMusic, field_beats
 from dancedata.evaluation.evaluate import pool_for, report_of
 from dancedata.evaluation.inputs.clip import MemoryClip
-from dancedata.evaluation.inputs.columns import columns_problem, reader_for, sample_lengths
+from dancedata.evaluation.inputs.store import columns_problem, reader_for
 from dancedata.evaluation.measuring import MeasuredClip, measure_pose
 from dancedata.evaluation.music import about_windows, beat_field
 from dancedata.evaluation.pool import Pool
 from dancedata.evaluation.protocol import Protocol
 from dancedata.evaluation.report import Report
 from dancedata.evaluation.request import Request, protocol_named
+from dancedata.evaluation.samples import Trace, as_numpy, gather_by_torch, process_rank, sample_lengths
 from dancedata.representations.stored import ColumnsReader
 from dancedata.store import Store
 from dancedata.store.normalize import MinMax
 from dancedata.store.scaling import Reader, Scaling, opened, store_of
 from dancedata.store.schema import Field
 
-__all__ = ["Evaluator"]
+if TYPE_CHECKING:
+    from torch import Tensor
 
 #: Takes a list of objects of this process and returns those of all, as accelerate.utils.gather_object does.
 Gather = Callable[[list[Any]], list[Any]]
-#: What a process has measured: samples, those that could not be, which of their names were made here, and traces.
-_Part = tuple[list[MeasuredClip], list[tuple[str, str]], list[str], dict[str, "_Trace"]]
-#: What the ids of readers have behind that of the clip: first frame, length, and what was changed.
+#: Samples of a process: measured, left out with the reason, names that the process chose, and traces.
+_Part = tuple[list[MeasuredClip], list[tuple[str, str]], list[str], dict[str, Trace]]
+#: End of the ids of readers, after that of the clip: first frame, length, and augmentations.
 _WINDOW = re.compile(r"@\d+\+\d+(:.*)?$", re.DOTALL)
-#: How far the trace of a sample that is generated again may be off: the same network in batches of other sizes.
-_SAME = 1e-4
-#: How many rows music may be longer or shorter than motion.
+#: Largest difference in length of music and motion, rows.
 _ROWS = 2
-
-
-@dataclass(frozen=True)
-class _Trace:
-    """What tells whether two samples of one name are the same.
-
-    Attributes
-    ----------
-    motion
-        (3, D) of the columns: mean, mean square, and mean weighted by time.
-    frames
-        Number of frames.
-    beats
-        Rows of music that are beats; None without music.
-    """
-
-    motion: npt.NDArray[np.float64]
-    frames: int
-    beats: tuple[int, ...] | None
-
-    @classmethod
-    def of(cls, columns: npt.NDArray[Any], beats: MusicBeats | None) -> _Trace:
-        """Return the trace of columns (L, D) and of the beats of their music."""
-        rows = columns.astype(np.float64)
-        weights = np.stack([np.ones(len(rows)), np.linspace(-1, 1, len(rows))]) / max(1, len(rows))
-        with np.errstate(all="ignore"):  # columns that cannot be measured are traced as well
-            motion = np.concatenate([weights @ rows, weights[:1] @ rows**2])
-        return cls(motion, len(rows), None if beats is None else tuple(beats.frames.tolist()))
-
-    def same(self, other: _Trace) -> bool:
-        """Whether the other trace is of the same sample."""
-        return (
-            (self.frames, self.beats) == (other.frames, other.beats)
-            and self.motion.shape == other.motion.shape
-            and bool(np.allclose(self.motion, other.motion, rtol=_SAME, atol=_SAME, equal_nan=True))
-        )
 
 
 class Evaluator:
@@ -93,15 +55,15 @@ class Evaluator:
     protocol
         Name of a protocol, or an object of one.
     reader
-        How columns are decoded.
+        Reader of the columns.
     pool
-        What samples are compared with; None: metrics that need a pool are not computed.
+        Numbers that samples are compared with; None: metrics that need a pool are not computed.
     music_field
         Audio field that rows of music are of; None without music.
 
     Examples
     --------
-    >>> from dancedata.metrics import Evaluator
+    >>> from dancedata import Evaluator
     >>> evaluator = Evaluator.of("data/aistpp", "edge151", protocol="dancedata", normalized=True)
     >>> for batch in loader:
     ...     evaluator.update(model.sample(batch["librosa35"]), music=batch["librosa35"], ids=batch["id"])
@@ -157,7 +119,7 @@ class Evaluator:
         protocol
             Name of a protocol, or an object of one.
         pool
-            What samples are compared with: another dataset, or a file of ``--save-pool``. Default: `store`.
+            Another dataset, or a file of ``--save-pool``, to compare samples with. Default: `store`.
         split
             Splits of the pool. Default: all.
         music
@@ -207,7 +169,6 @@ class Evaluator:
         return len(self._measured) + len(self._left_out)
 
     def __repr__(self) -> str:
-        """Show the protocol and the number of samples."""
         return f"Evaluator({self.protocol.name!r}, {counted(len(self), 'sample')})"
 
     def reset(self) -> None:
@@ -215,10 +176,15 @@ class Evaluator:
         self._measured: dict[str, MeasuredClip] = {}
         self._left_out: dict[str, str] = {}
         self._unnamed: list[str] = []
-        self._traces: dict[str, _Trace] = {}
+        self._traces: dict[str, Trace] = {}
 
     def update(
-        self, motion: Any, *, ids: Sequence[str] | None = None, music: Any = None, lengths: Any = None
+        self,
+        motion: npt.ArrayLike | Tensor,
+        *,
+        ids: Sequence[str] | None = None,
+        music: npt.ArrayLike | Tensor | None = None,
+        lengths: npt.ArrayLike | Tensor | None = None,
     ) -> None:
         """Measure a batch.
 
@@ -227,8 +193,8 @@ class Evaluator:
         motion
             (B, L, D) columns, torch or numpy, on any device.
         ids
-            Names of the samples: ``batch["id"]`` of a reader. One that was there before, with the same motion, counts
-            once: samplers repeat samples to fill up. Default: the number of the process and of the sample.
+            Names of the samples: ``batch["id"]`` of a reader. A repeated one, with the same motion, counts once:
+            samplers repeat samples to fill up. Default: the number of the process and of the sample.
         music
             (B, M, D') rows of the audio field, or (B, M) its column of beats; None: beat metrics are not computed.
             They have the motion's length at the field's rate, within two rows.
@@ -240,9 +206,9 @@ class Evaluator:
         ------
         UsageError
             For arrays that are not such a batch, padded motion without lengths, music of another length, or another
-            motion or music under a name that was there before.
+            motion or music under a name that exists.
         """
-        batch = _as_numpy(motion)
+        batch = as_numpy(motion)
         if batch.ndim != 3:
             raise UsageError("a batch of motion has three axes", found=f"shape {batch.shape}", allowed="(B, L, D)")
         width = self.reader.representation.columns.width
@@ -255,22 +221,22 @@ class Evaluator:
         named = self._numbered(len(batch)) if ids is None else [str(i) for i in ids]
         if len(named) != len(batch):
             raise UsageError("ids and motion differ in length", found=f"{len(named)} and {len(batch)}")
-        sizes = sample_lengths(batch, named, None if lengths is None else _as_numpy(lengths))
-        rows = None if music is None else self._beats(_as_numpy(music), batch.shape[1], sizes, lengths is not None)
+        sizes = sample_lengths(batch, named, None if lengths is None else as_numpy(lengths))
+        rows = None if music is None else self._beats(as_numpy(music), batch.shape[1], sizes, lengths is not None)
         if ids is None:
             self._unnamed += named
         for k, name in enumerate(named):
             beats, columns = None if rows is None else rows[k], batch[k, : sizes[k]]
-            if not self._repeats(name, _Trace.of(columns, beats)):
+            if not self._repeats(name, Trace.of(columns, beats)):
                 self._measure(name, columns, beats)
 
     def _numbered(self, n: int) -> list[str]:
         """Return names of samples without ids, which no other sample has."""
-        numbers = (f"{_rank()}/{k}" for k in count(len(self)))
+        numbers = (f"{process_rank()}/{k}" for k in count(len(self)))
         return list(islice((name for name in numbers if name not in self._traces), n))
 
-    def _repeats(self, name: str, trace: _Trace) -> bool:
-        """Whether a sample was there before; UsageError if it has the name of another one."""
+    def _repeats(self, name: str, trace: Trace) -> bool:
+        """Whether a sample is a repeated one; UsageError if it has the name of another one."""
         first = self._traces.setdefault(name, trace)
         if not first.same(trace):
             raise UsageError(
@@ -282,11 +248,11 @@ class Evaluator:
         music = None if beats is None else ClipMusic(beats)
         try:
             pose = self.reader.pose(columns, where=f"sample {name}")
-            found = measure_pose(self.protocol, "generated", range(len(self.protocol.measures)), pose, music)
+            numbers = measure_pose(self.protocol, "generated", range(len(self.protocol.measures)), pose, music)
         except DataError as error:
             self._left_out[name] = str(error)
             return
-        measured = MeasuredClip.of(MemoryClip(id=name, joints=pose.joints, grid=pose.grid), found)
+        measured = MeasuredClip.of(MemoryClip(id=name, joints=pose.joints, grid=pose.grid), numbers)
         # Windows of a clip are not independent: intervals leave out the clip as a whole.
         self._measured[name] = replace(measured, clip=_WINDOW.sub("", name))
 
@@ -311,13 +277,13 @@ class Evaluator:
         if len(music) != len(sizes):
             raise UsageError("music and motion differ in length", found=f"{len(music)} and {len(sizes)}")
         grid, n = self.reader.grid, music.shape[1]
-        ends, most = [grid.rows_up(size, of=field.grid) for size in sizes], grid.rows_up(whole, of=field.grid)
-        other = padded and field.grid != grid  # fields of other rates are padded by other amounts
-        if n < max(ends, default=0) - _ROWS or (n > most + _ROWS and not other):
+        ends, longest = [grid.rows_up(size, of=field.grid) for size in sizes], grid.rows_up(whole, of=field.grid)
+        padded_more = padded and field.grid != grid  # fields of other rates are padded by other amounts
+        if n < max(ends, default=0) - _ROWS or (n > longest + _ROWS and not padded_more):
             raise UsageError(
-                "music and motion of a batch have other lengths",
+                "music and motion of a batch differ in length",
                 found=f"{n} rows of music, {whole} of motion",
-                allowed=f"{most} rows of {field.name}, which has {field.grid.rate} per second, within {_ROWS}",
+                allowed=f"{longest} rows of {field.name}, which has {field.grid.rate} per second, within {_ROWS}",
                 fix="give the rows of the same frames; a field of another rate: Evaluator.of(..., music=FIELD)",
             )  # fmt: skip
         return [field_beats(rows[:end], field) for rows, end in zip(music, ends, strict=True)]
@@ -331,8 +297,8 @@ class Evaluator:
             Returns the objects of all processes, such as ``accelerate.utils.gather_object``. Default:
             torch.distributed, where it is initialised, as under Lightning; a single process keeps its own.
         repeated
-            What samples of two processes with one id have to be: "same", the same motion and music, as of a model
-            without noise; "first": that of the first process counts, whatever the others made of it.
+            "same": samples of two processes with one id have the same motion and music, as of a model without noise.
+            "first": that of the first process counts, and the others are not compared.
 
         Raises
         ------
@@ -341,7 +307,7 @@ class Evaluator:
             that differ have one id.
         """
         part: _Part = (list(self._measured.values()), list(self._left_out.items()), self._unnamed, self._traces)
-        parts: list[_Part] = (gather or _gather_by_torch)([part])
+        parts: list[_Part] = (gather or gather_by_torch)([part])
         unnamed = Counter(name for _, _, names, _ in parts for name in names)
         twice = [name for name, n in unnamed.items() if n > 1]
         if twice:
@@ -349,9 +315,12 @@ class Evaluator:
                 "samples of two processes have one name", found=listed(twice),
                 fix="name them: update(..., ids=[...])",
             )  # fmt: skip
-        first: dict[str, _Trace] = {}
+        first: dict[str, Trace] = {}
         differ = {
-            name for *_, traces in parts for name, own in traces.items() if not first.setdefault(name, own).same(own)
+            name
+            for *_, traces in parts
+            for name, trace in traces.items()
+            if not first.setdefault(name, trace).same(trace)
         }
         if differ and repeated == "same":
             raise UsageError(
@@ -388,45 +357,18 @@ class Evaluator:
             reason = next(iter(self._left_out.values()), "no batch was given to update")
             raise UsageError("no sample could be measured", found=reason)
         clips = [self._measured[name] for name in sorted(self._measured)]
-        report = report_of(
-            self.protocol, clips, self.pool, role="generated", source="samples of a model", draws=bootstrap
-        )
-        heard = any(trace.beats is not None for trace in self._traces.values())
-        warnings = (*(self._about_music if heard else self._unheard()), *report.warnings)
-        return replace(report, warnings=warnings, left_out=tuple(sorted(self._left_out.items())))
+        with_music = any(trace.beats is not None for trace in self._traces.values())
+        return report_of(
+            self.protocol, clips, self.pool, role="generated", source="samples of a model", draws=bootstrap,
+            warnings=self._about_music if with_music else self._without_music(),
+            left_out=sorted(self._left_out.items()),
+        )  # fmt: skip
 
-    def _unheard(self) -> list[str]:
-        """Warn of samples that are all without music, where the protocol takes it."""
+    def _without_music(self) -> list[str]:
+        """Return a warning if all samples are without music, and the protocol takes it."""
         if not any(measure.metric.needs_music for measure in self.protocol.measures):
             return []
         field = self._music_field
         if field is None:
             return ["no beats of music: the dataset has no audio field with those of this protocol"]
         return [f"no beats of music: give update(..., music=batch[{field.name!r}])"]
-
-
-def _as_numpy(batch: Any) -> npt.NDArray[Any]:
-    if hasattr(batch, "detach"):
-        batch = batch.detach().float().cpu().numpy()
-    return np.asarray(batch)
-
-
-def _torch_distributed() -> Any:
-    torch = sys.modules.get("torch")
-    distributed = getattr(torch, "distributed", None)
-    ready = distributed is not None and distributed.is_available() and distributed.is_initialized()
-    return distributed if ready else None
-
-
-def _rank() -> int:
-    distributed = _torch_distributed()
-    return 0 if distributed is None else int(distributed.get_rank())
-
-
-def _gather_by_torch(own: list[Any]) -> list[Any]:
-    distributed = _torch_distributed()
-    if distributed is None:
-        return own
-    parts: list[Any] = [None] * distributed.get_world_size()
-    distributed.all_gather_object(parts, own)
-    return [part for listed in parts for part in listed]

@@ -1,25 +1,28 @@
-"""Measures clips, one unit of work each; numbers are cached by metric, for all protocols that share them."""
+"""Measurement of clips in the joints, axes and rate of a protocol, one unit of work each.
+
+Numbers are cached by metric, for all protocols that share them.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
-from dancedata.core.bodies import CROSSING, SMPLX55
+from dancedata.core.bodies import BODY_JOINTS, CROSSING, SMPLX55, carried_over, has_body
 from dancedata.core.clip import Reject
 from dancedata.core.dance import Dance, MusicBeats, Undefined
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24
+from dancedata.core.text import listed
 from dancedata.evaluation.clip_music import ClipMusic
-from dancedata.evaluation.inputs.clip import ClipInput
-from dancedata.evaluation.pose import conformed, in_axes, interpolated
-from dancedata.evaluation.protocol import Measure, Protocol, Role
+from dancedata.evaluation.inputs.clip import ClipInput, ClipSet
+from dancedata.evaluation.protocol import Measure, MotionRule, Protocol, Role
 from dancedata.execution.cache import Cache, package_version
 from dancedata.execution.progress import Progress
 from dancedata.execution.reference_process import expected
@@ -29,14 +32,30 @@ from dancedata.pipeline.rejects import reject_of
 from dancedata.recipes.documents import document_of
 from dancedata.representations.stored import Pose
 
-__all__ = ["MeasuredClip", "Outcome", "measure_clips", "measure_pose"]
-
 #: Raised by hand when a stage here gives other numbers for the same input.
 EVALUATE_STAGE = 1
 _STAGE = "evaluate"
 
 #: Numbers of one piece, or the name of the outcome that a metric has instead.
 Outcome = tuple[float, ...] | str
+
+
+class Measurement(NamedTuple):
+    """One measure of a clip, as the cache holds it: a JSON array."""
+
+    fps: str
+    cuts: list[list[int]]
+    notes: list[str]
+    outcomes: list[list[float] | str]
+
+
+@dataclass(frozen=True, eq=False)
+class Resources:
+    """Cache, workers and progress of an evaluation."""
+
+    cache: Cache
+    jobs: Jobs
+    progress: Progress
 
 
 @dataclass(frozen=True)
@@ -48,7 +67,7 @@ class MeasuredClip:
     clip
         Id that resampling draws by; several windows may share one.
     fps
-        Rate that was measured; "" where only metrics that need music were asked for, and there is none.
+        Rate that was measured; "" if only metrics of music are computed, and the clip has none.
     cuts
         First frame and length of each piece.
     rows
@@ -72,33 +91,34 @@ class MeasuredClip:
 
     @property
     def end_s(self) -> float:
-        """Where the last piece ends, from the first frame of the clip; 0 without pieces."""
+        """End of the last piece, seconds from the first frame of the clip; 0 without pieces."""
         ends = [start + length for start, length in self.cuts]
         return float(FrameGrid.of(self.fps).seconds(max(ends))) if ends else 0.0
 
     @classmethod
-    def of(cls, clip: ClipInput, found: Mapping[int, list[Any] | None]) -> MeasuredClip:
-        """Join what `measure_pose` has found, or the cache has kept, by measure."""
+    def of(cls, clip: ClipInput, results: Mapping[int, Measurement | None]) -> MeasuredClip:
+        """Join the measurements of a clip, by measure."""
         rows: dict[int, tuple[Outcome, ...] | None] = {}
-        fps, cuts, notes = "", [], []
-        for number, result in found.items():
+        last = Measurement("", [], [], [])
+        for number, result in results.items():
             if result is None:
                 rows[number] = None
                 continue
-            fps, cuts, notes, outcomes = result
-            rows[number] = tuple(piece if isinstance(piece, str) else tuple(piece) for piece in outcomes)
-        return cls(clip.id, clip.clip, str(fps), tuple((start, length) for start, length in cuts), rows, tuple(notes))
+            last = Measurement(*result)  # of the cache it is a list
+            rows[number] = tuple(piece if isinstance(piece, str) else tuple(piece) for piece in last.outcomes)
+        cuts = tuple((start, length) for start, length in last.cuts)
+        return cls(clip.id, clip.clip, str(last.fps), cuts, rows, tuple(last.notes))
 
 
 def measure_pose(
     protocol: Protocol, role: Role, numbers: Sequence[int], pose: Pose, music: ClipMusic | None
-) -> dict[int, list[Any] | None]:
-    """Measure a pose: return [rate, cuts, notes, outcomes] by measure, as the cache keeps it.
+) -> dict[int, Measurement | None]:
+    """Measure a pose; return the result by the number of the measure.
 
     Parameters
     ----------
     numbers
-        Which of the protocol's measures; those that need music are None without it.
+        Measures of the protocol; the result of those that need music is None without it.
 
     Raises
     ------
@@ -108,15 +128,15 @@ def measure_pose(
     placed, notes = conformed(pose, protocol.motion)
     joints = in_axes(placed.joints, protocol.motion)
     cuts = protocol.pieces(role).of(len(joints), placed.grid)
-    heard = [number for number in numbers if music is not None or not protocol.measures[number].metric.needs_music]
-    outcomes: dict[int, list[list[float] | str]] = {number: [] for number in heard}
+    computable = [n for n in numbers if music is not None or not protocol.measures[n].metric.needs_music]
+    outcomes: dict[int, list[list[float] | str]] = {number: [] for number in computable}
     for start, length in cuts:
         piece = _Piece(joints[start : start + length], placed.grid)
         beats = None if music is None else music.after(start, placed.grid)
-        for number in heard:
+        for number in computable:
             outcomes[number].append(_outcome(protocol.measures[number], role, piece, beats))
-    about = [str(placed.grid), [list(cut) for cut in cuts], list(notes)]
-    return {number: [*about, outcomes[number]] if number in outcomes else None for number in numbers}
+    measured = Measurement(str(placed.grid), [list(cut) for cut in cuts], list(notes), [])
+    return {n: measured._replace(outcomes=outcomes[n]) if n in outcomes else None for n in numbers}
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,60 +167,71 @@ def _outcome(measure: Measure, role: Role, piece: _Piece, beats: MusicBeats | No
 
 
 def measure_clips(
-    cache: Cache,
+    resources: Resources,
     protocol: Protocol,
-    role: Role,
+    clip_set: ClipSet,
     numbers: Sequence[int],
-    clips: Sequence[ClipInput],
     music: Mapping[str, ClipMusic],
-    *,
-    jobs: Jobs,
-    progress: Progress,
-    label: str = "measuring",
 ) -> tuple[list[MeasuredClip], list[Reject]]:
     """Measure clips; those that cannot be measured are rejects.
 
     Parameters
     ----------
     numbers
-        Which of the protocol's measures.
+        Measures of the protocol.
     music
         Beats by the id of a clip.
+
+    Raises
+    ------
+    DataError
+        "nothing_left", if no clip can be measured.
+    StoreError
+        If a dataset has other bytes than the build wrote.
     """
+    cache, role = resources.cache, clip_set.role
+    if clip_set.store is not None:
+        clip_set.store.require_intact({clip.clip for clip in clip_set.clips}, sha256=cache.file_sha256)
     common = {number: _common_key(protocol, role, protocol.measures[number]) for number in numbers}
-    ready, rejects, calls, known = [], [], [], []
-    for clip in clips:
+    readable, rejects, calls, cached = [], [], [], []
+    for clip in clip_set.clips:
         beats = music.get(clip.id)
         try:
             keys = _keys(cache, protocol, common, clip, beats)
         except (OSError, DataError) as error:
             rejects.append(Reject("broken_file", clip=clip.id, detail=str(error)))
             continue
-        ready.append(clip)
+        readable.append(clip)
         calls.append((cache, keys, clip, protocol, role, beats))
-        kept = {number: cache.json(_STAGE, key) for number, key in keys.items()}
-        known.append(kept if None not in kept.values() else None)
-    found = run_units(measure_clip, calls, known=known, jobs=jobs, label=label, progress=progress)
+        entries = {number: cache.json(_STAGE, key) for number, key in keys.items()}
+        cached.append(entries if None not in entries.values() else None)
+    results = run_units(
+        measure_clip, calls, known=cached, jobs=resources.jobs, label="measuring", progress=resources.progress
+    )
     measured = []
-    for clip, result in zip(ready, found, strict=True):
+    for clip, result in zip(readable, results, strict=True):
         if isinstance(result, Reject):
             rejects.append(result)
         else:
             measured.append(MeasuredClip.of(clip, {number: result.get(number) for number in numbers}))
+    if not measured and rejects:
+        raise DataError(
+            "no clip can be measured", reason="nothing_left", where=clip_set.source, found=rejects[0].detail
+        )
     return measured, rejects
 
 
 def measure_clip(
     cache: Cache, keys: Mapping[int, str], clip: ClipInput, protocol: Protocol, role: Role, music: ClipMusic | None
-) -> dict[int, Any] | Reject:
+) -> dict[int, Measurement | None] | Reject:
     """Load and measure one clip, and publish the numbers: a unit of work."""
     try:
-        found = measure_pose(protocol, role, list(keys), clip.load(), music)
+        results = measure_pose(protocol, role, list(keys), clip.load(), music)
     except DataError as error:
         return reject_of(error, clip=clip.id)
-    for number, result in found.items():
+    for number, result in results.items():
         cache.put_json(_STAGE, keys[number], result)
-    return found
+    return results
 
 
 def _common_key(protocol: Protocol, role: Role, measure: Measure) -> str:
@@ -233,3 +264,98 @@ def _keys(
         beats = music.identity(instants=metric.needs_instants) if metric.needs_music and music is not None else None
         keys[number] = Cache.key(_STAGE, common=shared, clip=identity, beats=beats, **crossing)
     return keys
+
+
+_JOINTS = {"smpl24": SMPL24.joints, "smplx24": SMPLX55.joints[:24], "body22": BODY_JOINTS}
+
+
+def conformed(pose: Pose, rule: MotionRule) -> tuple[Pose, tuple[str, ...]]:
+    """Return the joints and the rate that a protocol measures, +Y up, and notes on what was changed.
+
+    Raises
+    ------
+    DataError
+        "missing_joints", "other_pelvis" or "other_rate".
+    """
+    placed, notes = _on(pose, rule)
+    if rule.pelvis == "translation" and placed.true_pelvis:
+        placed = replace(placed, joints=placed.joints - placed.rest, true_pelvis=False, motion=None)
+    if rule.pelvis == "body" and not placed.true_pelvis:
+        raise DataError(
+            "the protocol needs the true position of the pelvis",
+            reason="other_pelvis",
+            found="joints whose pelvis may lie at the translation, as in EDGE's kinematics",
+            allowed="rotations and translation, or joints with the pelvis of the body",
+            fix="declare the body if the pelvis is right: --body smpl24",
+        )
+    grid = rule.grid
+    if grid is None or grid == placed.grid:
+        return placed, notes
+    step = placed.grid.step_to(grid)
+    if step is None:
+        raise DataError(
+            "the protocol measures another frame rate",
+            reason="other_rate",
+            found=f"{placed.grid} frames per second",
+            allowed=f"{grid}, or a whole multiple of it",
+            fix="build the dataset, or generate, at that rate; the protocol dancedata takes any rate",
+        )
+    return replace(placed, joints=placed.joints[::step], grid=grid, motion=None), (
+        *notes,
+        f"{placed.grid} frames per second: every {step}. frame is measured",
+    )
+
+
+def _on(pose: Pose, rule: MotionRule) -> tuple[Pose, tuple[str, ...]]:
+    joints = _JOINTS[rule.body]
+    if rule.body == "smplx24" and pose.motion is not None:
+        return _on_smplx(pose)
+    if rule.body == "smpl24" and pose.motion is not None and has_body(pose.motion.skeleton):
+        placed = carried_over(pose.motion, SMPL24)
+        note = () if placed is pose.motion else (f"{pose.motion.skeleton.name}: carried over to SMPL's 24 joints",)
+        return Pose.of_motion(placed), note
+    if pose.names[: len(joints)] != joints:
+        raise _missing(pose, rule)
+    return replace(pose, joints=pose.joints[:, : len(joints)], names=joints, motion=None), ()
+
+
+def _on_smplx(pose: Pose) -> tuple[Pose, tuple[str, ...]]:
+    """Return SMPL-X's first 24 joints; a motion without face joints has them at rest, as in Lodge."""
+    motion = pose.motion
+    if motion is None or motion.skeleton.joints == SMPL24.joints or not has_body(motion.skeleton):
+        raise _missing(pose, MotionRule("smplx24", None))
+    placed = carried_over(motion, SMPLX55)
+    return Pose(placed.joints()[:, :24], placed.skeleton.joints[:24], placed.grid), ()
+
+
+def _missing(pose: Pose, rule: MotionRule) -> DataError:
+    joints = _JOINTS[rule.body]
+    lacking = [joint for joint in joints if joint not in pose.names]
+    return DataError(
+        "the protocol measures joints that this motion does not have",
+        reason="missing_joints",
+        found=f"{len(pose.names)} joints, without {listed(lacking) or 'the same order'}",
+        allowed=f"{rule.body}: {listed(joints, 4)}",
+        fix="evaluate motion on that body: SMPL-X for Lodge's protocol, SMPL's 24 joints for those of AIST++",
+    )
+
+
+def in_axes(joints: Float64Array, rule: MotionRule) -> Float64Array:
+    """Return +Y-up positions in the axes of a protocol: for z up, (x, y, z) becomes (x, -z, y)."""
+    if rule.up == "z":
+        joints = np.stack([joints[..., 0], -joints[..., 2], joints[..., 1]], axis=-1)
+    if rule.turned:
+        joints = np.stack([-joints[..., 1], joints[..., 0], joints[..., 2]], axis=-1)
+    return joints
+
+
+def interpolated(joints: Float64Array, grid: FrameGrid, target: FrameGrid) -> Float64Array:
+    """Return positions (T, J, 3) at another rate, linearly interpolated, from the same first frame."""
+    if grid == target:
+        return joints
+    period, target_period = grid.common_period(target)
+    frames = np.arange(grid.resampled_length(len(joints), target), dtype=np.float64) * period / target_period
+    lower = np.minimum(frames.astype(np.int64), max(len(joints) - 2, 0))
+    upper = np.minimum(lower + 1, len(joints) - 1)
+    share = (frames - lower)[:, None, None]
+    return np.asarray(joints[lower] * (1 - share) + joints[upper] * share)

@@ -18,19 +18,17 @@ from dancedata.core.text import counted, quoted, shown
 from dancedata.core.version import __version__
 from dancedata.evaluation.measuring import MeasuredClip
 from dancedata.evaluation.protocol import Protocol
-from dancedata.evaluation.scores import MetricRows, rows_of
+from dancedata.evaluation.scores import rows_of
 from dancedata.files.atomic import write_bytes
 from dancedata.files.strict_json import parse_json
 from dancedata.formats.arrays import open_arrays
 from dancedata.metrics.set_statistics import checked_rows
 from dancedata.recipes.documents import document_of
 
-__all__ = ["Pool", "check_target", "load_pool", "pool_of", "save_pool"]
-
 #: Layout of pool files. 2: with the hash of what numbers depend on.
 POOL_FORMAT = 2
 _AGAIN = "make a pool of this protocol: --pool STORE --save-pool FILE.npz"
-_ABOUT, _IDS, _ROWS = "about", "clips", "rows_"
+_HEADER, _IDS, _ROWS = "about", "clips", "rows_"
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +38,7 @@ class Pool:
     Attributes
     ----------
     protocol, version
-        What they were measured by.
+        Name and version of the protocol.
     fps
         Rate that was measured.
     ids
@@ -48,7 +46,7 @@ class Pool:
     rows
         (M, C) by the number of the measure.
     source
-        Where it is from, for the report.
+        Origin, for reports.
     undefined
         Pieces without features, by outcome.
     scaler
@@ -70,7 +68,7 @@ class Pool:
         return max((len(rows) for rows in self.rows.values()), default=0)
 
     def to_json(self) -> dict[str, Any]:
-        """Return what a report says of it."""
+        """Return JSON data for reports."""
         return {"source": self.source, "clips": len(self.ids), "vectors": self.n, "undefined": dict(self.undefined)}
 
     def require(self, protocol: Protocol, fps: str, scaler: str = "") -> None:
@@ -85,12 +83,9 @@ class Pool:
             )  # fmt: skip
         if (self.protocol, self.version) != (protocol.name, protocol.version):
             raise UsageError(
-                "the pool was measured by another protocol",
-                where=self.source,
-                found=f"{quoted(self.protocol)}, version {self.version}",
-                allowed=protocol.label,
-                fix=_AGAIN,
-            )
+                "the pool was measured by another protocol", where=self.source,
+                found=f"{quoted(self.protocol)}, version {self.version}", allowed=protocol.label, fix=_AGAIN,
+            )  # fmt: skip
         if self.fps != fps:
             raise UsageError(
                 "the pool was measured at another frame rate, and such distances mean nothing",
@@ -100,7 +95,7 @@ class Pool:
             )
 
 
-def pool_of(protocol: Protocol, measured: Sequence[MeasuredClip], source: str) -> Pool:
+def pool_of(protocol: Protocol, measured: Sequence[MeasuredClip], source: str, scaler: str = "") -> Pool:
     """Make the pool of measured clips.
 
     Raises
@@ -113,35 +108,33 @@ def pool_of(protocol: Protocol, measured: Sequence[MeasuredClip], source: str) -
     undefined: dict[str, int] = {}
     for number, measure in enumerate(protocol.measures):
         if measure.metric.needs_pool:
-            found: MetricRows = rows_of(measured, number, measure.metric)
-            rows[number] = found.rows
-            for outcome, ids in found.undefined.items():
+            numbers = rows_of(measured, number, measure.metric)
+            rows[number] = numbers.rows
+            for outcome, ids in numbers.undefined.items():
                 undefined[outcome] = max(len(ids), undefined.get(outcome, 0))
     ids = tuple(m.id for m in measured)
-    return Pool(protocol.name, protocol.version, one_rate(measured, source), ids, rows, source, undefined)
+    return Pool(protocol.name, protocol.version, one_rate(measured, source), ids, rows, source, undefined, scaler)
 
 
 def one_rate(measured: Sequence[MeasuredClip], source: str) -> str:
     """Return the rate of all clips; UsageError if they have different ones, or there are none."""
     rates: dict[str, list[str]] = {}
     for m in measured:
-        if m.fps:  # else it has no music, and no other metric was asked for
+        if m.fps:  # otherwise it has no music, and only metrics of music are computed
             rates.setdefault(m.fps, []).append(m.id)
     if not rates:
         raise UsageError("no clip could be measured", where=source)
     if len(rates) > 1:
-        found = "; ".join(f"{fps} per second: {counted(len(ids), 'clip')}, {ids[0]}" for fps, ids in rates.items())
         raise UsageError(
-            "clips have different frame rates, and their numbers do not compare",
-            where=source,
-            found=found,
+            "clips have different frame rates, and their numbers do not compare", where=source,
+            found="; ".join(f"{fps} per second: {counted(len(ids), 'clip')}, {ids[0]}" for fps, ids in rates.items()),
             fix="evaluate those of one rate, or build a dataset, which has one",
-        )
+        )  # fmt: skip
     return next(iter(rates))
 
 
 def check_target(path: Path, protocol: Protocol) -> None:
-    """Raise UsageError unless a pool of a protocol can be written here: only pools of it are replaced."""
+    """Raise UsageError unless a pool of a protocol can be written to `path`; only pools of it are replaced."""
     if path.suffix != ".npz":
         raise UsageError("a pool is an .npz file", found=str(path), allowed="NAME.npz")
     if path.exists():
@@ -171,12 +164,12 @@ def save_pool(path: Path, protocol: Protocol, pool: Pool) -> None:
         If it cannot be written.
     """
     check_target(path, protocol)
-    about = {"pool": POOL_FORMAT, "protocol": pool.protocol, "version": pool.version, "fps": pool.fps}
-    about["measured"] = _measured_by(protocol)
-    about |= {"dancedata": __version__, "undefined": dict(pool.undefined)}
-    about |= {"scaler": pool.scaler} if pool.scaler else {}
+    header = {"pool": POOL_FORMAT, "protocol": pool.protocol, "version": pool.version, "fps": pool.fps}
+    header["measured"] = _measured_by(protocol)
+    header |= {"dancedata": __version__, "undefined": dict(pool.undefined)}
+    header |= {"scaler": pool.scaler} if pool.scaler else {}
     arrays: dict[str, Any] = {
-        _ABOUT: _as_bytes(json.dumps(about, sort_keys=True)),
+        _HEADER: _as_bytes(json.dumps(header, sort_keys=True)),
         _IDS: _as_bytes("\n".join(json.dumps(i) for i in pool.ids)),
     }
     arrays |= {f"{_ROWS}{number}": rows for number, rows in pool.rows.items()}
@@ -198,14 +191,14 @@ def load_pool(path: Path, protocol: Protocol) -> Pool:
     """
     try:
         with open_arrays(path) as arrays:
-            about = parse_json(_text(arrays.read(_ABOUT)) if _ABOUT in arrays.names else "null")
-            layout, measured = about["pool"], about.get("measured")
+            header = parse_json(_text(arrays.read(_HEADER)) if _HEADER in arrays.names else "null")
+            layout, measured = header["pool"], header.get("measured")
             ids = [str(parse_json(line)) for line in _text(arrays.read(_IDS)).split("\n") if line]
             names = [name for name in arrays.names if name.startswith(_ROWS)]
             rows = {int(name.removeprefix(_ROWS)): checked_rows(arrays.read(name)) for name in names}
         pool = Pool(
-            str(about["protocol"]), int(about["version"]), str(about["fps"]), tuple(ids), rows, str(path),
-            {str(k): int(v) for k, v in about["undefined"].items()}, str(about.get("scaler", "")),
+            str(header["protocol"]), int(header["version"]), str(header["fps"]), tuple(ids), rows, str(path),
+            {str(k): int(v) for k, v in header["undefined"].items()}, str(header.get("scaler", "")),
         )  # fmt: skip
     except (DataError, LookupError, TypeError, ValueError, AttributeError) as error:
         raise UsageError(
@@ -217,7 +210,7 @@ def load_pool(path: Path, protocol: Protocol) -> Pool:
     if measured != _measured_by(protocol):
         raise UsageError(
             "the pool was measured by other metrics, or by other parameters of them", where=path,
-            found=f"{protocol.label}, of dancedata {shown(about.get('dancedata'))}", fix=_AGAIN,
+            found=f"{protocol.label}, of dancedata {shown(header.get('dancedata'))}", fix=_AGAIN,
         )  # fmt: skip
     for number, measure in enumerate(protocol.measures):
         width = len(measure.metric.columns)

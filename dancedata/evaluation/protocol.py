@@ -1,7 +1,7 @@
-"""What a protocol is: joints, rate, pieces, metrics, music and published figures, as data.
+"""Protocols as data: joints, rate, pieces, metrics, music and published figures.
 
-A published number means something only together with all of these. A protocol is a frozen dataclass without
-parameters, derived from `Protocol` and registered under a name, in a file of its own (docs/plug-ins.md).
+A published number means something only together with all of these. A protocol derives from `Protocol`, has no
+parameters and is registered under a name, in one file (docs/plug-ins.md).
 """
 
 from __future__ import annotations
@@ -15,8 +15,6 @@ from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.plugins import Metric, Plugin
 from dancedata.core.registry import Registry
-
-__all__ = ["PROTOCOLS", "Measure", "MotionRule", "MusicRule", "Pieces", "Protocol", "Published", "Role"]
 
 #: Whether clips are ground truth or come from a model: some protocols cut the two differently.
 Role = Literal["truth", "generated"]
@@ -62,7 +60,7 @@ class MotionRule:
 
 @dataclass(frozen=True)
 class Pieces:
-    """How a clip is cut into the pieces that are measured: by default it is measured whole.
+    """Pieces of a clip that are measured: by default the whole clip.
 
     Attributes
     ----------
@@ -78,7 +76,7 @@ class Pieces:
     shorter
         Whether a clip shorter than `length` is one piece.
     multiple
-        Pieces are shortened to a multiple of so many frames.
+        Pieces are shortened to a multiple of this number of frames.
     """
 
     skip: int = 0
@@ -115,7 +113,7 @@ class Pieces:
 
     @property
     def identity(self) -> str:
-        """What cuts depend on, for cache keys and pools."""
+        """Key of the cuts, for the cache and for pools."""
         return repr(self) + "; exact starts" * (self.seconds is not None)
 
     def __str__(self) -> str:
@@ -148,7 +146,7 @@ class Measure:
         Instead, they are taken at 120 frames per second by `dancedata.metrics.root.steady`, so that numbers do not
         depend on the clip's rate.
     first, first_generated
-        Then at most so many frames of a piece are measured: of every piece, and of generated motion; None: all.
+        Largest number of frames of a piece that are measured: of every piece, and of generated motion; None: all.
     """
 
     metric: Metric
@@ -165,7 +163,7 @@ class Measure:
 
 @dataclass(frozen=True)
 class MusicRule:
-    """Where the beats of the music are from.
+    """Source of the beats of the music.
 
     Attributes
     ----------
@@ -201,13 +199,13 @@ class Published:
     Attributes
     ----------
     what
-        Whose row it is: "ground truth", or a model.
+        "ground truth", or the name of a model.
     values
         Figures by the names of scores.
     source
         Paper and table, repository or thread.
     note
-        What is known of how it was computed.
+        Known facts of its computation.
     dataset, splits
         Reader and splits of the ground truth; empty for models, and where that is not known.
     """
@@ -220,7 +218,6 @@ class Published:
     splits: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Freeze the figures."""
         object.__setattr__(self, "values", MappingProxyType(dict(self.values)))
 
     def __reduce__(self) -> tuple[object, ...]:
@@ -235,25 +232,25 @@ class Protocol(Plugin):
     Attributes
     ----------
     citation
-        What to cite for the metrics.
+        Citation of the metrics.
     source
-        Where the protocol is from: repository, commit and files, or paper and section.
+        Repository, commit and files, or paper and section.
     licence_note
         Licence of that code. None of it is in this package unless it says so.
     motion
         Joints, rate and axes.
     truth, generated
-        How clips of ground truth and of a model are cut.
+        Pieces of ground truth and of the clips of a model.
     measures
         The metrics, in the order of the table.
     music
-        Where beats of music are from; None without beat metrics.
+        Source of the beats of music; None without beat metrics.
     published
         Figures published under the protocol.
     notes
-        What a reader of its numbers has to be told.
+        Remarks for readers of its numbers.
     not_computable
-        Scores of the protocol's tables that cannot be computed here, and why.
+        Scores of the published tables that dancedata cannot compute, and why.
     """
 
     citation: ClassVar[str]
@@ -269,7 +266,6 @@ class Protocol(Plugin):
     not_computable: ClassVar[Mapping[str, str]] = MappingProxyType({})
 
     def __post_init__(self) -> None:
-        """Check that the members without a default are there."""
         missing = [name for name in ("citation", "source", "motion", "measures") if not hasattr(self, name)]
         if missing:
             raise UsageError(f"the protocol lacks {', '.join(missing)}", where=self.name, fix="see Protocol")

@@ -1,7 +1,8 @@
-"""The result of an evaluation, as text, tables and JSON."""
+"""Reports of evaluations, and the list of protocols, as text, tables and JSON."""
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,10 +12,9 @@ import numpy as np
 from dancedata.core.errors import UsageError
 from dancedata.core.text import counted, listed, shown, table
 from dancedata.evaluation.measuring import MeasuredClip
-from dancedata.evaluation.protocol import Protocol
+from dancedata.evaluation.protocol import PROTOCOLS, Protocol
 from dancedata.evaluation.scores import Score, describe_outcome
-
-__all__ = ["LABELS", "TABLES", "Report"]
+from dancedata.recipes.documents import document_of
 
 #: How papers write the names of scores.
 LABELS = {
@@ -40,11 +40,11 @@ class Report:
     Attributes
     ----------
     protocol
-        What they were measured by.
+        Protocol of the scores.
     role
         "truth" or "generated".
     source
-        What was evaluated.
+        Origin of the clips.
     scores
         One for each line of the table.
     clips
@@ -56,11 +56,11 @@ class Report:
     seconds
         Length of the shortest piece, the median and the longest.
     pool
-        What the set was compared with; None: nothing.
+        Pool that the set was compared with; None: none.
     left_out
         Clips that could not be measured, with the reason.
     warnings, notes
-        What a reader of the numbers has to be told: of this set, and of the protocol.
+        Remarks for readers of the numbers: on this set, and on the protocol.
     per_clip
         A row for each piece: id, and the numbers of the metrics that have a few.
     versions
@@ -92,12 +92,10 @@ class Report:
         )
 
     def __repr__(self) -> str:
-        """Show the values."""
         values = ", ".join(f"{s.name} {_number(s.value)}" for s in self.scores)
         return f"Report({self.protocol.name}, {counted(len(self.clips), 'clip')}: {values})"
 
     def __str__(self) -> str:
-        """Show the table with everything that belongs to it."""
         return describe(self)
 
     def to_json(self) -> dict[str, Any]:
@@ -187,7 +185,7 @@ def _undefined_lines(scores: Sequence[Score]) -> list[str]:
 
 
 def markdown(report: Report) -> str:
-    """Return the scores as a Markdown table of two lines, values beside their intervals."""
+    """Return the scores as a Markdown table of two lines, values with their intervals."""
     head = " | ".join(LABELS.get(s.name, s.name) for s in report.scores)
     values = " | ".join(_with_interval(s, " [{}, {}]") for s in report.scores)
     rule = "|".join("---:" for _ in report.scores)
@@ -257,3 +255,55 @@ def per_clip_rows(protocol: Protocol, measured: Sequence[MeasuredClip]) -> list[
                 row |= dict(zip(columns, values, strict=True))
             rows.append(row)
     return rows
+
+
+def protocols_json() -> dict[str, Any]:
+    """Return every protocol with all that its numbers depend on."""
+    return {name: _protocol_json(PROTOCOLS.get(name)()) for name in PROTOCOLS.names()}
+
+
+def _protocol_json(protocol: Protocol) -> dict[str, Any]:
+    rule, music = protocol.motion, protocol.music
+    return {
+        "version": protocol.version,
+        "about": (inspect.getdoc(type(protocol)) or "").split("\n\n")[0].replace("\n", " "),
+        "citation": protocol.citation,
+        "source": protocol.source,
+        "licence": protocol.licence_note,
+        "motion": {"body": rule.body, "fps": rule.fps, "up": rule.up, "pelvis": rule.pelvis},
+        "truth": str(protocol.truth),
+        "generated": str(protocol.generated),
+        "metrics": [{m.metric.name: document_of(m.metric), "fps": m.fps} for m in protocol.measures],
+        "music": None
+        if music is None
+        else {"features": list(music.features), "fps": music.fps, "scope": music.scope},
+        "published": [
+            {"what": p.what, "values": dict(p.values), "source": p.source, "note": p.note} for p in protocol.published
+        ],
+        "not_computable": dict(protocol.not_computable),
+        "notes": list(protocol.notes),
+    }
+
+
+def describe_protocols() -> str:
+    """Return the output of ``dancedata evaluate --list-protocols``."""
+    lines = []
+    for name, protocol in protocols_json().items():
+        motion = protocol["motion"]
+        rate = f"{motion['fps']} frames per second" if motion["fps"] else "any frame rate"
+        lines += [
+            f"{name}, version {protocol['version']}: {protocol['about']}",
+            f"  {motion['body']}, {rate}, {motion['up']} up",
+        ]
+        lines.append(f"  ground truth: {protocol['truth']}; generated: {protocol['generated']}")
+        metrics = ["".join(_call(n, d) for n, d in m.items() if n != "fps") for m in protocol["metrics"]]
+        lines.append(f"  metrics: {', '.join(metrics)}")
+        for row in protocol["published"]:
+            values = ", ".join(f"{LABELS.get(k, k)} {v:g}" for k, v in row["values"].items())
+            lines.append(f"  published, {row['what']}: {values} ({row['source']})")
+        lines.append(f"  from: {protocol['source']}")
+    return "\n".join(lines)
+
+
+def _call(name: str, parameters: dict[str, Any]) -> str:
+    return f"{name}({', '.join(f'{v}' for v in parameters.values() if isinstance(v, str))})"

@@ -1,10 +1,10 @@
-"""What is asked for: the set, the pool and the music, as paths or values, become clips that can be measured."""
+"""Options of an evaluation, and the set, the pool and the music that they name, as clips that can be measured."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from dataclasses import field as made
+from dataclasses import field as dataclass_field
 from pathlib import Path
 from typing import Any
 
@@ -18,13 +18,13 @@ from dancedata.core.motion import Motion
 from dancedata.core.plugins import Representation
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.text import listed, quoted, shown
-from dancedata.evaluation.inputs.clip import ClipInput, MemoryClip
-from dancedata.evaluation.inputs.columns import named_reader
+from dancedata.evaluation.inputs.clip import ClipInput, ClipSet, MemoryClip
 from dancedata.evaluation.inputs.files import FileClip, FileFormat, folder_clips
-from dancedata.evaluation.inputs.store import store_clips
+from dancedata.evaluation.inputs.store import named_reader, store_clips
+from dancedata.evaluation.music import MusicSources, named_songs, song_files
+from dancedata.evaluation.pool import Pool, load_pool
 from dancedata.evaluation.protocol import PROTOCOLS, ROLES, Protocol, Role
 from dancedata.evaluation.report import LABELS
-from dancedata.evaluation.song_beats import song_files
 from dancedata.metrics.intervals import MIN_CLIPS
 from dancedata.recipes.plugins import make_named
 from dancedata.representations.stored import ColumnsReader, motion_readers
@@ -33,30 +33,42 @@ from dancedata.store.normalize import MinMax
 from dancedata.store.scaling import Reader, Scaling
 from dancedata.store.schema import DATASET_FILE
 
-__all__ = ["Request", "Side", "protocol_named"]
-
 #: Joint positions (T, J, 3) or motions, by the id of a clip.
 Motions = Mapping[str, "npt.ArrayLike | Motion"]
-What = str | Path | Store | Motions
+MotionInput = str | Path | Store | Motions
 
 
-@dataclass(frozen=True)
-class Side:
-    """One side of a comparison: clips, and the store that they are from."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Inputs:
+    """The inputs of an evaluation, not loaded.
 
-    clips: tuple[ClipInput, ...]
-    source: str
-    role: Role
-    store: Store | None = None
+    Attributes
+    ----------
+    numbers, pool_numbers
+        Measures of the protocol that are computed of the set and of the pool.
+    pool
+        Clips, or the pool of a file; None: metrics that need one are not computed.
+    scaler_sha256
+        Hash of the scaler by which the columns of files in the pool are normalised; "" without one.
+    """
+
+    protocol: Protocol
+    clip_set: ClipSet
+    numbers: list[int]
+    pool: ClipSet | Pool | None
+    pool_numbers: list[int]
+    music: MusicSources
+    draws: int = 200
+    scaler_sha256: str = ""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Request:
     """The options of an evaluation; see `dancedata.evaluate` for their meaning."""
 
-    what: What
+    what: MotionInput
     protocol: Protocol
-    pool: What | None = None
+    pool: MotionInput | None = None
     split: str | None = None
     pool_split: str | None = None
     role: Role | None = None
@@ -72,13 +84,12 @@ class Request:
     unit: str | None = None
     body: str | None = None
     source: Path | None = None
-    songs: Mapping[str, str] = made(default_factory=dict)
-    beats: Mapping[str, Any] = made(default_factory=dict)
+    songs: Mapping[str, str] = dataclass_field(default_factory=dict)
+    beats: Mapping[str, Any] = dataclass_field(default_factory=dict)
     draws: int = 200
     metrics: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Check options that belong together."""
         if self.role not in (None, *ROLES):
             raise UsageError("unknown role", found=self.role, allowed=", ".join(ROLES))
         if self.draws != 0 and self.draws < MIN_CLIPS:
@@ -94,7 +105,7 @@ class Request:
 
     @property
     def numbers(self) -> list[int]:
-        """Numbers of the protocol's measures that are asked for: all, or those of `metrics`.
+        """Numbers of the protocol's measures that are computed: all, or those of `metrics`.
 
         Raises
         ------
@@ -103,50 +114,77 @@ class Request:
         """
         names = [{measure.metric.name, *measure.metric.better} for measure in self.protocol.measures]
         printed = {label: name for name, label in LABELS.items()}
-        wanted = {printed.get(asked, asked) for asked in self.metrics}
-        known = {name for own in names for name in own}
-        for asked in sorted(wanted - known):
+        chosen = {printed.get(metric, metric) for metric in self.metrics}
+        allowed = set().union(*names)
+        for metric in sorted(chosen - allowed):
             raise UsageError(
-                f"the protocol has no metric {quoted(asked)}", where=f"protocol {self.protocol.name}",
-                fix=did_you_mean(asked, sorted(known)),
+                f"the protocol has no metric {quoted(metric)}", where=f"protocol {self.protocol.name}",
+                fix=did_you_mean(metric, sorted(allowed)),
             )  # fmt: skip
-        return [k for k, own in enumerate(names) if not wanted or own & wanted]
+        return [k for k, of_measure in enumerate(names) if not chosen or of_measure & chosen]
 
-    def set_side(self) -> Side:
-        """Return the clips that are evaluated."""
-        return self._side(self.what, self.split, self.role, self.field)
+    def inputs(self, *, whole_pool: bool = False) -> Inputs:
+        """Return the clips, the pool and the music.
 
-    def pool_side(self) -> Side | None:
-        """Return the clips of the pool: by default all of the dataset that is evaluated, or that --like names."""
-        if self.pool is not None:
-            return self._side(self.pool, self.pool_split, "truth", self.field)
-        own = self.like or _as_store(self.what)
-        return None if own is None else self._side(own, self.pool_split, "truth", self.field)
+        Parameters
+        ----------
+        whole_pool
+            Whether the pool is measured for all metrics that need one, not only for those of `metrics`.
 
-    def _side(self, what: What, split: str | None, role: Role | None, field: str | None = None) -> Side:
+        Raises
+        ------
+        UsageError
+            If the set, the pool or the music does not exist, or cannot be read as the options state.
+        """
+        protocol, numbers = self.protocol, self.numbers
+        clip_set = self._clip_set(self.what, self.split, self.role)
+        pool, pool_numbers = self.pool_input(None if whole_pool else numbers)
+        named = named_songs(clip_set.clips, self.songs, self.like or clip_set.store)
+        clip_set = ClipSet(named, clip_set.source, clip_set.role, clip_set.store)
+        needs_music = protocol.music is not None and any(protocol.measures[n].metric.needs_music for n in numbers)
+        return Inputs(
+            protocol=protocol, clip_set=clip_set, numbers=numbers, pool=pool, pool_numbers=pool_numbers,
+            music=self._music_sources(clip_set) if needs_music else MusicSources(),
+            draws=self.draws, scaler_sha256=self.scaler_sha256 if isinstance(pool, ClipSet) else "",
+        )  # fmt: skip
+
+    def pool_input(self, numbers: Iterable[int] | None = None) -> tuple[ClipSet | Pool | None, list[int]]:
+        """Return the pool, and those of some measures that need one; by default all of them.
+
+        Without an option it is all of the dataset that is evaluated, or that --like names.
+        """
+        measures = self.protocol.measures
+        numbers = [n for n in (range(len(measures)) if numbers is None else numbers) if measures[n].metric.needs_pool]
+        if isinstance(self.pool, str | Path) and Path(self.pool).suffix == ".npz":
+            pool = load_pool(Path(self.pool).expanduser(), self.protocol)
+            pool.require(self.protocol, pool.fps, self.scaler_sha256)
+            return pool, numbers
+        if not numbers:
+            return None, numbers
+        source = self.pool if self.pool is not None else self.like or _as_store(self.what)
+        return None if source is None else self._clip_set(source, self.pool_split, "truth"), numbers
+
+    def _clip_set(self, what: MotionInput, split: str | None, role: Role | None) -> ClipSet:
         store = _as_store(what)
         if store is not None:
-            own_role: Role = role or "truth"
-            clips = store_clips(store, self.protocol, split=split, field=field, role=own_role)
-            named = f"{store.path}" + (f", split {split}" if split else "")
-            return Side(_filled(clips, named), named, own_role, store)
+            role = role or "truth"
+            clips = store_clips(store, self.protocol, split=split, field=self.field, role=role)
+            return ClipSet(clips, f"{store.path}" + (f", split {split}" if split else ""), role, store)
         if split is not None:
             raise UsageError("only a dataset has splits", found=f"split {split}", where=_name(what))
-        own_role = role or "generated"
+        role = role or "generated"
         if isinstance(what, Mapping):
-            return Side(
-                _filled(_in_memory(what, self._grid(), self.body), "clips in memory"), "clips in memory", own_role
-            )
+            return ClipSet(_in_memory(what, self._grid(), self.body), "clips in memory", role)
         path = Path(what).expanduser() if isinstance(what, str | Path) else what.path
         form = FileFormat(
             fps=None if self._grid() is None else str(self._grid()), up=self.up, unit=self.unit, body=self.body,
             columns=self._columns(),
         )  # fmt: skip
         if path.is_dir():
-            return Side(folder_clips(path, form), str(path), own_role)
+            return ClipSet(folder_clips(path, form), str(path), role)
         if not path.exists():
             raise UsageError("there is nothing to evaluate", where=path, allowed="a built dataset, a folder, a file")
-        return Side((FileClip(id=path.stem, path=path, format=form),), str(path), own_role)
+        return ClipSet((FileClip(id=path.stem, path=path, format=form),), str(path), role)
 
     def _grid(self) -> FrameGrid | None:
         if self.fps is not None:
@@ -154,7 +192,7 @@ class Request:
         return None if self.like is None else self.like.grid
 
     def _columns(self) -> ColumnsReader | None:
-        """Return how two-dimensional arrays are read; None if nothing says so."""
+        """Return the reader of two-dimensional arrays; None if no option states one."""
         if self.like is not None:
             name = self.field or next(iter(motion_readers(self.like)), "")
             stored = named_reader(self.like, name)
@@ -183,28 +221,28 @@ class Request:
             clip=self.clip,
         )  # fmt: skip
 
-    def music_files(self) -> dict[str, Path]:
-        """Return the music files by song; empty where none are given."""
-        return {} if self.source is None else song_files(self.source)
-
-    def given_beats(self, clips: Sequence[ClipInput]) -> dict[str, MusicBeats]:
-        """Return the beats that the caller gives, frames at the protocol's rate."""
-        unknown = sorted(set(self.beats) - {clip.id for clip in clips})
+    def _music_sources(self, clip_set: ClipSet) -> MusicSources:
+        unknown = sorted(set(self.beats) - {clip.id for clip in clip_set.clips})
         if unknown:
-            raise UsageError("beats are given for clips that are not there", found=listed(unknown))
-        found = {}
-        for clip, beats in self.beats.items():
-            if isinstance(beats, MusicBeats):
-                found[clip] = beats
-                continue
-            grid = self.protocol.music.grid if self.protocol.music is not None else None
-            if grid is None:
-                raise UsageError(
-                    f"{self.protocol.name} has no rate for beats of its own", where=f"clip {clip}",
-                    fix="give dancedata.metrics.MusicBeats.of(frames, grid)",
-                )  # fmt: skip
-            found[clip] = MusicBeats.of(np.asarray(beats), grid)
-        return found
+            raise UsageError("beats given for unknown clips", found=listed(unknown))
+        return MusicSources(
+            beats={clip: self._beats_of(clip, beats) for clip, beats in self.beats.items()},
+            files={} if self.source is None else song_files(self.source),
+            stores=tuple(store for store in (clip_set.store, self.like) if store is not None),
+            songs=self.songs,
+        )
+
+    def _beats_of(self, clip: str, beats: Any) -> MusicBeats:
+        """Return the beats that the caller states, frames at the protocol's rate."""
+        if isinstance(beats, MusicBeats):
+            return beats
+        grid = self.protocol.music.grid if self.protocol.music is not None else None
+        if grid is None:
+            raise UsageError(
+                f"{self.protocol.name} does not state a rate of beats", where=f"clip {clip}",
+                fix="give dancedata.metrics.MusicBeats.of(frames, grid)",
+            )  # fmt: skip
+        return MusicBeats.of(np.asarray(beats), grid)
 
 
 def protocol_named(protocol: str | Protocol) -> Protocol:
@@ -212,7 +250,7 @@ def protocol_named(protocol: str | Protocol) -> Protocol:
     return PROTOCOLS.get(protocol)() if isinstance(protocol, str) else protocol
 
 
-def _as_store(what: What) -> Store | None:
+def _as_store(what: MotionInput) -> Store | None:
     if isinstance(what, Store):
         return what
     if isinstance(what, str | Path):
@@ -222,32 +260,25 @@ def _as_store(what: What) -> Store | None:
     return None
 
 
-def _name(what: What) -> str:
+def _name(what: MotionInput) -> str:
     return str(what) if isinstance(what, str | Path) else "clips in memory"
-
-
-def _filled(clips: Iterable[ClipInput], source: str) -> tuple[ClipInput, ...]:
-    found = tuple(clips)
-    if not found:
-        raise UsageError("there are no clips to evaluate", where=source)
-    return found
 
 
 def _in_memory(motions: Motions, grid: FrameGrid | None, body: str | None) -> tuple[ClipInput, ...]:
     clips: list[ClipInput] = []
-    for name, given in motions.items():
+    for name, motion in motions.items():
         if not isinstance(name, str):
             raise UsageError("a clip's id is a text", found=f"{shown(name)}, {type(name).__name__}")
-        if isinstance(given, Motion):
-            clips.append(MemoryClip(id=name, motion=given))
+        if isinstance(motion, Motion):
+            clips.append(MemoryClip(id=name, motion=motion))
         elif grid is None:
             raise UsageError("the frame rate of the joints is unknown", where=f"clip {name}", fix="give fps=")
         else:
-            clips.append(MemoryClip(id=name, joints=_numbers(given, name), grid=grid, body=body))
+            clips.append(MemoryClip(id=name, joints=_positions(motion, name), grid=grid, body=body))
     return tuple(clips)
 
 
-def _numbers(joints: npt.ArrayLike, name: str) -> npt.NDArray[np.float64]:
+def _positions(joints: npt.ArrayLike, name: str) -> npt.NDArray[np.float64]:
     try:
         array = np.asarray(joints)
     except (TypeError, ValueError, RuntimeError) as error:

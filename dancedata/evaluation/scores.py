@@ -1,4 +1,4 @@
-"""From the numbers of clips to the scores of a set: what is undefined, intervals, warnings."""
+"""Scores of a set from the numbers of its clips, with undefined ones, intervals and warnings."""
 
 from __future__ import annotations
 
@@ -14,14 +14,12 @@ from dancedata.core.text import counted, listed
 from dancedata.evaluation.measuring import MeasuredClip
 from dancedata.metrics.intervals import MIN_CLIPS, Interval, jackknife
 
-__all__ = ["MetricRows", "Score", "rows_of", "scores_of"]
-
 #: Intervals of scores that fewer than 1 / HEAVY of the clips carry are known to be too short.
 HEAVY = 3
 #: Sets and pools with more vectors have no intervals: each draw compares all pairs of vectors.
 MAX_VECTORS = 4_000
 _CHANCE, _MEDIAN, _POOL, _VARYING = "_chance", "_median", "_pool", "_varying"
-#: Scores that stand beside others, or in warnings.
+#: Ends of the names of scores that are shown with others, or in warnings.
 _BESIDE = (_CHANCE, _MEDIAN, _POOL, _VARYING)
 _CONSTANT = "constant_columns"
 _NOT_FINITE = "not_finite"
@@ -34,13 +32,13 @@ class Score:
     Attributes
     ----------
     name
-        As the metric calls it: "fid_k".
+        Name in the metric: "fid_k".
     value
         None where it is undefined, see `undefined`.
     interval
         95 percent, see `jackknife`; None where there is none.
     median, chance, pool
-        Beside the value, where the metric has them: median over pieces, score of beats shifted at random, the
+        Where the metric has them: median over pieces, score of beats shifted at random, the
         pool's own diversity.
     n
         Pieces that have a value.
@@ -120,7 +118,7 @@ def rows_of(measured: Sequence[MeasuredClip], number: int, metric: Metric) -> Me
 
 
 def scores_of(
-    metric: Metric, found: MetricRows, pool: Float64Array | None, *, draws: int
+    metric: Metric, rows: MetricRows, pool: Float64Array | None, *, draws: int
 ) -> tuple[list[Score], list[str]]:
     """Return the scores of a metric, and warnings.
 
@@ -134,33 +132,31 @@ def scores_of(
     if metric.needs_pool and pool is None:
         return [], [f"{metric.name} is not computed: it compares with a pool, and none is given (--pool)"]
     try:
-        values = _summary(metric, found.rows, pool)
+        values = _summary(metric, rows.rows, pool)
     except Undefined as error:
         names = [name for name in metric.better if not name.endswith(_BESIDE)] or [metric.name]
-        missing = (
-            found.undefined if found.undefined and not len(found.rows) else {**found.undefined, error.reason: ()}
-        )
+        missing = rows.undefined if rows.undefined and not len(rows.rows) else {**rows.undefined, error.reason: ()}
         return [
-            Score(name, None, len(found.rows), undefined=missing, better=metric.better.get(name, "closer"))
+            Score(name, None, len(rows.rows), undefined=missing, better=metric.better.get(name, "closer"))
             for name in names
         ], []
-    intervals, warnings = _intervals(metric, found, pool, values, draws)
+    intervals, warnings = _intervals(metric, rows, pool, values, draws)
     scores = [
         Score(
             name,
             _finite(value),
-            len(found.rows),
+            len(rows.rows),
             interval=intervals.get(name),
             median=_finite(values.get(name + _MEDIAN)),
             chance=_finite(values.get(name + _CHANCE)),
             pool=_finite(values.get(name + _POOL)),
-            undefined=found.undefined if np.isfinite(value) else {**found.undefined, _NOT_FINITE: ()},
+            undefined=rows.undefined if np.isfinite(value) else {**rows.undefined, _NOT_FINITE: ()},
             better=metric.better.get(name, "closer"),
         )
         for name, value in values.items()
         if not _is_beside(name)
     ]
-    return scores, [*warnings, *_pool_warnings(metric, found, pool, values)]
+    return scores, [*warnings, *_pool_warnings(metric, rows, pool, values)]
 
 
 def _summary(metric: Metric, rows: Float64Array, pool: Float64Array | None) -> dict[str, float]:
@@ -181,20 +177,19 @@ def _finite(value: float | None) -> float | None:
 
 
 def _intervals(
-    metric: Metric, found: MetricRows, pool: Float64Array | None, values: dict[str, float], draws: int
+    metric: Metric, rows: MetricRows, pool: Float64Array | None, values: dict[str, float], draws: int
 ) -> tuple[dict[str, Interval], list[str]]:
-    clips = np.unique(found.clips)
+    clips = np.unique(rows.clips)
     if not draws:
         return {}, []
     if len(clips) < MIN_CLIPS:
         return {}, [f"{counted(len(clips), 'clip')}: too few for intervals, which need {MIN_CLIPS}"]
-    if metric.needs_pool and max(len(found.rows), 0 if pool is None else len(pool)) > MAX_VECTORS:
+    if metric.needs_pool and max(len(rows.rows), 0 if pool is None else len(pool)) > MAX_VECTORS:
         return {}, [f"{metric.name}: no intervals for sets of more than {MAX_VECTORS:,} vectors"]
-    own = {clip: np.flatnonzero(found.clips == clip) for clip in clips}
+    of_clip = {clip: np.flatnonzero(rows.clips == clip) for clip in clips}
 
     def scores(kept: Float64Array) -> dict[str, float]:
-        rows = found.rows[np.concatenate([own[clip] for clip in kept[:, 0]])]
-        return _summary(metric, rows, pool)
+        return _summary(metric, rows.rows[np.concatenate([of_clip[clip] for clip in kept[:, 0]])], pool)
 
     try:
         with np.errstate(over="ignore", invalid="ignore"):
@@ -217,12 +212,12 @@ def _intervals(
 
 
 def _pool_warnings(
-    metric: Metric, found: MetricRows, pool: Float64Array | None, values: dict[str, float]
+    metric: Metric, rows: MetricRows, pool: Float64Array | None, values: dict[str, float]
 ) -> list[str]:
     if not metric.needs_pool or pool is None:
         return []
     warnings = []
-    n, m, width = len(found.rows), len(pool), pool.shape[1]
+    n, m, width = len(rows.rows), len(pool), pool.shape[1]
     if min(n, m) <= width:
         warnings.append(
             f"{metric.name}: {counted(n, 'vector')} and a pool of {m:,} for {width} dimensions: the covariance has "
@@ -244,6 +239,6 @@ def _pool_warnings(
 
 
 def describe_outcome(outcome: str) -> str:
-    """Return what an outcome means."""
-    own = {"no_music": "there are no beats of music for the clip", _NOT_FINITE: "the numbers overflow"}
-    return OUTCOMES.get(outcome) or own.get(outcome, outcome)
+    """Return an outcome in words."""
+    of_sets = {"no_music": "there are no beats of music for the clip", _NOT_FINITE: "the numbers overflow"}
+    return OUTCOMES.get(outcome) or of_sets.get(outcome, outcome)

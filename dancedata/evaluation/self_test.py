@@ -1,8 +1,8 @@
-"""Compares a user's own copy of a dataset with the ground-truth rows that were published under each protocol."""
+"""Comparison of a user's copy of a dataset with the ground-truth rows that were published under each protocol."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -12,15 +12,14 @@ from dancedata.core.errors import UsageError
 from dancedata.core.plugins import Dataset
 from dancedata.core.registry import FEATURES
 from dancedata.core.text import counted, listed, shown, table
-from dancedata.evaluation.evaluate import evaluate
-from dancedata.evaluation.inputs.clip import ClipInput, DatasetClip
+from dancedata.evaluation.evaluate import evaluate_inputs
+from dancedata.evaluation.inputs.clip import ClipSet, DatasetClip
+from dancedata.evaluation.music import MusicSources, named_songs
 from dancedata.evaluation.protocol import PROTOCOLS, Protocol, Published
 from dancedata.evaluation.report import LABELS, Report
-from dancedata.evaluation.request import Request, Side, protocol_named
+from dancedata.evaluation.request import Inputs, protocol_named
 from dancedata.execution.progress import Progress
 from dancedata.pipeline.check import scan_folder
-
-__all__ = ["SelfTest", "self_test"]
 
 
 @dataclass(frozen=True)
@@ -44,23 +43,19 @@ class SelfTest:
 
     def rows(self) -> list[dict[str, Any]]:
         """Return a row for each published figure."""
-        found = []
+        rows: list[dict[str, Any]] = []
         for report, published in self.reports:
             values = {score.name: score.value for score in report.scores}
             for name, figure in published.values.items():
                 value = values.get(name)
-                found.append(
+                rows.append(
                     {
-                        "protocol": report.protocol.name,
-                        "score": name,
-                        "measured": value,
-                        "published": figure,
-                        "difference": None if value is None else value - figure,
-                        "clips": len(report.clips),
+                        "protocol": report.protocol.name, "score": name, "measured": value, "published": figure,
+                        "difference": None if value is None else value - figure, "clips": len(report.clips),
                         "pool": None if report.pool is None else report.pool["clips"],
                     }
-                )
-        return found
+                )  # fmt: skip
+        return rows
 
     def to_json(self) -> dict[str, Any]:
         """Return plain JSON data."""
@@ -73,7 +68,6 @@ class SelfTest:
         }
 
     def __str__(self) -> str:
-        """Show the table, and below it the pools, the lengths and the warnings of each protocol."""
         head = ("protocol", "score", "measured", "published", "difference", "clips", "pool")
         rows = [
             (
@@ -96,27 +90,6 @@ class SelfTest:
 
 def _number(value: float | None) -> str:
     return "-" if value is None else f"{value:.4f}"
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _DatasetRequest(Request):
-    """A request whose set, pool and music are clips of a source folder."""
-
-    truth: Side
-    everything: Side
-    files: Mapping[str, Path]
-
-    def set_side(self) -> Side:
-        """See `Request.set_side`."""
-        return self.truth
-
-    def pool_side(self) -> Side:
-        """See `Request.pool_side`."""
-        return self.everything
-
-    def music_files(self) -> dict[str, Path]:
-        """See `Request.music_files`."""
-        return dict(self.files)
 
 
 def self_test(
@@ -145,51 +118,52 @@ def self_test(
         If nothing was published of it.
     """
     reader, _ = scan_folder(source)
-    asked = [protocol_named(protocol)] if protocol is not None else [PROTOCOLS.get(n)() for n in PROTOCOLS.names()]
-    rows = [(p, row) for p in asked for row in p.published if row.dataset == reader.name]
+    protocols = (
+        [protocol_named(protocol)] if protocol is not None else [PROTOCOLS.get(n)() for n in PROTOCOLS.names()]
+    )
+    rows = [(p, row) for p in protocols for row in p.published if row.dataset == reader.name]
     if not rows:
-        known = sorted({row.dataset for p in asked for row in p.published if row.dataset})
+        datasets = sorted({row.dataset for p in protocols for row in p.published if row.dataset})
         raise UsageError(
             "no row of this dataset was published under the protocol", where=source, found=reader.name,
-            allowed=listed(known) or "none",
+            allowed=listed(datasets) or "none",
         )  # fmt: skip
-    own = _with(reader, music="optional")
-    split, everything = own.scan(source).clips, _with(own, split="all").scan(source).clips
+    reader = _with(reader, music="optional")
+    chosen, everything = reader.scan(source).clips, _with(reader, split="all").scan(source).clips
     reports, skipped = [], []
-    for own_protocol, published in rows:
-        truth = [ref for ref in split if ref.split in published.splits]
+    for tested, published in rows:
+        truth = [ref for ref in chosen if ref.split in published.splits]
         if not truth:
-            skipped.append((own_protocol.name, f"no clip of {' or '.join(published.splits)}"))
+            skipped.append((tested.name, f"no clip of {' or '.join(published.splits)}"))
             continue
-        request = _DatasetRequest(
-            what={},
-            protocol=own_protocol,
-            draws=draws,
-            truth=_side(own, truth, source),
-            everything=_side(own, everything, source),
-            files=_files(own_protocol, truth),
-        )
-        reports.append((evaluate(request, jobs=jobs, cache=cache, progress=progress), published))
+        numbers = list(range(len(tested.measures)))
+        pool_numbers = [number for number in numbers if tested.measures[number].metric.needs_pool]
+        inputs = Inputs(
+            protocol=tested, clip_set=_clip_set(reader, truth, source), numbers=numbers,
+            pool=_clip_set(reader, everything, source) if pool_numbers else None, pool_numbers=pool_numbers,
+            music=MusicSources(files=_music_files(tested, truth)), draws=draws,
+        )  # fmt: skip
+        reports.append((evaluate_inputs(inputs, jobs=jobs, cache=cache, progress=progress), published))
     return SelfTest(reader.name, str(source), tuple(reports), tuple(skipped))
 
 
 def _with(reader: Dataset, **values: str) -> Dataset:
     """Return a reader with other parameters, as far as it has them and takes the values."""
-    known = {f.name for f in fields(reader)}
+    names = {f.name for f in fields(reader)}
     try:
-        return replace(reader, **{name: value for name, value in values.items() if name in known})
+        return replace(reader, **{name: value for name, value in values.items() if name in names})
     except UsageError:
         return reader
 
 
-def _side(reader: Dataset, refs: list[ClipRef] | tuple[ClipRef, ...], source: Path) -> Side:
-    clips: tuple[ClipInput, ...] = tuple(
+def _clip_set(reader: Dataset, refs: Sequence[ClipRef], source: Path) -> ClipSet:
+    clips = [
         DatasetClip(id=ref.id, music=ref.music, tempo_bpm=ref.tempo_bpm, dataset=reader, ref=ref) for ref in refs
-    )
-    return Side(clips, str(source), "truth")
+    ]
+    return ClipSet(named_songs(clips, {}, None), str(source), "truth")
 
 
-def _files(protocol: Protocol, refs: list[ClipRef]) -> dict[str, Path]:
+def _music_files(protocol: Protocol, refs: Sequence[ClipRef]) -> dict[str, Path]:
     """Return the music of clips, where the protocol's feature is installed."""
     rule = protocol.music
     if rule is None or rule.features[0] not in FEATURES.names():

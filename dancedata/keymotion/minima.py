@@ -52,7 +52,7 @@ class KeyMotion:
         return f"KeyMotion(curve of {len(self.curve)} frames, {len(self.minima)} minima)"
 
     def to_rows(self) -> npt.NDArray[np.float32]:
-        """Return one row per frame, (T, 3) float32: curve, 1 at a minimum else 0, prominence there else 0.
+        """Return one row per frame, (T, 3) float32: curve, 1 at minima, their prominence; 0 elsewhere.
 
         The last frame has no next one: it repeats the last value of the curve and is not a minimum. All three
         columns of a single frame are 0.

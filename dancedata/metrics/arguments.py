@@ -55,8 +55,8 @@ def first_joints(joints: Float64Array, n: int) -> Float64Array:
     return joints[:, :n]
 
 
-def known_name(what: str, name: str, known: Iterable[str]) -> None:
-    """Raise UsageError with the closest known name if `name` is not known."""
-    names = tuple(known)
+def known_name(what: str, name: str, allowed: Iterable[str]) -> None:
+    """Raise UsageError with the closest allowed name for any other."""
+    names = tuple(allowed)
     if name not in names:
         raise UsageError(f"unknown {what} {name!r}", fix=did_you_mean(str(name), names))

@@ -134,7 +134,7 @@ def _runs(free: BoolArray) -> list[tuple[int, int]]:
 
 
 def _swing(toe: Float64Array, start: int, stop: int) -> int:
-    """Return the frames [start, stop) in the air if the toe's direction of flight has more than two peaks, else 0."""
+    """Return the number of frames if the toe's direction of flight has more than two peaks; 0 otherwise."""
     from scipy.signal import find_peaks
 
     if stop - start < _MIN_RUN:

@@ -15,7 +15,7 @@ from dancedata.metrics.arguments import IntArray, known_name
 
 @dataclass(frozen=True)
 class Normalisation:
-    """How features are normalised: (x - mean of the pool) / (standard deviation of the pool + eps).
+    """Normalisation of features: (x - mean of the pool) / (standard deviation of the pool + eps).
 
     Attributes
     ----------

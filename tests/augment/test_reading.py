@@ -42,8 +42,7 @@ def digest(sample: dict[str, Any]) -> str:
     return hashlib.sha256(repr(values).encode()).hexdigest()
 
 
-@pytest.mark.filterwarnings("ignore:This DataLoader will create 4 worker processes:UserWarning")
-@pytest.mark.parametrize("workers", [0, 2, 4])
+@pytest.mark.parametrize("workers", [0, 2, pytest.param(4, marks=pytest.mark.nightly)])
 def test_samples_are_the_same_bytes_with_any_number_of_workers(store_path: Path, workers: int) -> None:
     data = dataset(store_path, ALL)
     sampler = EpochSampler(data, seed=1)

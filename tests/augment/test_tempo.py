@@ -59,7 +59,7 @@ def rises(signal: AudioSignal, near: np.ndarray) -> np.ndarray:
     return np.array(found)
 
 
-@pytest.mark.parametrize("speed", SPEEDS, ids=str)
+@pytest.mark.parametrize("speed", SPEEDS[::3], ids=str)
 def test_beats_of_stretched_music_are_within_half_a_frame_of_where_they_belong(speed: Fraction) -> None:
     signal, at = hits(120)
     faster = stretched(signal, speed)

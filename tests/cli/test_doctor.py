@@ -15,11 +15,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from dancedata.api import commands as api
 from dancedata.cli import doctor
 from dancedata.cli.app import app
 from dancedata.cli.doctor import Finding
 from dancedata.execution import reference_process
+from dancedata.pipeline import commands as api
 
 
 def one(findings: Iterator[Finding]) -> Finding:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import dancedata
+from dancedata.audio.bailando438.feature import Bailando438
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.metrics import MusicBeats
@@ -21,14 +23,16 @@ COLUMN = 53
 
 
 @pytest.fixture(scope="module")
-def sixty(tmp_path_factory: pytest.TempPathFactory) -> Store:
+def sixty(tmp_path_factory: pytest.TempPathFactory, bailando438_rows: Callable[..., Any]) -> Store:
     """A dataset with the columns of the recipe aist++-60 that these protocols need."""
     folder = tmp_path_factory.mktemp("sixty")
     recipe = dict(load_recipe("aist++-60").document)
     recipe["dataset"] = {"synthetic": {"songs": 2, "clips_per_song": 2, "clip_s": 6}}
     recipe["audio"] = {"bailando438": recipe["audio"]["bailando438"]}
     recipe["motion"] = {"joints": {}}
-    dancedata.build(recipe, out=folder / "sixty", jobs=1, cache=folder / "cache", progress=False)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Bailando438, "extract", bailando438_rows)
+        dancedata.build(recipe, out=folder / "sixty", jobs=1, cache=folder / "cache", progress=False)
     return dancedata.open(folder / "sixty")
 
 

@@ -116,4 +116,5 @@ def test_the_pool_is_of_the_field_that_is_named(store: Store) -> None:
     protocol = protocol_named("dancedata")
     for pool in (None, store.path):
         request = Request(what=store, protocol=protocol, field="joints", pool=pool)
-        assert {clip.field for clip in (*request.set_side().clips, *request.pool_side().clips)} == {"joints"}
+        inputs = request.inputs()
+        assert {clip.field for clip in (*inputs.clip_set.clips, *inputs.pool.clips)} == {"joints"}

@@ -22,7 +22,7 @@ LENGTH = 150
 @pytest.fixture(scope="module")
 def batch(store: Store) -> tuple[list[str], np.ndarray, np.ndarray]:
     """Windows of train: ids, normalised columns (B, L, D), and rows of music (B, L, 35)."""
-    windows = list(store.windows("train"))[::3]
+    windows = list(store.windows("train"))[::2]
     scaler = store.normalizer("edge151")
     columns = np.stack([scaler.normalize(store.read(w, "edge151")) for w in windows])
     music = np.stack([store.read(w, "librosa35") for w in windows])
@@ -157,7 +157,7 @@ def test_padding_is_not_measured(store: Store, evaluator: Evaluator, batch: Any)
     evaluator.update(junk, ids=ids[:4], music=heard, lengths=sizes)
     assert values(evaluator.compute()) == alone
     evaluator.reset()
-    with pytest.raises(UsageError, match=r"a sample is padded.*found 10 rows of 0. Say how long .*lengths=batch"):
+    with pytest.raises(UsageError, match=r"a sample is padded.*found 10 rows of 0. Give their len.*lengths=batch"):
         evaluator.update(padded, ids=ids[:4], music=heard)
     for wrong in ([1, 2], [1, 2, 3, 0], [1, 2, 3, 161], [1.5, 2, 3, 4], {"edge151": sizes}):
         with pytest.raises(UsageError, match=r"lengths are not the rows .* 4 whole numbers from 1 to 160"):
@@ -171,7 +171,7 @@ def test_music_of_another_length_or_rate(store: Store, evaluator: Evaluator, bat
     ids, columns, music = batch
     evaluator.reset()
     for wrong in (music[:, ::2], music.repeat(2, axis=1), music[:, :100], music[:, ::2, 34]):
-        with pytest.raises(UsageError, match=r"other lengths; found \d+ rows of music, 150 of motion; allowed: 150"):
+        with pytest.raises(UsageError, match=r"in length; found \d+ rows of music, 150 of motion; allowed: 150"):
             evaluator.update(columns, ids=ids, music=wrong)
     with pytest.raises(UsageError, match="found 75 rows of music, 150 of motion"):
         evaluator.update(columns, ids=ids, music=music[:, ::2], lengths=[LENGTH] * len(ids))
@@ -312,11 +312,10 @@ def test_calls_with_and_without_ids_keep_all(evaluator: Evaluator, batch: Any) -
     _, columns, _ = batch
     evaluator.reset()
     evaluator.update(columns[:2], ids=["0/2", "0/3"])
-    evaluator.update(columns[2:5])
-    evaluator.update(columns[5:6], ids=["a"])
-    evaluator.update(columns[6:8])
-    assert len(evaluator) == 8
-    assert len(evaluator.compute().clips) == 8
+    evaluator.update(columns[2:4])
+    evaluator.update(columns[4:5], ids=["a"])
+    evaluator.update(columns[5:6])
+    assert len(evaluator) == len(evaluator.compute().clips) == 6
 
 
 def test_samples_without_ids_of_processes_that_cannot_be_told_apart(evaluator: Evaluator, batch: Any) -> None:

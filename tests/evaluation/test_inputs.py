@@ -153,7 +153,7 @@ def test_every_protocol_gives_a_table(store: Store, motions: Mapping[str, Motion
     sources = {k: Motion(m.translation, m.rotations, m.grid, m.skeleton) for k, m in sources.items()}
     beats = MusicBeats.of([9, 40, 70, 99, 130, 200], FrameGrid.of(rate))
     music = {} if protocol.music is None else dict.fromkeys(motions, beats)
-    report = dancedata.evaluate(sources, protocol=name, pool=sources, beats=music, bootstrap=20, role="truth")
+    report = dancedata.evaluate(sources, protocol=name, pool=sources, beats=music, bootstrap=3, role="truth")
     assert len(report.clips) == len(motions)
     for score in report.scores:
         assert score.value is not None, score

@@ -177,9 +177,9 @@ def _beats() -> Any:
         ({"split": "test"}, "only a dataset has splits"),
         ({"bootstrap": -1}, "invalid number of bootstrap draws"),
         ({"fps": None}, "the frame rate of the joints is unknown"),
-        ({"music_of": {"nobody": "song"}}, "names clips that are not there; found nobody"),
-        ({"beats": {"nobody": [1]}}, "clips that are not there; found nobody"),
-        ({"beats": {"d0": [1]}}, "has no rate for beats of its own"),
+        ({"music_of": {"nobody": "song"}}, "the list of songs names unknown clips; found nobody"),
+        ({"beats": {"nobody": [1]}}, "beats given for unknown clips; found nobody"),
+        ({"beats": {"d0": [1]}}, "does not state a rate of beats"),
         ({"up": "x"}, None),
     ],
 )

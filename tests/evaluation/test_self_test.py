@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from dancedata.api.evaluation import self_test
 from dancedata.cli.app import app
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.datasets.finedance.reader import FineDance
+from dancedata.evaluation.run import self_test
 
 
 def test_every_published_row_of_aistpp(folder: Path) -> None:

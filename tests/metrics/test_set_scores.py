@@ -27,7 +27,7 @@ SHAPES = {
 }
 
 
-@pytest.mark.parametrize("n", [3, 5, 10, 20])
+@pytest.mark.parametrize("n", [3, 10])
 @pytest.mark.parametrize("shape", SHAPES)
 def test_coverage(shape: str, n: int) -> None:
     draw, mean, bounds, least = SHAPES[shape]
@@ -69,9 +69,9 @@ def test_of_distances_and_diversity() -> None:
     def scores(rows: np.ndarray) -> dict[str, float]:
         return SetScores.of(rows, pool).named("k")
 
-    sets = [rng.normal(size=(8, 6)) for _ in range(300)]
+    sets = [rng.normal(size=(8, 6)) for _ in range(150)]
     own = [scores(rows) for rows in sets]
-    found = [jackknife(rows, scores, bounds=(0, np.inf)) for rows in sets[:80]]
+    found = [jackknife(rows, scores, bounds=(0, np.inf)) for rows in sets[:50]]
     assert found[0].keys() == {"fid_k", "div_k"}  # that of the pool is the same without any clip
     for name in ("fid_k", "div_k"):
         mean = np.mean([each[name] for each in own])

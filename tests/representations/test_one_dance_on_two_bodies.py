@@ -19,8 +19,7 @@ from dancedata.core.registry import DATASETS, REPRESENTATIONS
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.datasets.aistpp import AistPP
 from dancedata.datasets.folder import Folder
-from dancedata.evaluation.measuring import measure_pose
-from dancedata.evaluation.pose import conformed
+from dancedata.evaluation.measuring import conformed, measure_pose
 from dancedata.evaluation.protocol import MotionRule
 from dancedata.formats.motion_files import amass_arrays, smplx_arrays
 from dancedata.pipeline.motion import MotionKeys

@@ -1,1 +1,1 @@
-"""What can be evaluated: clips of stores, files of generated motion, clips of a dataset, arrays in memory."""
+"""Inputs of an evaluation: clips of stores, files of generated motion, clips of a dataset, arrays in memory."""

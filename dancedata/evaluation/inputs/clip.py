@@ -1,4 +1,4 @@
-"""A clip that can be evaluated, wherever it is from."""
+"""Clips that can be evaluated, of any origin, and sets of them."""
 
 from __future__ import annotations
 
@@ -12,18 +12,19 @@ import numpy.typing as npt
 
 from dancedata.core.bodies import crosses
 from dancedata.core.clip import ClipRef
-from dancedata.core.errors import DataError
+from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import sha256_bytes
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import Dataset
 from dancedata.core.skeleton import Skeleton
+from dancedata.core.typing import override
+from dancedata.evaluation.protocol import Role
 from dancedata.execution.cache import Cache
 from dancedata.pipeline.motion import content_hashes
 from dancedata.recipes.documents import document_of
 from dancedata.representations.stored import Pose
-
-__all__ = ["ClipInput", "DatasetClip", "MemoryClip"]
+from dancedata.store import Store
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -46,8 +47,13 @@ class ClipInput(ABC):
 
     @property
     def clip(self) -> str:
-        """Id of the clip that this one is a window of, else its own: resampling takes clips as a whole."""
+        """Id of the clip that this one is a window of, or its own id: resampling takes clips as a whole."""
         return self.id
+
+    @property
+    def file(self) -> Path | None:
+        """File or folder that is read, which workers of a cluster have to see; None if the clip is in memory."""
+        return None
 
     def crosses(self, target: Skeleton) -> bool:
         """Return whether the motion crosses to another body, see `core.bodies.crosses`; True if that is unknown."""
@@ -71,22 +77,22 @@ class MemoryClip(ClipInput):
     grid: FrameGrid | None = None
     body: str | None = None
 
+    @override
     def crosses(self, target: Skeleton) -> bool:
-        """See `ClipInput.crosses`."""
         return self.motion is not None and crosses(self.motion.skeleton, target)
 
+    @override
     def identity(self, cache: Cache) -> Any:
-        """See `ClipInput.identity`."""
         arrays: tuple[npt.NDArray[np.float64], ...]
         if self.motion is not None:
             skeleton, arrays = self.motion.skeleton, (self.motion.translation, self.motion.rotations)
-            about: Any = [skeleton.name, list(skeleton.joints), skeleton.offsets.tolist(), str(self.motion.grid)]
+            body: Any = [skeleton.name, list(skeleton.joints), skeleton.offsets.tolist(), str(self.motion.grid)]
         else:
-            arrays, about = (np.asarray(self.joints, dtype=np.float64),), [self.body, str(self.grid)]
-        return ["memory", about, [[list(a.shape), sha256_bytes(np.ascontiguousarray(a).tobytes())] for a in arrays]]
+            arrays, body = (np.asarray(self.joints, dtype=np.float64),), [self.body, str(self.grid)]
+        return ["memory", body, [[list(a.shape), sha256_bytes(np.ascontiguousarray(a).tobytes())] for a in arrays]]
 
+    @override
     def load(self) -> Pose:
-        """See `ClipInput.load`."""
         if self.motion is not None:
             return Pose.of_motion(self.motion)
         if self.joints is None or self.grid is None:
@@ -102,22 +108,50 @@ class DatasetClip(ClipInput):
     ref: ClipRef
 
     @property
-    def motion_path(self) -> Path:
-        """The file, for messages."""
+    @override
+    def file(self) -> Path:
         return self.ref.motion_path
 
+    @override
     def crosses(self, target: Skeleton) -> bool:
-        """See `ClipInput.crosses`."""
         return crosses(self.dataset.body_of(self.ref), target)
 
+    @override
     def identity(self, cache: Cache) -> Any:
-        """See `ClipInput.identity`."""
         dataset, ref = self.dataset, self.ref
         content = content_hashes(dataset, cache.file_sha256)
         file = cache.file_sha256(ref.motion_path)
-        about = [dataset.name, dataset.version, document_of(dataset, loading=True), content]
-        return ["dataset", about, ref.id, [list(pair) for pair in ref.declared], file]
+        reader = [dataset.name, dataset.version, document_of(dataset, loading=True), content]
+        return ["dataset", reader, ref.id, [list(pair) for pair in ref.declared], file]
 
+    @override
     def load(self) -> Pose:
-        """See `ClipInput.load`."""
         return Pose.of_motion(self.dataset.load(self.ref))
+
+
+@dataclass(frozen=True, eq=False)
+class ClipSet:
+    """Clips that are measured together.
+
+    Attributes
+    ----------
+    source
+        Origin of the clips, for reports.
+    store
+        Dataset that they are from; None for others.
+    """
+
+    clips: tuple[ClipInput, ...]
+    source: str
+    role: Role
+    store: Store | None = None
+
+    def __post_init__(self) -> None:
+        if not self.clips:
+            raise UsageError("there are no clips to evaluate", where=self.source)
+
+    @property
+    def folder(self) -> Path:
+        """Folder that workers of a cluster have to see."""
+        file = next((clip.file for clip in self.clips if clip.file is not None), Path.cwd())
+        return file if file.is_dir() else file.parent

@@ -15,22 +15,21 @@ from dancedata.core.grid import FrameGrid, as_rate
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import listed
+from dancedata.core.typing import override
 from dancedata.datasets.files import MOTION_SUFFIXES
 from dancedata.datasets.folder import RATE_KEYS, UNITS, UPRIGHT, Folder, metres, same_rate, stated_grid
 from dancedata.evaluation.inputs.clip import ClipInput
-from dancedata.evaluation.inputs.columns import columns_identity
+from dancedata.evaluation.inputs.store import columns_identity
 from dancedata.execution.cache import Cache
 from dancedata.formats.arrays import ArrayFile, open_arrays
 from dancedata.recipes.documents import document_of
 from dancedata.representations.stored import ColumnsReader, Pose
 from dancedata.store.scaling import stated_in
 
-__all__ = ["FileClip", "FileFormat", "folder_clips"]
-
 #: Names of arrays (T, J, 3) that are taken as positions; "" is the only array of a file.
 _JOINTS = ("full_pose", "joints", "positions", "keypoints3d", "")
 _COLUMNS = ("columns", "motion", "")
-#: What to do about a file with rotations, by reason, in words of the command.
+#: Fixes for files with rotations, by reason, as options of the command.
 _REMEDIES = {
     "undeclared": "declare it: --fps RATE, --up y or z, --unit m, cm, mm or inch",
     "missing_key": "name its arrays so, or say what columns they are: --like STORE, --representation NAME",
@@ -39,7 +38,7 @@ _REMEDIES = {
 
 @dataclass(frozen=True, eq=False)
 class FileFormat:
-    """What is declared about the files of a folder.
+    """Declarations about the files of a folder.
 
     Attributes
     ----------
@@ -48,7 +47,7 @@ class FileFormat:
     body
         Body of positions (T, J, 3), a key of `BODIES`.
     columns
-        How two-dimensional arrays are read; None: they are refused.
+        Reader of two-dimensional arrays; None: they are refused.
     """
 
     fps: str | None = None
@@ -58,7 +57,6 @@ class FileFormat:
     columns: ColumnsReader | None = None
 
     def __post_init__(self) -> None:
-        """Check the axis and the unit."""
         if self.up not in (None, *UPRIGHT):
             raise UsageError("invalid up axis", found=self.up, allowed=", ".join(UPRIGHT))
         if self.unit is not None and self.unit != "guess" and metres(self.unit) is None:
@@ -70,13 +68,8 @@ class FileFormat:
 
     def identity(self) -> list[Any]:
         """Return JSON data for cache keys."""
-        return [
-            self.fps,
-            self.up,
-            self.unit,
-            self.body,
-            None if self.columns is None else columns_identity(self.columns),
-        ]
+        columns = None if self.columns is None else columns_identity(self.columns)
+        return [self.fps, self.up, self.unit, self.body, columns]
 
     @property
     def folder(self) -> Folder:
@@ -92,26 +85,25 @@ class FileClip(ClipInput):
     path: Path
     format: FileFormat
 
+    @property
+    @override
+    def file(self) -> Path:
+        return self.path
+
+    @override
     def crosses(self, target: Skeleton) -> bool:
-        """See `ClipInput.crosses`."""
         return self.path.suffix.lower() != ".bvh" or crosses(SMPL24, target)
 
+    @override
     def identity(self, cache: Cache) -> Any:
-        """See `ClipInput.identity`."""
         folder = self.format.folder
-        about = [self.format.identity(), folder.version, document_of(folder, loading=True)]
+        declared = [self.format.identity(), folder.version, document_of(folder, loading=True)]
         if self.path.suffix.lower() != ".bvh":
-            about.append(RATE_KEYS)
-        return ["file", about, self.path.suffix.lower(), cache.file_sha256(self.path)]
+            declared.append(RATE_KEYS)
+        return ["file", declared, self.path.suffix.lower(), cache.file_sha256(self.path)]
 
+    @override
     def load(self) -> Pose:
-        """See `ClipInput.load`.
-
-        Raises
-        ------
-        DataError
-            If the file is broken, its arrays are unknown, or a declaration is missing.
-        """
         if self.path.suffix.lower() != ".bvh":
             with open_arrays(self.path) as arrays:
                 pose = self._columns(arrays) or self._positions(arrays)
@@ -178,7 +170,7 @@ def _shape(arrays: ArrayFile, name: str) -> tuple[int, ...]:
         return arrays.shape(name)
     except DataError:
         if name and len(arrays.names) > 1:
-            return ()  # such as the names of the joints, beside their positions
+            return ()  # such as the names of the joints
         raise
 
 
@@ -197,10 +189,11 @@ def folder_clips(folder: Path, form: FileFormat) -> tuple[ClipInput, ...]:
     """
     paths = sorted(p for p in folder.iterdir() if p.suffix.lower() in MOTION_SUFFIXES and p.is_file())
     if not paths:
-        found = listed(sorted(p.name for p in folder.iterdir())) or "an empty folder"
         raise UsageError(
-            "no motion to evaluate", where=folder, found=found, allowed=f"files {', '.join(MOTION_SUFFIXES)}"
-        )
+            "no motion to evaluate", where=folder,
+            found=listed(sorted(p.name for p in folder.iterdir())) or "an empty folder",
+            allowed=f"files {', '.join(MOTION_SUFFIXES)}",
+        )  # fmt: skip
     stems = [path.stem for path in paths]
     twice = sorted({stem for stem in stems if stems.count(stem) > 1})
     if twice:

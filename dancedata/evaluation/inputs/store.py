@@ -1,9 +1,9 @@
-"""Clips of a built dataset, or its windows where it stores nothing else."""
+"""Clips of a built dataset, or its windows where it has window scope, in columns that a protocol can measure."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -14,16 +14,16 @@ from dancedata.core.bodies import crosses
 from dancedata.core.clip import Window
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.hashing import sha256_bytes
-from dancedata.core.skeleton import Skeleton
+from dancedata.core.skeleton import SMPL24, Skeleton
+from dancedata.core.text import listed, shown
+from dancedata.core.typing import override
 from dancedata.evaluation.inputs.clip import ClipInput
-from dancedata.evaluation.inputs.columns import columns_identity, reader_for
-from dancedata.evaluation.protocol import Protocol, Role
+from dancedata.evaluation.protocol import MotionRule, Protocol, Role
 from dancedata.execution.cache import Cache
-from dancedata.representations.stored import ColumnsReader, Pose
+from dancedata.recipes.documents import document_of
+from dancedata.representations.stored import BODIES, ColumnsReader, Pose, motion_reader, motion_readers
 from dancedata.store import Store
 from dancedata.store.dataset import reopen
-
-__all__ = ["StoreClip", "chosen_splits", "store_clips"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -46,27 +46,27 @@ class StoreClip(ClipInput):
     window: Window | None = None
 
     @property
+    @override
     def clip(self) -> str:
-        """See `ClipInput.clip`."""
         return self.id if self.window is None else self.window.clip
 
     @property
-    def path(self) -> Path:
-        """The store, for messages."""
+    @override
+    def file(self) -> Path:
         return Path(self.reference[0])
 
+    @override
     def crosses(self, target: Skeleton) -> bool:
-        """See `ClipInput.crosses`."""
         representation = self.reader.representation
         return representation.decodes and crosses(representation.skeleton, target)
 
+    @override
     def identity(self, cache: Cache) -> Any:
-        """See `ClipInput.identity`."""
-        rows = sha256_bytes(self._rows().tobytes())  # not only what dataset.json says of them
+        rows = sha256_bytes(self._rows().tobytes())  # not the hash that dataset.json states
         return ["store", self.reference[1], self.id, self.field, columns_identity(self.reader), rows]
 
+    @override
     def load(self) -> Pose:
-        """See `ClipInput.load`."""
         return self.reader.pose(self._rows())
 
     def _rows(self) -> npt.NDArray[Any]:
@@ -137,13 +137,69 @@ def _windows(
     kept = [w for w in windows if not records[w.clip].source and (stride is None or w.start % stride == 0)]
     return tuple(
         StoreClip(
-            id=f"{w.clip}@{w.start}",
-            music=records[w.clip].music,
-            tempo_bpm=records[w.clip].tempo_bpm,
-            reference=store.reference,
-            field=name,
-            reader=reader,
-            window=w,
+            id=f"{w.clip}@{w.start}", music=records[w.clip].music, tempo_bpm=records[w.clip].tempo_bpm,
+            reference=store.reference, field=name, reader=reader, window=w,
         )
         for w in kept
+    )  # fmt: skip
+
+
+def columns_problem(reader: ColumnsReader, rule: MotionRule) -> str:
+    """Return why the columns cannot give the joints of a protocol; "" if they can."""
+    plugin = reader.representation
+    joints = plugin.skeleton.joints
+    is_smpl = joints == SMPL24.joints
+    if not plugin.decodes and "position" not in plugin.columns.names:
+        return "they hold neither rotations nor positions"
+    if rule.body == "smplx24" and (is_smpl or (not plugin.decodes and joints[:24] != BODIES["smplx24"][0])):
+        return "they are not on SMPL-X with jaw and eyes, or rotations of it"
+    if rule.body == "smpl24" and not plugin.decodes and not is_smpl:
+        return "they are positions of another body than SMPL's 24 joints"
+    if rule.pelvis == "body" and not plugin.decodes and not plugin.skeleton.offsets[0].any():
+        return "their pelvis lies at the translation, as EDGE has it"
+    grid = rule.grid
+    if grid is not None and reader.grid.step_to(grid) is None:
+        return f"they have {reader.grid} rows per second, not {grid} or a whole multiple"
+    return ""
+
+
+def columns_identity(reader: ColumnsReader) -> list[Any]:
+    """Return how columns are read, as JSON data for cache keys."""
+    plugin = reader.representation
+    return [plugin.name, plugin.version, document_of(plugin), str(reader.grid), reader.scaling.identity()]
+
+
+def named_reader(store: Store, name: str) -> ColumnsReader:
+    """Return the reader of the motion field `name`; UsageError if there is none, or if it cannot be read."""
+    names = [field for field in store.fields if store.field(field).kind == "motion"]
+    if name not in names:
+        raise UsageError(
+            f"no motion field named {shown(name)!r}", where=str(store.path), fix=did_you_mean(name, names)
+        )
+    return motion_reader(store, name)
+
+
+def reader_for(store: Store, rule: MotionRule, field: str | None) -> tuple[str, ColumnsReader]:
+    """Choose the motion field of a store to evaluate: `field`, or the first that fits the protocol.
+
+    Raises
+    ------
+    UsageError
+        If none fits, with the reason for each.
+    """
+    candidates = motion_readers(store) if field is None else {field: named_reader(store, field)}
+    problems = {name: columns_problem(reader, rule) for name, reader in candidates.items()}
+    for name, problem in problems.items():
+        if not problem:
+            return name, candidates[name]
+    any_rate = replace(rule, fps=None)
+    only_rate = rule.fps is not None and any(not columns_problem(reader, any_rate) for reader in candidates.values())
+    raise UsageError(
+        "the protocol cannot be computed from this dataset",
+        where=str(store.path),
+        found="; ".join(f"{name}: {problem}" for name, problem in problems.items()),
+        allowed=f"joints {rule.body}" + (f" at {rule.fps} frames per second" if rule.fps else ""),
+        fix=f"build it with fps: {rule.fps}, or take a protocol for its rate"
+        if only_rate
+        else "build it with a field that has them: " + listed(["edge151", "lodge319", "joints"]),
     )

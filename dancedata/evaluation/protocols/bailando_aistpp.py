@@ -1,10 +1,5 @@
 """Bailando's evaluation on AIST++."""
 
-from __future__ import annotations
-
-from dataclasses import dataclass
-from typing import ClassVar
-
 from dancedata.evaluation.protocol import PROTOCOLS, Measure, MotionRule, MusicRule, Pieces, Protocol, Published
 from dancedata.metrics.beats import BeatAlignment
 from dancedata.metrics.geometric_features import Geometric
@@ -12,25 +7,24 @@ from dancedata.metrics.kinetic_features import Kinetic
 
 
 @PROTOCOLS.register("bailando-aistpp")
-@dataclass(frozen=True)
 class BailandoAistpp(Protocol):
     """Bailando on AIST++: positions from the first pelvis at 60 frames per second; from music to motion."""
 
-    version: ClassVar[int] = 1
-    citation: ClassVar[str] = "Siyao et al., Bailando: 3D Dance Generation by Actor-Critic GPT, CVPR 2022."
-    source: ClassVar[str] = "lisiyao21/Bailando cc90b98b, utils/metrics_new.py, utils/beat_align_score.py"
-    licence_note: ClassVar[str] = "S-Lab License 1.0, non-commercial; none of its code is used here."
-    motion: ClassVar[MotionRule] = MotionRule("smpl24", 60)
-    generated: ClassVar[Pieces] = Pieces(first=1200)
-    measures: ClassVar[tuple[Measure, ...]] = (
+    version = 1
+    citation = "Siyao et al., Bailando: 3D Dance Generation by Actor-Critic GPT, CVPR 2022."
+    source = "lisiyao21/Bailando cc90b98b, utils/metrics_new.py, utils/beat_align_score.py"
+    licence_note = "S-Lab License 1.0, non-commercial; none of its code is used here."
+    motion = MotionRule("smpl24", 60)
+    generated = Pieces(first=1200)
+    measures = (
         Measure(Kinetic("code")),
         Measure(Geometric()),
         Measure(BeatAlignment("bailando", "music", 3, unit="frames", cut="steps")),
     )
-    music: ClassVar[MusicRule] = MusicRule(
+    music = MusicRule(
         ("bailando438",), 60, about="column 53 of Bailando's 438: beats of the percussive part of the song"
     )
-    published: ClassVar[tuple[Published, ...]] = (
+    published = (
         Published(
             "ground truth",
             {"fid_k": 17.10, "fid_g": 10.60, "div_k": 8.19, "div_g": 7.45, "bas": 0.2374},
@@ -40,7 +34,7 @@ class BailandoAistpp(Protocol):
             splits=("val", "test"),
         ),
     )
-    notes: ClassVar[tuple[str, ...]] = (
+    notes = (
         "predictions are cut to 1,200 frames, the pool is not",
         "the pool is every sequence except those on the ignore list",
         "the energy columns hold the distance from the first pelvis (a slip of the code)",

@@ -1,10 +1,5 @@
 """The protocol of this project, for new work."""
 
-from __future__ import annotations
-
-from dataclasses import dataclass
-from typing import ClassVar
-
 from dancedata.evaluation.protocol import PROTOCOLS, Measure, MotionRule, MusicRule, Pieces, Protocol
 from dancedata.metrics.beats import BeatAlignment
 from dancedata.metrics.foot_skating import FootSkating
@@ -17,29 +12,28 @@ _FIVE_SECONDS = Pieces(seconds=(5, 2.5))
 
 
 @PROTOCOLS.register("dancedata")
-@dataclass(frozen=True)
 class Dancedata(Protocol):
     """The recommended protocol: constants in seconds and metres, without the slips, the same at any frame rate."""
 
-    version: ClassVar[int] = 2
-    citation: ClassVar[str] = (
+    version = 2
+    citation = (
         "dancedata, protocol dancedata, version 2; with Li et al. 2021 (features), Siyao et al. 2022 (beats), "
         "Tseng et al. 2023 (PFC) and Li et al. 2024 (skating)."
     )
-    source: ClassVar[str] = "this project"
-    licence_note: ClassVar[str] = "MIT."
-    motion: ClassVar[MotionRule] = MotionRule("body22", None)
-    truth: ClassVar[Pieces] = _FIVE_SECONDS
-    generated: ClassVar[Pieces] = _FIVE_SECONDS
-    measures: ClassVar[tuple[Measure, ...]] = (
+    source = "this project"
+    licence_note = "MIT."
+    motion = MotionRule("body22", None)
+    truth = _FIVE_SECONDS
+    generated = _FIVE_SECONDS
+    measures = (
         Measure(Kinetic("fixed", joints=_JOINTS, statistics="varying"), steady=True),
         Measure(Geometric(joints=_JOINTS, statistics="varying"), steady=True),
         Measure(BeatAlignment(joints=_JOINTS)),
         Measure(Pfc("rescaled"), steady=True),
         Measure(FootSkating("speed"), steady=True),
     )
-    music: ClassVar[MusicRule] = MusicRule(("librosa35", "bailando438"))
-    notes: ClassVar[tuple[str, ...]] = (
+    music = MusicRule(("librosa35", "bailando438"))
+    notes = (
         "all is measured at 120 frames per second, beats at their instants; numbers of version 1 do not compare",
         "pieces of 5 s every 2.5 s, so that clips of different lengths compare; intervals draw whole clips",
         "features that are the same in all clips of the pool do not count",

@@ -1,11 +1,6 @@
 """EDGE's evaluation on AIST++, as far as it was released."""
 
-from __future__ import annotations
-
-from collections.abc import Mapping
-from dataclasses import dataclass
 from types import MappingProxyType
-from typing import ClassVar
 
 from dancedata.evaluation.protocol import PROTOCOLS, Measure, MotionRule, Pieces, Protocol, Published
 from dancedata.metrics.physical_contact import Pfc
@@ -14,21 +9,18 @@ _NOT_RELEASED = "EDGE's code for it was never released; dgsdp is the nearest ope
 
 
 @PROTOCOLS.register("edge-aistpp")
-@dataclass(frozen=True)
 class EdgeAistpp(Protocol):
     """EDGE on AIST++: PFC of pieces of five seconds at 30 frames per second, z up."""
 
-    version: ClassVar[int] = 1
-    citation: ClassVar[str] = "Tseng, Castellon, Liu, EDGE: Editable Dance Generation From Music, CVPR 2023."
-    source: ClassVar[str] = (
-        "Stanford-TML/EDGE 17c3428, eval/eval_pfc.py; the stride of 2.5 s is the paper's (EDGE#24)"
-    )
-    licence_note: ClassVar[str] = "MIT."
-    motion: ClassVar[MotionRule] = MotionRule("smpl24", 30, "z")
-    truth: ClassVar[Pieces] = Pieces(length=150, stride=75)
-    generated: ClassVar[Pieces] = Pieces(length=150, stride=75)
-    measures: ClassVar[tuple[Measure, ...]] = (Measure(Pfc("code", "z")),)
-    published: ClassVar[tuple[Published, ...]] = (
+    version = 1
+    citation = "Tseng, Castellon, Liu, EDGE: Editable Dance Generation From Music, CVPR 2023."
+    source = "Stanford-TML/EDGE 17c3428, eval/eval_pfc.py; the stride of 2.5 s is the paper's (EDGE#24)"
+    licence_note = "MIT."
+    motion = MotionRule("smpl24", 30, "z")
+    truth = Pieces(length=150, stride=75)
+    generated = Pieces(length=150, stride=75)
+    measures = (Measure(Pfc("code", "z")),)
+    published = (
         Published(
             "ground truth",
             {"pfc": 1.332, "bas": 0.24, "div_k": 10.61, "div_g": 7.48},
@@ -38,10 +30,8 @@ class EdgeAistpp(Protocol):
             splits=("test",),
         ),
     )
-    notes: ClassVar[tuple[str, ...]] = (
+    notes = (
         "PFC depends on the length of the pieces: 1.33, 1.04 and 1.7 are published for 5, 7.5 and 10 s (PAMD)",
         "its mean has heavy tails: one jump of a tracker can double it, so read the median too",
     )
-    not_computable: ClassVar[Mapping[str, str]] = MappingProxyType(
-        {"bas": _NOT_RELEASED, "div_k": _NOT_RELEASED, "div_g": _NOT_RELEASED}
-    )
+    not_computable = MappingProxyType({"bas": _NOT_RELEASED, "div_k": _NOT_RELEASED, "div_g": _NOT_RELEASED})

@@ -1,10 +1,5 @@
 """FACT's evaluation on AIST++."""
 
-from __future__ import annotations
-
-from dataclasses import dataclass
-from typing import ClassVar
-
 from dancedata.evaluation.protocol import PROTOCOLS, Measure, MotionRule, MusicRule, Pieces, Protocol, Published
 from dancedata.metrics.beats import BeatAlignment
 from dancedata.metrics.geometric_features import Geometric
@@ -12,27 +7,22 @@ from dancedata.metrics.kinetic_features import Kinetic
 
 
 @PROTOCOLS.register("fact-aistpp")
-@dataclass(frozen=True)
 class FactAistpp(Protocol):
     """FACT on AIST++: absolute positions at 60 frames per second, beats from the motion to the music."""
 
-    version: ClassVar[int] = 1
-    citation: ClassVar[str] = (
-        "Li et al., AI Choreographer: Music Conditioned 3D Dance Generation with AIST++, ICCV 2021."
-    )
-    source: ClassVar[str] = "liruilong940607/mint d40065a, tools/calculate_fid_scores.py, calculate_beat_scores.py"
-    licence_note: ClassVar[str] = "Apache-2.0; the features are from fairmotion, BSD."
-    motion: ClassVar[MotionRule] = MotionRule("smpl24", 60, pelvis="body")
-    generated: ClassVar[Pieces] = Pieces(skip=120)
-    measures: ClassVar[tuple[Measure, ...]] = (
+    version = 1
+    citation = "Li et al., AI Choreographer: Music Conditioned 3D Dance Generation with AIST++, ICCV 2021."
+    source = "liruilong940607/mint d40065a, tools/calculate_fid_scores.py, calculate_beat_scores.py"
+    licence_note = "Apache-2.0; the features are from fairmotion, BSD."
+    motion = MotionRule("smpl24", 60, pelvis="body")
+    generated = Pieces(skip=120)
+    measures = (
         Measure(Kinetic("code", "absolute")),
         Measure(Geometric("absolute")),
-        Measure(
-            BeatAlignment("fact", "motion", 3, unit="frames", cut="frames", no_motion_beats="zero"),
-        ),
+        Measure(BeatAlignment("fact", "motion", 3, unit="frames", cut="frames", no_motion_beats="zero")),
     )
-    music: ClassVar[MusicRule] = MusicRule(("librosa35",), 60)
-    published: ClassVar[tuple[Published, ...]] = (
+    music = MusicRule(("librosa35",), 60)
+    published = (
         Published(
             "FACT",
             {"fid_k": 32, "fid_g": 17, "div_k": 6, "div_g": 6},
@@ -40,7 +30,7 @@ class FactAistpp(Protocol):
             "rounded in the comment",
         ),
     )
-    notes: ClassVar[tuple[str, ...]] = (
+    notes = (
         "the energy columns hold the distance from the origin (a slip of the code), so FID_k depends on where the "
         "dancer stands",
         "FID_g of FACT's paper is from an older program with another bug, and cannot be reproduced",

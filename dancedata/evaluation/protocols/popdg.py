@@ -1,10 +1,5 @@
 """POPDG's evaluation on PopDanceSet."""
 
-from __future__ import annotations
-
-from dataclasses import dataclass
-from typing import ClassVar
-
 from dancedata.evaluation.protocol import PROTOCOLS, Measure, MotionRule, MusicRule, Protocol, Published
 from dancedata.metrics.beats import BeatAlignment
 from dancedata.metrics.geometric_features import Geometric
@@ -13,16 +8,15 @@ from dancedata.metrics.physical_contact import Pbc, Pfc
 
 
 @PROTOCOLS.register("popdg")
-@dataclass(frozen=True)
 class Popdg(Protocol):
     """POPDG: absolute positions at 30 frames per second, z up, FACT's beats, and PBC."""
 
-    version: ClassVar[int] = 1
-    citation: ClassVar[str] = "Luo et al., POPDG: Popular 3D Dance Generation with PopDanceSet, CVPR 2024."
-    source: ClassVar[str] = "Luke-Luo1/POPDG ec57d87, eval"
-    licence_note: ClassVar[str] = "MIT."
-    motion: ClassVar[MotionRule] = MotionRule("smpl24", 30, "z", pelvis="translation")
-    measures: ClassVar[tuple[Measure, ...]] = (
+    version = 1
+    citation = "Luo et al., POPDG: Popular 3D Dance Generation with PopDanceSet, CVPR 2024."
+    source = "Luke-Luo1/POPDG ec57d87, eval"
+    licence_note = "MIT."
+    motion = MotionRule("smpl24", 30, "z", pelvis="translation")
+    measures = (
         Measure(Kinetic("code", "absolute", up="y")),
         Measure(Geometric("absolute", up="y")),
         Measure(
@@ -31,15 +25,13 @@ class Popdg(Protocol):
         Measure(Pfc("code", "z")),
         Measure(Pbc("code", "z")),
     )
-    music: ClassVar[MusicRule] = MusicRule(
-        ("librosa35",), 30, about="the last of EDGE's 35 columns; the original reads files of 150 rows"
-    )
-    published: ClassVar[tuple[Published, ...]] = (
+    music = MusicRule(("librosa35",), 30, about="the last of EDGE's 35 columns; the original reads files of 150 rows")
+    published = (
         Published(
             "ground truth", {"pfc": 1.5824, "pbc": 8.7365}, "POPDG, PopDanceSet", "PBC is printed as PFC by its code"
         ),
     )
-    notes: ClassVar[tuple[str, ...]] = (
+    notes = (
         "BAS is the sum over clips divided by 24, whatever their number",
         "features take the horizontal y axis as up, and 30 frames per second as 60 (slips of the code)",
         "positions are absolute: raw PopDanceSet has to be moved by -5 m in y and +1 m in z of z-up axes, as POPDG "

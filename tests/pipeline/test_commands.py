@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +14,10 @@ import pytest
 import yaml
 
 import dancedata
-from dancedata.api.commands import build_part
 from dancedata.cli.text import store_json
 from dancedata.core.errors import DanceDataError, DataError, RecipeError, UsageError
 from dancedata.core.resources import resource
+from dancedata.pipeline.commands import build_part
 from dancedata.recipes.parse import load_recipe
 
 #: Small, and the same in the three ways to say it.
@@ -31,7 +32,7 @@ def command(*arguments: Any) -> str:
 
 
 @pytest.fixture(scope="module")
-def demo(tmp_path_factory: pytest.TempPathFactory, cache: Path) -> dancedata.api.commands.BuildResult:
+def demo(tmp_path_factory: pytest.TempPathFactory, cache: Path) -> dancedata.pipeline.commands.BuildResult:
     """A small demo, built from Python, its source made beside it."""
     out = tmp_path_factory.mktemp("api") / "demo"
     return dancedata.build("demo", out=out, overrides=CHANGED, jobs=1, cache=cache, progress=False)
@@ -162,6 +163,21 @@ def test_errors_are_ours(
     with pytest.raises(kind, match=f"(?i){words}"):
         call()
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("old", "name", "home"),
+    [
+        ("commands", "build_part", "dancedata.pipeline.commands"),
+        ("commands", "build", "dancedata.pipeline.commands"),
+        ("arrays", "extract", "dancedata.pipeline.arrays"),
+        ("decoding", "decode_file", "dancedata.pipeline.decoding"),
+        ("evaluation", "self_test", "dancedata.evaluation.run"),
+        ("export", "export", "dancedata.exports.base.export"),
+    ],
+)
+def test_old_addresses_lead_to_the_same_functions(old: str, name: str, home: str) -> None:
+    assert getattr(import_module(f"dancedata.api.{old}"), name) is getattr(import_module(home), name)
 
 
 def test_strict_raises(source: Path, out: Path) -> None:

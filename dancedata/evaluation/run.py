@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy.typing as npt
 
-from dancedata.api.commands import folder_of, jobs_of
 from dancedata.core.grid import Number
 from dancedata.evaluation.evaluate import evaluate as _evaluate
 from dancedata.evaluation.music import read_songs, song_name
@@ -18,6 +17,7 @@ from dancedata.evaluation.request import Request, protocol_named
 from dancedata.evaluation.self_test import SelfTest
 from dancedata.evaluation.self_test import self_test as _self_test
 from dancedata.execution.progress import Progress
+from dancedata.pipeline.commands import folder_of, jobs_of
 from dancedata.store import Store
 from dancedata.store.scaling import opened, store_of
 
