@@ -26,8 +26,8 @@ from dancedata.evaluation.protocol import Protocol
 from dancedata.evaluation.report import Report
 from dancedata.evaluation.request import Request, protocol_named
 from dancedata.evaluation.samples import Trace, as_numpy, gather_by_torch, process_rank, sample_lengths
-from dancedata.representations.stored import ColumnsReader
 from dancedata.store import Store
+from dancedata.store.motion_fields import ColumnsReader
 from dancedata.store.normalize import MinMax
 from dancedata.store.scaling import Reader, Scaling, opened, store_of
 from dancedata.store.schema import Field

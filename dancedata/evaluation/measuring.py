@@ -30,7 +30,7 @@ from dancedata.execution.units import Jobs, run_units
 from dancedata.metrics.root import STEADY_FPS, steady
 from dancedata.pipeline.rejects import reject_of
 from dancedata.recipes.documents import document_of
-from dancedata.representations.stored import Pose
+from dancedata.store.motion_fields import Pose
 
 #: Raised by hand when a stage here gives other numbers for the same input.
 EVALUATE_STAGE = 1

@@ -27,8 +27,8 @@ from dancedata.evaluation.protocol import PROTOCOLS, ROLES, Protocol, Role
 from dancedata.evaluation.report import LABELS
 from dancedata.metrics.intervals import MIN_CLIPS
 from dancedata.recipes.plugins import make_named
-from dancedata.representations.stored import ColumnsReader, motion_readers
 from dancedata.store import Store, open_store
+from dancedata.store.motion_fields import ColumnsReader, motion_readers
 from dancedata.store.normalize import MinMax
 from dancedata.store.scaling import Reader, Scaling
 from dancedata.store.schema import DATASET_FILE

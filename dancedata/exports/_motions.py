@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from dancedata.exports.base.job import ExportJob, Lack
 from dancedata.exports.base.needs import needs_field, needs_track_scope
-from dancedata.representations.stored import ColumnsReader, motion_readers
+from dancedata.store.motion_fields import ColumnsReader, motion_readers
 
 if TYPE_CHECKING:
     from dancedata.core.motion import Motion

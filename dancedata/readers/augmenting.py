@@ -15,8 +15,8 @@ from dancedata.core.errors import UsageError
 from dancedata.core.plugins import Augmentation, SampleAugmentation, SampleField
 from dancedata.core.registry import AUGMENTATIONS
 from dancedata.readers.arguments import probability
-from dancedata.representations.stored import stored_motion
 from dancedata.store.dataset import Store
+from dancedata.store.motion_fields import stored_motion
 from dancedata.store.normalize import MinMax
 
 

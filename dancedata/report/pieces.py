@@ -12,8 +12,8 @@ from dancedata.core.dance import MusicBeats
 from dancedata.core.rotations import Float64Array
 from dancedata.evaluation.clip_music import field_beats
 from dancedata.keymotion.minima import SIGMA_FRAMES, KeyMotion, key_motion
-from dancedata.representations.stored import ColumnsReader
 from dancedata.store import ClipView, Store
+from dancedata.store.motion_fields import ColumnsReader
 from dancedata.store.schema import Field
 from dancedata.viewer.figure import Figure
 from dancedata.viewer.scenes import drawable_fields, rhythm_fields

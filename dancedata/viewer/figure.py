@@ -15,7 +15,7 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import Skeleton
 from dancedata.keymotion.minima import KeyMotion, key_motion
-from dancedata.representations.stored import ColumnsReader
+from dancedata.store.motion_fields import ColumnsReader
 
 __all__ = ["Figure", "Movement", "bones_of"]
 

@@ -18,9 +18,9 @@ from dancedata.core.rotations import Float64Array
 from dancedata.core.text import counted
 from dancedata.evaluation.clip_music import BEAT, field_beats
 from dancedata.keymotion.minima import KeyMotion
-from dancedata.representations.stored import ColumnsReader, motion_reader, motion_readers
 from dancedata.store import Store, windows_by_clip
 from dancedata.store.clip_columns import ClipRecord
+from dancedata.store.motion_fields import ColumnsReader, motion_reader, motion_readers
 from dancedata.viewer.figure import Figure, Movement
 
 _ONSET = "onset_envelope"

@@ -20,8 +20,8 @@ from dancedata.core.typing import override
 from dancedata.datasets.files import MOTION_SUFFIXES
 from dancedata.evaluation.inputs.files import FileClip, FileFormat
 from dancedata.recipes.plugins import make_named
-from dancedata.representations.stored import ColumnsReader
 from dancedata.store import Store, open_store
+from dancedata.store.motion_fields import ColumnsReader
 from dancedata.store.normalize import MinMax
 from dancedata.store.scaling import Scaling
 from dancedata.viewer.figure import Figure

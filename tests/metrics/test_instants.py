@@ -23,7 +23,7 @@ from dancedata.evaluation.protocol import PROTOCOLS
 from dancedata.metrics import motion_beat_times, motion_beats
 from dancedata.metrics.beats import BeatAlignment
 from dancedata.metrics.set_statistics import STATISTICS, frechet
-from dancedata.representations.stored import Pose
+from dancedata.store.motion_fields import Pose
 from dancedata.store.schema import Field
 
 RATES = (20, 24, 30, 60)

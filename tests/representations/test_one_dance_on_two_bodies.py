@@ -24,7 +24,7 @@ from dancedata.evaluation.protocol import MotionRule
 from dancedata.formats.motion_files import amass_arrays, smplx_arrays
 from dancedata.pipeline.motion import MotionKeys
 from dancedata.recipes.parse import parse_recipe
-from dancedata.representations.stored import Pose
+from dancedata.store.motion_fields import Pose
 from dancedata.synthetic import synthesise_motion
 
 THIRTY = FrameGrid.of(30)

@@ -23,8 +23,8 @@ from dancedata.evaluation.protocol import Role
 from dancedata.execution.cache import Cache
 from dancedata.pipeline.motion import content_hashes
 from dancedata.recipes.documents import document_of
-from dancedata.representations.stored import Pose
 from dancedata.store import Store
+from dancedata.store.motion_fields import Pose
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -23,7 +23,7 @@ from dancedata.evaluation.inputs.store import columns_identity
 from dancedata.execution.cache import Cache
 from dancedata.formats.arrays import ArrayFile, open_arrays
 from dancedata.recipes.documents import document_of
-from dancedata.representations.stored import ColumnsReader, Pose
+from dancedata.store.motion_fields import ColumnsReader, Pose
 from dancedata.store.scaling import stated_in
 
 #: Names of arrays (T, J, 3) that are taken as positions; "" is the only array of a file.

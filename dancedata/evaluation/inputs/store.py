@@ -21,9 +21,9 @@ from dancedata.evaluation.inputs.clip import ClipInput
 from dancedata.evaluation.protocol import MotionRule, Protocol, Role
 from dancedata.execution.cache import Cache
 from dancedata.recipes.documents import document_of
-from dancedata.representations.stored import BODIES, ColumnsReader, Pose, motion_reader, motion_readers
 from dancedata.store import Store
 from dancedata.store.dataset import reopen
+from dancedata.store.motion_fields import BODIES, ColumnsReader, Pose, motion_reader, motion_readers
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
