@@ -53,7 +53,7 @@ class ClipInfo(NamedTuple):
     flags: list[dict[str, Any]]
     trim_start: int
     height_m: float
-    looked_at: int = _LOOKED_AT
+    looked_at: int
 
 
 @dataclass(frozen=True)
@@ -232,7 +232,7 @@ def _encode_missing(
         if content.get(named) != keys.content.get(named):
             raise DataError(CHANGED, reason="changed", where=f"{ref.motion_path} ({named})", fix=BUILD_AGAIN)
     flags = [f.to_json() for f in quality_flags(motion)]
-    info = ClipInfo(motion.n_frames, str(motion.grid), flags, motion.trim_start, vertical_extent(motion))
+    info = ClipInfo(motion.n_frames, str(motion.grid), flags, motion.trim_start, vertical_extent(motion), _LOOKED_AT)
     for name, array in made.items():
         arrays[name] = cache.put_array("motion", keys.fields[name], array, durable=False)
     cache.put_json("clips", keys.info, info)
