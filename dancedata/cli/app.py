@@ -13,9 +13,25 @@ import typer
 from typer.core import TyperGroup
 
 from dancedata.cli.errors import errors_to_exit_codes as _errors_to_exit_codes
-from dancedata.cli.evaluate import Clip, Normalized, ScalerFile, evaluate
+from dancedata.cli.evaluate import evaluate
 from dancedata.cli.hf import app as hf
 from dancedata.cli.jukebox import app as jukebox
+from dancedata.cli.options import (
+    AsJson,
+    Backend,
+    CacheFolder,
+    Clip,
+    Jobs,
+    JobsOrCores,
+    Normalized,
+    Out,
+    Quiet,
+    RecipeName,
+    ScalerFile,
+    Scheduler,
+    Set,
+    Source,
+)  # fmt: skip
 from dancedata.cli.report import report
 from dancedata.cli.view import view
 from dancedata.core.errors import UsageError
@@ -64,16 +80,6 @@ app.command("evaluate")(evaluate)
 app.command("view")(view)
 app.command("report")(report)
 
-RecipeName = Annotated[str, typer.Argument(metavar="RECIPE", help="A recipe's name (see list) or a YAML file.")]
-Source = Annotated[Path | None, typer.Option(help="Folder with the dataset's files; demo makes its own.")]
-Out = Annotated[Path | None, typer.Option(help="Folder to write; default data/RECIPE.")]
-JOBS_HELP = "Worker processes; the result does not depend on it."
-Jobs = Annotated[int, typer.Option(min=1, help=JOBS_HELP)]
-Set = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a key of the recipe.")]
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print no progress.")]
-CACHE_HELP = "Cache folder; default $DANCEDATA_CACHE, else the user's cache folder."
-CacheFolder = Annotated[Path | None, typer.Option("--cache", help=CACHE_HELP)]
 ATOL_HELP = "Floating-point values that differ by no more than this are the same; default: compared exactly."
 KINDS_HELP = "dataset, representation, contact-rule, feature, key-motion, augmentation, filter, metric or export."
 TARGET_HELP = "Set a parameter of the target; list shows them."
@@ -94,13 +100,13 @@ def build(
     recipe: RecipeName,
     source: Source = None,
     out: Out = None,
-    jobs: Annotated[int | None, typer.Option(min=1, help=f"{JOBS_HELP} Default: one per core.")] = None,
+    jobs: JobsOrCores = None,
     overrides: Set = None,
     overwrite: Annotated[bool, typer.Option(help="Replace a dataset made by another recipe or source.")] = False,
     strict: Annotated[bool, typer.Option(help="Stop at a broken clip instead of setting it aside.")] = False,
     cache: CacheFolder = None,
-    backend: Annotated[str, typer.Option(help="loky: processes of this machine. dask: a cluster.")] = "loky",
-    scheduler: Annotated[str | None, typer.Option(help="Address of the Dask scheduler.")] = None,
+    backend: Backend = "loky",
+    scheduler: Scheduler = None,
     part: Annotated[str | None, typer.Option(metavar="K/N", help=PART_HELP)] = None,
     quiet: Quiet = False,
     as_json: AsJson = False,

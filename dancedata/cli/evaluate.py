@@ -11,6 +11,17 @@ from typing import Annotated, Any
 import typer
 
 from dancedata.cli.errors import errors_to_exit_codes
+from dancedata.cli.options import (
+    AsJson,
+    Backend,
+    CacheFolder,
+    Clip,
+    JobsOrCores,
+    Normalized,
+    Quiet,
+    ScalerFile,
+    Scheduler,
+)  # fmt: skip
 from dancedata.core.errors import UsageError
 from dancedata.core.text import csv_cell, json_text, shown
 
@@ -19,17 +30,8 @@ SOURCE_HELP = "Folder of music files, by song; with --self-test, of the dataset'
 LIKE_HELP = "Dataset that the model was trained on: rate, columns, scaler, music, and by default the pool."
 POOL_HELP = "Dataset, folder or --save-pool file to compare with; default: the dataset itself, or --like."
 METRIC_HELP = "Compute only this metric or score, such as pfc or fid_k; may be given several times."
-NORMALIZED_HELP = "Whether columns are normalised by the dataset's scaler; has to be stated, here or in their files."
-SCALER_HELP = "Another scaler than the dataset's, a file of normalizer.save(...): columns are normalised by it."
-CLIP_HELP = "Cut normalised values to [-1, 1] first, as EDGE and Lodge do."
 BOOTSTRAP_HELP = "Most times that scores are computed again for intervals; 0: none."
 ROLE_HELP = "truth or generated; default: truth for datasets."
-
-Normalized = Annotated[
-    bool | None, typer.Option("--normalized/--not-normalized", help=NORMALIZED_HELP, show_default=False)
-]
-ScalerFile = Annotated[Path | None, typer.Option("--scaler", metavar="FILE", help=SCALER_HELP)]
-Clip = Annotated[bool, typer.Option("--clip-values", help=CLIP_HELP)]
 
 
 @errors_to_exit_codes
@@ -61,12 +63,12 @@ def evaluate(
     table: Annotated[str | None, typer.Option(help="Print the scores as latex or markdown.")] = None,
     list_protocols: Annotated[bool, typer.Option("--list-protocols", help="List the protocols.")] = False,
     self_test: Annotated[bool, typer.Option("--self-test", help="Compare --source with published rows.")] = False,
-    jobs: Annotated[int | None, typer.Option(min=1, help="Worker processes; default one per core.")] = None,
-    cache: Annotated[Path | None, typer.Option("--cache", help="Cache folder.")] = None,
-    backend: Annotated[str, typer.Option(help="loky: processes of this machine. dask: a cluster.")] = "loky",
-    scheduler: Annotated[str | None, typer.Option(help="Address of the Dask scheduler.")] = None,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print no progress.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    jobs: JobsOrCores = None,
+    cache: CacheFolder = None,
+    backend: Backend = "loky",
+    scheduler: Scheduler = None,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
 ) -> None:
     """Evaluate dances by a named protocol: dancedata evaluate WHAT --protocol NAME."""
     from dancedata.evaluation import run as evaluation

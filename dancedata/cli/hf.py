@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from dancedata.cli.errors import errors_to_exit_codes
+from dancedata.cli.options import AsJson
 from dancedata.core.text import printable
 
 app = typer.Typer(help="Models of the Hugging Face hub: fetch.", no_args_is_help=True)
@@ -30,7 +31,7 @@ def fetch(
     pickles: Annotated[
         bool, typer.Option("--pickles", help="Fetch pickled weights if the repository has no safetensors.")
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Get a model's weights, configs and card at a commit, never its code. Shows and stores the weights' licence."""
     from dancedata.audio.hf.fetch import fetch_model

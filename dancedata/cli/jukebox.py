@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from dancedata.cli.errors import errors_to_exit_codes
+from dancedata.cli.options import AsJson
 
 app = typer.Typer(help="Jukebox's weights: fetch, convert.", no_args_is_help=True)
 
@@ -27,7 +28,7 @@ def fetch(
     accept_licence: Annotated[
         bool, typer.Option("--accept-licence", help="You agree to the weights' terms.")
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Get OpenAI's files, 10.3 GB; goes on where it was cut off, checks size and hash. The licence is shown first."""
     from dancedata.audio.jukebox import fetch as run_fetch
@@ -51,7 +52,7 @@ def convert(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="The folder that fetch wrote.")],
     out: Annotated[Path, typer.Option(help="Folder to write; safetensors files, 9.3 GB for layer 66.")],
     layer: Annotated[int, typer.Option(min=1, help="Only what this layer needs is kept.")] = 66,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Convert the weights to safetensors: quicker to load, and smaller to move to a node without network."""
     from dancedata.audio.jukebox import convert as run_convert

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from dancedata.cli.errors import errors_to_exit_codes
-from dancedata.cli.evaluate import Clip, Normalized, ScalerFile
+from dancedata.cli.options import Clip, Normalized, ScalerFile
 from dancedata.core.errors import UsageError
 
 SOURCE_HELP = "Folder that the dataset was built from: its music, and the original motion to compare with."

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 from dancedata.exports.base.job import ExportJob, Lack
 from dancedata.exports.base.needs import needs_field, needs_track_scope
-from dancedata.store.motion_fields import ColumnsReader, motion_readers
 
 if TYPE_CHECKING:
     from dancedata.core.motion import Motion
     from dancedata.store import ClipView
+    from dancedata.store.motion_fields import ColumnsReader
 
 
 def motion_lacks(job: ExportJob, field: str) -> list[Lack]:
@@ -47,5 +47,7 @@ def field_name(job: ExportJob, field: str) -> str:
 
 def _decodable(job: ExportJob) -> dict[str, ColumnsReader]:
     """Return the readers of fields that decode; last those that only give back positions."""
+    from dancedata.store.motion_fields import motion_readers  # reads HDF5, which listing plug-ins need not
+
     readers = {name: r for name, r in motion_readers(job.store).items() if r.representation.decodes}
     return dict(sorted(readers.items(), key=lambda item: item[1].representation.positions_only))

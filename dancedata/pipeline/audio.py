@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -65,6 +65,14 @@ SIGNAL_STAGE, FEATURE_STAGE = 4, 3
 #: Windows of a song in one unit of work: enough for what neighbours share to pay, few enough to share out a long
 #: song among workers.
 _WINDOWS_A_UNIT = 128
+
+
+class Decoded(NamedTuple):
+    """Facts about a decoded file, as the cache holds them: a JSON array in this order."""
+
+    sha256: str
+    sample_rate: int
+    n_samples: int
 
 
 @dataclass(frozen=True)
@@ -144,7 +152,7 @@ def identify_audio(cache: Cache, path: Path) -> SignalId | Reject:
                 entry = cache.json("signals", key)
                 if entry is None:
                     signal = load_audio(path)
-                    entry = [signal.sha256, signal.sample_rate, signal.n_samples]
+                    entry = Decoded(signal.sha256, signal.sample_rate, signal.n_samples)
                     if Cache.stat_key("signal", path) != file:
                         raise DataError(CHANGED, reason="changed", where=path, fix=BUILD_AGAIN)
                     cache.put_json("signals", key, entry)
@@ -152,7 +160,7 @@ def identify_audio(cache: Cache, path: Path) -> SignalId | Reject:
         return reject_of(error, file=path)
     except FileNotFoundError:
         return Reject("missing_music", file=str(path), detail=f"{path}: the file vanished during the build")
-    return _signal_id(path, file, entry)
+    return SignalId(path, file, *Decoded(*entry))
 
 
 def known_signal(cache: Cache, path: Path) -> SignalId | None:
@@ -162,16 +170,12 @@ def known_signal(cache: Cache, path: Path) -> SignalId | None:
     except FileNotFoundError:
         return None
     entry = cache.json("signals", _signal_key(file))
-    return None if entry is None else _signal_id(path, file, entry)
+    return None if entry is None else SignalId(path, file, *Decoded(*entry))
 
 
 def _signal_key(file: str) -> str:
     packages = {"soundfile": package_version("soundfile"), "libsndfile": libsndfile_version()}
     return Cache.key("signal", version=SIGNAL_STAGE, file=file, packages=packages)
-
-
-def _signal_id(path: Path, file: str, entry: Sequence[Any]) -> SignalId:
-    return SignalId(path, file, entry[0], entry[1], entry[2])
 
 
 @lru_cache(maxsize=1)

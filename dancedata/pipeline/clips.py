@@ -11,9 +11,8 @@ from dancedata.execution.progress import Progress
 from dancedata.execution.units import Jobs
 from dancedata.pipeline.copies import CopySource, make_copies
 from dancedata.pipeline.encode import encode_clips
-from dancedata.pipeline.features import extract_features
+from dancedata.pipeline.features import extract_features, stored_clip
 from dancedata.pipeline.sources import Sources
-from dancedata.pipeline.stored import stored_clip
 from dancedata.pipeline.windows import cut_windows
 from dancedata.recipes.copies import check_ids
 from dancedata.recipes.recipe import Recipe

@@ -19,10 +19,9 @@ from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import Jobs, run_units
 from dancedata.pipeline.encode import EncodedClip
-from dancedata.pipeline.features import extract_features
+from dancedata.pipeline.features import extract_features, stored_clip
 from dancedata.pipeline.motion import MotionKeys, MotionResult, encode_motion, known_motion
 from dancedata.pipeline.sources import SourceClip
-from dancedata.pipeline.stored import stored_clip
 from dancedata.pipeline.windows import cut_windows
 from dancedata.recipes.copies import CopySpec, is_copied
 from dancedata.recipes.fields import KeyMotionField, MotionField

@@ -28,7 +28,7 @@ from dancedata.pipeline.sources import SourceClip
 from dancedata.pipeline.windows import WindowedClip
 from dancedata.recipes.fields import FeatureJob
 from dancedata.recipes.recipe import Recipe
-from dancedata.store import AudioBlock
+from dancedata.store import AudioBlock, StoredClip
 
 Blocks = tuple[AudioBlock, ...]
 
@@ -57,6 +57,28 @@ def extract_features(
         rejects += [replace(reject, clip=clip) for clip, reject in failed.items()]
         left = [clip for clip in left if clip.source.ref.id in extracted]
     return [ExtractedClip(c.source, c.motion, c.starts, audio[c.source.ref.id]) for c in left], rejects
+
+
+def stored_clip(recipe: Recipe, clip: ExtractedClip) -> StoredClip:
+    """Return a clip as it is stored."""
+    ref, motion = clip.source.ref, clip.motion
+    return StoredClip(
+        id=ref.id,
+        split=ref.split,
+        genre=ref.genre,
+        music=ref.music,
+        dancer=ref.dancer,
+        tempo_bpm=ref.tempo_bpm,
+        n_flags=len(motion.flags),
+        trim_start=motion.trim_start,
+        height_m=motion.height_m,
+        source_rate=str(motion.source_rate),
+        lists=ref.lists,
+        n_frames=motion.n_frames,
+        starts=clip.starts,
+        motion=motion.stored(recipe, clip.starts),
+        audio=dict(clip.audio),
+    )
 
 
 class _Window(NamedTuple):

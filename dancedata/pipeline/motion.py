@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -43,6 +43,17 @@ MOTION_STAGE = 4
 _LOOKED_AT = 2
 #: Up to this many values, clips remember matrices and joints while they are encoded: 200 MB.
 _REMEMBERED = 2**23
+
+
+class ClipInfo(NamedTuple):
+    """Facts about a clip, as the cache holds them: a JSON array in this order."""
+
+    n_source: int
+    source_rate: str
+    flags: list[dict[str, Any]]
+    trim_start: int
+    height_m: float
+    looked_at: int
 
 
 @dataclass(frozen=True)
@@ -181,13 +192,13 @@ def known_motion(cache: Cache, recipe: Recipe, keys: ClipKeys) -> MotionResult |
     return None if info is None or None in arrays.values() else _result(recipe, info, arrays)
 
 
-def _result(recipe: Recipe, info: list[Any], arrays: dict[str, CachedArray | None]) -> MotionResult:
-    n_source, rate, trim = int(info[0]), _rate(info[1]), int(info[3])
-    present = {name: array for name, array in arrays.items() if array is not None}
+def _result(recipe: Recipe, info: ClipInfo, arrays: dict[str, CachedArray | None]) -> MotionResult:
+    rate = _rate(info.source_rate)
+    encoded = {name: array for name, array in arrays.items() if array is not None}
     grid = FrameGrid(rate)
-    n_frames = grid.resampled_length(n_source, recipe.grid)
-    first = min(grid.rows_up(trim, of=recipe.grid), n_frames - 1)
-    return MotionResult(n_source, rate, n_frames, first, float(info[4]), tuple(info[2]), present)
+    n_frames = grid.resampled_length(info.n_source, recipe.grid)
+    first = min(grid.rows_up(info.trim_start, of=recipe.grid), n_frames - 1)
+    return MotionResult(info.n_source, rate, n_frames, first, float(info.height_m), tuple(info.flags), encoded)
 
 
 @lru_cache(maxsize=256)
@@ -195,16 +206,16 @@ def _rate(text: str) -> Fraction:
     return Fraction(text)
 
 
-def _encoded(cache: Cache, keys: ClipKeys) -> tuple[list[Any] | None, dict[str, CachedArray | None]]:
+def _encoded(cache: Cache, keys: ClipKeys) -> tuple[ClipInfo | None, dict[str, CachedArray | None]]:
     """Return what the cache has of a clip."""
-    info = cache.json("clips", keys.info)
-    info = info if info is not None and info[5:] == [_LOOKED_AT] else None
+    cached = cache.json("clips", keys.info)
+    info = ClipInfo(*cached) if cached is not None and cached[5:] == [_LOOKED_AT] else None
     return info, {name: cache.array("motion", key) for name, key in keys.fields.items()}
 
 
 def _encode_missing(
     cache: Cache, recipe: Recipe, ref: ClipRef, keys: ClipKeys, sha256: str, copies: CopySpec | None
-) -> tuple[list[Any], dict[str, CachedArray | None]]:
+) -> tuple[ClipInfo, dict[str, CachedArray | None]]:
     """Load a clip and publish what the cache does not have of it by now: another process may have made it."""
     info, arrays = _encoded(cache, keys)
     if info is not None and None not in arrays.values():
@@ -221,7 +232,7 @@ def _encode_missing(
         if content.get(named) != keys.content.get(named):
             raise DataError(CHANGED, reason="changed", where=f"{ref.motion_path} ({named})", fix=BUILD_AGAIN)
     flags = [f.to_json() for f in quality_flags(motion)]
-    info = [motion.n_frames, str(motion.grid), flags, motion.trim_start, vertical_extent(motion), _LOOKED_AT]
+    info = ClipInfo(motion.n_frames, str(motion.grid), flags, motion.trim_start, vertical_extent(motion), _LOOKED_AT)
     for name, array in encoded.items():
         arrays[name] = cache.put_array("motion", keys.fields[name], array, durable=False)
     cache.put_json("clips", keys.info, info)

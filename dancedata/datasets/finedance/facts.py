@@ -12,6 +12,9 @@ from dancedata.core.resources import resource
 
 __all__ = ["Facts", "IgnoreList", "Protocol", "Trim", "facts"]
 
+#: Largest difference between motion and music in the published files, in frames, as reported by users.
+MAX_DIFFERENCE = 2
+
 
 @dataclass(frozen=True)
 class Protocol:

@@ -12,12 +12,10 @@ from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.skeleton import Skeleton
+from dancedata.datasets.finedance.facts import MAX_DIFFERENCE
 from dancedata.files.regular_file import open_regular
 from dancedata.formats.arrays import ArrayFile, open_arrays
 from dancedata.formats.six_d import check_rows, rotations_of
-
-#: Largest difference between motion and music in the published files, in frames, as reported by users.
-MAX_DIFFERENCE = 2
 
 
 def length_note(motion: Path, music: Path, frame_rate: int) -> str:

@@ -17,7 +17,7 @@ from dancedata.core.skeleton import Skeleton
 from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
 from dancedata.datasets.files import ALL, Files, clips_note, relative, require_choice
-from dancedata.datasets.finedance.facts import facts
+from dancedata.datasets.finedance.facts import MAX_DIFFERENCE, facts
 from dancedata.datasets.finedance.layout import (
     LABELS,
     MOTION,
@@ -30,7 +30,6 @@ from dancedata.datasets.finedance.layout import (
     music_fix,
     read_label,
 )
-from dancedata.datasets.finedance.load import MAX_DIFFERENCE, length_note
 
 
 def layout_notes(folders: Folders, motions: Files, music: Files, labels: Files) -> list[str]:
@@ -318,6 +317,8 @@ class FineDance(Dataset):
 
 def _lengths(clips: list[ClipRef]) -> dict[str, str]:
     """Return the lengths of motion and music of clips where they differ."""
+    from dancedata.datasets.finedance.load import length_note
+
     rate = facts().frame_rate
     notes = {c.id: length_note(c.motion_path, c.audio_path, rate) for c in clips if c.audio_path is not None}
     return {clip: note for clip, note in notes.items() if note}

@@ -1,0 +1,28 @@
+"""Options that several commands have, each written once: its name, its type and its help."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+RecipeName = Annotated[str, typer.Argument(metavar="RECIPE", help="A recipe's name (see list) or a YAML file.")]
+Source = Annotated[Path | None, typer.Option(help="Folder with the dataset's files; demo makes its own.")]
+Out = Annotated[Path | None, typer.Option(help="Folder to write; default data/RECIPE.")]
+JOBS_HELP = "Worker processes; the result does not depend on it."
+Jobs = Annotated[int, typer.Option(min=1, help=JOBS_HELP)]
+JobsOrCores = Annotated[int | None, typer.Option(min=1, help=f"{JOBS_HELP} Default: one per core.")]
+Set = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a key of the recipe.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print no progress.")]
+CACHE_HELP = "Cache folder; default $DANCEDATA_CACHE, else the user's cache folder."
+CacheFolder = Annotated[Path | None, typer.Option("--cache", help=CACHE_HELP)]
+Backend = Annotated[str, typer.Option(help="loky: processes of this machine. dask: a cluster.")]
+Scheduler = Annotated[str | None, typer.Option(help="Address of the Dask scheduler.")]
+NORMALIZED_HELP = "Whether columns are normalised by the dataset's scaler; has to be stated, here or in their files."
+SCALER_HELP = "Another scaler than the dataset's, a file of normalizer.save(...): columns are normalised by it."
+CLIP_HELP = "Cut normalised values to [-1, 1] first, as EDGE and Lodge do."
+Normalized = Annotated[
+    bool | None, typer.Option("--normalized/--not-normalized", help=NORMALIZED_HELP, show_default=False)
+]
+ScalerFile = Annotated[Path | None, typer.Option("--scaler", metavar="FILE", help=SCALER_HELP)]
+Clip = Annotated[bool, typer.Option("--clip-values", help=CLIP_HELP)]
