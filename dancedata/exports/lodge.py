@@ -21,7 +21,6 @@ from dancedata.core.typing import override
 from dancedata.datasets.finedance.facts import facts
 from dancedata.exports._finedance import note_missing, track_lacks
 from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Lack
-from dancedata.store.normalize import CONSTANT_RANGE
 
 if TYPE_CHECKING:
     from dancedata.exports.base.folder import ExportFolder
@@ -39,6 +38,8 @@ def normalizer_bytes(pieces: Iterable[npt.NDArray[np.float32]]) -> bytes:
     `torch.load` reads it, the module ``dld.data.utils.preprocess`` of Lodge has to be importable.
     """
     import torch
+
+    from dancedata.store.normalize import CONSTANT_RANGE
 
     low, high, n_rows = _extremes(pieces)
     spread = high - low

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
-import torch
 
 from dancedata.core.errors import SourceError
 from dancedata.core.text import quoted
