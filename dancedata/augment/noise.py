@@ -74,7 +74,7 @@ class JointNoise(CopyAugmentation, SampleAugmentation):
             return rows
         representation = _decodable(field)
         motion = self._noisy(representation.decode(rows, field.grid), draw).with_cache()
-        return representation.encode_again(motion, field.contacts)
+        return representation.reencode(motion, field.contacts)
 
     @override
     def scaler_bounds(
@@ -129,9 +129,9 @@ def _decodable(field: SampleField) -> Representation:
             f"the columns of {representation.name} do not determine the angles of the joints",
             fix="leave the field out, or store copies: augment: {noise: {}} in a recipe",
         )
-    if representation.grounded and type(representation).encode_again is Representation.encode_again:
+    if representation.grounded and type(representation).reencode is Representation.reencode:
         raise UsageError(
             f"the representation {representation.name} cannot be encoded again at the same height",
-            fix="define `encode_again` in its class, or store copies: augment: {noise: {}} in a recipe",
+            fix="define `reencode` in its class, or store copies: augment: {noise: {}} in a recipe",
         )
     return representation

@@ -268,7 +268,7 @@ def extract_windows(
             whole = _decoded(signal, ahead)
             starts, length = window_samples(job, signal.n_samples, signal.sample_rate)
             feature = job.feature
-            at_once = (isinstance(feature, NetworkFeature) and feature.windows_a_call) or len(missing)
+            at_once = (isinstance(feature, NetworkFeature) and feature.windows_per_call) or len(missing)
             for begin in range(0, len(missing), at_once):
                 batch = missing[begin : begin + at_once]
                 rows = job.feature.extract_windows(

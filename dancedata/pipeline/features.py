@@ -205,6 +205,6 @@ def _jobs_for(feature: AudioFeature, jobs: Jobs) -> Jobs:
 
 def _next_songs(feature: AudioFeature, songs: Sequence[Path]) -> list[Path | None]:
     """Return, for each unit of work, the file of the next one, if the feature computes on a device meanwhile."""
-    if not (isinstance(feature, NetworkFeature) and feature.reads_ahead):
+    if not (isinstance(feature, NetworkFeature) and feature.prefetch):
         return [None] * len(songs)
     return [then if then != path else None for path, then in zip(songs, [*songs[1:], None], strict=False)]

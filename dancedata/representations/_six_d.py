@@ -151,13 +151,13 @@ class SmplX6D(Representation):
             For another family of bodies, or without a rule.
         """
         if not self.grounded:
-            return self.encode_again(on_body(motion, self.skeleton), contacts)
+            return self.reencode(on_body(motion, self.skeleton), contacts)
         is_smpl = motion.skeleton.joints == SMPL24.joints
         placed = on_body(motion, self.skeleton, keep="translation" if is_smpl else "pelvis")
-        return self.encode_again(grounded(placed), contacts)
+        return self.reencode(grounded(placed), contacts)
 
     @override
-    def encode_again(self, motion: Motion, contacts: ContactRule | None = None) -> npt.NDArray[np.float32]:
+    def reencode(self, motion: Motion, contacts: ContactRule | None = None) -> npt.NDArray[np.float32]:
         return self.layout.encode(motion, parts.required_rule(contacts, self.layout.name))
 
     @override

@@ -157,7 +157,7 @@ def test_columns_with_noise_are_those_of_the_motion_with_noise(name: str) -> Non
     np.testing.assert_allclose(made.decode(found, field.grid).joints(), motion.joints(), atol=JOINT_TOLERANCE)
     if field.contacts is not None:  # labelled again, at the height that the columns had
         own = made.columns.slice("contact")
-        np.testing.assert_array_equal(found[:, own], made.encode_again(motion, field.contacts)[:, own])
+        np.testing.assert_array_equal(found[:, own], made.reencode(motion, field.contacts)[:, own])
         assert set(np.unique(found[:, own])) <= {0, 1}
 
 

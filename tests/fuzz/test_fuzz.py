@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 HERE = Path(__file__).resolve().parent
+TOOLS = HERE.parents[1] / "benchmarks" / "fuzz"
 FOUND = sorted(folder.name for folder in (HERE / "corpus").iterdir())
 
 
@@ -24,7 +25,7 @@ def said(reports: list[dict[str, Any]]) -> list[str]:
 
 def targets(hunt: ModuleType) -> list[str]:
     run = subprocess.run(
-        [sys.executable, str(HERE / "hunt.py"), "--list"], capture_output=True, text=True, check=True
+        [sys.executable, str(TOOLS / "hunt.py"), "--list"], capture_output=True, text=True, check=True
     )
     return run.stdout.split()
 
@@ -79,7 +80,7 @@ def test_guided_by_coverage() -> None:
     """With atheris, where it is installed; a process dies of what is found."""
     pytest.importorskip("atheris", reason="atheris is not installed: pip install atheris")
     for target in ("pickle", "npy", "npz", "bvh", "csv", "jsonl", "recipe", "dataset_json"):
-        command = [sys.executable, str(HERE / "guided.py"), target, "-runs=20000", "-seed=1", "-rss_limit_mb=1000"]
+        command = [sys.executable, str(TOOLS / "guided.py"), target, "-runs=20000", "-seed=1", "-rss_limit_mb=1000"]
         run = subprocess.run([*command, "-timeout=5"], capture_output=True, text=True, errors="replace")
         assert run.returncode == 0, run.stderr[-2000:]
 

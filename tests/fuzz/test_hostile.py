@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-HERE = Path(__file__).resolve().parent
+TOOLS = Path(__file__).resolve().parents[2] / "benchmarks" / "fuzz"
 RECIPE = """recipe: 1
 name: hostile
 dataset: {folder: {unit: m, up: y, fps: 30}}
@@ -29,15 +29,15 @@ CPU_S, ADDRESS_SPACE = 120, 6 << 30
 @pytest.fixture(scope="module")
 def hostile() -> ModuleType:
     """hostile.py, which lies beside this file."""
-    sys.path.insert(0, str(HERE))
+    sys.path.insert(0, str(TOOLS))
     try:
-        spec = importlib.util.spec_from_file_location("fuzz_hostile", HERE / "hostile.py")
+        spec = importlib.util.spec_from_file_location("fuzz_hostile", TOOLS / "hostile.py")
         assert spec is not None
         assert spec.loader is not None
         module = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(module)
     finally:
-        sys.path.remove(str(HERE))
+        sys.path.remove(str(TOOLS))
     return module
 
 

@@ -59,7 +59,7 @@ def _claim(devices: tuple[str, ...]) -> str | None:
 def test_one_process_a_card(two_cards: dict[str, str], tiny: SimpleNamespace) -> None:
     feature = Jukebox(weights=tiny.folder, layer=6).resolved(sha256_file)
     assert feature.precision == "fp16"
-    assert feature.windows_a_call == 32
+    assert feature.windows_per_call == 32
     assert _jobs_for(feature, 16) == 2
     assert _jobs_for(feature, LokyExecutor(16)).n == 2  # type: ignore[union-attr]
     assert [_claim(tuple(two_cards)) for _ in range(3)] == ["cuda:0", "cuda:1", "cuda:0"]

@@ -123,7 +123,7 @@ def test_mirroring_columns_is_encoding_the_reflection(name: str, seed: int, trim
     image = made.columns.mirror.apply(made.encode(motion, rule_of(made)))
     again = reflected(motion)
     # On the mirrored bones, not on the layout's own, which `encode` takes.
-    wanted = made.encode_again(grounded(again) if made.grounded else again, rule_of(made))
+    wanted = made.reencode(grounded(again) if made.grounded else again, rule_of(made))
     # Contacts of another body's feet: the next test.
     motion_columns = [j for j, label in enumerate(made.columns.labels) if not label.startswith("contact.")]
     np.testing.assert_allclose(image[:, motion_columns], wanted[:, motion_columns], atol=1e-5)

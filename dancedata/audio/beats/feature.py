@@ -60,7 +60,7 @@ class Beats(NetworkFeature):
     #: Not torch: another version of it moves logits by about 1e-6, and beats are whole frames of 20 ms.
     packages: ClassVar[tuple[str, ...]] = ("librosa", "numpy", "scipy", "soxr")
     uses_tempo: ClassVar[bool] = True
-    reads_ahead: ClassVar[bool] = False
+    prefetch: ClassVar[bool] = False
 
     source: Source = "librosa"
     weights: Path | None = field(default=None, metadata={"path": True})
@@ -107,7 +107,7 @@ class Beats(NetworkFeature):
 
     @property
     @override
-    def windows_a_call(self) -> None: ...
+    def windows_per_call(self) -> None: ...
 
     @override
     def workers(self, jobs: int) -> int:

@@ -45,7 +45,7 @@ def _native(
     import transformers
 
     network: Any = getattr(transformers, model)(getattr(transformers, config)(**keys))
-    _enliven(network)
+    _rescale_weights(network)
     network.save_pretrained(folder)
     if extractor is not None:
         (folder / "preprocessor_config.json").write_text(json.dumps(extractor))
@@ -53,7 +53,7 @@ def _native(
     return native
 
 
-def _enliven(network: torch.nn.Module) -> None:
+def _rescale_weights(network: torch.nn.Module) -> None:
     """Draw weights anew so that activations are about 1: the initial ones of some classes give almost nothing."""
     for name, parameter in network.named_parameters():
         if parameter.dim() >= 2 and "original" not in name:
@@ -79,7 +79,7 @@ def _mert(folder: Path, changes: dict[str, Any]) -> None:
 
     keys = {**_BLOCKS, **_CONV, **changes}
     network = transformers.HubertModel(transformers.HubertConfig(**keys))
-    _enliven(network)
+    _rescale_weights(network)
     old = {"parametrizations.weight.original0": "weight_g", "parametrizations.weight.original1": "weight_v"}
     tensors = {}
     for name, tensor in network.state_dict().items():
@@ -205,7 +205,7 @@ def _muq(folder: Path, changes: dict[str, Any]) -> None:
         **changes,
     }  # fmt: skip
     network = MuQNetwork(config, MuQ(config, {}).strides)
-    _enliven(network)
+    _rescale_weights(network)
     tensors = {f"model.{name}": tensor.contiguous() for name, tensor in network.state_dict().items()}
     tensors["model.cls_token"] = torch.randn(int(config["encoder_dim"]))
     tensors["model.linear.weight"] = torch.randn(8, int(config["encoder_dim"]))

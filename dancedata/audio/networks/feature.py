@@ -39,7 +39,7 @@ class NetworkFeature(AudioFeature):
     ----------
     weights_key
         Field that says where the weights are.
-    reads_ahead
+    prefetch
         Whether it computes on a device, so that the next song may be decoded meanwhile.
     device
         Such as "cuda:1" or "cpu"; "auto": every card, one process each, else the CPU.
@@ -49,7 +49,7 @@ class NetworkFeature(AudioFeature):
 
     exact: ClassVar[bool] = False
     uses_tempo: ClassVar[bool] = False
-    reads_ahead: ClassVar[bool] = True
+    prefetch: ClassVar[bool] = True
     weights_key: ClassVar[str] = "weights"
 
     device: str
@@ -73,7 +73,7 @@ class NetworkFeature(AudioFeature):
         return {}
 
     @property
-    def windows_a_call(self) -> int | None:
+    def windows_per_call(self) -> int | None:
         """Windows that `extract_windows` takes at once, after which they are published; None: all of a song.
 
         A killed build loses at most this many.

@@ -126,7 +126,7 @@ class Representation(Plugin):
         """Return the motion of (T, D) columns at the rate of `grid`. UsageError where that is not possible."""
         raise UsageError(f"the representation {self.name} cannot be decoded", allowed="encoding")
 
-    def encode_again(self, motion: Motion, contacts: ContactRule | None = None) -> Float32Array:
+    def reencode(self, motion: Motion, contacts: ContactRule | None = None) -> Float32Array:
         """Return (T, D) columns of a motion that `decode` returned and that was changed since.
 
         The dancer stays at the height that the decoded columns had. A representation that is `grounded` replaces

@@ -1,4 +1,4 @@
-"""Fuzzes one reader guided by coverage, with atheris: python tests/fuzz/guided.py bvh -runs=100000
+"""Fuzzes one reader guided by coverage, with atheris: python benchmarks/fuzz/guided.py bvh -runs=100000
 
 The options behind the target are libFuzzer's. Without atheris (pip install atheris) it says so and does nothing.
 """

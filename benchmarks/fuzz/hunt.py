@@ -1,8 +1,8 @@
 """Fuzzes the readers: broken files of all formats, in child processes that may die.
 
-python tests/fuzz/hunt.py release --keep found/     (1,000,000 cases, before a release; goes on with --skip)
-python tests/fuzz/hunt.py nightly
-python tests/fuzz/hunt.py --target bvh --cases 5000 --seed 7
+python benchmarks/fuzz/hunt.py release --keep found/     (1,000,000 cases, before a release; goes on with --skip)
+python benchmarks/fuzz/hunt.py nightly
+python benchmarks/fuzz/hunt.py --target bvh --cases 5000 --seed 7
 """
 
 from __future__ import annotations
