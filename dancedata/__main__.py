@@ -18,7 +18,7 @@ def main() -> None:
 
 
 def _open_streams() -> None:
-    """Open standard streams that were closed: a file opened later would get their number, and what is printed."""
+    """Open closed standard streams: otherwise a file opened later gets fd 0 to 2, and our output."""
     for number in range(3):
         try:
             os.fstat(number)

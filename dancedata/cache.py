@@ -79,7 +79,7 @@ class FeatureCache:
         song
             An audio file. What counts is the signal in it, not its name.
         fps
-            Rows a second.
+            Rows per second.
         start_bpm
             Tempo to start from, where the feature tracks beats; None: it is estimated.
         parameters

@@ -202,7 +202,7 @@ def decode(
     clip: Clip = False,
     fps: Annotated[str | None, typer.Option(help="Frames per second; default: the dataset's.")] = None,
     key: Annotated[str | None, typer.Option(help="Array in a file with several.")] = None,
-    overwrite: Annotated[bool, typer.Option(help="Replace files that are there.")] = False,
+    overwrite: Annotated[bool, typer.Option(help="Overwrite existing files.")] = False,
     as_json: AsJson = False,
 ) -> None:
     """Write generated motion as BVH, SMPL or npz: dancedata decode FILE --as edge151 --to bvh --out DIR."""
@@ -428,7 +428,7 @@ def _print_json(obj: Any) -> None:
 
 
 def only_named(arguments: Sequence[str]) -> typer.Typer:
-    """Return the app with the one command that is asked for, if one is, or with none for the version.
+    """Return the app reduced to the requested command, or to none for the version.
 
     Typer makes the parameters of every command that an app has before it looks which one is meant: most of the time
     that help takes.

@@ -214,7 +214,7 @@ def check_workers() -> Iterator[Finding]:
     if instructions != expected():
         yield Finding("workers", "failed", f"they compute with {instructions}, not {expected()}", _REPORT)
     elif os.getpid() in {pid for pid, _ in workers}:
-        yield Finding("workers", "note", "none may be started by this process, as it is a daemonic one itself")
+        yield Finding("workers", "note", "cannot start workers from a daemonic process")
     else:
         yield Finding("workers", "ok", f"start, and compute with {instructions}; {os.cpu_count()} cores")
 

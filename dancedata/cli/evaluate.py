@@ -125,7 +125,9 @@ def _check_rows(path: Path) -> None:
         with open(path, "rb") as file:
             head = file.read(len(",".join(_HEAD)))
     if head not in (b"", ",".join(_HEAD).encode()) or not path.is_file():
-        raise UsageError("another file has this name, and is not replaced", where=path, fix="give another name")
+        raise UsageError(
+            "refusing to overwrite a file that is not a table of clips", where=path, fix="give another name"
+        )
 
 
 def _write_rows(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:

@@ -30,7 +30,7 @@ def fetch(
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Get OpenAI's files, 10.3 GB; goes on where it was cut off, checks size and hash. The licence is shown first."""
+    """Get OpenAI's files, 10.3 GB: resumes interrupted downloads, checks size and hash. Shows the licence first."""
     from dancedata.audio.jukebox import fetch as run_fetch
     from dancedata.audio.jukebox.weights.download import OPENAI_URL
 

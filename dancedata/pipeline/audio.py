@@ -56,7 +56,7 @@ def decoded(path: Path) -> AudioSignal:
     try:
         return begun.result()
     except (DataError, OSError):
-        # Said by the unit that needs the file, in the file's present state.
+        # The unit that needs the file reports the error.
         return load_audio(path)
 
 
@@ -209,7 +209,7 @@ class FeatureKeys:
 
     def _of(self, bpm: float | None) -> str:
         job, feature = self._job, self._job.feature
-        # Else equal music would be computed again for another tempo, and for none.
+        # Dropped from the key where the feature ignores it: equal music is then computed once.
         bpm = None if bpm is None or not feature.uses_tempo else float(bpm)
         if bpm not in self._common:
             self._common[bpm] = Cache.key(
@@ -284,7 +284,7 @@ def extract_windows(
 def window_units(keys: Mapping[int, str]) -> list[dict[int, str]]:
     """Cut a song's windows, keys by number, into the units of work that `extract_windows` takes.
 
-    Whoever asks for windows cuts songs so, for the first window's lock stands for all of its unit.
+    All callers must group windows this way: the lock of the first window covers the unit.
     """
     numbers = sorted(keys)
     cuts = [numbers[begin : begin + _WINDOWS_A_UNIT] for begin in range(0, len(numbers), _WINDOWS_A_UNIT)]

@@ -223,7 +223,7 @@ def _require_same(out: Path, recipe: Recipe, source_sha256: str, record: SourceR
     if meta.get("recipe_sha256") != recipe.sha256:
         listed = "\n".join(f"  - {d}" for d in differences) or "  - (another version of dancedata)"
         raise StoreError(
-            "the dataset there was made by another recipe",
+            "this folder holds a dataset built from a different recipe",
             where=out,
             found=f"these differences:\n{listed}\n",
             fix="choose another --out, or --overwrite to replace it",
@@ -235,7 +235,7 @@ def _require_same(out: Path, recipe: Recipe, source_sha256: str, record: SourceR
             "the dataset there was made from another source",
             where=out,
             found=f"these differences:\n{listed}\n",
-            fix="choose another --out, or --overwrite to build it anew (only what changed is computed)",
+            fix="choose another --out, or --overwrite to rebuild (unchanged units come from the cache)",
         )
 
 

@@ -153,7 +153,7 @@ def scan_folder(path: Path, dataset: str | Dataset | None = None) -> tuple[Datas
         if cls.generates:
             continue
         if cls.explicit_only:
-            failures.append(f"  - {name}: takes many layouts, so it is asked for by name: --dataset {name}")
+            failures.append(f"  - {name}: accepts any layout; select it with --dataset {name}")
             continue
         reader = cls()
         try:

@@ -181,7 +181,7 @@ def decode_file(
     key
         Name of the array, where the file has several. Default: the only one with the representation's columns.
     overwrite
-        Replace files that are there.
+        Overwrite existing files.
 
     Returns
     -------
@@ -191,7 +191,7 @@ def decode_file(
     Raises
     ------
     UsageError
-        As `decode`; for an unknown format or array, an unknown rate, and files that are there.
+        As `decode`; for an unknown format or array, an unknown rate, and existing files.
     DataError
         As `decode`; if the file cannot be read, or states another rate than `fps` or `like`.
     StoreError
@@ -238,7 +238,7 @@ def _numbers(array: Any, name: str) -> npt.NDArray[Any]:
     except (TypeError, ValueError, RuntimeError) as error:  # lists of unequal length; tensors that numpy cannot hold
         found = str(error)
     if found:
-        fix = "give an array of numpy; that of a tensor is tensor.detach().cpu().float().numpy()"
+        fix = "pass a numpy array: tensor.detach().cpu().float().numpy()"
         raise UsageError(f"these are not columns of {name}", found=found, allowed="floats or integers", fix=fix)
     return numbers
 

@@ -53,7 +53,7 @@ def find_jobs(feature: str | None, like: str | None) -> list[FeatureJob]:
     recipe = _recipe_like(like)
     names = [job.name for job in recipe.audio]
     if not names:
-        raise UsageError(f"{like} has no audio features", fix="name another dataset or recipe, or none")
+        raise UsageError(f"{like} has no audio features", fix="use another --like, or omit it")
     if feature is not None and feature not in names:
         raise UsageError(f"{like} has no audio feature {feature!r}", fix=did_you_mean(str(feature), names))
     return [job for job in recipe.audio if feature in (None, job.name)]
@@ -138,7 +138,7 @@ def _check_names(songs: Sequence[Path], out: Path, jobs: Sequence[FeatureJob]) -
     foreign = [path for path in paths if not _is_free(path)]
     if foreign:
         raise UsageError(
-            "files would be replaced that are not known as features of dancedata; nothing was computed",
+            "refusing to overwrite files that dancedata did not write; nothing was computed",
             where=out,
             found=listed(path.name for path in foreign),
             allowed="no such files, or a .npy with the .json that was written beside it",

@@ -59,7 +59,7 @@ class ClipPlan:
     retimed
         Frames, windows and rows of audio of each copy at another speed.
     implausible
-        What a unit makes of the body or its path.
+        Flags for an implausible unit of length.
     """
 
     ref: ClipRef

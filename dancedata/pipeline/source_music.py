@@ -87,14 +87,14 @@ class SourceMusic:
         Raises
         ------
         DataError
-            If it cannot be decoded, or is other music than the dataset was built from.
+            If it cannot be decoded, or does not match the dataset.
         """
         path = self.files[clip.id]
         signal = load_audio(path)
         wanted = self.hashes.get(clip.source or clip.id)
         if wanted is not None and signal.sha256[:DIGITS] != wanted:
             raise DataError(
-                "this is other music than the dataset was built from",
+                "this music does not match the dataset",
                 reason="other_music",
                 where=path,
                 found=f"samples with the hash {signal.sha256[:DIGITS]}",

@@ -19,7 +19,7 @@ DIGITS = 12
 #: Of more clips no record is kept: dataset.json has to stay small enough to be read (`store.dataset_json.MAX_BYTES`).
 MAX_CLIPS = 200_000
 NO_MUSIC = "-"
-#: What is compared of a clip beside its files, and is in the store.
+#: Attributes of a clip that are compared besides the hashes of its files.
 _ABOUT = ("split", "music", "tempo_bpm", "genre", "dancer", "lists")
 _SHOWN, _MESSAGE = 5, 600
 
@@ -97,7 +97,7 @@ class SourceDifference:
 def source_differences(
     old: SourceRecord, new: SourceRecord, then: str, now: str, *, about: bool = True
 ) -> list[SourceDifference]:
-    """Return in what two sources differ.
+    """Return the differences between two sources.
 
     Parameters
     ----------

@@ -130,7 +130,7 @@ def identify(cache: Cache, recipe: Recipe, scan: Scan, *, jobs: Jobs, progress: 
 
 
 def _with_valid_names(clips: Sequence[ClipRef]) -> tuple[list[ClipRef], list[Reject]]:
-    """Set clips aside whose texts no file of a dataset could hold."""
+    """Reject clips whose names are not valid Unicode."""
     valid, rejects = [], []
     for ref in clips:
         texts = (ref.id, ref.split, ref.music, ref.genre, ref.dancer, *ref.lists)

@@ -176,7 +176,7 @@ def describe_unchanged(path: Path) -> str:
 def next_steps(path: Path) -> str:
     """Return the commands that come after a build."""
     folder = shlex.quote(shown(path))
-    return f"next: dancedata check {folder}; all about it: dancedata info {folder}"
+    return f"next: dancedata check {folder}; details: dancedata info {folder}"
 
 
 def _size(store: Store) -> str:

@@ -38,10 +38,9 @@ class BalancedSampler(EpochSampler):
     """Indices of which every group has equally many, one epoch after another; resumable as an `EpochSampler`.
 
     ``BalancedSampler(train, by="genre", seed=0)`` draws ``len(train)`` indices in each epoch, the same number of each
-    genre (they differ by one at most, where the division has a rest; which ones have one more, changes from epoch to
-    epoch). Within a group every sample comes as often as any other, again within one: a small group is gone through
-    several times, of a large one another part is drawn in every epoch. The order is a pure function of (labels, seed,
-    epoch, rank, world size).
+    genre; if the division leaves a remainder, some have one more, others in each epoch. Within a group the counts of
+    the samples differ by one at most: a small group is repeated, of a large one each epoch draws another part. The
+    order is a pure function of (labels, seed, epoch, rank, world size).
 
     Attributes
     ----------

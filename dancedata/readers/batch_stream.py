@@ -84,7 +84,7 @@ class BatchStream(IterableDataset[Any]):
         Raises
         ------
         UsageError
-            For numbers that cannot be, an epoch without a batch, or a dataset that cannot be asked for an epoch.
+            For invalid numbers, an epoch without a batch, or a dataset that cannot be asked for an epoch.
         """
         super().__init__()
         if not callable(getattr(dataset, "samples", None)):
@@ -96,9 +96,7 @@ class BatchStream(IterableDataset[Any]):
         self.dataset, self.collate, self.drop_last = dataset, collate, bool(drop_last)
         self.sampler = EpochSampler(len(dataset), seed=seed) if sampler is None else sampler
         if isinstance(self.sampler, BucketSampler) != (batch_size is None):
-            raise UsageError(
-                "a BucketSampler, and no other, makes batches itself", fix="give batch_size, or leave it out"
-            )
+            raise UsageError("only a BucketSampler makes batches itself", fix="give batch_size, or leave it out")
         self.batch_size = None if batch_size is None else whole("batch_size", batch_size)
         self.start_step = whole("start_step", start_step)
         self.n_steps = None if steps is None else whole("steps", steps)

@@ -110,7 +110,7 @@ class ClipDataset(SplitDataset):
         StoreError
             If there is no finished dataset at `store`, or it is of window scope.
         UsageError
-            For an unknown split or field, numbers that cannot be, or if no clip is long enough.
+            For an unknown split or field, invalid numbers, or if no clip is long enough.
         """
         super().__init__(store, split, fields, preset, protocol)
         if self._with_primitives:

@@ -266,7 +266,7 @@ def music_figures(d: Drawing) -> list[Figure]:
         table_rows = tuple((name, value[""]) for name, value in rows_of.items())
         note = (
             f"mean over clips, beats of {this['beats_from']}; "
-            "a score at its chance level says that dance and beats are unrelated"
+            "a score at its chance level means that dance and beats are unrelated"
         )
         figures.append(
             Figure(

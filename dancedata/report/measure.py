@@ -234,7 +234,7 @@ def _key_times(piece: Piece, first: int) -> Float64Array:
 
 
 def _half_a_period_later(beats: Float64Array) -> Float64Array:
-    """Return the middles between beats: where a dance that does not follow the beats is as often."""
+    """Return the midpoints between beats, the chance control."""
     return np.asarray((beats[:-1] + beats[1:]) / 2)
 
 

@@ -69,7 +69,7 @@ class Report:
 
 @dataclass(frozen=True)
 class _Page:
-    """What is asked of the page."""
+    """Options of the page."""
 
     target: Target
     clips: Clips

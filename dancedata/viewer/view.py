@@ -34,7 +34,7 @@ __all__ = ["ViewRequest", "export_page", "serve"]
 
 @dataclass(frozen=True)
 class ViewRequest:
-    """What is to be seen.
+    """Options of `dancedata view`.
 
     Attributes
     ----------

@@ -302,7 +302,7 @@ def test_the_closing_summary_is_short_and_says_what_to_do_next(larger: Path, out
     lines = run(*args).stdout.splitlines()
     assert lines[0].startswith(f"aist++: 7 clips, 21 windows in {out} (")
     assert lines[1] == "  train 4 clips, 12 windows; val 1 clip, 3 windows; test 2 clips, 6 windows"
-    assert lines[-1] == f"next: dancedata check {out}; all about it: dancedata info {out}"
+    assert lines[-1] == f"next: dancedata check {out}; details: dancedata info {out}"
     assert "ignored: 1 (" in "\n".join(lines)
     assert len(lines) <= 8
     again = run(*args)

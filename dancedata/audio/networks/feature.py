@@ -69,7 +69,7 @@ class NetworkFeature(AudioFeature):
 
     @property
     def about(self) -> Mapping[str, Any]:
-        """What dataset.json says of the network: its source, licence and the like, as JSON; not part of any key."""
+        """Metadata of the network for dataset.json: its source, licence and the like; not part of any key."""
         return {}
 
     @property

@@ -58,7 +58,7 @@ def export(
         With everything that the dataset lacks for the target and the lines of a recipe that give it; if `out` holds
         other files, or cannot be written.
     DataError
-        If music below `source` cannot be decoded, or is other music than that of the dataset.
+        If music below `source` cannot be decoded, or does not match the dataset.
 
     Examples
     --------

@@ -145,9 +145,7 @@ def file_name_lacks(job: ExportJob) -> list[Lack]:
     bad = [quoted(c.id) for c in job.clips() if "/" in c.id or c.id.startswith(".") or len(c.id.encode()) > _MAX_NAME]
     if not bad:
         return []
-    return [
-        Lack(f"ids of clips that cannot be names of files: {listed(bad)}", "name the files of the source otherwise")
-    ]
+    return [Lack(f"ids of clips that cannot be names of files: {listed(bad)}", "rename the source files")]
 
 
 def _check_place(job: ExportJob) -> None:
