@@ -1,7 +1,5 @@
 """Shared by all that reads a source: suffixes, finding the dataset's folder, listing its files, choosing audio."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,30 +12,6 @@ from dancedata.core.errors import DataError, SourceError, UsageError, did_you_me
 from dancedata.core.text import listed, quoted
 from dancedata.files.regular_file import read_regular
 from dancedata.formats.arrays import VALUE_SUFFIXES
-
-__all__ = [
-    "ALL",
-    "AUDIO_SUFFIXES",
-    "MOTION_SUFFIXES",
-    "SPLITS",
-    "Files",
-    "audio_files",
-    "best_audio",
-    "clips_note",
-    "describe",
-    "extra_file",
-    "file_problem",
-    "files_by_stem",
-    "find_root",
-    "group_by_stem",
-    "has_archive",
-    "list_folder",
-    "read_names",
-    "relative",
-    "require_choice",
-    "require_finite",
-    "require_folder",
-]
 
 SPLITS = ("train", "val", "test")
 #: The split of all clips where a dataset is not split.
@@ -119,11 +93,16 @@ def find_root(
 
     Parameters
     ----------
-    dataset, title : name of the dataset for recipes, and its published name.
-    motions : name of the motion folder.
-    looked_for : the expected files, for messages.
-    is_known : accepts the folder names under which the dataset is published; decides between several folders.
-    advice : returns the fix for a source without a motion folder.
+    dataset, title
+        Name of the dataset for recipes, and its published name.
+    motions
+        Name of the motion folder.
+    looked_for
+        The expected files, for messages.
+    is_known
+        Accepts the folder names under which the dataset is published; decides between several folders.
+    advice
+        Returns the fix for a source without a motion folder.
 
     Returns
     -------
@@ -187,7 +166,8 @@ def file_problem(path: Path, suffixes: Sequence[str], otherwise: str = "") -> st
 
     Parameters
     ----------
-    otherwise : the answer for a file with another suffix, in place of a list of the suffixes.
+    otherwise
+        The answer for a file with another suffix, in place of a list of the suffixes.
     """
     if path.is_dir():
         return "a folder; subfolders are not searched"
@@ -209,8 +189,10 @@ def files_by_stem(folder: Path, source: Path, suffix: str, name_problem: Callabl
 
     Parameters
     ----------
-    folder : need not exist.
-    name_problem : returns why a stem is not a valid name, "" for a valid one.
+    folder
+        Need not exist.
+    name_problem
+        Returns why a stem is not a valid name, "" for a valid one.
     """
     files: dict[str, Path] = {}
     rejects = []
@@ -247,8 +229,10 @@ def audio_files(candidates: Iterable[Path], source: Path, rejects: Sequence[Reje
 
     Parameters
     ----------
-    candidates : audio files, of equal stems the preferred folder first.
-    rejects : of other entries, placed before the new ones.
+    candidates
+        Audio files, of equal stems the preferred folder first.
+    rejects
+        Of other entries, placed before the new ones.
     """
     by_stem: dict[str, list[Path]] = {}
     for path in candidates:

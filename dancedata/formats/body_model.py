@@ -10,8 +10,6 @@ neither imported nor called: a chumpy array is a stand-in whose attribute x is t
 elements of another one; a sparse matrix has data, indices and indptr.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -31,8 +29,6 @@ from dancedata.formats.bvh.hierarchy import MAX_VALUE
 from dancedata.formats.checked_unpickler import ClassName, StandIn, make
 from dancedata.formats.numpy_pickle import is_shape
 from dancedata.formats.safe_pickle import ARRAY_NAMES, Names, as_array, load_pickle
-
-__all__ = ["GENDERS", "SMPLH52", "body_model_skeleton", "find_model", "gender_of"]
 
 GENDERS = ("neutral", "male", "female")
 #: SMPL-X files with at least this many shapes hold 300 of the body, then those of the face; older ones 10 and 10.

@@ -15,8 +15,6 @@ A list can still occur so many times in the result that expanding it fills any m
 lists, and messages show values by `core.text.shown`, which does not expand them.
 """
 
-from __future__ import annotations
-
 import bz2
 import io
 import lzma
@@ -55,20 +53,6 @@ from dancedata.formats.numpy_pickle import (
     read_array,
     reconstruct,
 )
-
-__all__ = [
-    "ARRAY_NAMES",
-    "BOMB_BYTES",
-    "BOMB_RATIO",
-    "MAX_DEPTH",
-    "MAX_PICKLE_BYTES",
-    "ArrayUnpickler",
-    "Names",
-    "as_array",
-    "load_pickle",
-    "read_unpacked",
-    "require_shallow",
-]
 
 #: Something above this size with a higher compression ratio than this is not a motion.
 BOMB_BYTES = 1 << 26

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from dancedata.synthetic.motion import MotionTruth
     from dancedata.synthetic.music import SyntheticSong
 
-__all__ = ["VERSION", "is_example", "synthesise_motion", "synthesise_song", "write_example", "write_synthetic"]
-
 #: Incremented whenever the bytes for equal parameters change.
 VERSION = 1
 MARKER = "synthetic.json"
@@ -44,8 +42,10 @@ def write_synthetic(
 
     Parameters
     ----------
-    folder : created if missing; otherwise it must be empty or contain this corpus.
-    seed, songs, clips_per_song, clip_s : as in the dataset `synthetic`.
+    folder
+        Created if missing; otherwise it must be empty or contain this corpus.
+    seed, songs, clips_per_song, clip_s
+        As in the dataset `synthetic`.
 
     Returns
     -------
@@ -89,8 +89,10 @@ def synthesise_song(
 
     Parameters
     ----------
-    music : AIST++ music id, which encodes the tempo: ``mBR0`` or ``BR0``.
-    length_s : seconds. The beats do not depend on it.
+    music
+        AIST++ music id, which encodes the tempo: ``mBR0`` or ``BR0``.
+    length_s
+        Seconds. The beats do not depend on it.
 
     Returns
     -------
@@ -113,8 +115,10 @@ def synthesise_motion(name: str, *, seed: int = 0, n_frames: int = 810) -> tuple
 
     Parameters
     ----------
-    name : AIST++ clip name, such as ``gBR_sBM_cAll_d04_mBR0_ch01``; its song defines the beats.
-    n_frames : length in frames at 60 per second.
+    name
+        AIST++ clip name, such as ``gBR_sBM_cAll_d04_mBR0_ch01``; its song defines the beats.
+    n_frames
+        Length in frames at 60 per second.
 
     Returns
     -------

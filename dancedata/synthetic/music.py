@@ -1,7 +1,5 @@
 """The synthetic music: drums on the beat grid, bass and chords that change every bar, a melody, some noise."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,12 +25,18 @@ class SyntheticSong:
 
     Attributes
     ----------
-    signal : mono AudioSignal: the mean of the channels of `pcm`.
-    pcm : (n, channels) int16, the samples of the wav file.
-    beat_times_s : (B,) seconds of the beats, kick or snare on each.
-    downbeat_times_s : (M,) the first beats of the bars, where the chord changes.
-    chord_roots : (M,) pitch class 0..11 of each bar's chord (0 = C).
-    tempo_bpm : beats per minute, exact.
+    signal
+        Mono AudioSignal: the mean of the channels of `pcm`.
+    pcm
+        (n, channels) int16, the samples of the wav file.
+    beat_times_s
+        (B,) seconds of the beats, kick or snare on each.
+    downbeat_times_s
+        (M,) the first beats of the bars, where the chord changes.
+    chord_roots
+        (M,) pitch class 0..11 of each bar's chord (0 = C).
+    tempo_bpm
+        Beats per minute, exact.
     """
 
     signal: AudioSignal

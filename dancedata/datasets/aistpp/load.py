@@ -1,7 +1,5 @@
 """One AIST++ motion pickle -> canonical motion; every defect has a reason code of its own."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -18,8 +16,6 @@ from dancedata.datasets._positions import require_rotations
 from dancedata.datasets.files import require_finite
 from dancedata.formats.safe_pickle import as_array, load_pickle
 
-__all__ = ["load_motion"]
-
 KEYS = ("smpl_poses", "smpl_trans", "smpl_scaling")
 JOINTS = 24
 _DOWNLOAD_AGAIN = "download the file again"
@@ -33,8 +29,10 @@ def load_motion(path: Path, frame_rate: int) -> Motion:
 
     Parameters
     ----------
-    path : the pickle; read with the allow-list unpickler, so nothing in it is executed.
-    frame_rate : frames per second, 60 for AIST++.
+    path
+        The pickle; read with the allow-list unpickler, so nothing in it is executed.
+    frame_rate
+        Frames per second, 60 for AIST++.
 
     Returns
     -------

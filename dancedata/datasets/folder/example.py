@@ -1,21 +1,17 @@
 """A tiny source folder for the dataset `folder`: synthetic motion in three formats, two songs, a manifest."""
 
-from __future__ import annotations
-
 import wave
 from pathlib import Path
 
 import numpy as np
 
+from dancedata.core.bodies import SMPLH52
 from dancedata.core.motion import Motion
 from dancedata.core.rotations import rotation
 from dancedata.core.skeleton import SMPL24
 from dancedata.datasets.folder.facts import UPRIGHT
 from dancedata.files import atomic
-from dancedata.formats.body_model import SMPLH52
 from dancedata.formats.bvh.write import write_bvh
-
-__all__ = ["write_example"]
 
 #: Mixamo's names for SMPL's joints.
 _NAMES = (

@@ -4,8 +4,6 @@ The first of these that states a fact decides: the manifest (one file), the file
 do not state it). A fact that none of them states is an error with the declaration to add.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -131,9 +129,12 @@ class Declared:
 
     Attributes
     ----------
-    fps : as text, such as "30" or "30000/1001".
-    unit : a name in UNITS, "guess", or metres per unit as text.
-    person : the file's own name for one of its people.
+    fps
+        As text, such as "30" or "30000/1001".
+    unit
+        A name in UNITS, "guess", or metres per unit as text.
+    person
+        The file's own name for one of its people.
     """
 
     fps: str | None = None

@@ -1,7 +1,5 @@
 """One motion file of any format -> canonical motion, and the facts about it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
@@ -41,8 +39,6 @@ from dancedata.formats.bvh.parse import Bvh, read_bvh
 from dancedata.formats.bvh.retarget import Rig, make_rig, retarget, skeleton_of, smpl_rest
 from dancedata.formats.video_pose import PersonArrays
 
-__all__ = ["FileFacts", "Reading", "array_facts", "bvh_facts", "load_motion", "recognised"]
-
 #: Height of a skeleton in a guessed unit, toes to head joint at rest, metres.
 PLAUSIBLE_M = (1.2, 2.2)
 _UNITS_ALLOWED = f"{', '.join(UNITS)}, or metres per unit, such as 0.0254"
@@ -56,11 +52,16 @@ class Reading:
 
     Attributes
     ----------
-    manifest : declarations for this file.
-    recipe : declarations for all files.
-    joint_map : SMPL joint -> name in BVH files.
-    body_model : file or folder; None for the mean body.
-    keys : the recipe's names of arrays, as in `Folder`.
+    manifest
+        Declarations for this file.
+    recipe
+        Declarations for all files.
+    joint_map
+        SMPL joint -> name in BVH files.
+    body_model
+        File or folder; None for the mean body.
+    keys
+        The recipe's names of arrays, as in `Folder`.
     """
 
     manifest: Declared

@@ -1,7 +1,5 @@
 """The notes of a scan of a folder: what each motion file is, and how clips are split."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -15,8 +13,6 @@ from dancedata.datasets.folder.facts import IN_MANIFEST, IN_RECIPE, drift_note
 from dancedata.datasets.folder.load import FileFacts, Reading, array_facts, bvh_facts, recognised
 from dancedata.datasets.folder.people import open_person, seen_in
 from dancedata.formats.bvh.parse import read_bvh_header
-
-__all__ = ["describe", "file_notes", "split_note"]
 
 #: Most kinds of files that the notes distinguish.
 _MAX_KINDS = 12
@@ -77,8 +73,10 @@ def split_note(clips: Sequence[ClipRef], default: str, assigned: bool) -> str:
 
     Parameters
     ----------
-    default : split of clips without one in the manifest.
-    given : whether the manifest assigns any split.
+    default
+        Split of clips without one in the manifest.
+    given
+        Whether the manifest assigns any split.
     """
     splits = Counter(clip.split for clip in clips)
     if set(splits) == {default} and not assigned:

@@ -1,7 +1,5 @@
 """Forward kinematics of a BVH file: positions and rotations of its joints in the file's own axes."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -9,8 +7,6 @@ from numpy.typing import NDArray
 
 from dancedata.formats.bvh.hierarchy import BvhJoint
 from dancedata.formats.bvh.parse import Bvh
-
-__all__ = ["bone_offsets", "rest_positions", "stretch", "world"]
 
 Floats = NDArray[np.float64]
 
@@ -34,8 +30,10 @@ def stretch(bvh: Bvh, root: int, indices: Sequence[int]) -> float:
 
     Parameters
     ----------
-    root : joint whose channels move the body; those of the joints below it change bones.
-    indices : joints that are used.
+    root
+        Joint whose channels move the body; those of the joints below it change bones.
+    indices
+        Joints that are used.
     """
     needed = set(_with_ancestors(bvh.joints, indices)) - set(_with_ancestors(bvh.joints, [root]))
     bones = bone_offsets(bvh)
@@ -60,8 +58,10 @@ def world(bvh: Bvh, indices: Sequence[int], rows: slice) -> tuple[Floats, Floats
 
     Parameters
     ----------
-    indices : K joints.
-    rows : frames.
+    indices
+        K joints.
+    rows
+        Frames.
 
     Returns
     -------

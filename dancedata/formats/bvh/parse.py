@@ -25,8 +25,6 @@
 Time and memory are linear in the file's size; nothing is allocated by the numbers in a header.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import re
@@ -42,8 +40,6 @@ from dancedata.core.errors import DataError
 from dancedata.files.regular_file import open_regular
 from dancedata.formats.bvh.hierarchy import MAX_VALUE, NUMBER, BvhJoint, bvh_error, not_a_number, parse_hierarchy
 
-__all__ = ["MAX_FILE_BYTES", "Bvh", "read_bvh", "read_bvh_header"]
-
 #: About an hour of 60 joints at 120 FPS.
 MAX_FILE_BYTES = 1 << 30
 #: The hierarchy must end within this many bytes.
@@ -58,8 +54,10 @@ class Bvh:
 
     Attributes
     ----------
-    frame_time : seconds as written; a decimal number above 0.
-    values : (T, C) channels as in the file; (0, C) if only the header was read.
+    frame_time
+        Seconds as written; a decimal number above 0.
+    values
+        (T, C) channels as in the file; (0, C) if only the header was read.
     """
 
     path: Path
