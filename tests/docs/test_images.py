@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 IMAGES = Path(__file__).resolve().parents[2] / "docs" / "images"
-DRAWN = ("build", "scope")
+DRAWN = ("build", "layers", "scope")
 
 
 @pytest.fixture(scope="module")
