@@ -121,7 +121,17 @@ def of_workers(out: Path, method: str, persistent: bool, **options: Any) -> Call
     loader = DataLoader(
         dataset, 8, num_workers=n_workers, persistent_workers=persistent, multiprocessing_context=method
     )
-    return lambda: of_batches(loader)
+
+    def read() -> Rows:
+        batches = iter(loader)
+        try:
+            return of_batches(batches)
+        except StoreError:
+            # The traceback holds the iterator: left to the garbage collector, it waits 5 s for each worker.
+            batches._shutdown_workers()  # type: ignore[attr-defined]
+            raise
+
+    return read
 
 
 #: How the dataset is read, and whether a reader that has read it before goes on with the files that it has open.
@@ -233,8 +243,10 @@ def test_a_build_under_a_trainer(corpus: Path, tmp_path: Path) -> None:
     loader = DataLoader(dataset, 4, num_workers=2)
     before = [batch["edge151"].numpy() for batch in loader]
     built("augment.mirror=true")
+    batches = iter(loader)
     with pytest.raises(StoreError, match=BUILT_AGAIN):
-        next(iter(loader))
+        next(batches)
+    batches._shutdown_workers()  # type: ignore[attr-defined]
     # In the trainer's own process too, where nothing was read yet; and opened again, there are twice as many.
     with pytest.raises(StoreError, match=BUILT_AGAIN):
         _ = dataset[0]
