@@ -36,7 +36,7 @@ def read_everything(made: RandomStore) -> int:
     return count
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(
     scope=st.sampled_from(["track", "window"]),
     order=st.sampled_from(["time", "name"]),
