@@ -1,7 +1,5 @@
 """Beats of a dance, and how well they meet the beats of the music."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import ClassVar, Literal

@@ -1,7 +1,5 @@
 """EpochSampler: the order of an epoch as a pure function, and resuming in the middle of one."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sized
 from typing import Any
 

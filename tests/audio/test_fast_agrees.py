@@ -5,8 +5,6 @@ Gates as for the reference outputs: envelope 1e-4, MFCC 1e-3, chroma 1e-6, peaks
 without a tempo, clipped): 2.5e-5, 4.3e-4, 0, equal.
 """
 
-from __future__ import annotations
-
 import tracemalloc
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What a plug-in does not have is found by the type checker, on the side of those who call plug-ins."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The code of the pages runs as it stands there, and prints what they show; lines, links and lists are right."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

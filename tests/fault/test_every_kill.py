@@ -6,8 +6,6 @@ Afterwards every output is byte-identical to that of an undisturbed run, or unto
 conversions take minutes here: by default test_kills, execution/test_foreign_files and files/test_publish kill them.
 """
 
-from __future__ import annotations
-
 import os
 import random
 import shutil

@@ -1,7 +1,5 @@
 """Readers of foreign files: 1,000 broken files here, 100,000 in the nightly run; what was found once stays."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """File names of any bytes, and control characters in names and files: set aside by name, never printed raw."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -1,7 +1,5 @@
 """WindowDataset and EpochSampler in torch's DataLoader: workers, epochs, resuming, overfitting one batch."""
 
-from __future__ import annotations
-
 import multiprocessing
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Readers across `build --overwrite`: the dataset that was opened, bit for bit, or StoreError; never another one."""
 
-from __future__ import annotations
-
 import multiprocessing
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Small random stores."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path

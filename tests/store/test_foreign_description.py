@@ -1,7 +1,5 @@
 """Datasets of other people: what is no file is refused at once, what does not print is written as sequences."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """Opening, looking things up, re-windowing, and use from other processes and threads."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import pickle

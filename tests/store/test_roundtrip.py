@@ -1,7 +1,5 @@
 """What is read is what was written, whatever the corpus."""
 
-from __future__ import annotations
-
 import pickle
 import tempfile
 from dataclasses import fields
