@@ -66,12 +66,13 @@ class EpochSampler(Sampler[int]):
     handed out; so it is to the parts of torch's ConcatDataset, Subset and random_split, and to a dataset that another
     one has as an attribute. A number as data source reaches no dataset.
 
+    Resuming, and loops of PyTorch, Accelerate and Lightning: docs/reading.md and docs/training.md.
+
     Examples
     --------
     >>> from dancedata.readers import EpochSampler
     >>> len(list(EpochSampler(10, seed=0)))
     10
-    Resuming, and loops of PyTorch, Accelerate and Lightning: docs/reading.md and docs/training.md.
     """
 
     def __init__(
