@@ -6,7 +6,6 @@ import dataclasses
 import io
 import json
 import pickle
-import wave
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -256,16 +255,10 @@ def _write_lists(folder: Path, plan: Plan) -> None:
 
 def _write_song(folder: Path, plan: SongPlan, seed: int) -> None:
     """Write one wav, PCM 16, and its ground truth."""
-    from dancedata.synthetic.music import make_song
+    from dancedata.synthetic.music import make_song, wav_bytes
 
     song = make_song(plan, seed)
-    stream = io.BytesIO()
-    with wave.open(stream, "wb") as file:
-        file.setnchannels(plan.n_channels)
-        file.setsampwidth(2)
-        file.setframerate(plan.sample_rate)
-        file.writeframes(song.pcm.astype("<i2").tobytes())
-    atomic.write_bytes(folder / "wavs" / f"m{plan.music}.wav", stream.getvalue())
+    atomic.write_bytes(folder / "wavs" / f"m{plan.music}.wav", wav_bytes(song.pcm, plan.sample_rate))
     names = ("beat_times_s", "downbeat_times_s", "chord_roots", "tempo_bpm")
     truth = {name: np.asarray(getattr(song, name)) for name in names}
     _write_npz(folder / "truth" / f"m{plan.music}.npz", truth)

@@ -249,9 +249,9 @@ class FineDance(Dataset):
 
     @override
     def make_example(self, folder: Path) -> None:
-        from dancedata.datasets.finedance.example import write_example
+        from dancedata.datasets.examples import write_finedance
 
-        write_example(Path(folder))
+        write_finedance(Path(folder))
 
     def _kept(self) -> frozenset[str]:
         """Return the ids on the split's ignore lists that are kept."""

@@ -171,9 +171,9 @@ class Folder(Dataset):
 
     @override
     def make_example(self, folder: Path) -> None:
-        from dancedata.datasets.folder.example import write_example
+        from dancedata.datasets.examples import write_folder
 
-        write_example(Path(folder))
+        write_folder(Path(folder))
 
     @property
     def _declared(self) -> Declared:
