@@ -1,7 +1,7 @@
 """Dataset readers: they turn a folder of published or own files into clips in canonical form.
 
-Every reader that is a package has the same files: `reader` (the plug-in), `layout` (where files are), `load` (one
-motion file), `facts` (what is known about the dataset or its files), `notes` (sentences of a scan) and `example` (a
-tiny source); further files have a subject of their own, such as `splits`. The tree on disk is in the docstring of
-each package.
+Every reader that is a package has the same files: `reader` (the plug-in, with the notes of its scan), `layout` (where
+files are), `load` (one motion file) and `facts` (of the dataset or its files); further files have a subject of their
+own, such as `splits`. The tree on disk is in the docstring of each package. `files`, `published` and `examples` are
+shared.
 """

@@ -20,7 +20,6 @@ ALL = "all"
 AUDIO_SUFFIXES = (".wav", ".flac", ".mp3", ".ogg")
 #: Motion files that are read, in order of preference.
 MOTION_SUFFIXES = (".npz", ".npy", ".pkl", ".bvh", *(suffix for suffix in VALUE_SUFFIXES if suffix != ".pkl"))
-_ARCHIVES = (".zip", ".tgz", ".gz", ".tar", ".rar", ".7z")
 #: Bounds of a list of names: size of the file, number of names, length of a name (of a file name, in bytes).
 MAX_LIST_BYTES = 1 << 24
 MAX_NAMES = 100_000
@@ -77,69 +76,6 @@ def require_folder(dataset: str, source: Path, looked_for: str) -> None:
     raise SourceError(
         problem, where=str(source), found=found, allowed=looked_for, fix="set --source to the dataset's folder"
     )
-
-
-def find_root(
-    dataset: str,
-    title: str,
-    source: Path,
-    motions: str,
-    *,
-    looked_for: str,
-    is_known: Callable[[str], bool],
-    advice: Callable[[Path], str],
-) -> tuple[Path, list[Path]]:
-    """Find the folder that holds the motion folder: the source or one folder directly below it.
-
-    Parameters
-    ----------
-    dataset, title
-        Name of the dataset for recipes, and its published name.
-    motions
-        Name of the motion folder.
-    looked_for
-        The expected files, for messages.
-    is_known
-        Accepts the folder names under which the dataset is published; decides between several folders.
-    advice
-        Returns the fix for a source without a motion folder.
-
-    Returns
-    -------
-    root, others
-        The folder, and further folders with a motion folder, which are not read.
-
-    Raises
-    ------
-    SourceError
-        If the folder does not exist, or there are several candidates; names the expected and the existing files.
-    """
-    require_folder(dataset, source, looked_for)
-    if (source / motions).is_dir():
-        return source, []
-    below = [entry for entry in list_folder(source) if (entry / motions).is_dir()]
-    chosen = below if len(below) == 1 else [entry for entry in below if is_known(entry.name)]
-    if len(chosen) == 1:
-        return chosen[0], [entry for entry in below if entry != chosen[0]]
-    if below:
-        raise SourceError(
-            f"{dataset}: several folders could be the dataset",
-            where=str(source),
-            found=listed(f"{entry.name}/{motions}/" for entry in below),
-            fix="set --source to one of them",
-        )
-    raise SourceError(
-        f"{dataset}: no {title} motion found",
-        where=str(source),
-        found=describe(source),
-        allowed=looked_for,
-        fix=advice(source),
-    )
-
-
-def has_archive(folder: Path) -> bool:
-    """Return whether a folder contains an archive."""
-    return any(entry.suffix.lower() in _ARCHIVES for entry in list_folder(folder))
 
 
 def describe(folder: Path) -> str:
@@ -217,6 +153,32 @@ def group_by_stem(folders: Iterable[Path], suffixes: Sequence[str]) -> list[tupl
             if path.suffix.lower() in suffixes and path.is_file():
                 by_stem.setdefault(path.stem, []).append(path)
     return sorted(by_stem.items())
+
+
+def list_audio(
+    folder: Path, source: Path, name_problem: Callable[[str], str], mixed: bool = False
+) -> tuple[list[Path], list[Reject]]:
+    """List the audio files of a folder with valid names, and rejects (``extra_file``) of the other entries.
+
+    Parameters
+    ----------
+    folder
+        Need not exist.
+    name_problem
+        Returns why a stem is not a valid name, "" for a valid one.
+    mixed
+        Whether files of any kind may lie in the folder; those that are not audio files are then no rejects.
+    """
+    files, rejects = [], []
+    for path in list_folder(folder) if folder.is_dir() else []:
+        if mixed and path.suffix.lower() not in AUDIO_SUFFIXES:
+            continue
+        problem = file_problem(path, AUDIO_SUFFIXES) or name_problem(path.stem)
+        if problem:
+            rejects.append(extra_file(path, source, problem))
+        else:
+            files.append(path)
+    return files, rejects
 
 
 def best_audio(paths: Iterable[Path]) -> list[Path]:

@@ -8,8 +8,9 @@ import pytest
 import dancedata
 from dancedata.core.bodies import SMPLX55
 from dancedata.core.errors import DataError, SourceError, UsageError
-from dancedata.datasets.files import audio_files, files_by_stem, find_root, require_choice
+from dancedata.datasets.files import audio_files, files_by_stem, require_choice
 from dancedata.datasets.finedance.load import load_motion, motion_length
+from dancedata.datasets.published import Layout
 from dancedata.formats import arrays
 from tests.messages import raises_message
 
@@ -46,10 +47,9 @@ def test_a_finedance_file_above_the_limit(tmp_path: Path, monkeypatch: pytest.Mo
 
 def test_the_root_is_the_source_or_one_folder_in_it(tmp_path: Path) -> None:
     def root(known: str = "") -> tuple[str, list[str]]:
-        found, others = find_root(
-            "x", "X", tmp_path, "motion", looked_for="motion/", is_known=known.__eq__, advice=lambda _: "look again"
-        )
-        return found.name, [path.name for path in others]
+        layout = Layout("x", "X", "motion", ".npy", lambda _: "", known.__eq__, "motion/", "", {})
+        folders = layout.find(tmp_path)
+        return folders.root.name, [path.name for path in folders.others]
 
     (tmp_path / "a").mkdir()
     with raises_message(SourceError):

@@ -15,12 +15,10 @@ from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
 from dancedata.datasets.aistpp.facts import SequenceName, facts, parse_name, tempo_bpm
 from dancedata.datasets.aistpp.layout import (
+    LAYOUT,
     MUSIC_FOLDERS,
-    Folders,
     MusicFiles,
     UsedMusic,
-    find_folders,
-    list_motions,
     list_music,
     music_expected,
     near_music,
@@ -33,11 +31,12 @@ from dancedata.datasets.aistpp.splits import (
     find_splits,
 )
 from dancedata.datasets.files import ALL, SPLITS, Files, clips_note, relative, require_choice
+from dancedata.datasets.published import Folders
 
 
 def layout_notes(folders: Folders, music: MusicFiles, used: UsedMusic) -> list[str]:
     """Return the layout and the files it was recognised by."""
-    at = relative(folders.motions, folders.source)
+    at = relative(folders.root / LAYOUT.motions, folders.source)
     recordings, songs = used
     where = listed(_folder(relative(folder, folders.source)) for folder in music.folders)
     files, of_songs = counted(len(recordings), "file"), counted(len(songs), "song")
@@ -57,7 +56,8 @@ def layout_notes(folders: Folders, music: MusicFiles, used: UsedMusic) -> list[s
             f"Layout: mixed, by {at}/*.pkl and audio files per sequence and per song in {where}. {files} of a "
             f"sequence, which is preferred; {of_songs} for the other sequences."
         )
-    return [text, *folders.notes, *music.notes]
+    others = listed(f"{folder.name}/" for folder in folders.others)
+    return [text, *([f"Not read: {others}, which also contain motions/."] if others else []), *music.notes]
 
 
 def _folder(name: str) -> str:
@@ -182,8 +182,8 @@ class AistPP(Dataset):
         SourceError
             If the folder is not an AIST++ copy, or its lists are unusable.
         """
-        folders = find_folders(Path(source))
-        motions = list_motions(folders)
+        folders = LAYOUT.find(Path(source))
+        motions = LAYOUT.list_motions(folders)
         music = list_music(folders)
         used = UsedMusic.of(motions, music)
         splits = find_splits(folders, self.split, self.split_dir)
@@ -237,7 +237,7 @@ class AistPP(Dataset):
         near, expected = near_music(folders, music), music_expected(folders, music)
         for name, path in sorted(motions.files.items()):
             parts = parse_name(name)
-            if parts is None:  # excluded by list_motions
+            if parts is None:  # excluded by Layout.list_motions
                 continue
             file = relative(path, folders.source)
             split = splits.split(name)

@@ -7,8 +7,8 @@ from pathlib import Path
 from dancedata.core.errors import SourceError
 from dancedata.core.text import counted, listed, shown
 from dancedata.datasets.aistpp.facts import crossmodal_split, facts, parse_name
-from dancedata.datasets.aistpp.layout import Folders
 from dancedata.datasets.files import ALL, SPLITS, describe, list_folder, read_names, relative
+from dancedata.datasets.published import Folders
 
 #: The split that a rule over the names defines.
 RULE = "crossmodal"

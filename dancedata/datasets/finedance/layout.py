@@ -5,24 +5,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from dancedata.core.clip import Reject
-from dancedata.core.errors import SourceError
 from dancedata.core.text import listed, quoted
 from dancedata.datasets._near_music import NearMusic
-from dancedata.datasets.files import (
-    AUDIO_SUFFIXES,
-    Files,
-    audio_files,
-    describe,
-    extra_file,
-    file_problem,
-    files_by_stem,
-    find_root,
-    has_archive,
-    list_folder,
-    relative,
-)
+from dancedata.datasets.files import Files, audio_files, files_by_stem, list_audio, list_folder, relative
 from dancedata.datasets.finedance.facts import facts
+from dancedata.datasets.published import Folders, Layout
 from dancedata.files.regular_file import read_regular
 from dancedata.files.strict_json import parse_json
 
@@ -85,116 +72,10 @@ def _broken(name: str, problem: str) -> Label:
 
 
 MOTION, MUSIC, LABELS = "motion", "music_wav", "label_json"
-LOOKED_FOR = "motion/001.npy and so on, in the source folder or in one folder below it (finedance/, ...)"
 
-# An explicit range: \d would accept digits of other scripts.
+# Explicit ranges: \d would accept digits of other scripts.
 _ID = re.compile(r"[0-9]{3}")
 _MIRRORED = re.compile(r"M[0-9]{3}")
-
-
-@dataclass(frozen=True)
-class Folders:
-    """The source, and the folder in it (or itself) that holds ``motion/``."""
-
-    source: Path
-    root: Path
-    notes: tuple[str, ...]
-
-
-def find_folders(source: Path) -> Folders:
-    """Find the folder that holds ``motion/``: the source or one folder directly below it.
-
-    Raises
-    ------
-    SourceError
-        If the folder does not exist, or there are several candidates; names the expected and the existing files.
-    """
-    root, others = find_root(
-        "finedance",
-        "FineDance",
-        source,
-        MOTION,
-        looked_for=LOOKED_FOR,
-        is_known=lambda name: name.lower() == "finedance",
-        advice=_advice,
-    )
-    return Folders(source, root, _not_read(root, [f"{entry.name}/ (also contains motion/)" for entry in others]))
-
-
-def _not_read(root: Path, others: list[str]) -> tuple[str, ...]:
-    """Return the note about folders that are not part of the layout."""
-    folders = [entry.name for entry in list_folder(root) if entry.is_dir()]
-    others += [f"{name}/" for name in folders if name not in (MOTION, MUSIC, LABELS)]
-    why = " Music features are computed from the audio." if "music_npy" in folders else ""
-    return (f"Not read: {listed(others)}.{why}",) if others else ()
-
-
-def _advice(source: Path) -> str:
-    """Return the fix for the most likely mistake, for a folder without ``motion/``."""
-    entries = list_folder(source)
-    if any(entry.suffix.lower() == ".npy" for entry in entries):
-        return "this looks like the motion folder itself: set --source to its parent folder"
-    if any(entry.name in ("mofea319", "motion_fea319") for entry in entries):
-        return "features computed from FineDance cannot be a source: use motion/ as published"
-    if (source / "motions").is_dir():
-        return "motions/ (with s) is the layout of AIST++: build that dataset, or set --source to another folder"
-    if has_archive(source):
-        return "unpack the archive first"
-    return "set --source to the folder that contains motion/"
-
-
-def list_motions(folders: Folders) -> Files:
-    """List ``motion/NNN.npy``; every other entry is an ``extra_file``.
-
-    Raises
-    ------
-    SourceError
-        If there are none.
-    """
-    files = _one_each(folders, MOTION, ".npy")
-    if not files.files:
-        raise SourceError(
-            "finedance: the motion folder contains no FineDance sequence",
-            where=str(folders.root / MOTION),
-            found=describe(folders.root / MOTION),
-            allowed="files named as 001.npy",
-            fix="check that the archive was unpacked completely",
-        )
-    return files
-
-
-def list_labels(folders: Folders) -> Files:
-    """List ``label_json/NNN.json``; every other entry is an ``extra_file``."""
-    return _one_each(folders, LABELS, ".json")
-
-
-def list_music(folders: Folders) -> Files:
-    """List ``music_wav/NNN.wav``; of several files with one id the preferred format is used."""
-    folder = folders.root / MUSIC
-    candidates: list[Path] = []
-    rejects: list[Reject] = []
-    for path in list_folder(folder) if folder.is_dir() else []:
-        problem = file_problem(path, AUDIO_SUFFIXES) or _id_problem(path.stem, ".wav")
-        if problem:
-            rejects.append(extra_file(path, folders.source, problem))
-        else:
-            candidates.append(path)
-    return audio_files(candidates, folders.source, rejects)
-
-
-def music_fix(folders: Folders, music: Files) -> Callable[[str], str]:
-    """Return a function from an id to the fix for its missing music, "" if no file has a similar name."""
-    near = NearMusic(
-        folders.source,
-        (folders.root / MUSIC, folders.root, folders.source),
-        set(music.files.values()),
-        lambda stem: _ID.fullmatch(stem) is not None,
-    )
-    return lambda clip: near.fix(relative(folders.root / MUSIC / clip, folders.source))
-
-
-def _one_each(folders: Folders, name: str, suffix: str) -> Files:
-    return files_by_stem(folders.root / name, folders.source, suffix, lambda stem: _id_problem(stem, suffix))
 
 
 def _id_problem(stem: str, suffix: str) -> str:
@@ -202,3 +83,52 @@ def _id_problem(stem: str, suffix: str) -> str:
     if _MIRRORED.fullmatch(stem):
         return "a mirrored copy, as made by Lodge; augment.mirror computes it from the original"
     return "" if _ID.fullmatch(stem) else f"not named by an id of three digits (001{suffix})"
+
+
+_FEATURES = "features computed from FineDance cannot be a source: use motion/ as published"
+LAYOUT = Layout(
+    dataset="finedance",
+    title="FineDance",
+    motions=MOTION,
+    suffix=".npy",
+    name_problem=lambda stem: _id_problem(stem, ".npy"),
+    is_known=lambda name: name.lower() == "finedance",
+    looked_for="motion/001.npy and so on, in the source folder or in one folder below it (finedance/, ...)",
+    named="files named as 001.npy",
+    mistakes={
+        "mofea319": _FEATURES,
+        "motion_fea319": _FEATURES,
+        "motions": "motions/ (with s) is the layout of AIST++: build that dataset, or set --source to another folder",
+    },
+)
+
+
+def not_read_notes(folders: Folders) -> list[str]:
+    """Return the note about folders that are not part of the layout."""
+    beside = [entry.name for entry in list_folder(folders.root) if entry.is_dir()]
+    names = [f"{folder.name}/ (also contains motion/)" for folder in folders.others]
+    names += [f"{name}/" for name in beside if name not in (MOTION, MUSIC, LABELS)]
+    why = " Music features are computed from the audio." if "music_npy" in beside else ""
+    return [f"Not read: {listed(names)}.{why}"] if names else []
+
+
+def list_labels(folders: Folders) -> Files:
+    """List ``label_json/NNN.json``; every other entry is an ``extra_file``."""
+    return files_by_stem(folders.root / LABELS, folders.source, ".json", lambda stem: _id_problem(stem, ".json"))
+
+
+def list_music(folders: Folders) -> Files:
+    """List ``music_wav/NNN.wav``; of several files with one id the preferred format is used."""
+    candidates, rejects = list_audio(folders.root / MUSIC, folders.source, lambda stem: _id_problem(stem, ".wav"))
+    return audio_files(candidates, folders.source, rejects)
+
+
+def music_fix(folders: Folders, music: Files) -> Callable[[str], str]:
+    """Return a function from an id to the fix for its missing music, "" if no file has a similar name."""
+    near = NearMusic(
+        folders.source,
+        (folders.root / MUSIC, *folders.places),
+        set(music.files.values()),
+        lambda stem: _ID.fullmatch(stem) is not None,
+    )
+    return lambda clip: near.fix(relative(folders.root / MUSIC / clip, folders.source))

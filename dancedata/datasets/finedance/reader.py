@@ -18,16 +18,16 @@ from dancedata.datasets.files import ALL, Files, clips_note, relative, require_c
 from dancedata.datasets.finedance.facts import MAX_DIFFERENCE, facts
 from dancedata.datasets.finedance.layout import (
     LABELS,
+    LAYOUT,
     MOTION,
     MUSIC,
-    Folders,
-    find_folders,
     list_labels,
-    list_motions,
     list_music,
     music_fix,
+    not_read_notes,
     read_label,
 )
+from dancedata.datasets.published import Folders
 
 
 def layout_notes(folders: Folders, motions: Files, music: Files, labels: Files) -> list[str]:
@@ -46,7 +46,7 @@ def layout_notes(folders: Folders, motions: Files, music: Files, labels: Files) 
     )
     if n > n_official:
         count += f" {n - n_official:,} more have unknown ids, and are in no split (unassigned)."
-    return [text, *folders.notes, *music.notes, count]
+    return [text, *not_read_notes(folders), *music.notes, count]
 
 
 def list_notes(protocol: str, present: Collection[str], kept: Collection[str]) -> list[str]:
@@ -206,8 +206,8 @@ class FineDance(Dataset):
         SourceError
             If the folder is not a FineDance copy.
         """
-        folders = find_folders(Path(source))
-        motions, music, labels = list_motions(folders), list_music(folders), list_labels(folders)
+        folders = LAYOUT.find(Path(source))
+        motions, music, labels = LAYOUT.list_motions(folders), list_music(folders), list_labels(folders)
         kept = self._kept()
         clips, left_out = self._clips(folders, motions, music, labels)
         lengths = _lengths(clips)
