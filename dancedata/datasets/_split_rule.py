@@ -42,7 +42,7 @@ _CLOSE = Fraction(1, 4)
 
 @dataclass(frozen=True)
 class SplitRule:
-    """How clips are assigned to splits.
+    """A rule that assigns clips to splits.
 
     Attributes
     ----------
@@ -120,7 +120,7 @@ class SplitRule:
                 found=f"{counted(len(nameless), 'clip')} without: {listed(nameless)}",
                 fix=f"fill in the column {self.by} of the manifest, or split by music or clip",
             )
-        fixed = self._given(clips)
+        fixed = self._fixed_splits(clips)
         assigned = [
             replace(clip, split=fixed.get(self.group(clip)) or self.split(self.group(clip))) for clip in clips
         ]
@@ -128,7 +128,7 @@ class SplitRule:
         self._require_all(assigned, closer)
         return assigned, [self._note(assigned, closer)]
 
-    def _given(self, clips: Iterable[ClipRef]) -> dict[str, str]:
+    def _fixed_splits(self, clips: Iterable[ClipRef]) -> dict[str, str]:
         """Return the splits of groups with a split in the manifest."""
         fixed: dict[str, ClipRef] = {}
         for clip in clips:

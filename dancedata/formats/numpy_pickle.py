@@ -1,4 +1,4 @@
-"""What the pickles of numpy and joblib name and build: stand-ins for its functions, and the states that it writes.
+"""Names and states in the pickles of numpy and joblib: stand-ins for its functions, and the states that it writes.
 
 `safe_pickle` calls nothing else. numpy does not validate the state of an array or a dtype: a wrong dtype flag would
 turn bytes of the file into pointers.

@@ -1,4 +1,4 @@
-"""What programs write that estimate body motion from video: WHAM, PHALP (4D-Humans) and GVHMR.
+"""Files of programs that estimate body motion from video: WHAM, PHALP (4D-Humans) and GVHMR.
 
 ::
 

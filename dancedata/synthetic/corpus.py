@@ -80,7 +80,7 @@ def write_example(
 
 def is_example(folder: Path, *, seed: int, songs: int, clips_per_song: int, clip_s: float) -> bool:
     """Return whether a folder contains the complete example of a corpus."""
-    return _found(folder, {**_made_by(seed, songs, clips_per_song, clip_s), "example": True}) == MARKER
+    return _matching_marker(folder, {**_made_by(seed, songs, clips_per_song, clip_s), "example": True}) == MARKER
 
 
 def _made_by(seed: int, songs: int, clips_per_song: int, clip_s: float) -> dict[str, Any]:
@@ -184,7 +184,7 @@ def _write_all(folder: Path, plan: Plan, made_by: dict[str, Any]) -> None:
     (folder / UNFINISHED).unlink()
 
 
-def _found(folder: Path, made_by: dict[str, Any]) -> str | None:
+def _matching_marker(folder: Path, made_by: dict[str, Any]) -> str | None:
     """Return the marker in the folder that has exactly these parameters, if there is one."""
     for name in (MARKER, UNFINISHED):
         try:
@@ -204,11 +204,11 @@ def _check_folder(folder: Path, made_by: dict[str, Any]) -> bool:
         )
     names = sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
     names = [name for name in names if not atomic.is_temporary(name)]
-    marker = _found(folder, made_by)
+    marker = _matching_marker(folder, made_by)
     if marker is not None or not names:
         return marker == MARKER
-    other = next((name for name in (MARKER, UNFINISHED) if name in names), None)
-    if other is None:
+    existing = next((name for name in (MARKER, UNFINISHED) if name in names), None)
+    if existing is None:
         raise SourceError(
             "synthetic: the source folder contains files that this dataset did not write; nothing was changed",
             where=str(folder),
@@ -218,8 +218,8 @@ def _check_folder(folder: Path, made_by: dict[str, Any]) -> bool:
         )
     raise SourceError(
         "synthetic: the source folder contains a synthetic corpus with other parameters; nothing was changed",
-        where=str(folder / other),
-        found=_marker_text(folder / other),
+        where=str(folder / existing),
+        found=_marker_text(folder / existing),
         allowed=json.dumps(made_by),
         fix="use those parameters, delete the folder, or set --source to another one",
     )

@@ -15,7 +15,7 @@ from dancedata.core.quality import implausible_flags
 from dancedata.datasets.folder import Folder
 from dancedata.datasets.folder.facts import Declared
 from dancedata.datasets.folder.load import Reading
-from dancedata.datasets.folder.notes import describe
+from dancedata.datasets.folder.reader import describe
 from dancedata.formats.bvh.write import motion_bvh
 from dancedata.synthetic import synthesise_motion
 from tests.messages import raises_message

@@ -1,4 +1,4 @@
-"""What the readers share: their files, the folder of a data set, the choice of audio files, .npy headers."""
+"""Shared by the readers: their files, the folder of a dataset, the choice of audio files, .npy headers."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Where motion and audio files of an AIST++ copy are; lists folders and reads no file."""
+"""Places of the motion and audio files of an AIST++ copy, from the lists of its folders; no file is read."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Where motion, music and labels of a FineDance copy are; lists folders and reads no file."""
+"""Motion, music and labels of a FineDance copy: the lists of its folders, and its label files."""
 
 import re
 from collections.abc import Callable

@@ -259,7 +259,7 @@ def read_motion(arrays: ArrayFile, layout: Layout) -> tuple[Floats, Floats]:
     joints = layout.skeleton.n_joints
     if layout.poses is not None:
         rotations = finite(arrays, layout.poses)
-        rotations = from_matrices(arrays, _told(arrays, layout), rotations) if layout.matrices else rotations
+        rotations = from_matrices(arrays, _rotation_name(arrays, layout), rotations) if layout.matrices else rotations
     else:
         rotations = _joined(arrays, layout, len(translation))
     if len(rotations) != len(translation):
@@ -267,8 +267,9 @@ def read_motion(arrays: ArrayFile, layout: Layout) -> tuple[Floats, Floats]:
             arrays, layout.poses or "body_pose", len(rotations), layout.translation or "", len(translation)
         )
     rotations = rotations.reshape(len(rotations), joints, 3)
-    if not layout.matrices:  # which are rotations by themselves
-        require_rotations(arrays.path, _told(arrays, layout), rotations, translation, layout.skeleton.parents)
+    if not layout.matrices:  # matrices were checked as rotations
+        what = _rotation_name(arrays, layout)
+        require_rotations(arrays.path, what, rotations, translation, layout.skeleton.parents)
     if layout.scaling and layout.keyed:
         translation = translation / scales(arrays, layout.scaling, len(translation))
     elif layout.scaling:
@@ -276,7 +277,7 @@ def read_motion(arrays: ArrayFile, layout: Layout) -> tuple[Floats, Floats]:
     return translation, rotations
 
 
-def _told(arrays: ArrayFile, layout: Layout) -> str:
+def _rotation_name(arrays: ArrayFile, layout: Layout) -> str:
     """Return the name of the array of rotations for messages, with the person that it is of."""
     person = arrays.person if isinstance(arrays, PersonArrays) else ""
     return f"{layout.poses or 'body_pose'}{f' of person {shown(person, 40)}' if person else ''}"

@@ -1,4 +1,4 @@
-"""Where motion and audio files are in a folder without a manifest; files with equal names belong together."""
+"""Motion and audio files of a folder without a manifest; files with equal names belong together."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -87,7 +87,7 @@ def match_names(source: Path) -> Matched:
 
 
 def _motions(source: Path, folder: Path, rejects: list[Reject]) -> dict[str, Path]:
-    """Motion files by stem; several with one stem are ambiguous, and none of them is read."""
+    """Return motion files by stem; several with one stem are ambiguous, and none of them is read."""
     chosen = {}
     for stem, paths in group_by_stem([folder], MOTION_SUFFIXES):
         if len(paths) == 1:
@@ -101,7 +101,7 @@ def _motions(source: Path, folder: Path, rejects: list[Reject]) -> dict[str, Pat
 
 
 def _music(source: Path, folders: list[Path], rejects: list[Reject]) -> dict[str, Path]:
-    """Audio files by stem; of several with one stem the preferred format is used."""
+    """Return audio files by stem; of several with one stem the preferred format is used."""
     chosen = {}
     for stem, paths in group_by_stem(folders, AUDIO_SUFFIXES):
         chosen[stem], *others = best_audio(paths)

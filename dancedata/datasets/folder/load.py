@@ -48,7 +48,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Reading:
-    """How a file is read: the declarations for it and for all files.
+    """Declarations for one file and for all files, which decide how it is read.
 
     Attributes
     ----------
@@ -97,7 +97,7 @@ def load_motion(path: Path, reading: Reading) -> Motion:
         rotations = rotations.copy()
         rotations[:, 0] = _rotated(upright, rotations[:, 0])
     motion = Motion(translation, rotations, FrameGrid(facts.rate.value), skeleton, first)
-    if facts.up.where != IN_MANIFEST:  # whose word is believed
+    if facts.up.where != IN_MANIFEST:  # the manifest's declaration is not questioned
         _check_up(path, motion.joints(), facts.up)
     return motion
 
@@ -191,7 +191,7 @@ def _betas(arrays: ArrayFile) -> Floats:
     betas = arrays.read("betas")
     rows = betas.reshape(-1, betas.shape[-1]) if betas.ndim else betas.reshape(1, 1)
     if isinstance(arrays, PersonArrays) and arrays.tool and len(rows) and np.isfinite(rows).all():
-        return np.asarray(rows.mean(axis=0))  # estimated anew in each frame
+        return np.asarray(rows.mean(axis=0))  # estimated separately in each frame
     if not len(rows) or not np.isfinite(rows).all() or np.ptp(rows, axis=0).max() > 1e-3:
         raise DataError(
             "the betas do not describe a single body",

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dancedata.core.errors import SourceError, closest, did_you_mean
+from dancedata.core.errors import SourceError, StoreError, closest, did_you_mean
 from dancedata.core.text import csv_text, quoted, shown
+from dancedata.datasets.files import AUDIO_SUFFIXES, MOTION_SUFFIXES
 from dancedata.datasets.folder.facts import Declared
 from dancedata.files.regular_file import read_regular
 from dancedata.files.strict_json import parse_json
@@ -228,6 +229,28 @@ def _row(path: Path, line: int, values: dict[str, str]) -> Row:
             path, line, f"invalid value for {name}", shown(value, 60), allowed, f"correct {name}, or leave it empty"
         )
     return Row(line, values, declared)
+
+
+def check_row(manifest: Path, row: Row, split: str) -> None:
+    """Check the constraints of a built dataset and of the audio reader."""
+    from dancedata.store.schema import SPLIT_ORDER, check_name
+
+    where = f"{manifest}, line {row.line}"
+    usual = split.casefold()
+    if usual in SPLIT_ORDER and split not in SPLIT_ORDER:
+        problem = f"folder: the split {split!r} differs from {usual!r} only by case"
+        raise SourceError(problem, where=where, fix=f"write it as {usual}, the name that readers and statistics use")
+    try:
+        check_name(split or "train", "split")
+    except StoreError as error:
+        raise SourceError(
+            f"folder: {error.problem}", where=where, found=error.found, allowed=error.allowed
+        ) from error
+    for column, suffixes in (("motion", MOTION_SUFFIXES), ("audio", AUDIO_SUFFIXES)):
+        suffix = Path(row.get(column)).suffix.lower()
+        if row.get(column) and suffix not in suffixes:
+            problem = f"folder: {column} has an unsupported file format"
+            raise SourceError(problem, where=where, found=row.get(column)[:100], allowed=", ".join(suffixes))
 
 
 def _is_tempo(text: str) -> bool:

@@ -1,4 +1,4 @@
-"""Which person of a file is read, and the frames of the video in which it was not seen."""
+"""The person of a file that is read, and the frames of the video in which it was not seen."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -97,7 +97,7 @@ def _missing(path: Path, person: str | None, found: str) -> DataError:
 
 @dataclass(frozen=True)
 class Seen:
-    """When a person is seen in the video.
+    """Frames of the video in which a person is seen.
 
     Attributes
     ----------

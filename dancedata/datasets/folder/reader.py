@@ -1,14 +1,14 @@
 """The reader of a folder of your own files; the tree on disk is in the package's docstring."""
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 from dancedata.core.bodies import SMPLH52, SMPLX55
 from dancedata.core.clip import ClipRef, Reject, Scan
-from dancedata.core.errors import SourceError, StoreError, UsageError, did_you_mean
+from dancedata.core.errors import DataError, SourceError, UsageError, did_you_mean
 from dancedata.core.grid import as_rate
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import Dataset
@@ -18,14 +18,16 @@ from dancedata.core.text import counted
 from dancedata.core.typing import override
 from dancedata.datasets._near_music import NearMusic
 from dancedata.datasets._split_rule import SplitRule, same_songs
-from dancedata.datasets.files import AUDIO_SUFFIXES, MOTION_SUFFIXES, relative, require_folder
-from dancedata.datasets.folder.facts import Declared
+from dancedata.datasets.files import relative, require_folder
+from dancedata.datasets.folder.facts import IN_MANIFEST, IN_RECIPE, Declared, drift_note
 from dancedata.datasets.folder.layout import LOOKED_FOR, match_names
-from dancedata.datasets.folder.load import Reading, load_motion
-from dancedata.datasets.folder.manifest import MANIFESTS, Row, clip_id, id_problem, inside, read_manifest
-from dancedata.datasets.folder.notes import file_notes, split_note
-from dancedata.datasets.folder.people import split_people
+from dancedata.datasets.folder.load import FileFacts, Reading, array_facts, bvh_facts, load_motion, recognised
+from dancedata.datasets.folder.manifest import MANIFESTS, Row, check_row, clip_id, id_problem, inside, read_manifest
+from dancedata.datasets.folder.people import open_person, seen_in, split_people
+from dancedata.formats.bvh.parse import read_bvh_header
 
+#: Most kinds of files that the notes distinguish.
+_MAX_KINDS = 12
 _WITHOUT_MUSIC = "build motion alone: --set dataset.folder.music=optional --set 'audio={}'"
 
 
@@ -148,7 +150,7 @@ class Folder(Dataset):
             clips, rejects = split_people(clips, rejects)
         assigned = any(row.get("split") for row in rows)
         clips, splits = self._split(sorted(clips, key=lambda clip: clip.id), assigned)
-        clips, files = file_notes(clips, self._reading)
+        clips, files = _file_notes(clips, self._reading)
         notes += [*splits, *files]
         return Scan(layout, tuple(clips), tuple(rejects), tuple(notes))
 
@@ -209,7 +211,7 @@ class Folder(Dataset):
 
     def _clip(self, source: Path, manifest: Path, row: Row, stems: Counter[str], near: NearMusic) -> ClipRef | Reject:
         name, split = clip_id(row), row.get("split") or self._default_split
-        _check_row(manifest, row, split)
+        check_row(manifest, row, split)
         motion = inside(source, row.get("motion"), manifest, row.line, "motion")
         text = row.get("audio")
         audio = inside(source, text, manifest, row.line, "audio") if text else None
@@ -267,14 +269,14 @@ class Folder(Dataset):
         return self.split if isinstance(self.split, str) else ""
 
     def _split(self, clips: list[ClipRef], stated: bool) -> tuple[list[ClipRef], list[str]]:
-        """Assign a split to clips without one; returns the note on the splits. `given`: the manifest has splits."""
+        """Assign a split to clips without one; returns the note on the splits. `stated`: the manifest has splits."""
         if not isinstance(self.split, str):
             rule = SplitRule.of(self.split)
             songs = same_songs(clips) if rule.by == "music" else {}
             assigned, notes = rule.apply([replace(clip, music=songs.get(clip.music, clip.music)) for clip in clips])
             notes += [f"One song by its samples, grouped as {first}: {name}." for name, first in songs.items()]
             return [replace(clip, split=chosen.split) for clip, chosen in zip(clips, assigned, strict=True)], notes
-        return clips, [split_note(clips, self.split, stated)]
+        return clips, [_split_note(clips, self.split, stated)]
 
 
 def _check_keys(keys: Mapping[str, str] | None) -> None:
@@ -306,28 +308,66 @@ def _absence(path: Path) -> str:
     return "not a file" if path.exists() else "it does not exist"
 
 
-def _check_row(manifest: Path, row: Row, split: str) -> None:
-    """Check the constraints of a built dataset and of the audio reader."""
-    from dancedata.store.schema import SPLIT_ORDER, check_name
-
-    where = f"{manifest}, line {row.line}"
-    usual = split.casefold()
-    if usual in SPLIT_ORDER and split not in SPLIT_ORDER:
-        problem = f"folder: the split {split!r} differs from {usual!r} only by case"
-        raise SourceError(problem, where=where, fix=f"write it as {usual}, the name that readers and statistics use")
-    try:
-        check_name(split or "train", "split")
-    except StoreError as error:
-        raise SourceError(
-            f"folder: {error.problem}", where=where, found=error.found, allowed=error.allowed
-        ) from error
-    for column, suffixes in (("motion", MOTION_SUFFIXES), ("audio", AUDIO_SUFFIXES)):
-        suffix = Path(row.get(column)).suffix.lower()
-        if row.get(column) and suffix not in suffixes:
-            problem = f"folder: {column} has an unsupported file format"
-            raise SourceError(problem, where=where, found=row.get(column)[:100], allowed=", ".join(suffixes))
-
-
 def _rate_text(fps: float | str) -> str:
     """Return a valid rate as the text of the exact fraction; an invalid one unchanged."""
     return str(as_rate(fps)) if Declared(fps=str(fps)).problem() is None else str(fps)
+
+
+def describe(path: Path, reading: Reading) -> tuple[tuple[str, ...], str]:
+    """Return notes on a file's format and facts, and the name of its body; "" for that of a body model.
+
+    From the file's header. Raises as `load_motion` does.
+    """
+    if path.suffix.lower() == ".bvh":
+        bvh = read_bvh_header(path)
+        facts, rig = bvh_facts(bvh, reading)
+        text = f"BVH: {facts}; joint names {rig.joints.style or 'as given in joint_map'}"
+        return (text, f"BVH joints: {rig.joints.text(bvh.joints)}", *_drift(facts)), SMPL24.name
+    with open_person(path, reading.manifest.person) as arrays:
+        layout = recognised(arrays, reading)
+        facts = array_facts(arrays, layout, reading)
+        seen = seen_in(arrays)
+    joints = f" on {layout.body}'s {layout.skeleton.n_joints} joints" if layout.name != layout.body else ""
+    text = f"{path.suffix.lower()}, layout {layout.name}{joints}: {facts}"
+    video = (f"Video: {seen[0]}",) if seen is not None and str(seen[0]) else ()
+    body = layout.skeleton.name if reading.body_model is None else ""
+    return (text, *video, *_drift(facts)), body
+
+
+def _drift(facts: FileFacts) -> tuple[str, ...]:
+    """Return the note on a rate that the file states, near a usual one."""
+    note = "" if facts.rate.where in (IN_MANIFEST, IN_RECIPE) else drift_note(facts.rate.value)
+    return (note,) if note else ()
+
+
+def _file_notes(clips: Sequence[ClipRef], reading: Callable[[ClipRef], Reading]) -> tuple[list[ClipRef], list[str]]:
+    """Return the clips with notes on their files and their bodies, and a summary of the kinds of files."""
+    counts: Counter[str] = Counter()
+    described, first = [], dict[str, str]()
+    for clip in clips:
+        try:
+            notes, body = describe(clip.motion_path, reading(clip))
+        except DataError as error:
+            notes, body = (f"not usable ({error.reason}), see the rejects",), ""
+        counts.update(notes)
+        for note in notes:
+            first.setdefault(note, clip.motion_path.name)
+        described.append(replace(clip, notes=notes, body=body))
+    kinds = counts.most_common()
+    summary = []
+    for kind, n in sorted(kinds[:_MAX_KINDS], key=lambda item: item[0]):
+        which = f" ({first[kind]}{', ...' * (n > 1)})" if n < len(clips) else ""
+        summary.append(f"{counted(n, 'file')}: {kind}{which}.")
+    if len(kinds) > _MAX_KINDS:
+        summary.append(f"{len(kinds) - _MAX_KINDS} more kinds of files.")
+    return described, summary
+
+
+def _split_note(clips: Sequence[ClipRef], default: str, assigned: bool) -> str:
+    """Return the number of clips in each split; `default` is that of clips without one in the manifest."""
+    splits = Counter(clip.split for clip in clips)
+    if set(splits) == {default} and not assigned:
+        which = "the clip is" if len(clips) == 1 else f"all {len(clips):,} clips are"
+        return f"Splits: none is given, so {which} in {default!r}."
+    counts = ", ".join(f"{n:,} {split}" for split, n in sorted(splits.items()))
+    return f"Splits: {counts or 'no clip is left'}."

@@ -121,18 +121,18 @@ class JointMap:
 def map_joints(path: Path, joints: Sequence[BvhJoint], declared: Mapping[str, str] | None) -> JointMap:
     """Map SMPL's joints to a file's.
 
-    Names in `given` take precedence ("" excludes a joint); the others follow the style that matches the most
+    Names in `declared` take precedence ("" excludes a joint); the others follow the style that matches the most
     joints. The spine follows from the tree: of the joints from the pelvis to the joint where neck and arms
     branch, the first is spine1, the last spine3, the middle one spine2.
 
     Raises
     ------
     DataError
-        ``unknown_joints`` if required ones are missing or a given name is not in the file;
+        ``unknown_joints`` if required ones are missing or a declared name is not in the file;
         ``bad_joint_map`` if the file's tree differs from SMPL's: a knee that is not below its hip.
     """
     declared = declared or {}
-    of = _given(path, joints, declared)
+    of = _declared(path, joints, declared)
     style = _add_style(joints, of, declared)
     missing = [name for name in REQUIRED if SMPL24.index(name) not in of]
     if SMPL24.index("neck") not in of and SMPL24.index("head") not in of:
@@ -144,7 +144,7 @@ def map_joints(path: Path, joints: Sequence[BvhJoint], declared: Mapping[str, st
     return JointMap(style, dict(sorted(of.items())))
 
 
-def _given(path: Path, joints: Sequence[BvhJoint], declared: Mapping[str, str]) -> dict[int, int]:
+def _declared(path: Path, joints: Sequence[BvhJoint], declared: Mapping[str, str]) -> dict[int, int]:
     names = [joint.name for joint in joints]
     for joint, name in declared.items():
         if name and name not in names:

@@ -58,7 +58,7 @@ _POINT = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Rig:
-    """How the joints of a BVH drive SMPL's.
+    """Mapping from the joints of a BVH to SMPL's.
 
     Attributes
     ----------
