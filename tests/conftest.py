@@ -22,6 +22,7 @@ from hypothesis import settings
 
 from dancedata.execution import arithmetic
 from dancedata.files.regular_file import sha256_file
+from tests.messages import Messages, pytest_addoption  # noqa: F401 (a hook)
 
 # Machines that run tests are busy: how long an example takes says nothing.
 settings.register_profile("dancedata", deadline=None)
@@ -55,6 +56,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
     Importing it compiles some kernels already, at the top of test modules, where no lock can be held.
     """
+    config.pluginmanager.register(Messages(config, {"SHARED": SHARED, "ROOT": ROOT}))
     if getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput"):
         code = "from dancedata.audio.librosa35.reference import compile_kernels; compile_kernels()"
         subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)

@@ -112,6 +112,14 @@ def kinetic(joints: Float64Array, fps: float, *, energy: Energy = "fixed", up: U
     ------
     Undefined
         "short": below 3 frames.
+
+    Examples
+    --------
+    >>> from dancedata.metrics import kinetic
+    >>> from dancedata.synthetic import synthesise_motion
+    >>> joints = synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=120)[0].joints()
+    >>> kinetic(joints, 60).shape
+    (72,)
     """
     positions, step_s = _checked(joints, fps)
     known_name("energy", energy, ("fixed", "code"))

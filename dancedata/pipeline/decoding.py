@@ -101,7 +101,8 @@ def decode(
     Examples
     --------
     >>> import dancedata
-    >>> dancedata.decode(ds.read(window, "edge151"), "edge151", fps=ds.fps)
+    >>> ds = dancedata.open("data/aistpp")
+    >>> dancedata.decode(ds.read(ds.windows("train")[3], "edge151"), "edge151", fps=ds.fps)
     Motion(150 frames at 30 FPS, 5.00 s, skeleton smpl24)
     """
     name, _ = REPRESENTATIONS.split(representation)

@@ -93,6 +93,12 @@ class EpochSampler(Sampler[int]):
     *Lightning* wraps custom samplers in one of its own: ``Trainer(use_distributed_sampler=False)``, and
     make the sampler in `train_dataloader`, where torch.distributed is initialised. It calls `set_epoch`
     itself.
+
+    Examples
+    --------
+    >>> from dancedata.readers import EpochSampler
+    >>> len(list(EpochSampler(10, seed=0)))
+    10
     """
 
     def __init__(

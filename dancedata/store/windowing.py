@@ -25,7 +25,16 @@ Seconds = float | str | Fraction
 
 
 def windows_by_clip(store: Store) -> dict[str, list[Window]]:
-    """Return the stored windows of each clip that has any, by their first frames."""
+    """Return the stored windows of each clip that has any, by their first frames.
+
+    Examples
+    --------
+    >>> import dancedata
+    >>> from dancedata.store import windows_by_clip
+    >>> windows = windows_by_clip(dancedata.open("data/aistpp"))
+    >>> [window.start for window in next(iter(windows.values()))][:3]
+    [0, 15, 30]
+    """
     windows: dict[str, list[Window]] = {}
     for split in store.splits:
         for window in store.windows(split):

@@ -140,6 +140,13 @@ def write_random_store(
     -------
     RandomStore
         The store with its arrays.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from dancedata.testing.stores import write_random_store
+    >>> write_random_store(Path("random"), clips={"train": 2}).path.name
+    'random'
     """
     rng = np.random.default_rng(seed)
     chosen = tuple(fields) if fields is not None else random_fields({"edge151": 151}, {"librosa35": 35})

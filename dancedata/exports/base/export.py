@@ -64,6 +64,7 @@ def export(
     --------
     >>> import dancedata
     >>> dancedata.export("data/aistpp", "edge", "exports/edge", source="~/aist_plusplus_final").notes
+    ('the split val (1 clip) is not exported: --set val_as_test=true adds it to test', ...)
     """
     target = make_named(EXPORTS, "export", to, parameters)
     return export_dataset(
