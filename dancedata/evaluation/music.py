@@ -1,7 +1,5 @@
 """Beats of the music of clips: of the caller, of music files, or of a dataset; names of songs."""
 
-from __future__ import annotations
-
 import csv
 import io
 from collections.abc import Callable, Mapping, Sequence
@@ -285,12 +283,9 @@ def beat_field(store: Store, rule: MusicRule, pieces: Pieces) -> str | None:
         return None
     if rule.scope == "window" and store.scope != "window":
         return None
-    for feature in rule.features:
-        for name, columns in store.fields.items():
-            same_rate = rule.grid in (None, store.field(name).grid)
-            if name.split(".")[0] == feature and BEAT in columns.names and same_rate:
-                return name
-    return None
+    fields = [field for field in store.fields_with(BEAT) if rule.grid in (None, field.grid)]
+    named = (field.name for feature in rule.features for field in fields if field.name.split(".")[0] == feature)
+    return next(named, None)
 
 
 def about_windows(store: Store, rule: MusicRule) -> list[str]:

@@ -49,11 +49,10 @@ class Npz(Export):
 
     @override
     def write(self, job: ExportJob, folder: ExportFolder) -> None:
-        from dancedata.store import windows_by_clip  # `dancedata list` imports exports, and loads no HDF5
-
-        windows = windows_by_clip(job.store) if job.store.scope == "window" else {}
         clips = {
-            clip.id: self._write_clip(job, clip, folder, windows.get(clip.id, []))
+            clip.id: self._write_clip(
+                job, clip, folder, job.store.windows_of(clip.id) if job.store.scope == "window" else ()
+            )
             for clip in job.each("clips", job.clips())
         }
         if job.source is not None:

@@ -1,7 +1,5 @@
 """Beats of a dance, and how well they meet the beats of the music."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import ClassVar, Literal
@@ -155,19 +153,25 @@ def motion_beat_times(joints: Float64Array, fps: float) -> Float64Array:
     return np.asarray((places + 0.5) / STEADY_FPS, dtype=np.float64)
 
 
-def _distances(points: Numbers, to: Numbers) -> Float64Array:
-    """Return the distance from each point to the nearest of `to`."""
+def nearest_offsets(points: Numbers, to: Numbers) -> Float64Array:
+    """Return the difference of each point from the nearest of `to`, below 0 where the point comes before it.
+
+    Parameters
+    ----------
+    points, to
+        (A,), (B,) instants or frames, of one unit; B > 0.
+    """
     targets = np.sort(np.asarray(to, dtype=np.float64))
     values = np.asarray(points, dtype=np.float64)
     right = np.searchsorted(targets, values).clip(0, len(targets) - 1)
-    left = (right - 1).clip(0)
-    return np.asarray(np.minimum(np.abs(values - targets[right]), np.abs(values - targets[left])))
+    after, before = values - targets[right], values - targets[(right - 1).clip(0)]
+    return np.asarray(np.where(np.abs(after) < np.abs(before), after, before))
 
 
 def _kernel(points: Numbers, to: Numbers, sigma: float) -> Float64Array:
     if not (np.isfinite(sigma) and sigma > 0):
         raise UsageError("sigma must be above 0", found=sigma)
-    return np.asarray(np.exp(-(_distances(points, to) ** 2) / (2 * sigma**2)))
+    return np.asarray(np.exp(-(nearest_offsets(points, to) ** 2) / (2 * sigma**2)))
 
 
 def beat_alignment(from_: Numbers, to: Numbers, *, sigma: float) -> float:

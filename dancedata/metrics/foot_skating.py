@@ -1,7 +1,5 @@
 """Foot skating: the share of frames in which a foot on the ground slides."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar

@@ -3,8 +3,6 @@
 From fairmotion (Gopinath and Won 2020, BSD) and the AIST++ API (features/manual.py), after Müller et al. 2005.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar

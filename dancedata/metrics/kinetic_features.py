@@ -3,8 +3,6 @@
 From fairmotion (Gopinath and Won 2020, BSD) and the AIST++ API (Li et al. 2021), after Onuma et al. 2008.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 

@@ -1,7 +1,5 @@
 """Origin and instants of the positions that are measured."""
 
-from __future__ import annotations
-
 import math
 from typing import Literal
 

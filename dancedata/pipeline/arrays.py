@@ -1,7 +1,5 @@
 """extract and encode: one song or one motion at a time, without a dataset."""
 
-from __future__ import annotations
-
 from functools import partial
 from pathlib import Path
 from typing import Any

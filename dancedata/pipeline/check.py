@@ -1,7 +1,5 @@
 """dancedata check: a built dataset against its dataset.json, or a source folder file by file."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal
@@ -23,7 +21,7 @@ from dancedata.files.atomic import PREFIX
 from dancedata.pipeline.rejects import NOTED, implausible_problems, reject_of
 from dancedata.recipes.fields import MotionField
 from dancedata.recipes.parse import parse_recipe
-from dancedata.store import Problem, Store, open_store, verify_store, windows_by_clip
+from dancedata.store import Problem, Store, open_store, verify_store
 from dancedata.store.schema import DATASET_FILE, is_shard_name
 from dancedata.store.songs import sound_field
 
@@ -89,12 +87,11 @@ def _side_rows(store: Store) -> Iterator[dict[str, Any]]:
     field = _field_with_body(store)
     if field is None:
         return
-    windows = windows_by_clip(store) if store.scope == "window" else {}
     for clip in store.clips:
         if store.scope == "track":
             columns = clip.read(field.name)
         else:
-            columns = np.concatenate([store.read(window, field.name) for window in windows[clip.id]])
+            columns = np.concatenate([store.read(window, field.name) for window in store.windows_of(clip.id)])
         try:
             sides = _sides(field, sampled(columns))
         except DanceDataError:

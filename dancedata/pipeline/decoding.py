@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from dancedata.store.normalize import MinMax
     from dancedata.store.scaling import Reader
 
-__all__ = ["decode", "decode_file"]
 
 #: A dataset, open or not, or a reader of it.
 Like: TypeAlias = "Store | Reader | str | Path | None"

@@ -1,7 +1,5 @@
 """dancedata diff A B: differences between two built datasets, from their recipes to the values."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections import defaultdict
@@ -16,7 +14,7 @@ import numpy.typing as npt
 from dancedata.core.errors import UsageError
 from dancedata.core.text import counted, listed, shown
 from dancedata.pipeline.source_record import SourceRecord, source_differences
-from dancedata.store import Store, open_store, windows_by_clip
+from dancedata.store import Store, open_store
 from dancedata.store.clip_columns import CLIP_COLUMNS
 from dancedata.store.clip_view import ClipView
 
@@ -260,7 +258,8 @@ def _windows(one: Store, two: Store) -> Iterator[Difference]:
 
 
 def _starts(store: Store) -> dict[str, set[tuple[int, int]]]:
-    return {clip: {(w.start, w.length) for w in windows} for clip, windows in windows_by_clip(store).items()}
+    windows = {clip.id: store.windows_of(clip.id) for clip in store.clips}
+    return {clip: {(w.start, w.length) for w in of_clip} for clip, of_clip in windows.items() if of_clip}
 
 
 def _values(

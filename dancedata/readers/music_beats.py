@@ -1,7 +1,5 @@
 """Beats of music in readers: labels of samples, and windows that begin on a beat or a downbeat."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,6 +12,7 @@ from dancedata.core.clip import Reject
 from dancedata.core.errors import UsageError
 from dancedata.core.registry import beat_rows_late
 from dancedata.store.dataset import Store
+from dancedata.store.schema import Field
 from dancedata.store.window_list import WindowList
 
 #: What a window or crop may begin with.
@@ -49,10 +48,9 @@ def beat_labels(store: Store, fields: Sequence[str]) -> BeatLabels | None:
     """
     if set(LABELS) & set(fields):
         return None
-    for name in fields:
-        columns = store.fields[name]
-        if store.field(name).kind == "audio" and set(LABELS) <= set(columns.names):
-            return BeatLabels(name, tuple(columns.slice(label).start for label in LABELS))
+    for field in _preferred(store.fields_with(*LABELS), fields):
+        if field.name in fields:
+            return BeatLabels(field.name, tuple(field.columns.slice(label).start for label in LABELS))
     return None
 
 
@@ -107,7 +105,7 @@ def beat_starts(store: Store, clip: str, length: int, *, at: StartAt, fields: Se
     StoreError
         In window scope.
     """
-    beats = store.field(_field_with(store, at, fields))
+    beats = _field_with(store, at, fields)
     starts = store.starts(clip, length, fields=tuple(fields), trim=trim)
     if not len(starts):
         return np.empty(0, dtype=np.int64)
@@ -136,9 +134,9 @@ def estimated_tempo(store: Store, windows: WindowList, clip: str, fields: Sequen
     float
         nan if no field has beats, or no two beats follow each other.
     """
-    if not any("beat" in store.fields[name].names for name in store.fields):
+    if not store.fields_with("beat"):
         return math.nan
-    beats = store.field(_field_with(store, "beat", fields))
+    beats = _field_with(store, "beat", fields)
     if store.scope == "track":
         pieces = [store.read_clip(clip, beats.name)]
     else:
@@ -162,10 +160,15 @@ def require_start_at(at: StartAt | None) -> StartAt | None:
     return at
 
 
-def _field_with(store: Store, group: str, fields: Sequence[str]) -> str:
-    for name in dict.fromkeys([*fields, *store.fields]):
-        if store.field(name).kind == "audio" and group in store.fields[name].names:
-            return name
+def _preferred(candidates: Sequence[Field], fields: Sequence[str]) -> list[Field]:
+    """Return fields, those that are read first and in that order."""
+    order = {name: place for place, name in enumerate(fields)}
+    return sorted(candidates, key=lambda field: order.get(field.name, len(order)))
+
+
+def _field_with(store: Store, group: str, fields: Sequence[str]) -> Field:
+    for field in _preferred(store.fields_with(group), fields):
+        return field
     raise UsageError(
         f"no field of the dataset has the column {group}",
         where=str(store.path),

@@ -1,7 +1,5 @@
 """EpochSampler: the order of an epoch as a pure function, and resuming in the middle of one."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sized
 from typing import Any
 
@@ -64,35 +62,11 @@ class EpochSampler(Sampler[int]):
     Iterating begins at `position` of `epoch`, and at the end moves on to position 0 of the next epoch, so a
     plain ``for epoch in range(n): for batch in loader:`` sees a new order every time without `set_epoch`.
 
-    If the data source has a `set_epoch` (a `WindowDataset` with mirroring), it is told the epoch before the
-    epoch's first index is handed out, so that the two cannot disagree. So are the parts of torch's ConcatDataset,
-    Subset and random_split, and a dataset that another one has as an attribute. A number as data source reaches no
-    dataset: the order resumes exactly, random augmentations do not.
+    The epoch is passed on to a data source with a `set_epoch`, such as a `WindowDataset`, before its first index is
+    handed out; so it is to the parts of torch's ConcatDataset, Subset and random_split, and to a dataset that another
+    one has as an attribute. A number as data source reaches no dataset.
 
-    Notes
-    -----
-    *Resuming.* `state_dict` is where the sampler stands. A `DataLoader` with workers asks it for
-    ``num_workers * prefetch_factor`` batches ahead of what the trainer has seen (Accelerate one more), so
-    in the middle of an epoch a trainer says what it has consumed instead: ``sampler.at(epoch, consumed)``,
-    where `consumed` counts this rank's samples since the start of that epoch, those before an earlier
-    resume included. Between epochs, `state_dict()` is exact. With drop_last, DataLoader leaves an epoch's
-    last few samples out: save after its loop with `state_dict()`, not `at`::
-
-        state = sampler.at(epoch, consumed)                 # into the checkpoint
-        sampler.load_state_dict(state)                      # another day, before iter(loader)
-        epoch, consumed = sampler.epoch, sampler.position
-
-    *PyTorch.* ``DataLoader(ds, batch_size=64, sampler=EpochSampler(ds, seed=0))``; rank and world size come
-    from torch.distributed if it is initialised when the sampler is made.
-
-    *Accelerate* deals batches to processes by itself, so every process needs the whole order:
-    ``EpochSampler(ds, rank=0, world_size=1)``; `consumed` then counts the samples of all processes. It
-    calls `set_epoch` with a count of its own: after `load_state_dict`, call
-    ``loader.set_epoch(sampler.epoch)`` on the prepared loader.
-
-    *Lightning* wraps custom samplers in one of its own: ``Trainer(use_distributed_sampler=False)``, and
-    make the sampler in `train_dataloader`, where torch.distributed is initialised. It calls `set_epoch`
-    itself.
+    Resuming, and loops of PyTorch, Accelerate and Lightning: docs/reading.md and docs/training.md.
 
     Examples
     --------

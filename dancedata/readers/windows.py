@@ -1,7 +1,5 @@
 """WindowDataset: the windows of a built dataset as a map-style torch dataset."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Sequence
 from pathlib import Path

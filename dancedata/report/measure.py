@@ -14,13 +14,11 @@ from dancedata.core.dance import Dance, Undefined
 from dancedata.core.grid import FrameGrid
 from dancedata.core.rotations import Float64Array
 from dancedata.evaluation.clip_music import beats_after
-from dancedata.metrics.beats import BeatAlignment
+from dancedata.metrics.beats import BeatAlignment, nearest_offsets
 from dancedata.report.pieces import ClipReader, Piece
 from dancedata.report.tally import Tally
-from dancedata.store import ClipView, Store, windows_by_clip
+from dancedata.store import ClipView, Store
 from dancedata.viewer.figure import Figure
-
-__all__ = ["ClipNumbers", "Measured", "measure"]
 
 #: A body whose joints move less than this on average, metres per second, stands still.
 STILL_M_S = 0.05
@@ -134,12 +132,11 @@ def measure(store: Store) -> Measured:
     DataError, StoreError
         If a clip cannot be read.
     """
-    windows = windows_by_clip(store)
-    reader = ClipReader.of(store)
-    measured = Measured(reader, {clip: len(of_clip) for clip, of_clip in windows.items()})
+    windows = {clip.id: store.windows_of(clip.id) for clip in store.clips}
+    measured = Measured(ClipReader.of(store), {clip: len(of_clip) for clip, of_clip in windows.items() if of_clip})
     for clip in store.clips:
         if not clip.source:
-            measured.clips[clip.id] = _clip(measured, clip, windows.get(clip.id, []))
+            measured.clips[clip.id] = _clip(measured, clip, windows[clip.id])
     return measured
 
 
@@ -242,10 +239,7 @@ def _offsets(times: Float64Array, beats: Float64Array | None) -> Float64Array:
     """Return time - nearest beat for each of `times`; nothing without beats."""
     if beats is None or not len(beats) or not len(times):
         return np.zeros(0)
-    right = np.searchsorted(beats, times).clip(0, len(beats) - 1)
-    left = (right - 1).clip(0)
-    after, before = times - beats[right], times - beats[left]
-    return np.asarray(np.where(np.abs(after) < np.abs(before), after, before))
+    return nearest_offsets(times, beats)
 
 
 def _facing(joints: Float64Array, names: Sequence[str]) -> Float64Array:

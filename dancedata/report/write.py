@@ -1,7 +1,5 @@
 """write_report: a dataset as a page and as numbers."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,9 +18,7 @@ from dancedata.report.pictures import heat_map
 from dancedata.report.player import Player, clip_player, embedded_sound
 from dancedata.report.scales import Scales
 from dancedata.report.target import Target
-from dancedata.store import Store, open_store, windows_by_clip
-
-__all__ = ["Clips", "Report", "default_path", "write_report"]
+from dancedata.store import Store, open_store
 
 #: How many clips a page has.
 Clips = int | Literal["all", "none"]
@@ -191,7 +187,7 @@ def _heat_maps(store: Store, this: Document) -> dict[str, Figure]:
     if not this["clips"]:
         return {}
     clip = max(this["clips"], key=lambda row: (row["frames"], row["clip"]))["clip"]
-    windows = windows_by_clip(store).get(clip, [])
+    windows = store.windows_of(clip)
     if store.scope == "window" and not windows:
         return {}
     figures = {}

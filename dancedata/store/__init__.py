@@ -8,7 +8,6 @@ from dancedata.store.stored_clip import AudioBlock, LazyArray, StoredClip
 from dancedata.store.verify import verify_store
 from dancedata.store.verify_shard import Problem
 from dancedata.store.window_list import WindowList
-from dancedata.store.windowing import windows_by_clip
 from dancedata.store.writer import write_store
 
 __all__ = [
@@ -25,6 +24,5 @@ __all__ = [
     "WindowList",
     "open_store",
     "verify_store",
-    "windows_by_clip",
     "write_store",
 ]

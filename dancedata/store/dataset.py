@@ -244,6 +244,17 @@ class Store:
         """Return length and stride of windows in frames, as `windows` cuts them; arguments as there."""
         return requested_windows(self._description, length_s, length_frames, stride_s, stride_frames)
 
+    def windows_of(self, clip_id: str) -> tuple[Window, ...]:
+        """Return the stored windows of a clip, by their first frames; UsageError for an unknown clip."""
+        shard, number = self._place(clip_id)
+        table = shard.windows
+        return tuple(Window(clip_id, int(table.start[k]), int(table.length[k])) for k in table.positions_of(number))
+
+    def fields_with(self, *groups: str) -> tuple[Field, ...]:
+        """Return the audio fields that have these groups of columns, such as "beat", in the dataset's order."""
+        audio = (f for f in self._fields.values() if f.kind == "audio")
+        return tuple(f for f in audio if set(groups) <= set(f.columns.names))
+
     def starts(
         self, clip_id: str, length: int, *, fields: tuple[str, ...] | None = None, trim: bool = False
     ) -> range:

@@ -1,7 +1,5 @@
 """Finds the rows of windows: of one window, and of many at once."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -82,7 +80,7 @@ def locate_stored(shard: ShardReader, number: int, window: Window, f: Field, gri
     windows = shard.windows
     position = windows.find(number, window.start)
     if position is None or window.length != windows.length[position]:
-        starts = windows.starts_of(number)
+        starts = windows.start[windows.positions_of(number)].tolist()
         raise StoreError(
             "a store of window scope does not hold this window",
             where=f"clip {window.clip}",

@@ -1,7 +1,5 @@
 """The tables of a shard: /clips and /windows, read through h5py."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -51,15 +49,14 @@ class StoredWindows:
     by_start: IntArray
     clip_begin: IntArray
 
-    def starts_of(self, clip: int) -> list[int]:
-        """Return the first frames of a clip's windows, ascending."""
+    def positions_of(self, clip: int) -> IntArray:
+        """Return the positions in the table of a clip's windows, by their first frames."""
         begin, end = self.clip_begin[clip : clip + 2]
-        return [int(s) for s in self.start[self.by_start[begin:end]]]
+        return self.by_start[begin:end]
 
     def find(self, clip: int, start: int) -> int | None:
         """Return the position in the table of the window of a clip that begins at a frame, or None."""
-        begin, end = self.clip_begin[clip : clip + 2]
-        positions = self.by_start[begin:end]
+        positions = self.positions_of(clip)
         place = int(np.searchsorted(self.start[positions], start))
         if place == len(positions) or self.start[positions[place]] != start:
             return None

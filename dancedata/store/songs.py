@@ -1,7 +1,5 @@
 """Which clips of a dataset share a song: by its name, by its samples, and by features of its sound."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -15,7 +13,6 @@ from dancedata.core.text import listed, shown
 from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.dataset import Store
 from dancedata.store.schema import Field
-from dancedata.store.windowing import windows_by_clip
 
 Rows = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
@@ -180,7 +177,7 @@ def alike_songs(store: Store, songs: Mapping[str, str]) -> list[AlikeSongs] | No
     if field is None or len(set().union(*splits.values())) < 2:
         return []
     hashes = music_hashes(store.meta)
-    windows = windows_by_clip(store) if store.scope == "window" else {}
+    windows = {clip.id: store.windows_of(clip.id) for clip in store.clips} if store.scope == "window" else {}
     chosen: dict[tuple[str, str | None], str] = {}
     for clip in store.clips:
         if clip.id in songs and not clip.source:

@@ -1,7 +1,5 @@
 """verify_store: checks that a built dataset is complete and undamaged."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence

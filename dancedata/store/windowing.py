@@ -1,15 +1,11 @@
 """Lists the windows of a split: the stored ones, or windows of another length and stride."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from fractions import Fraction
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dancedata.core.clip import Window
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import WindowGrid
 from dancedata.store.dataset_json import Description
@@ -18,28 +14,7 @@ from dancedata.store.shard_reader import ShardReader
 from dancedata.store.shard_tables import ClipTable
 from dancedata.store.window_list import IntArray, WindowList, window_order
 
-if TYPE_CHECKING:
-    from dancedata.store.dataset import Store
-
 Seconds = float | str | Fraction
-
-
-def windows_by_clip(store: Store) -> dict[str, list[Window]]:
-    """Return the stored windows of each clip that has any, by their first frames.
-
-    Examples
-    --------
-    >>> import dancedata
-    >>> from dancedata.store import windows_by_clip
-    >>> windows = windows_by_clip(dancedata.open("data/aistpp"))
-    >>> [window.start for window in next(iter(windows.values()))][:3]
-    [0, 15, 30]
-    """
-    windows: dict[str, list[Window]] = {}
-    for split in store.splits:
-        for window in store.windows(split):
-            windows.setdefault(window.clip, []).append(window)
-    return {clip: sorted(of_clip, key=lambda w: (w.start, w.length)) for clip, of_clip in windows.items()}
 
 
 def requested_windows(

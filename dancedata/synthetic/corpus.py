@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from dancedata.synthetic.motion import MotionTruth
     from dancedata.synthetic.music import SyntheticSong
 
-__all__ = ["VERSION", "is_example", "synthesise_motion", "synthesise_song", "write_example", "write_synthetic"]
 
 #: Incremented whenever the bytes for equal parameters change.
 VERSION = 1

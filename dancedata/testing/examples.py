@@ -1,7 +1,5 @@
 """Motions, fields and signals for tests, the same at every call."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 

@@ -1,7 +1,5 @@
 """Small random stores for tests, of this project and of projects that use it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction

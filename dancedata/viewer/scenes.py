@@ -18,7 +18,7 @@ from dancedata.core.rotations import Float64Array
 from dancedata.core.text import counted
 from dancedata.evaluation.clip_music import BEAT, field_beats
 from dancedata.keymotion.minima import KeyMotion
-from dancedata.store import Store, windows_by_clip
+from dancedata.store import Store
 from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.motion_fields import ColumnsReader, motion_reader, motion_readers
 from dancedata.viewer.figure import Figure, Movement
@@ -90,12 +90,8 @@ def field_to_draw(store: Store, name: str | None) -> str | None:
 
 def rhythm_fields(store: Store) -> tuple[str, ...]:
     """Return the audio fields that have beats, librosa35 first: two datasets are then compared by the same beats."""
-    audio = [name for name in store.fields if store.field(name).kind == "audio"]
-    return tuple(sorted((name for name in audio if BEAT in store.fields[name].names), key=_is_not_librosa35))
-
-
-def _is_not_librosa35(name: str) -> bool:
-    return FEATURES.split(name)[0] != "librosa35"
+    names = [field.name for field in store.fields_with(BEAT)]
+    return tuple(sorted(names, key=lambda name: FEATURES.split(name)[0] != "librosa35"))
 
 
 def rhythm_of(rows: Float64Array, store: Store, name: str) -> Rhythm:
@@ -218,8 +214,8 @@ class Scenes:
         clips = self.store.clips
         if self.store.scope == "track":
             return tuple(Item(k, clip.record, 0, clip.n_frames) for k, clip in enumerate(clips))
-        pairs = [(c.record, s, n) for c in clips for s, n in self._windows.get(c.id, ())]
-        return tuple(Item(k, c, s, n, Window(c.id, s, n)) for k, (c, s, n) in enumerate(pairs))
+        pairs = [(clip.record, window) for clip in clips for window in self.store.windows_of(clip.id)]
+        return tuple(Item(k, clip, w.start, w.length, w) for k, (clip, w) in enumerate(pairs))
 
     def find(self, clip_id: str, frame: int = 0) -> Item:
         """Return the item of a clip, in window scope the first one that has a frame of the clip.
@@ -293,7 +289,7 @@ class Scenes:
         """Return first frame and length of the windows of an item, frames from the item's first."""
         if item.window is not None:
             return ((0, item.n_frames),)
-        return self._windows.get(item.clip.id, ())
+        return tuple((window.start, window.length) for window in self.store.windows_of(item.clip.id))
 
     def _flags_of(self, item: Item) -> tuple[Flag, ...]:
         begin, length = float(self.store.grid.seconds(item.start)), float(self.store.grid.seconds(item.n_frames))
@@ -310,11 +306,6 @@ class Scenes:
         for item in self.items:
             items.setdefault(item.clip.id, []).append(item)
         return items
-
-    @cached_property
-    def _windows(self) -> dict[str, tuple[tuple[int, int], ...]]:
-        by_clip = windows_by_clip(self.store)
-        return {clip: tuple((w.start, w.length) for w in windows) for clip, windows in by_clip.items()}
 
     @cached_property
     def _quality(self) -> dict[str, list[Mapping[str, Any]]]:

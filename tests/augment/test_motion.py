@@ -1,7 +1,5 @@
 """Augmentations of motions and of columns: forward kinematics commutes with each of them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from fractions import Fraction
 

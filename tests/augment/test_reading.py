@@ -1,7 +1,5 @@
 """Augmentations of samples: the same bytes on any number of workers and ranks, and what a sample then holds."""
 
-from __future__ import annotations
-
 import hashlib
 import pickle
 from dataclasses import replace

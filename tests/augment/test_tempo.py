@@ -1,7 +1,5 @@
 """Copies at another speed: beats, contacts and key motions stay where they belong, and a build computes all anew."""
 
-from __future__ import annotations
-
 import json
 from fractions import Fraction
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Contacts by height."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

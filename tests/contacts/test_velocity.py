@@ -1,7 +1,5 @@
 """Contacts by speed: the rule itself, and on a motion whose contacts are known."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """SMPL-X's joints, and motions carried over between the bodies of the SMPL family."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

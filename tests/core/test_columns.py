@@ -1,7 +1,5 @@
 """Columns and their mirror; the min-max scaler."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Frame rates, times, windows: exact, whatever the rate."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from typing import Any
 

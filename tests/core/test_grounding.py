@@ -1,7 +1,5 @@
 """Grounding by the toes of one frame, as Lodge does."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """Motion: what it refuses, and resampling, against scipy's Slerp."""
 
-from __future__ import annotations
-
 from dataclasses import FrozenInstanceError, replace
 from typing import Any
 

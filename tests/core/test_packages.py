@@ -1,7 +1,5 @@
 """Optional packages: without each of them, one error that names the extra to install, and never a traceback."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import tomllib

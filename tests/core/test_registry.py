@@ -1,7 +1,5 @@
 """Plug-ins by name; errors that survive a worker process."""
 
-from __future__ import annotations
-
 import copy
 import os
 import pickle

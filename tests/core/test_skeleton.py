@@ -1,7 +1,5 @@
 """SMPL's joints, and skeletons in general."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

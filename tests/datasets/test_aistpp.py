@@ -1,7 +1,5 @@
 """The dataset reader aist++: layouts, splits, what is left out and why, bad files."""
 
-from __future__ import annotations
-
 from collections import Counter
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The dataset reader aist++: one motion pickle, good or bad in every known way."""
 
-from __future__ import annotations
-
 import pickle
 from fractions import Fraction
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The dataset reader aist++: split files, the split rule, the ignore list."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

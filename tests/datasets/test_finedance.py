@@ -1,7 +1,5 @@
 """The dataset reader finedance: layout, lists, genres, what is left out and why."""
 
-from __future__ import annotations
-
 import json
 from collections import Counter
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The dataset reader finedance: one motion file, good or bad in every known way."""
 
-from __future__ import annotations
-
 import io
 import pickle
 import shutil

@@ -1,7 +1,5 @@
 """The dataset reader folder: manifests, matching names, what the notes say, and builds from end to end."""
 
-from __future__ import annotations
-
 import json
 import wave
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The dataset reader folder: motion in .npz, .npy and .pkl, good and bad in every known way."""
 
-from __future__ import annotations
-
 import io
 import os
 import pickle

@@ -1,7 +1,5 @@
 """What may lie in a source folder where a file is expected, and names that no file should have."""
 
-from __future__ import annotations
-
 import os
 import pickle
 from collections.abc import Callable

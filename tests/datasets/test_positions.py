@@ -1,7 +1,5 @@
 """Joint positions where rotations belong: refused with words, and nothing that is a rotation is refused."""
 
-from __future__ import annotations
-
 import pickle
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """BVH with swapped names, mirrors and wrong axes are rejected; bones that stretch and rates that drift are noted."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """What the readers share: their files, the folder of a data set, the choice of audio files, .npy headers."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

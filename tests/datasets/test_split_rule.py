@@ -1,7 +1,5 @@
 """Splits by a rule: a function of the group's name and the seed, whatever else there is."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import random

@@ -1,7 +1,5 @@
 """Examples in docstrings are run, on a tiny dataset, and print what they show."""
 
-from __future__ import annotations
-
 import doctest
 import importlib
 import inspect

@@ -1,7 +1,5 @@
 """The drawings: as docs/images/draw.py makes them, readable in both colour schemes, complete in themselves."""
 
-from __future__ import annotations
-
 import importlib.util
 import re
 import xml.etree.ElementTree as ET

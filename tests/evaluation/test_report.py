@@ -1,7 +1,5 @@
 """Reports: names in tables, numbers that overflow, files that are not replaced."""
 
-from __future__ import annotations
-
 import csv
 import json
 from dataclasses import replace

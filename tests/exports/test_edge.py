@@ -1,7 +1,5 @@
 """EDGE's folders and cache hold what its loader makes of its own files; POPDG's are the same at 30 per second."""
 
-from __future__ import annotations
-
 import pickle
 import wave
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Bailando's JSON and FACT's records at 60 frames per second."""
 
-from __future__ import annotations
-
 import json
 import struct
 import wave

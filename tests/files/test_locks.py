@@ -1,7 +1,5 @@
 """Locks that die with their holder: one writer of a folder, and no file of somebody's taken for a lock."""
 
-from __future__ import annotations
-
 import errno
 import multiprocessing
 import os

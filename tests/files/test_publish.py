@@ -1,7 +1,5 @@
 """Folders that appear whole: killed at any moment they are finished or begun anew; nothing of others is touched."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The movement filter's rule, against the sentence in Lodge's and FineDance's loaders: std(axis=0).mean() > 0.07."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """Skeletons from a user's body model: the published joints through both doors, betas, genders, what is refused."""
 
-from __future__ import annotations
-
 import os
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The BVH parser: good files of many kinds, every mistake with its line, and no other exception than DataError."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from pathlib import Path
 

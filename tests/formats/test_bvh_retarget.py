@@ -1,7 +1,5 @@
 """BVH skeletons on SMPL's joints: names, positions and rotations that survive, on synthetic and on real files."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Foreign pickles: what is read, and what is refused without being run."""
 
-from __future__ import annotations
-
 import os
 import pickle
 import struct

@@ -1,7 +1,5 @@
 """What WHAM, PHALP, GVHMR and others write: read, divided by people, put on the frames of the video, built."""
 
-from __future__ import annotations
-
 import pickle
 import wave
 from pathlib import Path

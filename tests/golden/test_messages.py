@@ -1,7 +1,5 @@
 """The file of error texts: what it holds, when a test fails, when entries come and go."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

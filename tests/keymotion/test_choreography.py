@@ -1,7 +1,5 @@
 """Soft cues and their mirror images on the beats."""
 
-from __future__ import annotations
-
 import hashlib
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The kinetic curve, its minima, and the rows that a store holds of them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

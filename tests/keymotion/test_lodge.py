@@ -1,7 +1,5 @@
 """The plug-in: Lodge's joints, whole clips, other bodies."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

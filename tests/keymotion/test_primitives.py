@@ -1,7 +1,5 @@
 """Primitives as the paper describes them."""
 
-from __future__ import annotations
-
 import hashlib
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Primitives as Lodge's released code takes them, against its own output."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from typing import Any

@@ -1,7 +1,5 @@
 """Still, short and beatless dances have named outcomes; no function returns NaN."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any

@@ -1,7 +1,5 @@
 """Every number that the published programs give for single clips (golden set `metrics`), key by key."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -3,8 +3,6 @@
 The ways are the rows of the table in docs/reading.md.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -210,6 +208,16 @@ def test_streams_are_functions_of_the_step(train: WindowDataset, n_workers: int)
         BatchStream(train, 8, steps=3).by_epoch()
     with pytest.raises(UsageError, match="a stream reads a WindowDataset or a ClipDataset; found Subset"):
         BatchStream(halves(train), 8)
+
+
+@pytest.mark.parametrize("epoch", [0, 3, 2**62 + 1])
+def test_draws_of_few_samples_are_those_of_numpys_stream(epoch: int) -> None:
+    stream = np.random.Philox(np.random.SeedSequence(5, spawn_key=(2, epoch)))
+    wanted = (stream.random_raw(4000) >> np.uint64(11)) * 2.0**-53 < 0.5
+    for places in (range(4000), [3999], [7, 2, 3000], range(0, 4000, 399)):
+        assert mirrored_samples(5, epoch, places, 0.5).tolist() == wanted[list(places)].tolist()
+    stream = np.random.Philox(np.random.SeedSequence(5, spawn_key=(2, epoch))).advance(2**60)
+    assert mirrored_samples(5, epoch, [2**62 + 2], 0.5) == [stream.random_raw(3)[2] < 2**63]
 
 
 def test_a_batch_loader_passes_on_the_epoch_of_a_sampler_that_has_no_dataset(train: WindowDataset) -> None:

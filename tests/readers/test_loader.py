@@ -1,7 +1,5 @@
 """WindowDataset and EpochSampler in torch's DataLoader: workers, epochs, resuming, overfitting one batch."""
 
-from __future__ import annotations
-
 import multiprocessing
 from pathlib import Path
 from typing import Any
@@ -24,10 +22,14 @@ pytestmark = [
     # torch finds two workers too many on a machine with one core.
     pytest.mark.filterwarnings("ignore:This DataLoader will create:UserWarning"),
 ]
+# forkserver pickles the dataset for new interpreters as spawn does, but imports torch once for all of them.
 METHODS = [
     pytest.param(
         method,
-        marks=pytest.mark.skipif(method not in multiprocessing.get_all_start_methods(), reason="not here"),
+        marks=[
+            pytest.mark.skipif(method not in multiprocessing.get_all_start_methods(), reason="not here"),
+            *([pytest.mark.nightly] if method == "spawn" else []),
+        ],
     )
     for method in ("fork", "spawn", "forkserver")
 ]

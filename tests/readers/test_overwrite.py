@@ -1,7 +1,5 @@
 """Readers across `build --overwrite`: the dataset that was opened, bit for bit, or StoreError; never another one."""
 
-from __future__ import annotations
-
 import multiprocessing
 from collections.abc import Callable
 from pathlib import Path
@@ -22,7 +20,7 @@ from dancedata.readers import BatchLoader, WindowDataset
 from dancedata.recipes.parse import load_recipe
 from dancedata.store.dataset import open_store
 from dancedata.synthetic import write_synthetic
-from dancedata.testing.stores import random_fields, write_random_store
+from dancedata.testing.stores import random_fields
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore:.*multi-threaded, use of fork:DeprecationWarning"),
@@ -30,33 +28,44 @@ pytestmark = [
 ]
 Rows = dict[tuple[str, int], npt.NDArray[Any]]
 FIELDS = ("pose", "turn")
+Overwrite = Callable[[Path, int], None]
 BUILT_AGAIN = r"built again since it was opened"
 
 
-def write(folder: Path, seed: int) -> None:
-    """Write a dataset; those of all seeds have files of the same names and sizes."""
+@pytest.fixture(scope="session")
+def write(random_store: Callable[..., Any]) -> Overwrite:
+    """Return a function that writes a dataset; those of all seeds have files of the same names and sizes."""
     fields = random_fields({"pose": 21, "turn": 5}, {})
-    write_random_store(
-        folder, fields=fields, n_frames=(90, 90), length=30, stride=15, clips={"train": 8, "val": 2},
-        shard_bytes=1 << 14, seed=seed,
-    )  # fmt: skip
 
+    def write(folder: Path, seed: int) -> None:
+        random_store(
+            folder, fields=fields, n_frames=(90, 90), length=30, stride=15, clips={"train": 8, "val": 2},
+            shard_bytes=1 << 14, seed=seed,
+        )  # fmt: skip
 
-def overwrite(out: Path, seed: int) -> None:
-    """Replace a dataset as a build does."""
-    with locked(out), new_dataset(out) as folder:
-        write(folder, seed)
+    return write
 
 
 @pytest.fixture
-def out(tmp_path: Path) -> Path:
+def overwrite(write: Overwrite) -> Overwrite:
+    """Return a function that replaces a dataset as a build does."""
+
+    def overwrite(out: Path, seed: int) -> None:
+        with locked(out), new_dataset(out) as folder:
+            write(folder, seed)
+
+    return overwrite
+
+
+@pytest.fixture
+def out(tmp_path: Path, write: Overwrite) -> Path:
     """A dataset of several shards."""
     write(tmp_path / "out", 1)
     return tmp_path / "out"
 
 
 @pytest.fixture(scope="session")
-def truth(tmp_path_factory: pytest.TempPathFactory) -> Rows:
+def truth(tmp_path_factory: pytest.TempPathFactory, write: Overwrite) -> Rows:
     """Every train window of the dataset of seed 1, by clip and start: pose and turn side by side."""
     folder, other = (tmp_path_factory.mktemp("truth") / "out" for _ in range(2))
     write(folder, 1)
@@ -110,7 +119,17 @@ def of_workers(out: Path, method: str, persistent: bool, **options: Any) -> Call
     loader = DataLoader(
         dataset, 8, num_workers=n_workers, persistent_workers=persistent, multiprocessing_context=method
     )
-    return lambda: of_batches(loader)
+
+    def read() -> Rows:
+        batches = iter(loader)
+        try:
+            return of_batches(batches)
+        except StoreError:
+            # The traceback holds the iterator: left to the garbage collector, it waits 5 s for each worker.
+            batches._shutdown_workers()  # type: ignore[attr-defined]
+            raise
+
+    return read
 
 
 #: How the dataset is read, and whether a reader that has read it before goes on with the files that it has open.
@@ -146,7 +165,12 @@ def assert_equal(found: Rows, wanted: Rows) -> None:
 
 @pytest.mark.parametrize(("reader", "options", "goes_on"), KINDS)
 def test_a_reader_goes_on_with_what_it_opened_or_stops(
-    out: Path, truth: Rows, reader: Callable[..., Callable[[], Rows]], options: dict[str, Any], goes_on: bool
+    out: Path,
+    overwrite: Overwrite,
+    truth: Rows,
+    reader: Callable[..., Callable[[], Rows]],
+    options: dict[str, Any],
+    goes_on: bool,
 ) -> None:
     read = reader(out, **options)
     assert_equal(read(), truth)
@@ -164,7 +188,7 @@ def test_a_reader_goes_on_with_what_it_opened_or_stops(
 
 @pytest.mark.parametrize(("reader", "options", "goes_on"), KINDS)
 def test_a_first_read_after_an_overwrite_stops(
-    out: Path, reader: Callable[..., Callable[[], Rows]], options: dict[str, Any], goes_on: bool
+    out: Path, overwrite: Overwrite, reader: Callable[..., Callable[[], Rows]], options: dict[str, Any], goes_on: bool
 ) -> None:
     read = reader(out, **options)
     overwrite(out, 2)
@@ -172,7 +196,7 @@ def test_a_first_read_after_an_overwrite_stops(
         read()
 
 
-def test_forked_workers_go_on_with_what_their_parent_has_mapped(out: Path, truth: Rows) -> None:
+def test_forked_workers_go_on_with_what_their_parent_has_mapped(out: Path, overwrite: Overwrite, truth: Rows) -> None:
     dataset = WindowDataset(out, fields=FIELDS, normalize=False)
     _ = dataset[0]
     overwrite(out, 2)
@@ -180,14 +204,14 @@ def test_forked_workers_go_on_with_what_their_parent_has_mapped(out: Path, truth
     assert_equal(of_batches(loader), truth)
 
 
-def test_an_overwrite_with_the_same_data_stops_nobody(out: Path, truth: Rows) -> None:
+def test_an_overwrite_with_the_same_data_stops_nobody(out: Path, overwrite: Overwrite, truth: Rows) -> None:
     reads = [of_store(out), of_dataset(out), of_workers(out, "fork", False), of_batch_loader(out, mapped=False)]
     overwrite(out, 1)
     for read in reads:
         assert_equal(read(), truth)
 
 
-def test_a_scaler_is_not_taken_from_another_dataset(out: Path) -> None:
+def test_a_scaler_is_not_taken_from_another_dataset(out: Path, overwrite: Overwrite) -> None:
     known, late = open_store(out), open_store(out)
     scale = known.normalizer("pose").scale
     overwrite(out, 2)
@@ -217,8 +241,10 @@ def test_a_build_under_a_trainer(corpus: Path, tmp_path: Path) -> None:
     loader = DataLoader(dataset, 4, num_workers=2)
     before = [batch["edge151"].numpy() for batch in loader]
     built("augment.mirror=true")
+    batches = iter(loader)
     with pytest.raises(StoreError, match=BUILT_AGAIN):
-        next(iter(loader))
+        next(batches)
+    batches._shutdown_workers()  # type: ignore[attr-defined]
     # In the trainer's own process too, where nothing was read yet; and opened again, there are twice as many.
     with pytest.raises(StoreError, match=BUILT_AGAIN):
         _ = dataset[0]

@@ -1,7 +1,5 @@
 """Several instances of one plug-in, PLUGIN.NAME, and audio fields with a rate of their own."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Recipes: what they say, what is wrong with them, and what their hash depends on."""
 
-from __future__ import annotations
-
 import json
 from fractions import Fraction
 from pathlib import Path

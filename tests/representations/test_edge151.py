@@ -1,7 +1,5 @@
 """edge151: EDGE's own numbers, exact decoding, mirroring."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """fact219: FACT's own numbers, whole matrices, exact decoding."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from typing import Any
 

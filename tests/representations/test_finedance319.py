@@ -1,7 +1,5 @@
 """finedance319: the source's heights, speeds on SMPL-X's joints."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from dancedata.contacts.height import Height

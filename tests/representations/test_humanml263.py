@@ -4,8 +4,6 @@ Gates: 1e-4 for columns, as the original computes inverse kinematics in float32;
 positions and velocities, 3e-6 in the turn of the root. Contacts are equal. Recovered joints: 1 mm; measured 4e-7 m.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """joints and bailando72: positions."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from fractions import Fraction

@@ -1,7 +1,5 @@
 """lodge139 and lodge319: grounding, trims, contacts, what decoding refuses."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

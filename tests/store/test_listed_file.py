@@ -1,7 +1,5 @@
 """Files of an open dataset: whatever is opened later is the very file that dataset.json listed_file."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from pathlib import Path

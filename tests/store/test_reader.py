@@ -1,7 +1,5 @@
 """Opening, looking things up, re-windowing, and use from other processes and threads."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import pickle
@@ -107,6 +105,26 @@ def test_order_by_name_is_a_plain_string_sort(make_store: Any) -> None:
         np.testing.assert_array_equal(
             open_store(made.path).read(window, "pose"), made.rows(window.clip, "pose", window.start, 30)
         )
+
+
+@pytest.mark.parametrize("order", ["time", "name"])
+def test_windows_of_a_clip(make_store: Any, scope: str, order: str) -> None:
+    store = open_store(make_store(scope=scope, order=order, n_frames=(200, 200)).path)
+    for split in store.splits:
+        for clip in {window.clip for window in store.windows(split)}:
+            of_clip = [window for window in store.windows(split) if window.clip == clip]
+            assert store.windows_of(clip) == tuple(sorted(of_clip, key=lambda window: window.start))
+    with pytest.raises(UsageError, match="no clip named"):
+        store.windows_of("nobody")
+
+
+def test_fields_with_groups_of_columns(make_store: Any) -> None:
+    rate = Fraction(30)
+    fields = [Field("pose", "motion", random_columns(7), rate)]
+    fields += [Field(name, "audio", random_columns(n, mirror=False), rate) for name, n in (("one", 1), ("two", 2))]
+    store = open_store(make_store(fields=fields).path)
+    names = [[field.name for field in store.fields_with(*groups)] for groups in ("", "a", "b", "ab", "ac")]
+    assert names == [["one", "two"], ["one", "two"], ["two"], ["two"], []]
 
 
 def test_window_list_is_a_sequence(make_store: Any) -> None:

@@ -1,7 +1,5 @@
 """What is read is what was written, whatever the corpus."""
 
-from __future__ import annotations
-
 import pickle
 import tempfile
 from dataclasses import fields
@@ -36,7 +34,7 @@ def read_everything(made: RandomStore) -> int:
     return count
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(
     scope=st.sampled_from(["track", "window"]),
     order=st.sampled_from(["time", "name"]),

@@ -1,7 +1,5 @@
 """What the writer refuses, and that it says where and why."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import subprocess

@@ -1,7 +1,5 @@
 """The synthetic corpus: its layout, its names and splits, and that what it says about itself is true."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

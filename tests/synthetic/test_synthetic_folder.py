@@ -1,7 +1,5 @@
 """The folder that the synthetic corpus is written to, and the plug-in that reads it."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import wave

@@ -1,7 +1,5 @@
 """Where motion and audio files of an AIST++ copy are; lists folders and reads no file."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,19 +23,6 @@ from dancedata.datasets.files import (
     list_folder,
     relative,
 )
-
-__all__ = [
-    "MUSIC_FOLDERS",
-    "Folders",
-    "MusicFiles",
-    "UsedMusic",
-    "find_folders",
-    "list_motions",
-    "list_music",
-    "music_expected",
-    "near_music",
-    "unused_music",
-]
 
 MOTIONS = "motions"
 MUSIC_FOLDERS = ("wavs", "music", "audio", "musics")

@@ -1,7 +1,5 @@
 """The reader of AIST++; the tree on disk is in the package's docstring."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Splits of AIST++, from files or by rule, and its ignore list."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,8 +9,6 @@ from dancedata.core.text import counted, listed, shown
 from dancedata.datasets.aistpp.facts import crossmodal_split, facts, parse_name
 from dancedata.datasets.aistpp.layout import Folders
 from dancedata.datasets.files import ALL, SPLITS, describe, list_folder, read_names, relative
-
-__all__ = ["RULE", "Ignored", "Splits", "find_ignored", "find_splits"]
 
 #: The split that a rule over the names defines.
 RULE = "crossmodal"

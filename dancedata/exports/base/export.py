@@ -1,7 +1,5 @@
 """export from Python: what the command line does, which calls the same function."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -9,8 +7,6 @@ from dancedata.execution.progress import Progress
 from dancedata.exports.base.job import EXPORTS
 from dancedata.exports.base.run import ExportResult, export_dataset
 from dancedata.recipes.plugins import make_named
-
-__all__ = ["export"]
 
 
 def export(
