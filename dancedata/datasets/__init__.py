@@ -1,4 +1,4 @@
-"""Dataset readers: they turn a folder of published or own files into clips in canonical form.
+"""Readers of published datasets and of folders of captures.
 
 Every reader that is a package has the same files: `reader` (the plug-in, with the notes of its scan), `layout` (where
 files are), `load` (one motion file) and `facts` (of the dataset or its files); further files have a subject of their
