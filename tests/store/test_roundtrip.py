@@ -35,8 +35,7 @@ def read_everything(made: RandomStore) -> int:
     return count
 
 
-@settings(max_examples=25, deadline=None)
-@given(
+CORPORA = given(
     scope=st.sampled_from(["track", "window"]),
     order=st.sampled_from(["time", "name"]),
     fps=st.sampled_from([Fraction(30), Fraction(30000, 1001)]),
@@ -47,7 +46,22 @@ def read_everything(made: RandomStore) -> int:
     clips_per_song=st.integers(1, 3),
     seed=st.integers(0, 99),
 )
+
+
+@settings(max_examples=10, deadline=None)
+@CORPORA
 def test_every_window_is_the_source_slice(**options: Any) -> None:
+    check_windows(**options)
+
+
+@pytest.mark.nightly
+@settings(max_examples=60, deadline=None)
+@CORPORA
+def test_every_window_of_many_corpora_is_the_source_slice(**options: Any) -> None:
+    check_windows(**options)
+
+
+def check_windows(**options: Any) -> None:
     fps = options["fps"]
     fields = (
         Field("pose", "motion", random_columns(3), fps),
